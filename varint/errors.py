@@ -1,0 +1,49 @@
+"""The project's exceptions: what was given, what is wrong, what to do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class VarintError(Exception):
+    """Base of every error that varint raises on purpose."""
+
+
+class InputError(VarintError, ValueError):
+    """The input cannot describe the problem: wrong shape, name, value or combination."""
+
+
+class ConvergenceError(VarintError, RuntimeError):
+    """A step could not be solved; what was computed before it is attached.
+
+    Attributes
+    ----------
+    step : int
+        Index k of the step from node k to node k + 1 that failed.
+    time : float
+        Time of node k.
+    residual : float
+        Size of the step's equations relative to the momenta where the iteration ended.
+    trajectory : Trajectory or None
+        Everything up to node k.
+    """
+
+    def __init__(self, message: str, *, step: int, time: float, residual: float, trajectory: Any = None):
+        super().__init__(message)
+        self.step, self.time, self.residual, self.trajectory = step, time, residual, trajectory
+
+
+class SolverError(VarintError, RuntimeError):
+    """An optimisation or boundary value solver did not succeed; its last iterate is attached.
+
+    Attributes
+    ----------
+    status : str
+        The solver's own word for how it ended.
+    iterate : Trajectory or None
+        The last iterate.
+    """
+
+    def __init__(self, message: str, *, status: str, iterate: Any = None):
+        super().__init__(message)
+        self.status, self.iterate = status, iterate

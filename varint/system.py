@@ -1,0 +1,380 @@
+"""The scene: symbols, Lagrangian, forces and constraints as CasADi expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError
+from varint.structure import Structure, structure_of
+
+
+def coordinates(*names: str) -> tuple[ca.SX, ca.SX]:
+    """Symbols q and v = dq/dt of a scene, one of each per name.
+
+    Parameters
+    ----------
+    *names : str
+        One name a coordinate; the velocity of ``x`` is called ``x_dot``.
+
+    Returns
+    -------
+    q, v : SX (n,)
+        Column vectors of symbols.
+
+    Raises
+    ------
+    InputError
+        If no name is given, or a name is empty, repeated or no string.
+
+    Examples
+    --------
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("r", "theta")
+    >>> q, v
+    (SX([r, theta]), SX([r_dot, theta_dot]))
+    """
+    if not names:
+        raise InputError('coordinates() was given no name; write for example coordinates("theta")')
+    for name in names:
+        if not isinstance(name, str) or not name:
+            raise InputError(f"coordinate names are non-empty strings, got {name!r}")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"coordinate names {twice} are given more than once; each names one coordinate")
+    return (
+        ca.vertcat(*(ca.SX.sym(name) for name in names)),
+        ca.vertcat(*(ca.SX.sym(f"{name}_dot") for name in names)),
+    )
+
+
+def time() -> ca.SX:
+    """The symbol t of an explicitly time-dependent scene; hand it to `System` as ``t=``."""
+    return ca.SX.sym("t")
+
+
+class Parameters:
+    """Named constants that stay symbolic, with default values.
+
+    ``c = Parameters(length=1.0, g=9.81)`` gives the symbols ``c.length`` and ``c.g``; other values are set per run by
+    ``params=dict(length=2.0)`` without building anything anew. Arrays make vectors and matrices of symbols.
+
+    Parameters
+    ----------
+    **defaults : float or array
+        Default value of each parameter (at most two dimensions).
+
+    Examples
+    --------
+    >>> import varint as vi
+    >>> c = vi.Parameters(length=1.0, g=9.81)
+    >>> c.length * c.g
+    SX((length*g))
+    """
+
+    def __init__(self, **defaults: Any):
+        values = {}
+        for name, default in defaults.items():
+            value = _finite_array(f"parameter {name!r}", default)
+            if value.ndim > 2:
+                raise InputError(f"parameter {name!r} has shape {value.shape}; at most two dimensions are possible")
+            values[name] = value
+        self._defaults = values
+        self._symbols = {name: ca.SX.sym(name, *_symbol_shape(value)) for name, value in values.items()}
+
+    def __getattr__(self, name: str) -> ca.SX:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            return self._symbols[name]
+        except KeyError:
+            raise AttributeError(f"unknown parameters [{name!r}]; known: {sorted(self._symbols)}") from None
+
+    def __repr__(self) -> str:
+        return f"Parameters({', '.join(f'{k}={v.tolist()}' for k, v in self._defaults.items())})"
+
+
+def _finite_array(what: str, value: Any) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
+        raise InputError(f"{what} must be a number or an array of numbers, got {value!r}") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} is not finite: {value!r}")
+    return array
+
+
+def _symbol_shape(value: np.ndarray) -> tuple[int, int]:
+    return (value.shape + (1, 1))[:2] if value.ndim else (1, 1)
+
+
+def parameter_values(system: System, overrides: Mapping[str, Any] | None) -> np.ndarray:
+    """The vector of parameter values of one run: the defaults with `overrides` put in, in the order of `system.c`."""
+    defaults = system.defaults
+    if not overrides:
+        return system.default_vector
+    if not isinstance(overrides, Mapping):
+        raise InputError(f"params must be a dictionary of names and values, got {type(overrides).__name__}")
+    unknown = sorted(set(overrides) - set(defaults))
+    if unknown:
+        raise InputError(f"unknown parameters {unknown}; known: {sorted(defaults)}")
+    parts = []
+    for name, default in defaults.items():
+        value = _finite_array(f"parameter {name!r}", overrides.get(name, default))
+        if value.shape != default.shape:
+            raise InputError(f"parameter {name!r} has shape {value.shape}; its default has {default.shape}")
+        parts.append(value.ravel(order="F"))
+    return np.concatenate(parts)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class System:
+    """A mechanical scene by the principle of least action: δ∫ (L + λ·g) dt + ∫ F·δq dt = 0.
+
+    Its equations of motion are ``d/dt ∂L/∂v − ∂L/∂q = Gᵀλ + F`` with ``G = ∂g/∂q``.
+
+    Parameters
+    ----------
+    q, v : SX (n,)
+        Coordinates and velocities, from `coordinates`.
+    lagrangian : SX
+        L(q, v, t), a scalar, in any consistent units.
+    constraint : SX (m,), optional
+        Holonomic constraints g(q, t) = 0.
+    nonholonomic : SX (k, n), optional
+        Rows A(q) of the velocity constraints A(q) v = 0.
+    contact : SX (c,), optional
+        Gaps of unilateral, frictionless contacts, gap(q) ≥ 0.
+    restitution : float or sequence of c floats, optional
+        Coefficients of restitution of the contacts, between 0 and 1 (default 0: no bounce).
+    force : SX (n,), optional
+        Generalised force F(q, v, u, t) (Lagrange–d'Alembert).
+    control : SX (k,), optional
+        Control symbols u; each must act through `force`.
+    params : Parameters, optional
+        Named constants.
+    t : SX, optional
+        The time symbol from `time`, where the scene depends on time.
+
+    Raises
+    ------
+    InputError
+        If an expression has undeclared symbols or the wrong shape, or L has no velocities.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
+    >>> pendulum.structure.separable, pendulum.momentum
+    (True, SX(theta_dot))
+    """
+
+    q: ca.SX
+    v: ca.SX
+    lagrangian: ca.SX
+    constraint: Any = None
+    nonholonomic: Any = None
+    contact: Any = None
+    restitution: Any = 0.0
+    force: Any = None
+    control: Any = None
+    params: Parameters | None = None
+    t: Any = None
+
+    def __init__(
+        self,
+        q: ca.SX,
+        v: ca.SX,
+        lagrangian: ca.SX,
+        *,
+        constraint: ca.SX | None = None,
+        nonholonomic: ca.SX | None = None,
+        contact: ca.SX | None = None,
+        restitution: Any = 0.0,
+        force: ca.SX | None = None,
+        control: ca.SX | None = None,
+        params: Parameters | None = None,
+        t: ca.SX | None = None,
+    ):
+        if params is not None and not isinstance(params, Parameters):
+            raise InputError(f"params must be a varint.Parameters, got {type(params).__name__}")
+        q, v = _symbols("q", q), _symbols("v", v)
+        n = q.numel()
+        if n == 0 or v.numel() != n:
+            raise InputError(f"q has {n} and v has {v.numel()} components; take both from coordinates(...)")
+        t = ca.SX.sym("t") if t is None else _symbols("t", t)
+        if t.numel() != 1:
+            raise InputError(f"t has {t.numel()} components; take it from time()")
+        u = ca.SX(0, 1) if control is None else _symbols("control", control)
+        values = dict(
+            q=q,
+            v=v,
+            t=t,
+            control=u,
+            params=params,
+            lagrangian=_expression("the Lagrangian", lagrangian, (1, 1)),
+            force=_expression("the force", ca.SX(n, 1) if force is None else force, (n, 1)),
+            constraint=_expression("the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)),
+            nonholonomic=_expression(
+                "nonholonomic", ca.SX(0, n) if nonholonomic is None else nonholonomic, (None, n)
+            ),
+            contact=_expression("the contact", ca.SX(0, 1) if contact is None else contact, (None, 1)),
+        )
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        _check_symbols(self)
+        object.__setattr__(self, "restitution", _restitution(restitution, self.contact.numel()))
+
+    def __repr__(self) -> str:
+        parts = [f"q=[{', '.join(self.names)}]"]
+        parts += [
+            f"{what}={count}"
+            for what in ("controls", "constraints", "nonholonomic", "contacts")
+            if (count := getattr(self.structure, what))
+        ]
+        if self.params is not None:
+            parts.append(f"params={sorted(self.defaults)}")
+        return f"System({', '.join(parts)})"
+
+    @cached_property
+    def structure(self) -> Structure:
+        """What the scene has and lacks."""
+        return structure_of(
+            self.q, self.v, self.t, self.control, self.lagrangian, self.force,
+            self.constraint, self.nonholonomic, self.contact,
+        )  # fmt: skip
+
+    @cached_property
+    def momentum(self) -> ca.SX:
+        """Canonical momentum p = ∂L/∂v, (n,)."""
+        return ca.gradient(self.lagrangian, self.v)
+
+    @cached_property
+    def energy(self) -> ca.SX:
+        """Energy H = v·∂L/∂v − L as an expression of q, v, t."""
+        return ca.dot(self.v, self.momentum) - self.lagrangian
+
+    @cached_property
+    def mass_matrix(self) -> ca.SX:
+        """Mass matrix M = ∂²L/∂v², (n, n)."""
+        return ca.jacobian(self.momentum, self.v)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(s.name() for s in ca.symvar(self.q))
+
+    @cached_property
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the controls."""
+        return tuple(s.name() for s in ca.symvar(self.control)) if self.control.numel() else ()
+
+    @cached_property
+    def c(self) -> ca.SX:
+        """All parameters as one column vector of symbols."""
+        symbols = self.params._symbols.values() if self.params is not None else ()
+        return ca.vertcat(ca.SX(0, 1), *(ca.vec(s) for s in symbols))
+
+    @property
+    def defaults(self) -> dict[str, np.ndarray]:
+        """Default values of the parameters by name."""
+        return self.params._defaults if self.params is not None else {}
+
+    @cached_property
+    def default_vector(self) -> np.ndarray:
+        """Default values of the parameters, in the order of `c`."""
+        return np.concatenate([np.zeros(0), *(v.ravel(order="F") for v in self.defaults.values())])
+
+
+def _symbols(what: str, x: Any) -> ca.SX:
+    """x as a column of distinct SX symbols."""
+    if isinstance(x, ca.MX):
+        raise InputError(f"{what} is an MX; varint takes SX symbols (coordinates, time, Parameters, ca.SX.sym)")
+    if not isinstance(x, ca.SX) or not x.is_valid_input():
+        raise InputError(f"{what} must be SX symbols, got {x!r}")
+    x = ca.vec(x)
+    if len({s.element_hash() for s in ca.symvar(x)}) < x.numel():
+        raise InputError(f"{what} holds the same symbol twice: {x}")
+    return x
+
+
+def _expression(what: str, x: Any, shape: tuple[int | None, int]) -> ca.SX:
+    """x as a dense-shaped SX of the wanted shape (None: any number of rows)."""
+    if isinstance(x, ca.MX):
+        raise InputError(f"{what} is an MX expression; write it with SX symbols (coordinates, time, Parameters)")
+    try:
+        x = ca.SX(x)
+    except (NotImplementedError, TypeError, RuntimeError):
+        raise InputError(f"{what} must be a CasADi SX expression, got {type(x).__name__}") from None
+    rows, cols = shape
+    if x.shape[1] != cols or (rows is not None and x.shape[0] != rows):
+        wanted = f"({'any' if rows is None else rows}, {cols})"
+        raise InputError(f"{what} has shape {x.shape}; it must have {wanted}")
+    return x
+
+
+def _hashes(x: ca.SX) -> set[int]:
+    return {s.element_hash() for s in ca.symvar(x)}
+
+
+def _check_symbols(system: System) -> None:
+    """Every symbol is declared, has a name of its own, and acts where it may."""
+    s = system
+    declared = ca.vertcat(s.q, s.v, s.t, s.control, s.c)
+    names = [x.name() for x in ca.vertsplit(declared)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"the names {twice} are used for more than one symbol; give each its own")
+    base = _hashes(ca.vertcat(s.q, s.t, s.c))
+    allowed = {
+        "the Lagrangian": (s.lagrangian, base | _hashes(s.v)),
+        "the force": (s.force, base | _hashes(s.v) | _hashes(s.control)),
+        "the constraint": (s.constraint, base),
+        "nonholonomic": (ca.vec(s.nonholonomic), base),
+        "the contact": (s.contact, base),
+    }
+    known = _hashes(declared)
+    for what, (expression, may) in allowed.items():
+        used = {x.element_hash(): x.name() for x in ca.symvar(expression)}
+        strange = sorted(name for key, name in used.items() if key not in known)
+        if strange:
+            raise InputError(
+                f"undeclared symbols {strange} in {what}; declare them: coordinates(...) for q and v, "
+                "params=Parameters(...) for constants, t=time() for time, control= for controls"
+            )
+        wrong = sorted(name for key, name in used.items() if key not in may)
+        if wrong:
+            raise InputError(f"{what} may not depend on {wrong}; it is a function of {_MAY_DEPEND[what]}")
+    if not ca.depends_on(s.lagrangian, s.v):
+        raise InputError(
+            f"the Lagrangian has no velocities: it must depend on {[x.name() for x in ca.symvar(s.v)]}; "
+            "use the v that coordinates(...) returned together with this q"
+        )
+    idle = [x.name() for x in ca.symvar(s.control) if not ca.depends_on(s.force, x)] if s.control.numel() else []
+    if idle:
+        raise InputError(f"the controls {idle} do not act: the force does not depend on them; leave them out")
+
+
+_MAY_DEPEND = {
+    "the Lagrangian": "q, v, t and the parameters; controls act through force=",
+    "the force": "q, v, t, the controls and the parameters",
+    "the constraint": "q, t and the parameters; constraints on velocities are nonholonomic=",
+    "nonholonomic": "q, t and the parameters (the rows A of A(q) v = 0)",
+    "the contact": "q, t and the parameters",
+}
+
+
+def _restitution(value: Any, contacts: int) -> np.ndarray:
+    e = _finite_array("restitution", value)
+    if e.shape not in ((), (contacts,)):
+        raise InputError(f"restitution has shape {e.shape}; give one number or one per contact ({contacts})")
+    if (e < 0).any() or (e > 1).any():
+        raise InputError(f"restitution must lie between 0 and 1, got {value!r}")
+    return np.broadcast_to(e, (contacts,)).copy()
