@@ -7,6 +7,7 @@ exact or costs one rounding.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -15,6 +16,7 @@ import casadi as ca
 from varint.errors import VarintError
 
 MOST_PRODUCTS = 64  # largest whole power written as products
+LONGEST_CHAIN = 6  # terms of a sum added one after the other; longer sums are split, for latency
 
 
 class NotCompilable(VarintError):
@@ -31,6 +33,7 @@ _OPERATIONS = {
 }
 _COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
 Term = tuple[float, int]  # factor × node
+Sum = tuple[Term, ...]
 
 
 @dataclass
@@ -62,11 +65,12 @@ def graph_of(f: ca.Function) -> Graph:
     live = needed(raw)
     plan = _shared_divisions(raw, live, f.n_in() - 1)
     graph = Graph()
-    terms: dict[int, Term] = {}
-    for i, node in enumerate(raw.nodes):
-        if i in live:
-            terms[i] = _rewritten(graph, raw, plan, terms, i, node)
-    graph.outputs = [[_materialised(graph, terms[i]) for i in output] for output in raw.outputs]
+    sums: dict[int, Sum] = {}
+    uses = Counter(j for i in live for j in operands(raw.nodes[i]))
+    uses.update(i for output in raw.outputs for i in output)
+    for i in sorted(live):
+        sums[i] = _rewritten(graph, raw, plan, sums, i, uses[i] > 1)
+    graph.outputs = [[_node(graph, sums[i]) for i in output] for output in raw.outputs]
     return graph
 
 
@@ -192,76 +196,107 @@ def _monomial(known, i: int, node: tuple) -> tuple[float, int | None, Fraction]:
     return atom
 
 
-def _rewritten(graph: Graph, raw: Graph, plan: _Divisions, terms: dict[int, Term], i: int, node: tuple) -> Term:
-    name, *rest = node
+def _rewritten(graph: Graph, raw: Graph, plan: _Divisions, sums: dict[int, Sum], i: int, shared: bool) -> Sum:
+    """Node i of the raw graph as a sum of terms; one that several nodes use is made a node of its own."""
+    name, *rest = raw.nodes[i]
     if name == "const":
-        return (rest[0], graph.node("const", 1.0))
+        return ((rest[0], graph.node("const", 1.0)),)
     if name == "input":
-        return (1.0, graph.node(*node))
+        return ((1.0, graph.node(*raw.nodes[i])),)
     if name == "neg":
-        c, a = terms[rest[0]]
-        return (-c, a)
+        return _scaled(sums[rest[0]], -1.0)
     if name == "mul":
-        return _product(graph, terms[rest[0]], terms[rest[1]])
-    if name in ("add", "sub"):
-        return _sum(graph, terms[rest[0]], terms[rest[1]], 1.0 if name == "add" else -1.0)
-    if name == "div":
-        return _quotient(graph, plan, terms, rest[0], rest[1])
-    if name == "sqrt" and plan.reciprocal.get(rest[0]) == "root":
-        base = _materialised(graph, terms[rest[0]])
-        return (1.0, graph.node("mul", base, graph.node("rsqrt", base)))
-    return (1.0, graph.node(name, *(_materialised(graph, terms[j]) for j in rest)))
+        result = _product(graph, sums[rest[0]], sums[rest[1]])
+    elif name in ("add", "sub"):
+        result = _merged(sums[rest[0]] + _scaled(sums[rest[1]], 1.0 if name == "add" else -1.0))
+    elif name == "div":
+        result = _quotient(graph, plan, sums, rest[0], rest[1])
+    elif name == "sqrt" and plan.reciprocal.get(rest[0]) == "root":
+        base = _node(graph, sums[rest[0]])
+        result = ((1.0, graph.node("mul", base, graph.node("rsqrt", base))),)
+    else:
+        result = ((1.0, graph.node(name, *(_node(graph, sums[j]) for j in rest))),)
+    return (_term(graph, result),) if shared and len(result) > 1 else result
 
 
-def _materialised(graph: Graph, term: Term) -> int:
+def _scaled(terms: Sum, factor: float) -> Sum:
+    return tuple((factor * c, a) for c, a in terms)
+
+
+def _merged(terms: Sum) -> Sum:
+    """Like terms added up."""
+    factors: dict[int, float] = {}
+    for c, a in terms:
+        factors[a] = factors.get(a, 0.0) + c
+    kept = tuple((c, a) for a, c in factors.items() if c)
+    return kept or ((0.0, terms[0][1]),)
+
+
+def _term(graph: Graph, terms: Sum) -> Term:
+    """A sum as factor × node; a factor common to all terms stays outside."""
+    if len(terms) == 1:
+        return terms[0]
+    size = abs(terms[0][0])
+    if all(abs(c) == size for c, _ in terms) and not any(_is_one(graph, a) for _, a in terms):
+        return (size, _added(graph, [(c / size, a) for c, a in terms]))
+    return (1.0, _added(graph, list(terms)))
+
+
+def _added(graph: Graph, terms: list[Term]) -> int:
+    """The sum as a node: terms without a factor first, so that each further one is a fused multiply-add."""
+    if len(terms) > LONGEST_CHAIN:
+        half = len(terms) // 2
+        return graph.node("add", _added(graph, terms[:half]), _added(graph, terms[half:]))
+    first, *others = sorted(terms, key=lambda term: (term[0] != 1.0, term[0] != -1.0, term[0] < 0))
+    total = _single(graph, first)
+    for c, a in others:
+        total = graph.node("sub", total, _single(graph, (-c, a))) if c < 0 else graph.node("add", total, _single(graph, (c, a)))
+    return total
+
+
+def _single(graph: Graph, term: Term) -> int:
     c, a = term
-    if graph.nodes[a][0] == "const":
-        return graph.node("const", c * graph.nodes[a][1])
+    if _is_one(graph, a) or not c:
+        return graph.node("const", c)
     if c == 1:
         return a
     return graph.node("neg", a) if c == -1 else graph.node("mul", graph.node("const", c), a)
+
+
+def _node(graph: Graph, terms: Sum) -> int:
+    return _single(graph, _term(graph, terms))
 
 
 def _is_one(graph: Graph, a: int) -> bool:
     return graph.nodes[a] == ("const", 1.0)
 
 
-def _product(graph: Graph, x: Term, y: Term) -> Term:
-    (c, a), (d, b) = x, y
-    if _is_one(graph, a) or _is_one(graph, b):
-        return (c * d, b if _is_one(graph, a) else a)
-    return (c * d, graph.node("mul", a, b))
+def _constant(graph: Graph, terms: Sum) -> bool:
+    return len(terms) == 1 and _is_one(graph, terms[0][1])
 
 
-def _sum(graph: Graph, x: Term, y: Term, sign: float) -> Term:
-    (c, a), (d, b) = x, (sign * y[0], y[1])
-    one = _is_one(graph, a) or _is_one(graph, b)
-    if not c or not d:
-        return (d, b) if not c else (c, a)
-    if abs(c) == abs(d) and not one:
-        if c == d:
-            return (c, graph.node("add", a, b))
-        return (c, graph.node("sub", a, b))
-    if c < 0 < d:
-        (c, a), (d, b) = (d, b), (c, a)
-    if d < 0:
-        return (1.0, graph.node("sub", _materialised(graph, (c, a)), _materialised(graph, (-d, b))))
-    return (1.0, graph.node("add", _materialised(graph, (c, a)), _materialised(graph, (d, b))))
+def _product(graph: Graph, x: Sum, y: Sum) -> Sum:
+    if _constant(graph, x):
+        return _scaled(y, x[0][0])
+    if _constant(graph, y):
+        return _scaled(x, y[0][0])
+    (c, a), (d, b) = _term(graph, x), _term(graph, y)
+    return ((c * d, graph.node("mul", a, b)),)
 
 
-def _quotient(graph: Graph, plan: _Divisions, terms: dict[int, Term], top: int, bottom: int) -> Term:
+def _quotient(graph: Graph, plan: _Divisions, sums: dict[int, Sum], top: int, bottom: int) -> Sum:
     factor, base, exponent = plan.monomials[bottom]
     if base is None and factor:
-        return _product(graph, terms[top], (1 / factor, graph.node("const", 1.0)))
+        return _scaled(sums[top], 1 / factor)
     kind = plan.reciprocal.get(base) if base is not None and factor and exponent > 0 else None
     if kind is None:
-        (c, a), (d, b) = terms[top], terms[bottom]
+        (c, a), (d, b) = _term(graph, sums[top]), _term(graph, sums[bottom])
         if not d or _is_one(graph, b):
-            return (1.0, graph.node("div", _materialised(graph, terms[top]), _materialised(graph, terms[bottom])))
-        return (c / d, graph.node("div", a, b))
-    inner = _materialised(graph, terms[base])
+            return ((1.0, graph.node("div", _node(graph, sums[top]), _node(graph, sums[bottom]))),)
+        return ((c / d, graph.node("div", a, b)),)
+    inner = _node(graph, sums[base])
     if kind == "root":
         reciprocal, times = graph.node("rsqrt", inner), int(2 * exponent)
     else:
         reciprocal, times = graph.node("div", graph.node("const", 1.0), inner), int(exponent)
-    return _product(graph, terms[top], (1 / factor, _power(graph, reciprocal, times)))
+    return _product(graph, sums[top], ((1 / factor, _power(graph, reciprocal, times)),))

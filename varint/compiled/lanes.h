@@ -78,12 +78,40 @@ INLINE double largest(V x) { double m = lane(x, 0); for (int i = 1; i < LANES; i
 INLINE int within(V x, double bound) { int y = 1; for (int i = 0; i < LANES; i++) y &= fabs(lane(x, i)) <= bound; return y; }
 #endif
 
+/* The sums over the lanes of `count` vectors, LANES of them at a time by a tree of shuffles. */
+#if LANES > 1
+#if defined(__clang__)
+#define SHUFFLE2(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define SHUFFLE2(a, b, ...) __builtin_shuffle(a, b, (I){__VA_ARGS__})
+#endif
+#endif
+INLINE void row_sums(const V *rows, int count, double *out) {
+    for (int r = 0; r < count; r += LANES) {
+        const int n = count - r < LANES ? count - r : LANES;
+        V s[LANES];
+        for (int i = 0; i < LANES; i++) s[i] = i < n ? rows[r + i] : splat(0.0);
+#if LANES == 8
+        for (int i = 0; i < 8 && i < n; i += 2)
+            s[i] = SHUFFLE2(s[i], s[i + 1], 0, 8, 2, 10, 4, 12, 6, 14) + SHUFFLE2(s[i], s[i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+        for (int i = 0; i < 8 && i < n; i += 4)
+            s[i] = SHUFFLE2(s[i], s[i + 2], 0, 1, 8, 9, 4, 5, 12, 13) + SHUFFLE2(s[i], s[i + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+        s[0] = SHUFFLE2(s[0], s[4], 0, 1, 2, 3, 8, 9, 10, 11) + SHUFFLE2(s[0], s[4], 4, 5, 6, 7, 12, 13, 14, 15);
+#elif LANES == 4
+        for (int i = 0; i < 4 && i < n; i += 2) s[i] = SHUFFLE2(s[i], s[i + 1], 0, 4, 2, 6) + SHUFFLE2(s[i], s[i + 1], 1, 5, 3, 7);
+        s[0] = SHUFFLE2(s[0], s[2], 0, 1, 4, 5) + SHUFFLE2(s[0], s[2], 2, 3, 6, 7);
+#elif LANES == 2
+        s[0] = SHUFFLE2(s[0], s[1], 0, 2) + SHUFFLE2(s[0], s[1], 1, 3);
+#endif
+        for (int i = 0; i < n; i++) out[r + i] = lane(s[0], i);
+    }
+}
+
 /* 1 / sqrt(x) */
 #if LANES == 8 && defined(__AVX512F__) && defined(MANY_ROOTS)
-INLINE V v_rsqrt(V x) { /* 14 bits by instruction, 42 by a third-order step, then a Newton step: cheaper than sqrt and / */
+INLINE V v_rsqrt(V x) { /* 14 bits by instruction, then one step of fourth order: cheaper than sqrt and / */
     V y = (V)_mm512_rsqrt14_pd((__m512d)x), e = 1.0 - (x * y) * y;
-    y += (y * e) * (0.5 + 0.375 * e);
-    return y + (0.5 * y) * (1.0 - (x * y) * y);
+    return y + (y * e) * (0.5 + e * (0.375 + 0.3125 * e));
 }
 #else
 INLINE V v_rsqrt(V x) { return 1.0 / v_sqrt(x); }
