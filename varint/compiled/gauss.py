@@ -61,7 +61,9 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
     """
     form = gauss_form(system) if form is None else form
     if not form:
-        raise NotCompilable("the compiled Gauss method needs a regular scene without constraints, quadratic in velocities")
+        raise NotCompilable(
+            "the compiled Gauss method needs a regular scene without constraints, quadratic in velocities"
+        )
     known = _KNOWN.setdefault(system, {})
     if (rule.name, form) not in known:
         known[rule.name, form] = _built(system, len(rule.nodes), form)

@@ -16,7 +16,7 @@ import numpy as np
 from varint.rules import DIGITS, _derived, _gauss_nodes, _horner, _lagrange
 
 Matrix = list[list[Decimal]]
-EXTRA_DEGREE = {1: 1, 2: 2, 3: 2, 4: 3, 5: 3, 6: 4, 7: 4, 8: 4}  # of the start polynomial through two steps, over s − 1
+EXTRA_DEGREE = 4  # of the start polynomial fitted to two steps, over s − 1; more only amplifies what is not smooth
 
 
 @lru_cache(maxsize=64)
@@ -32,7 +32,7 @@ def gauss_tableau(stages: int, padded: int) -> dict[str, np.ndarray]:
         m2 = _over(_times(a, a), b)
         one = _weighted(_continuation(c, c, stages - 1), b)
         both = [x - 1 for x in c] + c
-        two = _weighted(_continuation(both, c, stages - 1 + int(__import__('os').environ.get('XD',4))), b)
+        two = _weighted(_continuation(both, c, min(stages - 1 + EXTRA_DEGREE, 2 * stages - 1)), b)
         older, last = [row[:stages] for row in two], [row[stages:] for row in two]
         nodes = _rounded_nodes(c)
         tables = {
@@ -45,7 +45,9 @@ def gauss_tableau(stages: int, padded: int) -> dict[str, np.ndarray]:
         for order, m in (("M1", m1), ("M2", m2)):
             for name, start in (("START", last), ("START_OLDER", older), ("START_ONE", one)):
                 tables[f"{name}_{order}"] = _columns([[float(x) for x in row] for row in _times(m, start)])
-    padding = {name: np.array([[*row, *[row[-1]] * (padded - stages)] for row in rows]) for name, rows in tables.items()}
+    padding = {
+        name: np.array([[*row, *[row[-1]] * (padded - stages)] for row in rows]) for name, rows in tables.items()
+    }
     padding["STAGE_B"][:, stages:] = 0.0
     return padding
 
@@ -60,7 +62,10 @@ def tableau_source(stages: int, padded: int) -> str:
 
 
 def _times(x: Matrix, y: Matrix) -> Matrix:
-    return [[sum((p * q for p, q in zip(row, column, strict=True)), Decimal(0)) for column in zip(*y, strict=True)] for row in x]
+    return [
+        [sum((p * q for p, q in zip(row, column, strict=True)), Decimal(0)) for column in zip(*y, strict=True)]
+        for row in x
+    ]
 
 
 def _over(m: Matrix, b: list[Decimal]) -> Matrix:
