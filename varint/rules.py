@@ -11,7 +11,7 @@ import unicodedata
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
@@ -80,9 +80,11 @@ class Rule:
         return _table(self.nodes, self.nodes, -1)
 
 
-def lagrange_table(points, at, derivative: int = 0) -> np.ndarray:
-    """ℓ_j^(derivative)(x_i) of the Lagrange polynomials through `points` (derivative −1: the integral from 0)."""
-    return _table(tuple(points), tuple(at), derivative)
+def lagrange_values(points: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """ℓ_j(x_i) in double precision at any points, (len(at), len(points))."""
+    ratios = (at[:, None, None] - points) / (points[:, None] - points + np.eye(len(points)))
+    own = np.eye(len(points), dtype=bool)
+    return np.where(own, 1.0, ratios).prod(axis=2)
 
 
 @lru_cache(maxsize=256)
@@ -113,10 +115,7 @@ def _lagrange(points: list[Decimal]) -> list[list[Decimal]]:
         p = [Decimal(1)]
         for k, x_k in enumerate(points):
             if k != j:
-                p = [
-                    (a - x_k * b) / (x_j - x_k)
-                    for a, b in zip([Decimal(0), *p], [*p, Decimal(0)], strict=True)
-                ]
+                p = [(a - x_k * b) / (x_j - x_k) for a, b in zip([Decimal(0), *p], [*p, Decimal(0)], strict=True)]
         polynomials.append(p)
     return polynomials
 
@@ -178,7 +177,7 @@ def _lobatto_nodes(stages: int) -> list[Decimal]:
     return [Decimal(0), *(_roots(inner) if stages > 2 else []), Decimal(1)]
 
 
-@lru_cache(maxsize=None)
+@cache
 def gauss(stages: int) -> Rule:
     """Gauss–Legendre rule: degree s, s Gauss points; order 2s, A-stable, symplectic and self-adjoint.
 
@@ -216,7 +215,7 @@ def gauss(stages: int) -> Rule:
         )
 
 
-@lru_cache(maxsize=None)
+@cache
 def lobatto(stages: int) -> Rule:
     """Lobatto rule: s Lobatto points both as control points and as quadrature; order 2s − 2, takes constraints.
 
@@ -270,7 +269,7 @@ def trapezoidal() -> Rule:
     return lobatto(2)
 
 
-@lru_cache(maxsize=None)
+@cache
 def composition(name: str) -> Rule:
     """Explicit kick–drift composition for separable Lagrangians with constant mass, by name.
 
