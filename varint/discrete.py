@@ -161,7 +161,7 @@ def _galerkin(system: System, rule: Rule) -> Interval:
 
 
 def _composition(system: System, rule: Rule) -> Interval:
-    """The product of discrete Lagrangians Σ a_j h T(Δ_j/(a_j h)) − Σ b_i h V(Q_i); its inner points are the drifts' ends."""
+    """Product of discrete Lagrangians, Σ a_j h T(Δ_j/(a_j h)) − Σ b_i h V(Q_i); inner points: the drifts' ends."""
     require_explicit(system, rule)
     degree, r = len(rule.drifts), len(rule.kicks)
     q0, dq, u, lam, t, h = _symbols(system, degree, r)

@@ -110,7 +110,7 @@ def _finite_array(what: str, value: Any) -> np.ndarray:
 
 
 def _symbol_shape(value: np.ndarray) -> tuple[int, int]:
-    return (value.shape + (1, 1))[:2] if value.ndim else (1, 1)
+    return (value.shape[0], value.shape[1] if value.ndim == 2 else 1) if value.ndim else (1, 1)
 
 
 def parameter_values(system: System, overrides: Mapping[str, Any] | None) -> np.ndarray:

@@ -14,7 +14,8 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.discrete import velocity_function
 from varint.errors import InputError
-from varint.rules import Rule, lagrange_values
+from varint.polynomials import lagrange_values
+from varint.rules import Rule
 from varint.system import System
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice) -> State | Trajectory:
+    def __getitem__(self, index: int | slice) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
         if isinstance(index, slice):
             lam = self.multipliers
@@ -161,7 +162,7 @@ class Trajectory:
             sums += over_columns(action, q, p, u, self.c, t[:, None], size[:, None])[0].sum()
         return float(sums)
 
-    def at(self, t: Any) -> State | Trajectory:
+    def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
 
         Parameters

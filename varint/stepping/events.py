@@ -22,12 +22,11 @@ def first_crossing(trajectory: Trajectory, expression) -> tuple[int, float] | No
     i = int(changes[0])
     if values[i + 1] == 0:
         return i, float(trajectory.t[i + 1])
-    two = trajectory[i : i + 2]
 
     def at(t: float) -> float:
-        return float(two.at(np.array([t])).value(expression)[0])
+        return float(trajectory.at([t]).value(expression)[0])
 
-    return i, _root(at, float(two.t[0]), float(two.t[1]), float(values[i]), float(values[i + 1]))
+    return i, _root(at, float(trajectory.t[i]), float(trajectory.t[i + 1]), float(values[i]), float(values[i + 1]))
 
 
 def _root(f, a: float, b: float, fa: float, fb: float) -> float:

@@ -116,5 +116,6 @@ def refuse_what_no_stepper_has(system: System, rule: Rule) -> None:
         raise InputError("scenes with constraints or contacts cannot be simulated yet")
     if s.degenerate and rule != gauss(1):
         raise InputError(
-            f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is unstable for it; use midpoint()"
+            f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is unstable for it; "
+            "use midpoint()"
         )

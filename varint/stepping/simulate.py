@@ -40,7 +40,7 @@ def simulate(
     until: ca.SX | None = None,
     progress: bool | None = None,
 ) -> Trajectory:
-    """Motion from initial values, by the discrete Euler–Lagrange equations D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0.
+    """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete Euler–Lagrange).
 
     Parameters
     ----------
@@ -136,10 +136,9 @@ def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], be
 def _cut(motion: Trajectory, k: int, t: float) -> Trajectory:
     """The trajectory up to the node after k steps, and one more node at time t."""
     kept = int(np.searchsorted(motion.k, k, side="right"))
-    end = motion.at(np.array([t]))
-    assert isinstance(end, Trajectory)
-    joined = {name: np.concatenate([getattr(motion, name)[:kept], getattr(end, name)]) for name in ("t", "q", "p", "k")}
-    return replace(motion, **joined)
+    end = motion.at([t])
+    times, q, p, steps = (np.concatenate([getattr(motion, name)[:kept], getattr(end, name)]) for name in "tqpk")
+    return replace(motion, t=times, q=q, p=p, k=steps)
 
 
 def _failure(motion: Trajectory, block: Block, task: Task) -> ConvergenceError:
