@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import blocks, call
+from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, scale_function
@@ -21,7 +22,7 @@ MOST_STEPS_IN_BLOCK = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What the time loop needs: start, grid, controls (steps, r·k) and parameters."""
+    """What the time loop needs: start, grid, controls (steps, r·k), parameters; the rows that hold at the start."""
 
     q0: np.ndarray
     p0: np.ndarray
@@ -31,6 +32,7 @@ class Task:
     save_every: int
     u: np.ndarray
     c: np.ndarray
+    phase: Phase | None = None
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on."""
