@@ -50,7 +50,8 @@ def initial_task(
     phase = None
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
-    return Task(q, p, t0, step, count, int(save_every), controls(system, rule, u, count), c, phase)
+    u = controls(system, rule, u, count)
+    return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase)
 
 
 def _on_manifold(

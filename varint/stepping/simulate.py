@@ -96,8 +96,9 @@ def simulate(
     )  # fmt: skip
     nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
     quiet = None if progress is None else not progress  # None: tqdm shows the bar in terminals only
+    scene = system if task.phase is None else task.phase.scene(system)
     with tqdm(total=task.steps, unit="step", disable=quiet, delay=0 if progress else 1, leave=False) as bar:
-        for block in run(system, chosen.rule, task):
+        for block in run(scene, chosen.rule, task):
             recent = _trajectory(system, chosen, task, [nodes[-1], block], began)
             nodes.append(block)
             bar.update(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
@@ -111,6 +112,7 @@ def simulate(
 
 def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], began: float) -> Trajectory:
     k = np.concatenate([block.k[: block.good] for block in nodes])
+    phases = () if task.phase is None or task.phase.scene(system) is system else (task.phase,)
     return Trajectory(
         system=system,
         rule=chosen.rule,
@@ -121,7 +123,9 @@ def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], be
         k=k,
         u=task.u,
         c=task.c,
-        functions=lambda: (step_function(system, chosen.rule), action_function(system, chosen.rule)),
+        functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
+        phases=phases,
+        phase=np.zeros(len(k), dtype=int) if phases else None,
         stats=MappingProxyType(
             {
                 "plan": str(chosen),
