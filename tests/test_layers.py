@@ -15,7 +15,7 @@ LAYERS = [
     {"errors", "polynomials", "arrays"},
     {"compositions", "structure"},
     {"rules", "system"},
-    {"discrete", "noether", "trajectory"},
+    {"discrete", "noether", "trajectory", "archive"},
     {"stepping", "compiled", "boundary", "control"},
     {"ensemble", "diagnostics", "models"},
     {"plot", "animate"},
@@ -23,7 +23,7 @@ LAYERS = [
 ]
 RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
 DRAWING = {"plot", "animate"}
-LONGEST = 300  # lines; about 250 is what to aim for
+LONGEST = 250  # lines of code: without blank lines, comments and docstrings
 
 
 def module_of(source: Path) -> str:
@@ -37,8 +37,11 @@ def dotted(source: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imports(source: Path, *, at_top_only: bool = True) -> list[tuple[str, int]]:
-    """(absolute name imported, line) of every import that runs when the module is imported, or of all of them."""
+def imports(source: Path, *, lazy: bool = False) -> list[tuple[str, int]]:
+    """(absolute name imported, line) of the imports that run with the module; with `lazy` also those in functions.
+
+    What is imported for type checkers alone never runs.
+    """
     found: list[tuple[str, int]] = []
 
     def visit(node: ast.AST):
@@ -52,11 +55,23 @@ def imports(source: Path, *, at_top_only: bool = True) -> list[tuple[str, int]]:
         for child in ast.iter_child_nodes(node):
             is_function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
             is_type_checking = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
-            if not (at_top_only and (is_function or is_type_checking)):
+            if not is_type_checking and (lazy or not is_function):
                 visit(child)
 
     visit(ast.parse(source.read_text(encoding="utf-8")))
     return found
+
+
+def lines_of_code(text: str) -> int:
+    """Lines with code on them; the strings that stand alone as statements are documentation."""
+    documentation = {
+        line
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        for line in range(node.lineno, node.end_lineno + 1)
+    }
+    lines = (line.strip() for number, line in enumerate(text.splitlines(), 1) if number not in documentation)
+    return sum(1 for line in lines if line and not line.startswith("#"))
 
 
 def own(name: str) -> str | None:
@@ -102,7 +117,7 @@ def test_no_module_imports_itself_in_a_circle():
 @pytest.mark.parametrize("source", SOURCES, ids=dotted)
 def test_only_plot_and_animate_import_matplotlib(source):
     if module_of(source) not in DRAWING:
-        assert not [line for name, line in imports(source, at_top_only=False) if name.startswith("matplotlib")]
+        assert not [line for name, line in imports(source, lazy=True) if name.startswith("matplotlib")]
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=dotted)
@@ -113,8 +128,14 @@ def test_drawing_is_imported_lazily(source):
 
 @pytest.mark.parametrize("source", SOURCES, ids=dotted)
 def test_modules_stay_short(source):
-    lines = len(source.read_text(encoding="utf-8").splitlines())
-    assert lines <= LONGEST, f"{lines} lines: split it by reason to exist"
+    lines = lines_of_code(source.read_text(encoding="utf-8"))
+    assert lines <= LONGEST, f"{lines} lines of code: split it by reason to exist"
+
+
+def test_documentation_does_not_count_as_code():
+    assert (
+        lines_of_code('"""One\nmore."""\n\nx = 1  # why\n# alone\ndef f():\n    """Doc."""\n    return "text"\n') == 3
+    )
 
 
 def test_what_runs_on_import_is_told_from_what_is_lazy(tmp_path, monkeypatch):
@@ -139,7 +160,7 @@ def test_what_runs_on_import_is_told_from_what_is_lazy(tmp_path, monkeypatch):
         "varint.stepping.explicit.step",
         "scipy.linalg",
     ]
-    every = [name for name, _ in imports(source, at_top_only=False)]
-    assert "matplotlib.pyplot" in every and every.count("varint.plot.draw") == 2
+    every = [name for name, _ in imports(source, lazy=True)]
+    assert "matplotlib.pyplot" in every and every.count("varint.plot.draw") == 1
     assert [own(name) for name in top] == [None, None, "errors", "stepping", None]
     assert own("varint.simulate") == "__init__" and own("varint.plot.draw") == "plot"
