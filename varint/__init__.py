@@ -2,11 +2,16 @@
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
+from varint.stepping.plan import Plan, plan
+from varint.stepping.simulate import simulate
+from varint.stepping.step_function import step_function
 from varint.system import Parameters, System, coordinates, time
+from varint.trajectory import State, Trajectory
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Parameters", "Rule", "SolverError", "System", "VarintError",
-    "composition", "coordinates", "gauss", "lobatto", "midpoint", "time", "trapezoidal",
+    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "System", "Trajectory",
+    "VarintError", "composition", "coordinates", "gauss", "lobatto", "midpoint", "plan", "simulate", "step_function",
+    "time", "trapezoidal",
 ]  # fmt: skip

@@ -114,3 +114,9 @@ def _roots(coefficients: list[Fraction]) -> list[Decimal]:
             x -= _value(p, x) / _value(slope, x)
         roots.append((1 + x) / 2)
     return roots
+
+
+def lagrange_values(points: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """ℓ_j(x_i) in double precision at any times, (len(at), len(points)); for interpolation at run time."""
+    ratios = (at[:, None, None] - points) / (points[:, None] - points + np.eye(len(points)))
+    return np.where(np.eye(len(points), dtype=bool), 1.0, ratios).prod(axis=2)
