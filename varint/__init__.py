@@ -1,5 +1,6 @@
 """Mechanics by the principle of least action, on CasADi."""
 
+from varint.archive import load
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
@@ -12,6 +13,6 @@ __version__ = "0.1.0"
 
 __all__ = [
     "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "System", "Trajectory",
-    "VarintError", "composition", "coordinates", "gauss", "lobatto", "midpoint", "plan", "simulate", "step_function",
-    "time", "trapezoidal",
+    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "plan", "simulate",
+    "step_function", "time", "trapezoidal",
 ]  # fmt: skip
