@@ -15,9 +15,9 @@ LAYERS = [
     {"errors", "polynomials", "arrays"},
     {"compositions", "structure"},
     {"rules", "system"},
-    {"discrete", "noether", "trajectory", "archive"},
+    {"discrete", "noether", "trajectory"},
     {"stepping", "compiled", "boundary", "control"},
-    {"ensemble", "diagnostics", "models"},
+    {"ensemble", "diagnostics", "models", "archive"},
     {"plot", "animate"},
     {"__init__"},
 ]
