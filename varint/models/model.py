@@ -69,8 +69,10 @@ class Model:
 
     @property
     def start(self) -> dict[str, Any]:
-        """The arguments of a run: ``simulate(model.system, **model.start)``."""
-        return {"q0": self.q0, "v0": self.v0, "h": self.h, "duration": self.duration}
+        """The arguments of a run, controls at zero: ``simulate(model.system, **model.start)``."""
+        start = {"q0": self.q0, "v0": self.v0, "h": self.h, "duration": self.duration}
+        controls = self.system.structure.controls
+        return start | ({"u": np.zeros(controls)} if controls else {})
 
 
 def _time_first(motion: Motion, n: int) -> Motion:

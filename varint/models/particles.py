@@ -40,11 +40,8 @@ def _kept(system: System, count: int) -> dict[str, ca.SX]:
     """Energy, total momentum and angular momentum."""
     d = system.q.numel() // count
     place, p = ca.reshape(system.q, d, count), ca.reshape(system.momentum, d, count)
-    if d == 2:
-        turning = ca.sum2(place[0, :] * p[1, :] - place[1, :] * p[0, :])
-    else:
-        turning = ca.sum2(ca.cross(place, p, 1))
-    return energy(system) | {"momentum": ca.sum2(p), "angular momentum": turning}
+    each = place[0, :] * p[1, :] - place[1, :] * p[0, :] if d == 2 else ca.cross(place, p, 1)
+    return energy(system) | {"momentum": ca.sum2(p), "angular momentum": ca.sum2(each)}
 
 
 def _many(name: str, q0, v0, params: Parameters, potential: PairPotential, duration: float, h: float,
@@ -106,7 +103,8 @@ def figure_eight() -> Model:
     c = Parameters(m=np.ones(3), G=1.0)
     v = np.array([0.34711688811892694, 0.5327249453880303])
     return _many(
-        "figure_eight", [[-1, 0], [1, 0], [0, 0]], [v, v, -2 * v], c, _newtonian(c), FIGURE_EIGHT_PERIOD, 0.01,
+        "figure_eight", [[-1, 0], [1, 0], [0, 0]], [v, v, -2 * v], c, _newtonian(c),
+        FIGURE_EIGHT_PERIOD, FIGURE_EIGHT_PERIOD / 600,
         "After a third of the period each body is where the next one was.",
         "Chenciner & Montgomery, Annals of Mathematics 152 (2000) 881; initial data refined by Newton's method",
     )  # fmt: skip
