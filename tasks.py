@@ -28,10 +28,10 @@ def demo(*arguments: str) -> None:
 def test(*arguments: str) -> None:
     """Lint, format, types, then the tests (without those marked long)."""
     prepare("test")
-    run("-m", "ruff", "check", ".")
-    run("-m", "ruff", "format", "--check", ".")
-    run("-m", "mypy")
-    run("-m", "pytest", "-n", "2", *arguments)
+    checks = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["pytest", "-n", "2", *arguments])
+    failed = [check[0] for check in checks if call("-m", *check)]  # all of them: one complaint must not hide another
+    if failed:
+        sys.exit(f"failed: {', '.join(failed)}")
 
 
 def bench(*arguments: str) -> None:
@@ -69,11 +69,15 @@ def prepare(*extras: str) -> None:
 
 
 def run(*command: str) -> None:
-    """Run a command of the environment's Python in the project's folder; its failure is ours."""
-    environment = {"MPLBACKEND": "Agg", **os.environ}
-    code = subprocess.call([str(PYTHON), *command], cwd=HERE, env=environment)
+    """Run a command of the environment's Python; its failure is ours."""
+    code = call(*command)
     if code:
         sys.exit(code)
+
+
+def call(*command: str) -> int:
+    """The exit code of a command of the environment's Python in the project's folder, without a screen to draw on."""
+    return subprocess.call([str(PYTHON), *command], cwd=HERE, env={"MPLBACKEND": "Agg", **os.environ})
 
 
 TASKS = {task.__name__: task for task in (demo, test, bench, docs)}
