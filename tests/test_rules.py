@@ -17,7 +17,7 @@ import pytest
 
 import varint as vi
 from varint.compositions import COMPOSITIONS
-from varint.polynomials import lagrange_table, lobatto_nodes
+from varint.polynomials import lagrange_table, lagrange_values, lobatto_nodes
 
 PRECISE = Context(prec=60)
 NAMES = list(COMPOSITIONS)
@@ -297,6 +297,14 @@ def test_tables_keep_double_precision_with_eleven_control_points():
     for k in range(11):
         assert rule.basis @ tau**k == pytest.approx(c**k, abs=1e-15)
         assert rule.slopes @ tau**k == pytest.approx(k * c ** max(k - 1, 0), abs=3e-14)
+
+
+@pytest.mark.parametrize("s", STAGES)
+def test_interpolation_at_run_time_agrees_with_the_exact_tables(s):
+    points = np.array(vi.gauss(s).points)
+    at = np.array([-0.25, 0.0, 0.375, points[s // 2], 1.0, 1.5])
+    exact = lagrange_table(points, at)
+    assert np.all(np.abs(lagrange_values(points, at) - exact) <= 1e-14 * (1 + np.abs(exact)))
 
 
 def test_midpoint_and_trapezoidal_are_members_of_the_families():
