@@ -1,5 +1,6 @@
 """Mechanics by the principle of least action, on CasADi."""
 
+from varint import models
 from varint.archive import load
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
@@ -13,6 +14,6 @@ __version__ = "0.1.0"
 
 __all__ = [
     "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "System", "Trajectory",
-    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "plan", "simulate",
+    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "models", "plan", "simulate",
     "step_function", "time", "trapezoidal",
 ]  # fmt: skip
