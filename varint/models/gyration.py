@@ -93,9 +93,9 @@ def euler_top(t: np.ndarray, inertia: np.ndarray, omega0: np.ndarray) -> tuple[n
     flip = -1.0 if w3 < 0 else 1.0  # turning the signs of two components leaves Euler's equations as they are
     inner = I2 * (I2 - I1) * w2**2 + I3 * (I3 - I1) * w3**2  # L² − 2 E I₁
     outer = I1 * (I3 - I1) * w1**2 + I2 * (I3 - I2) * w2**2  # 2 E I₃ − L²
-    if inner == 0:  # a sphere
-        k2, rate, sizes = 0.0, 1.0, np.zeros(3)
-    else:
+    k2, rate = 0.0, 1.0
+    sizes: np.ndarray = np.zeros(3)
+    if inner != 0:  # no sphere
         k2 = (I2 - I1) * outer / ((I3 - I2) * inner)
         rate = np.sqrt((I3 - I2) * inner / (I1 * I2 * I3))
         sizes = np.sqrt([outer / (I1 * (I3 - I1)), outer / (I2 * (I3 - I2)), inner / (I3 * (I3 - I1))])

@@ -74,7 +74,7 @@ def pendulum_period(amplitude: float, omega: float) -> float:
     --------
     >>> import varint as vi
     >>> round(vi.models.pendulum_period(2.0, 1.0), 10)
-    8.3497852983
+    8.3497529269
     """
     a, b = 1.0, float(np.cos(amplitude / 2))
     for _ in range(AGM_STEPS):

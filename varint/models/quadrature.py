@@ -35,7 +35,7 @@ class PeriodicIntegral:
     >>> import numpy as np
     >>> from varint.models.quadrature import PeriodicIntegral
     >>> F = PeriodicIntegral(lambda phi: 1 / (2 + np.cos(phi)))
-    >>> round(F.period * np.sqrt(3) / (2 * np.pi), 14)
+    >>> round(float(F.period * np.sqrt(3) / (2 * np.pi)), 14)
     1.0
     """
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete import Interval, interval, velocity_function
+from varint.discrete import Interval, interval
+from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.stepper import Stepper, compensated, verbatim
 from varint.system import System, per_system

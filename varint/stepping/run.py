@@ -21,7 +21,7 @@ MOST_STEPS_IN_BLOCK = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What the time loop needs: start, grid, controls (steps, r·k) and parameters."""
+    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the rule's `nodes`, parameters."""
 
     q0: np.ndarray
     p0: np.ndarray
@@ -31,11 +31,12 @@ class Task:
     save_every: int
     u: np.ndarray
     c: np.ndarray
+    nodes: int
 
-    def controls(self, k: int, count: int, nodes: int) -> np.ndarray:
-        """Controls of `count` steps from step k on, at each of the rule's nodes."""
+    def controls(self, k: int, count: int) -> np.ndarray:
+        """Controls of `count` steps from step k on, at every node."""
         u = self.u[k : k + count]
-        return np.ascontiguousarray(np.repeat(u, nodes // u.shape[1], axis=1))
+        return np.ascontiguousarray(np.broadcast_to(u, (len(u), self.nodes, u.shape[2])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +74,16 @@ def _rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
 def run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
     """The run, block after block; it ends with the first block that is not wholly good."""
     stepper = plan(system, rule).build(system, rule)
-    n, h, c, nodes = system.structure.n, np.array([task.h]), task.c, len(rule.nodes)
+    n, h, c = system.structure.n, np.array([task.h]), task.c
     t0 = np.array([task.t0])
     scale = call(scale_function(system), task.q0, task.p0, t0, h, c)[0]
-    x = call(stepper.start, task.q0, task.p0, task.controls(0, 1, nodes), t0, h, c)[0]
+    x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, c)[0]
     k = 0
     for count, every in _grid(task.steps, task.save_every):
         total = count * every
         times = task.t0 + task.h * np.arange(k, k + total)
         function = _rollout(system, rule, count, every)
-        states = call(function, x, task.controls(k, total, nodes), times, h, c, scale)[0].reshape(count, -1)
+        states = call(function, x, task.controls(k, total), times, h, c, scale)[0].reshape(count, -1)
         finite = np.isfinite(states).all(axis=1) & (states[:, -1] <= RESIDUAL_LIMIT)
         good = count if finite.all() else int(np.argmin(finite))
         q, p = states[:, :n], states[:, 2 * n : 3 * n]
