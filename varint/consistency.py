@@ -75,7 +75,11 @@ def _equilibrated(slope: np.ndarray, mass: np.ndarray) -> np.ndarray:
 
 def _rank(slope: np.ndarray, mass: np.ndarray) -> tuple[int, list[int]]:
     """Rank of the rows, and the rows that a dependence ties together."""
-    left, values, _ = np.linalg.svd(_equilibrated(slope, mass))
+    rows = _equilibrated(slope, mass)
+    values = np.linalg.svd(rows, compute_uv=False)
+    if len(rows) <= rows.shape[1] and values.min(initial=1.0) > RANK * values.max(initial=0.0):
+        return len(rows), []
+    left, values, _ = np.linalg.svd(rows)
     rank = int((values > RANK * max(values.max(initial=0.0), 1e-300)).sum())
     part = np.abs(left[:, rank:]).max(axis=1, initial=0.0)
     return rank, np.flatnonzero(part > 1e-6).tolist()
@@ -127,7 +131,7 @@ def check_start(system: System, phase: Phase, q, v, t: float, c, given: str) -> 
             "start from q0, v0 = varint.project(system, q0, v0)"
         )
     w = np.delete(w, [i for i in range(m) if i not in phase.rows], axis=0)
-    rank, tied = _rank(w, mass)
+    rank, tied = _rank(w, mass) if len(w) > len(phase.rows) else (len(w), [])
     if rank < len(w):
         raise InputError(
             f"the velocity constraints {tied} (constraint rows first, then non-holonomic ones) are dependent at the "
@@ -139,9 +143,11 @@ def check_start(system: System, phase: Phase, q, v, t: float, c, given: str) -> 
 def _check_inertia(system: System, mass: np.ndarray, slope: np.ndarray) -> None:
     size = np.sqrt(np.abs(np.diag(mass)))
     size = np.where(size > 0, size, size.max() or 1.0)
-    right = np.linalg.svd(slope / size)[2]
-    free = right[len(slope) :]
-    values, vectors = np.linalg.eigh(free @ (mass / np.outer(size, size)) @ free.T)
+    scaled = mass / np.outer(size, size)
+    if np.linalg.eigvalsh(scaled).min() > SINGULAR:
+        return
+    free = np.linalg.qr((slope / size).T, mode="complete")[0][:, len(slope) :].T
+    values, vectors = np.linalg.eigh(free @ scaled @ free.T)
     if len(values) and np.abs(values).min() <= SINGULAR:
         part = np.abs(vectors[:, np.abs(values).argmin()] @ free)
         weak = [name for name, x in zip(system.names, part, strict=True) if x > 0.1 * part.max()]
@@ -149,5 +155,3 @@ def _check_inertia(system: System, mass: np.ndarray, slope: np.ndarray) -> None:
             f"the mass matrix ∂²L/∂v² is singular along the constraints at the start: (a combination of) {weak} may move "
             "but has no inertia; add its kinetic energy, or a constraint that holds it"
         )
-
-

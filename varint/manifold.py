@@ -161,7 +161,11 @@ def multipliers_along(system: System, phase: Phase, q, v, u, t, c) -> np.ndarray
     if len(slots) > len(solved):
         flat = over_columns(every_row_function(system), q, v, t[:, None], c)[1]
         slope = flat.reshape(len(q), q.shape[1], -1)  # Wᵀ of each node
-        lam = np.einsum("ijk,ik->ij", np.linalg.pinv(slope[:, :, slots], rcond=1e-10), np.einsum("ijk,ik->ij", slope[:, :, solved], lam))
+        lam = np.einsum(
+            "ijk,ik->ij",
+            np.linalg.pinv(slope[:, :, slots], rcond=1e-10),
+            np.einsum("ijk,ik->ij", slope[:, :, solved], lam),
+        )
         solved = slots
     result[:, solved] = lam
     return result

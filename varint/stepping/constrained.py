@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete import Interval, interval, velocity_function
+from varint.discrete import Interval, interval
+from varint.legendre import velocity_function
 from varint.manifold import rows_function, tangent_function
 from varint.rules import Rule
-from varint.stepping.implicit import LAST_CORRECTION, MOST_ITERATIONS
+from varint.stepping.newton import newton
 from varint.stepping.stepper import Stepper, compensated, verbatim
 from varint.system import System, per_system
 
-# Round-off in g moves a path by 1e-16 |q|. A correction this small against |q|, times LAST_CORRECTION, is at that level.
-CORRECTION_FLOOR = 1e-6
+# Round-off in g moves a path by 1e-16 |q| times the condition of the rows (N² for a chain). Newton is quadratic: a last
+# correction of LAST_CORRECTION times this part of |q| leaves far less than that.
+CORRECTION_FLOOR = 1e-2
 # |g| is judged against what a change of q by this part of |q| would make of it (RESIDUAL_LIMIT times it: 1e-12).
 GAP_FLOOR = 1e-2
 TINY = 1e-100  # instead of zero under a division
@@ -41,8 +43,7 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     arguments = [one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes]
     unscaled = ca.substitute(left, y, y * y_size)
     equations = ca.Function("constrained_step", [y, *arguments], [ca.densify(unscaled / row_size)], {"cse": True})
-    options = {"abstol": 0.0, "abstolStep": LAST_CORRECTION, "max_iter": MOST_ITERATIONS, "error_on_fail": False}
-    solve = ca.rootfinder("newton", "fast_newton", equations, options)
+    solve = newton("newton", equations)
 
     x = ca.MX.sym("x", 4 * n + y.numel() + 1)
     u, t, h, c = (ca.MX.sym(name, a.numel()) for name, a in zip("uthc", arguments[2:6], strict=True))
@@ -53,9 +54,9 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     found = solve(guess / unit, q0, p0, u, t, h, c, size) * unit
     moved = ca.Function("mean_velocities", [y], [ca.vec(z)])(found)
     advance = _advance(one, rule, y, z, p, sizes, left, total, row_size)
-    q1, cq1, gain, ahead, worst = advance(x, found, u, t, h, c, size)
+    q1, cq1, gain, ahead, worst = advance(x, found, u, t, h, c, size, s)
     _, pull = tangent_function(system)(q1, p0 + gain, t + h, c)
-    p1, cp1 = _sum_function(n)(p0, carry, gain + pull)
+    p1, cp1 = sum_function(n)(p0, carry, gain + pull)
     inputs = [x, u, t, h, c, s]
     step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, worst)])
     start = _start(system, rule, one, y.numel())
@@ -90,8 +91,8 @@ def _equations(system: System, one: Interval, z, lam, nu, p) -> tuple[ca.SX, ca.
 def size_function(system: System) -> ca.Function:
     """(q, t, h, c, scale) → sizes of mean velocities, multipliers, momenta and of the residuals of the rows W v + w.
 
-    A multiplier's size makes h Wᵀλ a momentum of the scene's size. They decide when Newton's method stops; their
-    derivatives are defined to be zero.
+    A multiplier's size makes h Wᵀλ a momentum of the scene's size. They make the equations dimensionless and decide
+    when Newton's method stops; their derivatives are defined to be zero.
     """
     s = system
     n, m = s.q.numel(), s.constraint.numel()
@@ -107,7 +108,7 @@ def size_function(system: System) -> ca.Function:
     g_size = ca.sqrt(ca.sum2(ca.mtimes(slope, ca.diag(moves)) ** 2)) + TINY
     slow = ca.sqrt(ca.sum2(ca.mtimes(slope, ca.diag(v_size)) ** 2)) + TINY
     g_size, slow = ca.vertsplit(g_size, [0, m, g_size.numel()])[0], ca.vertsplit(slow, [0, m, slow.numel()])[1]
-    sizes = ca.vertcat(v_size + floor, lam_size, p_size, g_size, slow)
+    sizes = ca.vertcat(v_size + floor, lam_size, strong, g_size, slow)
     options = {"is_diff_out": [False], "never_inline": True, "cse": True}
     return ca.Function("sizes", [s.q, s.t, h, s.c, scale], [ca.densify(sizes)], options)
 
@@ -115,11 +116,13 @@ def size_function(system: System) -> ca.Function:
 def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size) -> ca.Function:
     """(x, y, …) → q and its carry, the momentum gain before projection, the next start values, the worst residual."""
     n, d = z.shape
-    inputs = [y, one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes]
+    scale = ca.SX.sym("scale", 2 * n)
+    inputs = [y, one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes, scale]
     # reactions set coordinates in motion that were at rest when the scales were taken: count what is there now
-    moving = ca.repmat(ca.fabs(p) + ca.fabs(total), d, 1)
-    row_size = row_size + ca.vertcat(moving, ca.SX.zeros(left.numel() - n * d, 1))
-    check = ca.Function("check", inputs, [ca.densify(left / row_size), total], {"cse": True})
+    moving = scale[n:] + ca.fabs(p) + ca.fabs(total)
+    rest = ca.vertsplit(row_size, [0, n * d, left.numel()])[1]
+    remains = ca.densify(left / ca.vertcat(ca.repmat(moving, d, 1), rest))
+    check = ca.Function("check", inputs, [remains, total], {"cse": True})
     q, cq, carry, guess, worst = (ca.SX.sym("x", i) for i in (n, n, n, y.numel(), 1))
     x = ca.vertcat(q, cq, p, carry, guess, worst)
     ahead = ca.vertcat(ca.vec(ca.mtimes(z, ca.DM(rule.extrapolation).T)), y[n * d :])
@@ -130,7 +133,7 @@ def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size) -
         return ca.Function("advance", [x, y, *inputs[3:]], outputs)
 
 
-def _sum_function(n: int) -> ca.Function:
+def sum_function(n: int) -> ca.Function:
     """Compensated p + gain."""
     p, carry, gain = (ca.SX.sym(name, n) for name in ("p", "carry", "gain"))
     with verbatim():

@@ -11,6 +11,7 @@ from varint.rules import Rule, composition, gauss, lobatto
 from varint.stepping.constrained import constrained_stepper
 from varint.stepping.explicit import explicit_stepper
 from varint.stepping.implicit import implicit_stepper
+from varint.stepping.rattle import eliminates_path, rattle_stepper
 from varint.stepping.stepper import Stepper
 from varint.system import System
 
@@ -104,6 +105,14 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
         runs: tuple[str, ...] = (f"{evaluations} force evaluation{'s' * (evaluations > 1)} a step{kept}",)
         return Plan(rule, "kick and drift", runs, tuple(skipped), explicit_stepper)
     if s.constraints or s.nonholonomic:
+        if eliminates_path(system, rule):
+            runs = (
+                f"Newton's method for {s.constraints} multipliers, banded for chains (SHAKE)",
+                "projection of the momentum onto the hidden constraint at the end of the step (RATTLE)",
+                "1 force evaluation a step" + ("" if s.controls else ", kept from step to step"),
+            )
+            skipped.insert(0, "unknown positions: eliminated, L = ½ vᵀMv − V(q, t) with constant M")
+            return Plan(rule, "SHAKE and RATTLE", runs, tuple(skipped), rattle_stepper)
         rows = s.constraints * rule.degree + s.nonholonomic
         runs = (
             f"Newton's method for {rule.degree} × {s.n} unknowns and {rows} multipliers, exact sparse Jacobian",

@@ -17,6 +17,7 @@ from varint.system import System, per_system
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
+LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
 MOST_STEPS_IN_BLOCK = 100_000
 
 
@@ -81,7 +82,9 @@ def run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
     scale = call(scale_function(system), task.q0, task.p0, t0, h, c)[0]
     x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, c)[0]
     k = 0
-    for count, every in _grid(task.steps, task.save_every):
+    for count, every in _grid(
+        task.steps, task.save_every, LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
+    ):
         total = count * every
         times = task.t0 + task.h * np.arange(k, k + total)
         function = _rollout(system, rule, count, every)
@@ -104,9 +107,8 @@ def _size(state: np.ndarray) -> float:
     return float(state[-1]) if np.isfinite(state).all() else float("nan")
 
 
-def _grid(steps: int, every: int) -> Iterator[tuple[int, int]]:
+def _grid(steps: int, every: int, largest: int) -> Iterator[tuple[int, int]]:
     """Blocks (nodes, steps between nodes); a shorter last interval where `every` does not divide `steps`."""
-    largest = LARGEST_BLOCK
     while largest > 1 and largest * every > MOST_STEPS_IN_BLOCK:
         largest //= 10
     for count in blocks(steps // every, largest):
