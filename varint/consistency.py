@@ -35,9 +35,9 @@ def independent_rows(system: System, q: np.ndarray, v: np.ndarray, t: float, c: 
     flat = [i for i in every if not np.abs(slope[i]).any()]
     if flat or _rank_nearby(system, slope, q, v, t, c) > rank:
         raise InputError(
-            f"the constraint rows {flat or tied} are dependent at the start q0={q} although they are not nearby: a singular "
-            "configuration (dead point, folded linkage, or a row that is a square), where the motion is not determined; "
-            "start elsewhere, or write the rows so that their gradients do not vanish"
+            f"the constraint rows {flat or tied} are dependent at the start q0={q} although they are not nearby: a "
+            "singular configuration (dead point, folded linkage, or a row that is a square), where the motion is not "
+            "determined; start elsewhere, or write the rows so that their gradients do not vanish"
         )
     keep = independent(slope, mass, every)
     warnings.warn(
@@ -152,6 +152,6 @@ def _check_inertia(system: System, mass: np.ndarray, slope: np.ndarray) -> None:
         part = np.abs(vectors[:, np.abs(values).argmin()] @ free)
         weak = [name for name, x in zip(system.names, part, strict=True) if x > 0.1 * part.max()]
         raise InputError(
-            f"the mass matrix ∂²L/∂v² is singular along the constraints at the start: (a combination of) {weak} may move "
-            "but has no inertia; add its kinetic energy, or a constraint that holds it"
+            f"the mass matrix ∂²L/∂v² is singular along the constraints at the start: (a combination of) {weak} may "
+            "move but has no inertia; add its kinetic energy, or a constraint that holds it"
         )

@@ -23,7 +23,7 @@ MOST_ITERATIONS = 30
 
 @per_system
 def held(system: System, rows: tuple[int, ...], active: tuple[int, ...]) -> System:
-    """The scene with those rows of its holonomic constraints and those of its contacts held; no contact is left open."""
+    """The scene with those rows of its constraint and those of its contacts held; no contact is left open."""
     s = system
     kept = [s.constraint[i] for i in rows] + [s.contact[i] for i in active]
     return System(
@@ -119,7 +119,7 @@ def _solved(parts) -> ca.MX:
 
 @dataclass(frozen=True)
 class Phase:
-    """Which rows hold the motion: independent rows of the constraint, contacts that are solved for, contacts that touch.
+    """Which rows hold the motion: independent rows of the constraint, contacts solved for, contacts that touch.
 
     Redundant rows and contacts touch without being solved for: those that are solved for imply them.
     """

@@ -42,7 +42,7 @@ def row_sizes(slope: np.ndarray, q: np.ndarray) -> np.ndarray:
 def project(
     system: System, q0: Any, v0: Any = None, *, t0: float = 0.0, params: Mapping[str, Any] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest consistent start: min (q − q0)ᵀM(q − q0) with g(q, t0) = 0, then min (v − v0)ᵀM(v − v0) with G v + g_t = 0.
+    """Nearest consistent start: min |q − q0| with g(q, t0) = 0, then min |v − v0| with G v + ∂g/∂t = 0, |x|² = xᵀMx.
 
     Parameters
     ----------

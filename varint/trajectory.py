@@ -117,7 +117,7 @@ class Trajectory:
 
     @cached_property
     def multipliers(self) -> np.ndarray:
-        """Physical multipliers λ at every node, (N + 1, m): of constraints, non-holonomic rows, contacts, in this order.
+        """Physical multipliers λ at every node, (N + 1, m): constraints, then non-holonomic rows, then contacts.
 
         They follow from q and v at the node by the twice differentiated constraints, so they have the order of q and v
         (Hairer & Wanner II, VII.1: the index-1 relation). Contacts that do not touch have λ = 0.

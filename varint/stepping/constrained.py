@@ -28,9 +28,9 @@ TINY = 1e-100  # instead of zero under a division
 
 @per_system
 def constrained_stepper(system: System, rule: Rule) -> Stepper:
-    """Stepper for scenes with constraints: given (q0, p0), solve for mean velocities z_j = (Q_j − q0)/h and multipliers.
+    """Stepper for scenes with constraints: z_j = (Q_j − q0)/h and the multipliers from (q0, p0).
 
-    Equations: e_j = 0 at the inner control points, p⁻ = p0 + ½h A(q0)ᵀν, g(Q_j) = 0 for j = 1 … d, Σ b_i A(q_i) v_i = 0.
+    Equations: e_j = 0 at inner control points, p⁻ = p0 + ½h A(q0)ᵀν, g(Q_j) = 0 for j = 1 … d, Σ b_i A(q_i) v_i = 0.
     """
     one = interval(system, rule)
     n, d = one.dq.shape

@@ -7,8 +7,8 @@ import casadi as ca
 from varint.stepping.implicit import LAST_CORRECTION, MOST_ITERATIONS
 
 # CasADi's sparse QR turns round-off that stands for zero into NaN where it multiplies along a chain and its square
-# underflows; some twenty links suffice. LDLᵀ of the normal equations has the same fill and no such trouble; it squares the
-# condition, and Newton's method corrects that (a chain of 200 links: a factor 1e-3 an iteration).
+# underflows; some twenty links suffice. LDLᵀ of the normal equations has the same fill and no such trouble; it squares
+# the condition, and Newton's method corrects that (a chain of 200 links: a factor 1e-3 an iteration).
 LARGE = 120
 
 

@@ -23,7 +23,7 @@ MOST_STEPS_IN_BLOCK = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the rule's `nodes`, parameters; what holds."""
+    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the `nodes`, parameters; what holds."""
 
     q0: np.ndarray
     p0: np.ndarray

@@ -95,15 +95,9 @@ def simulate(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
     nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
-<<<<<<< HEAD
-    quiet = None if progress is None else not progress  # None: tqdm shows the bar in terminals only
     scene = system if task.phase is None else task.phase.scene(system)
-    with tqdm(total=task.steps, unit="step", disable=quiet, delay=0 if progress else 1, leave=False) as bar:
-        for block in run(scene, chosen.rule, task):
-=======
     with progress_bar(task.steps, "step", progress) as count:
-        for block in run(system, chosen.rule, task):
->>>>>>> main
+        for block in run(scene, chosen.rule, task):
             recent = _trajectory(system, chosen, task, [nodes[-1], block], began)
             nodes.append(block)
             count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
