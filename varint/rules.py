@@ -11,15 +11,17 @@ import unicodedata
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
+from math import fsum
 
 import numpy as np
 
 from varint.compositions import COMPOSITIONS
 from varint.errors import InputError
+from varint.polynomials import PRECISE, gauss_nodes, interpolatory_weights, lagrange_table, lobatto_nodes, rounded
 
-DIGITS = 50  # of the decimal arithmetic; 11 control points lose fewer than 15 of them
-MOST_STAGES = 10
+MOST_STAGES = 10  # order 20: beyond it double precision has nothing left to gain
+ROUNDING = 1e-14  # of a sum of some 40 rounded weights of size 1
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,11 @@ class Rule:
     kicks, drifts : tuple of float
         Weights of the kick–drift sequence kick, drift, kick, …, kick that steps a separable Lagrangian with constant
         mass explicitly; empty where there is none.
+
+    Raises
+    ------
+    InputError
+        If a quadrature or a sequence is inconsistent: weights that do not sum to 1, lengths that do not match.
     """
 
     name: str
@@ -49,6 +56,22 @@ class Rule:
     points: tuple[float, ...] = ()
     kicks: tuple[float, ...] = ()
     drifts: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for what, weights in (("weights", self.weights), ("kicks", self.kicks), ("drifts", self.drifts)):
+            if weights and abs(fsum(weights) - 1) > ROUNDING:
+                raise InputError(f"rule {self.name}: the {what} sum to {fsum(weights)!r}; a consistent rule needs 1")
+        if len(self.nodes) != len(self.weights):
+            raise InputError(f"rule {self.name}: {len(self.nodes)} nodes but {len(self.weights)} weights")
+        if self.kicks and len(self.kicks) != len(self.drifts) + 1:
+            raise InputError(
+                f"rule {self.name}: {len(self.kicks)} kicks and {len(self.drifts)} drifts; a sequence begins and ends "
+                "with a kick, so it has one kick more than drifts (a kick may be 0)"
+            )
+        if self.points and (self.points[0] != 0 or self.points[-1] != 1 or any(np.diff(self.points) <= 0)):
+            raise InputError(f"rule {self.name}: control points must increase from 0 to 1, got {self.points}")
+        if not (self.points or self.kicks):
+            raise InputError(f"rule {self.name}: needs control points (Galerkin) or kicks and drifts (composition)")
 
     def __repr__(self) -> str:
         return self.name
@@ -61,124 +84,25 @@ class Rule:
     @cached_property
     def basis(self) -> np.ndarray:
         """ℓ_j(c_i): Lagrange polynomials of the control points at the quadrature nodes, (r, d + 1)."""
-        return _table(self.points, self.nodes, 0)
+        return lagrange_table(self.points, self.nodes)
 
     @cached_property
     def slopes(self) -> np.ndarray:
         """ℓ_j'(c_i): their derivatives at the quadrature nodes, (r, d + 1)."""
-        return _table(self.points, self.nodes, 1)
+        return lagrange_table(self.points, self.nodes, 1)
 
     @cached_property
     def extrapolation(self) -> np.ndarray:
         """ℓ_k(1 + τ_j) − ℓ_k(1) for j, k = 1 … d: this step's path continued over the next step, (d, d)."""
-        ahead = _table(self.points, tuple(1 + Fraction(x) for x in self.points[1:]), 0)
-        return (ahead - _table(self.points, (1,), 0))[:, 1:]
+        ahead = lagrange_table(self.points, [1 + Fraction(x) for x in self.points[1:]])
+        return (ahead - lagrange_table(self.points, [1]))[:, 1:]
 
     @cached_property
     def collocation(self) -> np.ndarray:
         """a_ij = ∫ of the j-th node's Lagrange polynomial from 0 to c_i, (r, r): the Butcher matrix of `gauss`."""
-        return _table(self.nodes, self.nodes, -1)
+        return lagrange_table(self.nodes, self.nodes, -1)
 
 
-def lagrange_table(points, at, derivative: int = 0) -> np.ndarray:
-    """ℓ_j^(derivative)(x_i) of the Lagrange polynomials through `points` (derivative −1: the integral from 0)."""
-    return _table(tuple(points), tuple(at), derivative)
-
-
-@lru_cache(maxsize=256)
-def _table(points: tuple, at: tuple, derivative: int) -> np.ndarray:
-    with localcontext() as context:
-        context.prec = DIGITS
-        polynomials = [_derived(p, derivative) for p in _lagrange([_decimal(x) for x in points])]
-        table = [[float(_horner(p, _decimal(x))) for p in polynomials] for x in at]
-    result = np.array(table).reshape(len(at), len(points))
-    result.flags.writeable = False
-    return result
-
-
-def _decimal(x) -> Decimal:
-    if x in _EXACT:
-        return _EXACT[x]
-    x = Fraction(x)
-    return Decimal(x.numerator) / Decimal(x.denominator)
-
-
-_EXACT: dict[float, Decimal] = {}  # the 50-digit value behind each rounded node
-
-
-def _lagrange(points: list[Decimal]) -> list[list[Decimal]]:
-    """Coefficients (lowest first) of the Lagrange polynomials through the points."""
-    polynomials = []
-    for j, x_j in enumerate(points):
-        p = [Decimal(1)]
-        for k, x_k in enumerate(points):
-            if k != j:
-                p = [
-                    (a - x_k * b) / (x_j - x_k)
-                    for a, b in zip([Decimal(0), *p], [*p, Decimal(0)], strict=True)
-                ]
-        polynomials.append(p)
-    return polynomials
-
-
-def _derived(p: list[Decimal], derivative: int) -> list[Decimal]:
-    if derivative < 0:
-        return [Decimal(0), *(a / (k + 1) for k, a in enumerate(p))]
-    for _ in range(derivative):
-        p = [k * a for k, a in enumerate(p)][1:] or [Decimal(0)]
-    return p
-
-
-def _horner(p: list[Decimal], x: Decimal) -> Decimal:
-    value = Decimal(0)
-    for a in reversed(p):
-        value = value * x + a
-    return value
-
-
-def _legendre(degree: int) -> list[Fraction]:
-    """Coefficients (lowest first) of the Legendre polynomial on [−1, 1]."""
-    p, q = [Fraction(1)], [Fraction(0), Fraction(1)]
-    for k in range(1, degree):
-        shifted = [Fraction(0), *((2 * k + 1) * a for a in q)]
-        old = [k * a for a in p] + [Fraction(0)] * 2
-        p, q = q, [(a - b) / (k + 1) for a, b in zip(shifted, old, strict=True)]
-    return p if degree == 0 else q
-
-
-def _roots(coefficients: list[Fraction]) -> list[Decimal]:
-    """Real simple roots on (−1, 1) mapped to (0, 1), polished by Newton's method in decimal arithmetic."""
-    p = [Decimal(a.numerator) / Decimal(a.denominator) for a in coefficients]
-    slope = _derived(p, 1)
-    roots = []
-    for start in np.sort(np.polynomial.Polynomial([float(a) for a in coefficients]).roots().real):
-        x = Decimal(float(start))
-        for _ in range(6):  # each iteration doubles the digits: 12 → 50 takes three
-            x -= _horner(p, x) / _horner(slope, x)
-        roots.append((1 + x) / 2)
-    return roots
-
-
-def _rounded(nodes: list[Decimal]) -> tuple[float, ...]:
-    """The nodes as doubles; their 50-digit values stay known to `_table`."""
-    _EXACT.update({float(x): x for x in nodes})
-    return tuple(float(x) for x in nodes)
-
-
-def _weights(nodes: list[Decimal]) -> tuple[float, ...]:
-    return tuple(float(_horner(_derived(p, -1), Decimal(1))) for p in _lagrange(nodes))
-
-
-def _gauss_nodes(stages: int) -> list[Decimal]:
-    return _roots(_legendre(stages))
-
-
-def _lobatto_nodes(stages: int) -> list[Decimal]:
-    inner = [k * a for k, a in enumerate(_legendre(stages - 1))][1:]
-    return [Decimal(0), *(_roots(inner) if stages > 2 else []), Decimal(1)]
-
-
-@lru_cache(maxsize=None)
 def gauss(stages: int) -> Rule:
     """Gauss–Legendre rule: degree s, s Gauss points; order 2s, A-stable, symplectic and self-adjoint.
 
@@ -203,20 +127,21 @@ def gauss(stages: int) -> Rule:
     >>> vi.gauss(2).order, vi.gauss(2).weights
     (4, (0.5, 0.5))
     """
-    _check_stages("gauss", stages, 1)
-    with localcontext() as context:
-        context.prec = DIGITS
-        nodes = _gauss_nodes(stages)
-        return Rule(
-            name="midpoint()" if stages == 1 else f"gauss({stages})",
-            order=2 * stages,
-            nodes=_rounded(nodes),
-            weights=_weights(nodes),
-            points=_rounded(_lobatto_nodes(stages + 1)),
-        )
+    return _gauss(_stages("gauss", stages, 1))
 
 
-@lru_cache(maxsize=None)
+@cache
+def _gauss(stages: int) -> Rule:
+    nodes = gauss_nodes(stages)
+    return Rule(
+        name="midpoint()" if stages == 1 else f"gauss({stages})",
+        order=2 * stages,
+        nodes=rounded(nodes),
+        weights=interpolatory_weights(nodes),
+        points=rounded(lobatto_nodes(stages + 1)),
+    )
+
+
 def lobatto(stages: int) -> Rule:
     """Lobatto rule: s Lobatto points both as control points and as quadrature; order 2s − 2, takes constraints.
 
@@ -242,19 +167,21 @@ def lobatto(stages: int) -> Rule:
     >>> vi.lobatto(3).order, vi.lobatto(3).points
     (4, (0.0, 0.5, 1.0))
     """
-    _check_stages("lobatto", stages, 2)
-    with localcontext() as context:
-        context.prec = DIGITS
-        nodes = _lobatto_nodes(stages)
-        return Rule(
-            name="trapezoidal()" if stages == 2 else f"lobatto({stages})",
-            order=2 * stages - 2,
-            nodes=_rounded(nodes),
-            weights=_weights(nodes),
-            points=_rounded(nodes),
-            kicks=(0.5, 0.5) if stages == 2 else (),
-            drifts=(1.0,) if stages == 2 else (),
-        )
+    return _lobatto(_stages("lobatto", stages, 2))
+
+
+@cache
+def _lobatto(stages: int) -> Rule:
+    nodes = lobatto_nodes(stages)
+    return Rule(
+        name="trapezoidal()" if stages == 2 else f"lobatto({stages})",
+        order=2 * stages - 2,
+        nodes=rounded(nodes),
+        weights=interpolatory_weights(nodes),
+        points=rounded(nodes),
+        kicks=(0.5, 0.5) if stages == 2 else (),
+        drifts=(1.0,) if stages == 2 else (),
+    )
 
 
 def midpoint() -> Rule:
@@ -270,14 +197,25 @@ def trapezoidal() -> Rule:
     return lobatto(2)
 
 
-@lru_cache(maxsize=None)
 def composition(name: str) -> Rule:
     """Explicit kick–drift composition for separable Lagrangians with constant mass, by name.
+
+    p ← p − b_i h ∂V/∂q, then q ← q + a_i h M⁻¹ p, in turn: a product of discrete Lagrangians, hence variational.
 
     Parameters
     ----------
     name : str
-        For example ``"verlet"``, ``"yoshida4"``, ``"blanes-moan4"``, ``"kahan-li8"``; spelling is forgiving.
+        One of the table; capitals, spaces, hyphens and accents do not matter.
+
+        ====== ===================================================== ==========================================
+        order  names (force evaluations per step)                    best of its order
+        ====== ===================================================== ==========================================
+        2      verlet (1)
+        4      yoshida4 (3), suzuki4 (5), blanes-moan4 (6)           blanes-moan4
+        6      yoshida6 (7), kahan-li6 (9), blanes-moan6 (11)        blanes-moan6
+        8      yoshida8 (15), suzuki-umeno8 (15), kahan-li8 (17)     kahan-li8
+        10     sofroniou-spaletta10 (35)
+        ====== ===================================================== ==========================================
 
     Returns
     -------
@@ -288,6 +226,11 @@ def composition(name: str) -> Rule:
     InputError
         If no composition has that name; the message lists those known.
 
+    Notes
+    -----
+    Blanes & Moan's are Runge–Kutta–Nyström splittings: their order needs a kinetic energy quadratic in p, which is
+    what every composition here is used for. Sources of the coefficients: `varint/compositions.py`.
+
     Examples
     --------
     >>> import varint as vi
@@ -296,13 +239,17 @@ def composition(name: str) -> Rule:
     """
     found = _ALIASES.get(_plain(name)) if isinstance(name, str) else None
     if found is None:
-        raise InputError(f"unknown composition {name!r}; known: {sorted(COMPOSITIONS)}")
-    order, kicks, drifts = COMPOSITIONS[found]()
-    with localcontext() as context:
-        context.prec = DIGITS
+        raise InputError(f"unknown composition {name!r}; known: {list(COMPOSITIONS)}")
+    return _composition(found)
+
+
+@cache
+def _composition(name: str) -> Rule:
+    order, kicks, drifts = COMPOSITIONS[name]()
+    with localcontext(PRECISE):
         times = [sum(drifts[:k], Decimal(0)) for k in range(len(kicks))]
     return Rule(
-        name=f"composition({found!r})",
+        name=f"composition({name!r})",
         order=order,
         nodes=tuple(float(c) for c in times),
         weights=tuple(float(b) for b in kicks),
@@ -318,11 +265,13 @@ def _plain(name: str) -> str:
 _ALIASES = {_plain(name): name for name in COMPOSITIONS} | {
     "stormerverlet": "verlet",
     "leapfrog": "verlet",
-    "tenth": "sofroniou-spaletta10",
+    "forestruth": "yoshida4",
+    "mclachlan8": "suzuki-umeno8",
     "sofroniouspaletta": "sofroniou-spaletta10",
 }
 
 
-def _check_stages(what: str, stages: int, least: int) -> None:
+def _stages(what: str, stages: int, least: int) -> int:
     if not isinstance(stages, (int, np.integer)) or isinstance(stages, bool) or not least <= stages <= MOST_STAGES:
         raise InputError(f"{what}(stages) takes a whole number from {least} to {MOST_STAGES}, got {stages!r}")
+    return int(stages)

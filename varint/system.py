@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, wraps
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -110,7 +111,7 @@ def _finite_array(what: str, value: Any) -> np.ndarray:
 
 
 def _symbol_shape(value: np.ndarray) -> tuple[int, int]:
-    return (value.shape + (1, 1))[:2] if value.ndim else (1, 1)
+    return (value.shape[0], value.shape[1] if value.ndim == 2 else 1) if value.ndim else (1, 1)
 
 
 def parameter_values(system: System, overrides: Mapping[str, Any] | None) -> np.ndarray:
@@ -222,9 +223,7 @@ class System:
             lagrangian=_expression("the Lagrangian", lagrangian, (1, 1)),
             force=_expression("the force", ca.SX(n, 1) if force is None else force, (n, 1)),
             constraint=_expression("the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)),
-            nonholonomic=_expression(
-                "nonholonomic", ca.SX(0, n) if nonholonomic is None else nonholonomic, (None, n)
-            ),
+            nonholonomic=_expression("nonholonomic", ca.SX(0, n) if nonholonomic is None else nonholonomic, (None, n)),
             contact=_expression("the contact", ca.SX(0, 1) if contact is None else contact, (None, 1)),
         )
         for name, value in values.items():
@@ -291,6 +290,26 @@ class System:
     def default_vector(self) -> np.ndarray:
         """Default values of the parameters, in the order of `c`."""
         return np.concatenate([np.zeros(0), *(v.ravel(order="F") for v in self.defaults.values())])
+
+
+Built = TypeVar("Built")
+_BUILDING = threading.RLock()
+
+
+def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
+    """Remember what `build(system, *key)` returns as long as the system lives; several threads build it once."""
+
+    @wraps(build)
+    def remembered(system: System, *key: Any) -> Built:
+        store = system.__dict__.setdefault("_built", {})
+        name = (build.__module__, build.__qualname__, *key)
+        if name not in store:
+            with _BUILDING:
+                if name not in store:
+                    store[name] = build(system, *key)
+        return store[name]
+
+    return remembered
 
 
 def _symbols(what: str, x: Any) -> ca.SX:

@@ -1,0 +1,202 @@
+"""From what the user wrote to a well-posed initial value problem, or a clear refusal."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import call
+from varint.consistency import check_start, independent_rows
+from varint.discrete import point_function
+from varint.errors import InputError
+from varint.manifold import Phase, tangent_function
+from varint.rules import Rule
+from varint.stepping.run import Task
+from varint.system import System, parameter_values, per_system
+
+WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
+SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
+
+
+def initial_task(
+    system: System,
+    rule: Rule,
+    *,
+    q0: Any,
+    v0: Any,
+    p0: Any,
+    h: float | None,
+    steps: int | None,
+    duration: float | None,
+    t0: float,
+    u: Any,
+    params: Mapping[str, Any] | None,
+    save_every: int,
+) -> Task:
+    """Checked and completed input of one run."""
+    n = system.structure.n
+    step, count = time_grid(h, steps, duration)
+    if not isinstance(save_every, (int, np.integer)) or save_every < 1:
+        raise InputError(f"save_every must be a whole number of steps, at least 1, got {save_every!r}")
+    t0 = _number("t0", t0)
+    c = parameter_values(system, params)
+    q = vector("q0", q0, n, system.names)
+    p = _momentum(system, q, v0, p0, t0, c)
+    phase = None
+    if system.structure.constraints or system.structure.nonholonomic:
+        p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
+    u = controls(system, rule, u, count)
+    return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase)
+
+
+def _on_manifold(
+    system: System, q: np.ndarray, v: np.ndarray | None, p: np.ndarray, t0: float, c: np.ndarray
+) -> tuple[np.ndarray, Phase]:
+    """The momentum without its round-off across the constraints, and the rows that are solved."""
+    t = np.array([t0])
+    phase = Phase(independent_rows(system, q, np.zeros(len(q)) if v is None else v.ravel(), t0, c))
+    tangent = tangent_function(phase.scene(system))
+    along, change = call(tangent, q, p, t, c)
+    check_start(system, phase, q, along if v is None else v.ravel(), t0, c, "v0")
+    if v is None and np.abs(change).max() > 1e-9 * np.abs(p).max(initial=0.0):
+        raise InputError(
+            f"p0 is not the momentum of a motion along the constraints: it is off by {np.abs(change).max():.1e}; "
+            "give v0 instead, or p0 = ∂L/∂v of a v0 with G v0 + ∂g/∂t = 0"
+        )
+    return p + change, phase
+
+
+def time_grid(h: float | None, steps: int | None, duration: float | None) -> tuple[float, int]:
+    """Step size and number of steps from two of h, steps, duration."""
+    given = [name for name, x in (("h", h), ("steps", steps), ("duration", duration)) if x is not None]
+    if len(given) != 2:
+        raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
+    if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
+        raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
+    for name, x in (("h", h), ("duration", duration)):
+        if x is not None and _number(name, x) == 0:
+            raise InputError(f"{name} must not be zero")
+    if steps is not None:
+        return (float(h) if h is not None else float(duration) / int(steps)), int(steps)  # type: ignore[arg-type]
+    ratio = float(duration) / float(h)  # type: ignore[arg-type]
+    if ratio < 0:
+        raise InputError(f"h={h} and duration={duration} have different signs; a backward run takes both negative")
+    count = max(round(ratio), 1)
+    if abs(ratio - count) > WHOLE * count:
+        up = math.ceil(ratio)
+        raise InputError(
+            f"duration={duration} is {ratio:.6g} steps of h={h}, not a whole number; "
+            f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
+        )
+    return float(duration) / count, count  # type: ignore[arg-type]
+
+
+def _number(what: str, x: Any) -> float:
+    try:
+        value = float(x)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be a number, got {x!r}") from None
+    if not math.isfinite(value):
+        raise InputError(f"{what} must be finite, got {x!r}")
+    return value
+
+
+def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
+    """x as n finite numbers."""
+    try:
+        value = np.array(x, dtype=float)
+    except (TypeError, ValueError, RuntimeError):
+        raise InputError(f"{what} must be {n} numbers, one for each of {list(names)}, got {x!r}") from None
+    if value.ndim == 0 and n == 1:
+        value = value.reshape(1)
+    if value.shape != (n,):
+        raise InputError(f"{what} has shape {value.shape}; it must be ({n},), one number for each of {list(names)}")
+    if not np.isfinite(value).all():
+        bad = [names[i] for i in np.flatnonzero(~np.isfinite(value))]
+        raise InputError(f"{what} is not finite in {bad}: {value}")
+    return value
+
+
+@per_system
+def _start_function(system: System) -> ca.Function:
+    """(q, v, u, t, c) → (p, M, ∂L/∂q + F) at the start."""
+    s = system
+    _, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
+    outputs = [ca.densify(x) for x in (momentum, s.mass_matrix, gradient + force)]
+    return ca.Function("start_values", [s.q, s.v, s.control, s.t, s.c], outputs)
+
+
+def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.ndarray) -> np.ndarray:
+    n, names, structure = system.structure.n, system.names, system.structure
+    if v0 is not None and p0 is not None:
+        raise InputError("give v0 or p0, not both: p0 = ∂L/∂v(q0, v0)")
+    if structure.degenerate:
+        warnings.warn(
+            "the Lagrangian is degenerate (∂²L/∂v² = 0): the start momentum is p0 = ∂L/∂v(q0), v0 plays no part, "
+            "and midpoint() is used without the usual guarantees",
+            stacklevel=4,
+        )
+    elif v0 is None and p0 is None:
+        raise InputError("give v0 (start velocities) or p0 (start momenta)")
+    v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
+    u, t = np.zeros(structure.controls), np.array([t0])
+    p, mass, push = call(_start_function(system), q, v, u, t, c)
+    if not (np.isfinite(p).all() and np.isfinite(mass).all() and np.isfinite(push).all()):
+        raise InputError(
+            f"the Lagrangian's derivatives are not finite at the start, q0={q}, t0={t0:g}: a collision, a square root "
+            "or logarithm of a negative number, or a parameter value; move the start or change the parameters"
+        )
+    if not (structure.degenerate or structure.constraints or structure.nonholonomic):
+        _check_mass(mass.reshape(n, n), names)
+    return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
+
+
+def _check_mass(mass: np.ndarray, names: tuple[str, ...]) -> None:
+    size = np.sqrt(np.abs(np.diag(mass)))
+    scaled = mass / np.outer(np.where(size > 0, size, 1), np.where(size > 0, size, 1))
+    values, vectors = np.linalg.eigh(scaled)
+    smallest = np.argmin(np.abs(values))
+    if abs(values[smallest]) > SINGULAR:
+        return
+    part = np.abs(vectors[:, smallest])
+    weak = [name for name, x in zip(names, part, strict=True) if x > 0.1 * part.max()]
+    raise InputError(
+        f"the mass matrix ∂²L/∂v² is singular at the start: the Lagrangian gives no inertia to (a combination of) "
+        f"{weak}; use other coordinates or another start"
+    )
+
+
+def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
+    """Controls of every step, (steps, r, k) with r = 1 where they are constant on a step."""
+    k, r, names = system.structure.controls, len(rule.nodes), list(system.control_names)
+    if not k:
+        if u is not None:
+            raise InputError("u was given, but the system has no control; declare it with System(..., control=...)")
+        return np.empty((steps, 1, 0))
+    wanted = f"({steps}, {k}), ({steps}, {r}, {k}) or ({k},)"
+    if u is None:
+        raise InputError(f"the system has the controls {names}; give u with shape {wanted}")
+    try:
+        value = np.array(u, dtype=float)
+    except (TypeError, ValueError, RuntimeError):
+        raise InputError(f"u must be numbers of shape {wanted}, got {type(u).__name__}") from None
+    if value.ndim == 0 and k == 1:
+        value = value.reshape(1)
+    if value.ndim == 1 and k == 1 and value.shape == (steps,) and steps > 1:
+        value = value[:, None]
+    if value.shape == (k,):
+        value = np.broadcast_to(value, (steps, k))
+    if value.shape == (steps, k):
+        value = value[:, None, :]
+    allowed = {(steps, 1, k), (steps, r, k)} if rule.points else {(steps, 1, k)}
+    if value.shape not in allowed:
+        hint = "" if rule.points else f"; {rule} takes one value a step"
+        raise InputError(f"u has shape {np.shape(u)}; it must have {wanted}{hint}")
+    if not np.isfinite(value).all():
+        raise InputError("u is not finite everywhere")
+    return np.ascontiguousarray(value)

@@ -1,0 +1,150 @@
+"""Which stepper runs for a scene and a rule, and why; what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from varint.discrete import require_explicit
+from varint.errors import InputError
+from varint.rules import Rule, composition, gauss, lobatto
+from varint.stepping.constrained import constrained_stepper
+from varint.stepping.explicit import explicit_stepper
+from varint.stepping.implicit import implicit_stepper
+from varint.stepping.rattle import eliminates_path, rattle_stepper
+from varint.stepping.stepper import Stepper
+from varint.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What will run: `print(plan)` says it in words.
+
+    Attributes
+    ----------
+    rule : Rule
+        The rule, the scene's own where none was given.
+    method : str
+        Name of the stepper.
+    runs, skipped : tuple of str
+        What is done in a step, and what was left out because the scene does not have it.
+    build : callable
+        (system, rule) → Stepper.
+    """
+
+    rule: Rule
+    method: str
+    runs: tuple[str, ...]
+    skipped: tuple[str, ...]
+    build: Callable[[System, Rule], Stepper]
+
+    def __str__(self) -> str:
+        lines = [f"{self.rule}, order {self.rule.order}: {self.method}"]
+        lines += [f"  runs     {text}" for text in self.runs]
+        lines += [f"  skipped  {text}" for text in self.skipped]
+        return "\n".join(lines)
+
+
+def default_rule(system: System) -> Rule:
+    """Separable with constant mass: an explicit composition; constraints: `lobatto(3)`; otherwise `gauss(2)`."""
+    s = system.structure
+    if s.explicit:
+        return composition("blanes-moan4")
+    if s.nonholonomic:
+        return lobatto(2) if s.constraints else gauss(1)
+    if s.degenerate:
+        return gauss(1)
+    return lobatto(3) if s.constraints else gauss(2)
+
+
+def plan(system: System, rule: Rule | None = None) -> Plan:
+    """The cheapest correct stepper for `system` by `rule`, with its reasons.
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Default: the scene's own, see `default_rule`.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        If the rule cannot step the scene.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> print(vi.plan(vi.System(q, v, v**2 / 2 + ca.cos(q)), vi.trapezoidal()))
+    trapezoidal(), order 2: kick and drift
+      runs     1 force evaluation a step, kept from step to step
+      skipped  root finding: L = ½ vᵀMv − V(q, t) with constant M
+      skipped  matrix solves: M is diagonal
+      skipped  time: the scene is autonomous
+    """
+    rule = default_rule(system) if rule is None else rule
+    if not isinstance(rule, Rule):
+        raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
+    s = system.structure
+    refuse_what_no_stepper_has(system, rule)
+    skipped = []
+    if s.autonomous:
+        skipped.append("time: the scene is autonomous")
+    if rule.kicks and (s.explicit or not rule.points):
+        require_explicit(system, rule)
+        if s.diagonal_mass:
+            skipped.insert(0, "matrix solves: M is diagonal")
+        skipped.insert(0, "root finding: L = ½ vᵀMv − V(q, t) with constant M")
+        evaluations = len(rule.kicks) - (0 if s.controls else 1)
+        kept = ": controls jump from step to step" if s.controls else ", kept from step to step"
+        runs: tuple[str, ...] = (f"{evaluations} force evaluation{'s' * (evaluations > 1)} a step{kept}",)
+        return Plan(rule, "kick and drift", runs, tuple(skipped), explicit_stepper)
+    if s.constraints or s.nonholonomic:
+        if eliminates_path(system, rule):
+            runs = (
+                f"Newton's method for {s.constraints} multipliers, banded for chains (SHAKE)",
+                "projection of the momentum onto the hidden constraint at the end of the step (RATTLE)",
+                "1 force evaluation a step" + ("" if s.controls else ", kept from step to step"),
+            )
+            skipped.insert(0, "unknown positions: eliminated, L = ½ vᵀMv − V(q, t) with constant M")
+            return Plan(rule, "SHAKE and RATTLE", runs, tuple(skipped), rattle_stepper)
+        rows = s.constraints * rule.degree + s.nonholonomic
+        runs = (
+            f"Newton's method for {rule.degree} × {s.n} unknowns and {rows} multipliers, exact sparse Jacobian",
+            "projection of the momentum onto the hidden constraint at the end of the step",
+        )
+        return Plan(rule, "Newton's method with multipliers", runs, tuple(skipped), constrained_stepper)
+    runs = (
+        f"Newton's method for {rule.degree} × {s.n} unknowns, exact sparse Jacobian",
+        "start values continued from the last step's polynomial",
+    )
+    if not s.forced:
+        skipped.append("forces: there are none")
+    return Plan(rule, "Newton's method", runs, tuple(skipped), implicit_stepper)
+
+
+def refuse_what_no_stepper_has(system: System, rule: Rule) -> None:
+    """Combinations that no stepper can do, each with its reason and the way out."""
+    s = system.structure
+    if s.constraints and rule.points != rule.nodes:
+        raise InputError(
+            f"{rule} cannot carry constraints: its quadrature nodes are no control points, so multipliers would lose "
+            "their order; use lobatto(3) or another lobatto(s)"
+        )
+    if s.nonholonomic and rule.degree != 1:
+        raise InputError(
+            f"{rule} cannot carry non-holonomic constraints: they need a symmetric step of one piece (order 2); "
+            + ("use trapezoidal()" if s.constraints else "use midpoint() or trapezoidal()")
+        )
+    if s.contacts:
+        raise InputError("scenes with contacts cannot be simulated yet")
+    if s.degenerate and rule != gauss(1):
+        raise InputError(
+            f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is unstable for it; "
+            "use midpoint()"
+        )

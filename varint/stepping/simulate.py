@@ -1,0 +1,159 @@
+"""Initial value problems: check the input, run the time loop, return a `Trajectory`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from time import perf_counter
+from types import MappingProxyType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import ConvergenceError
+from varint.progress import progress_bar
+from varint.rules import Rule
+from varint.stepping.events import first_crossing
+from varint.stepping.initial import initial_task
+from varint.stepping.plan import Plan, plan
+from varint.stepping.run import RESIDUAL_LIMIT, Block, Task, run
+from varint.stepping.step_function import action_function, step_function
+from varint.system import System
+from varint.trajectory import Trajectory
+
+
+def simulate(
+    system: System,
+    rule: Rule | None = None,
+    *,
+    q0: Any,
+    v0: Any = None,
+    p0: Any = None,
+    h: float | None = None,
+    steps: int | None = None,
+    duration: float | None = None,
+    t0: float = 0.0,
+    u: Any = None,
+    params: Mapping[str, Any] | None = None,
+    save_every: int = 1,
+    until: ca.SX | None = None,
+    progress: bool | None = None,
+) -> Trajectory:
+    """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete Euler–Lagrange).
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Default: an explicit composition for separable scenes with constant mass, else `gauss(2)`.
+    q0 : array (n,)
+        Start coordinates.
+    v0, p0 : array (n,)
+        Start velocities or momenta ∂L/∂v, one of the two (neither for a degenerate Lagrangian).
+    h, steps, duration : float, int, float
+        Step size, number of steps, total time: two of the three. A negative h runs backwards.
+    t0 : float
+        Start time.
+    u : array (steps, k) or (steps, r, k) or (k,), optional
+        Controls: one value a step, one at each of the rule's r nodes, or the same all the time.
+    params : dict, optional
+        Parameter values that differ from the defaults.
+    save_every : int
+        Keep every so many steps (the last step is always kept).
+    until : SX, optional
+        Stop where this expression of q, v, t and the parameters crosses zero; the last node is the crossing, located
+        with the rule's own accuracy.
+    progress : bool, optional
+        Show a progress bar. Default: in a terminal, for runs longer than a second.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        If the input is not a well-posed problem; the message says what to change.
+    ConvergenceError
+        If a step cannot be solved: step, time, residual, and the trajectory up to there are attached.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
+    >>> motion = vi.simulate(pendulum, q0=1.0, v0=0.0, h=0.01, steps=1000)
+    >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
+    ((1001, 1), True)
+    """
+    began = perf_counter()
+    chosen = plan(system, rule)
+    task = initial_task(
+        system, chosen.rule,
+        q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
+    )  # fmt: skip
+    nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
+    scene = system if task.phase is None else task.phase.scene(system)
+    with progress_bar(task.steps, "step", progress) as count:
+        for block in run(scene, chosen.rule, task):
+            recent = _trajectory(system, chosen, task, [nodes[-1], block], began)
+            nodes.append(block)
+            count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
+            stop = None if until is None else first_crossing(recent, until)
+            if stop is not None:
+                return _cut(_trajectory(system, chosen, task, nodes, began), int(recent.k[stop[0]]), stop[1])
+            if block.good < len(block.k):
+                raise _failure(_trajectory(system, chosen, task, nodes, began), block, task)
+    return _trajectory(system, chosen, task, nodes, began)
+
+
+def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], began: float) -> Trajectory:
+    k = np.concatenate([block.k[: block.good] for block in nodes])
+    phases = () if task.phase is None or task.phase.scene(system) is system else (task.phase,)
+    return Trajectory(
+        system=system,
+        rule=chosen.rule,
+        t=task.t0 + task.h * k,
+        q=np.concatenate([block.q for block in nodes]),
+        p=np.concatenate([block.p for block in nodes]),
+        h=task.h,
+        k=k,
+        u=task.u,
+        c=task.c,
+        functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
+        phases=phases,
+        phase=np.zeros(len(k), dtype=int) if phases else None,
+        stats=MappingProxyType(
+            {
+                "plan": str(chosen),
+                "steps": int(k[-1]),
+                "residual": max(block.residual for block in nodes),
+                "seconds": perf_counter() - began,
+            }
+        ),
+    )
+
+
+def _cut(motion: Trajectory, k: int, t: float) -> Trajectory:
+    """The trajectory up to the node after k steps, and one more node at time t."""
+    kept = int(np.searchsorted(motion.k, k, side="right"))
+    end = motion.at([t])
+    times, q, p, steps = (np.concatenate([getattr(motion, name)[:kept], getattr(end, name)]) for name in "tqpk")
+    return replace(motion, t=times, q=q, p=p, k=steps)
+
+
+def _failure(motion: Trajectory, block: Block, task: Task) -> ConvergenceError:
+    k, t = int(motion.k[-1]), float(motion.t[-1])
+    residual = block.failed
+    if np.isfinite(residual):
+        what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
+        cure = "h is too large for this motion or the scene is close to singular: try a smaller h"
+    else:
+        what = "gave values that are not finite"
+        cure = "a collision, a square root or logarithm of a negative number, or h too large: try a smaller h"
+    return ConvergenceError(
+        f"the step after t = {t:g} (step {k}) {what}; {cure}. Error.trajectory has the {len(motion)} nodes before it",
+        step=k, time=t, residual=residual, trajectory=motion,
+    )  # fmt: skip

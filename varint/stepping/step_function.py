@@ -1,0 +1,106 @@
+"""One step as a differentiable CasADi function for users' own graphs."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from varint.discrete import Interval, interval, point_function
+from varint.legendre import velocity_function
+from varint.rules import Rule
+from varint.stepping.plan import plan
+from varint.system import System, per_system
+
+
+def step_function(system: System, rule: Rule | None = None) -> ca.Function:
+    """One step (q0, p0) → (q1, p1) of `system` by `rule` as a CasADi function, differentiable to any order.
+
+    Solves p0 = −D1 L_d − f⁻ for q1 and returns p1 = D2 L_d + f⁺ (Marsden & West 2001, §1.5).
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Default: the scene's own.
+
+    Returns
+    -------
+    Function
+        Inputs ``q0 (n)``, ``p0 (n)``, ``u (k, r)``: controls at the rule's nodes, ``params``, ``t``, ``h``; outputs
+        ``q1 (n)``, ``p1 (n)``, ``residual``: size of the equations that remains, relative to the momenta; check it.
+
+    Raises
+    ------
+    InputError
+        If the rule cannot step the scene.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("x")
+    >>> step = vi.step_function(vi.System(q, v, v**2 / 2 - 9.81 * q), vi.gauss(2))
+    >>> out = step(q0=0, p0=1, t=0, h=0.5)
+    >>> round(float(out["q1"]), 12), round(float(out["p1"]), 12)
+    (-0.72625, -3.905)
+    """
+    return _step_function(system, plan(system, rule).rule)
+
+
+@per_system
+def _step_function(system: System, rule: Rule) -> ca.Function:
+    stepper, n, r = plan(system, rule).build(system, rule), system.structure.n, len(rule.nodes)
+    q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
+    t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("params", system.c.numel())
+    column = ca.vec(u)
+    x = stepper.step(stepper.start(q, p, column, t, h, c), column, t, h, c, scale_function(system)(q, p, t, h, c))
+    q1, _, p1, _, worst = ca.vertsplit(x, [0, n, 2 * n, 3 * n, x.numel() - 1, x.numel()])
+    names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual"]
+    return ca.Function("step", [q, p, u, c, t, h], [q1, p1, worst], *names)
+
+
+@per_system
+def scale_function(system: System) -> ca.Function:
+    """(q, p, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the start of a step.
+
+    A coordinate at rest is measured against the moving ones by its energy: v² M and p²/M compare metres with radians,
+    where v with v and p with p would not. The sizes only decide when Newton's method stops, so their derivatives are
+    defined to be zero.
+    """
+    n = system.structure.n
+    q, p = ca.MX.sym("q", n), ca.MX.sym("p", n)
+    t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("c", system.c.numel())
+    velocity, point = velocity_function(system), point_function(system)
+    v = velocity(q, p, t, c)
+    gain = [ca.plus(*point(q, v, 0, at, c)[2:]) for at in (t, t + h)]  # a push may begin with zero
+    push = ca.fmax(*(ca.fabs(h * x) for x in gain))
+    v_size = ca.fabs(v) + ca.fabs(velocity(q, p + h * gain[0], t, c) - v)
+    mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.fabs(system.mass_matrix)])(q, v, t, c)
+    p_size = ca.fabs(p) + push + ca.mtimes(mass, v_size)
+    inertia = ca.diag(mass)
+    inertia = ca.if_else(inertia > 0, inertia, ca.norm_inf(p_size) / ca.fmax(ca.norm_inf(v_size), UNKNOWN))
+    least = SMALLEST * ca.norm_inf(v_size * ca.sqrt(inertia))
+    v_scale = ca.fmax(v_size, least / ca.sqrt(ca.fmax(inertia, UNKNOWN)))
+    sizes = [ca.fmax(x, UNKNOWN) for x in (v_scale, ca.fmax(p_size, least * ca.sqrt(inertia)))]
+    options = {"is_diff_out": [False], "never_inline": True}
+    return ca.Function("scale", [q, p, t, h, c], [ca.vertcat(*sizes)], options)
+
+
+SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
+UNKNOWN = 1e-100  # size of what is at rest with nothing to push it: below all units, so that Newton's method iterates on
+
+
+@per_system
+def action_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
+    stepper, one = plan(system, rule).build(system, rule), interval(system, rule)
+    inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), _sizes(one), strict=True)]
+    q, p, u, c, t, h = inputs
+    x = stepper.start(q, p, u, t, h, c)
+    increments = stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))
+    value = ca.substitute(one.action, one.lam, 0 * one.lam)  # λ·g = 0 along the path
+    action = ca.Function("action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [value], {"cse": True})
+    return ca.Function("action", inputs, [action(q, increments, u, c, t, h)])
+
+
+def _sizes(one: Interval) -> list[int]:
+    return [one.q0.numel(), one.q0.numel(), one.u.numel(), one.c.numel(), 1, 1]

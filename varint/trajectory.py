@@ -1,0 +1,321 @@
+"""The one result: what simulation, least action and optimal control return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.errors import InputError
+from varint.legendre import velocity_function
+from varint.manifold import Phase, every_row_function, multipliers_along
+from varint.polynomials import lagrange_values
+from varint.rules import Rule
+from varint.system import System
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class State(NamedTuple):
+    """One instant of a trajectory: t, and q, v, p of shape (n,)."""
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    p: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """A motion at its nodes; arrays have time first.
+
+    Attributes
+    ----------
+    system, rule : System, Rule
+        What moved, and by which discretisation.
+    t : ndarray (N + 1,)
+        Times of the nodes.
+    q, p : ndarray (N + 1, n)
+        Coordinates and momenta ∂L/∂v.
+    h : float
+        Step size; nodes may be several steps apart (`k`).
+    k : ndarray of int (N + 1,)
+        Number of whole steps before each node.
+    u : ndarray (steps, r, controls)
+        Controls of every step at the rule's nodes; r = 1 where they are constant on a step.
+    c : ndarray
+        Parameter values, in the order of ``system.c``.
+    functions : callable
+        () → (step function, action function) of the system and rule, built when first needed; (scene) → those of a
+        scene that moves in one of the phases.
+    phases : tuple of Phase
+        Which rows and contacts held at one time or another; empty where all constraints held all the time.
+    phase : ndarray of int (N + 1,)
+        Index of the phase that begins or goes on at each node.
+    events : tuple of Event
+        What happened on the way, in order of time.
+    stats : mapping
+        Plan, worst residual, iterations, timings.
+    """
+
+    system: System
+    rule: Rule
+    t: np.ndarray
+    q: np.ndarray
+    p: np.ndarray
+    h: float
+    k: np.ndarray
+    u: np.ndarray
+    c: np.ndarray
+    functions: Callable[..., tuple[ca.Function, ca.Function]]
+    phases: tuple[Phase, ...] = ()
+    phase: np.ndarray | None = None
+    events: tuple = ()
+    stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
+        return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
+
+    def __getitem__(self, index: int | slice) -> Any:
+        """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
+        if isinstance(index, slice):
+            return replace(
+                self,
+                t=self.t[index],
+                q=self.q[index],
+                p=self.p[index],
+                k=self.k[index],
+                phase=None if self.phase is None else self.phase[index],
+            )
+        return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
+
+    @cached_property
+    def v(self) -> np.ndarray:
+        """Velocities (N + 1, n), from the momenta by the inverse Legendre transform."""
+        v = np.empty_like(self.q)
+        for nodes, phase in self._phases():
+            velocity = velocity_function(phase.scene(self.system))
+            v[nodes] = over_columns(velocity, self.q[nodes], self.p[nodes], self.t[nodes, None], self.c)[0]
+        return v
+
+    def _phases(self) -> list[tuple[np.ndarray, Phase]]:
+        """Nodes of each phase, and the phase."""
+        if self.phase is None:
+            return [(np.arange(len(self)), Phase(tuple(range(self.system.structure.constraints))))]
+        return [(np.flatnonzero(self.phase == i), self.phases[i]) for i in np.unique(self.phase)]
+
+    @cached_property
+    def multipliers(self) -> np.ndarray:
+        """Physical multipliers λ at every node, (N + 1, m): constraints, then non-holonomic rows, then contacts.
+
+        They follow from q and v at the node by the twice differentiated constraints, so they have the order of q and v
+        (Hairer & Wanner II, VII.1: the index-1 relation). Contacts that do not touch have λ = 0.
+        """
+        rows = self.system.structure
+        lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
+        u = self._u_at_nodes()
+        for nodes, phase in self._phases():
+            args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
+            lam[nodes] = multipliers_along(self.system, phase, *args)
+        return lam
+
+    @cached_property
+    def reaction_forces(self) -> np.ndarray:
+        """Forces Wᵀλ by which constraints and contacts hold the motion, in the coordinates q, (N + 1, n)."""
+        lam = self.multipliers
+        slope = over_columns(every_row_function(self.system), self.q, self.v, self.t[:, None], self.c)[1]
+        return np.einsum("ijk,ik->ij", slope.reshape(*self.q.shape, -1), lam)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first node to the last."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """Parameter values of this run by name."""
+        values, first = {}, 0
+        for name, default in self.system.defaults.items():
+            values[name] = self.c[first : first + default.size].reshape(default.shape, order="F")
+            first += default.size
+        return values
+
+    def value(self, expression: Any) -> np.ndarray:
+        """Value of any expression of q, v, t, the controls and the parameters at every node.
+
+        Parameters
+        ----------
+        expression : SX
+            Symbols are matched by name with the system's, so this works on loaded trajectories too.
+
+        Returns
+        -------
+        ndarray (N + 1,) or (N + 1, k) or (N + 1, k, l)
+            For a scalar, a column of k, a k × l matrix. Controls are those of the step that begins at the node (at the
+            last node: of the step that ends there).
+
+        Raises
+        ------
+        InputError
+            If the expression has symbols that the system does not know.
+        """
+        s = self.system
+        expression = _as_expression(expression, s)
+        f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
+        flat = over_columns(f, self.q, self.v, self.t[:, None], self._u_at_nodes(), self.c)[0]
+        rows, columns = expression.shape
+        if columns == 1:
+            return flat[:, 0] if rows == 1 else flat
+        return flat.reshape(len(self), columns, rows).transpose(0, 2, 1)
+
+    @cached_property
+    def energy(self) -> np.ndarray:
+        """Energy H = v·∂L/∂v − L at every node, (N + 1,)."""
+        return self.value(self.system.energy)
+
+    @cached_property
+    def action(self) -> float:
+        """Discrete action Σ L_d over all steps of the trajectory."""
+        if len(self) < 2:
+            return 0.0
+        ahead = np.diff(self.t)
+        phase = None if self.phase is None else self.phase[:-1]
+        sums = 0.0
+        q, p = self.q[:-1].copy(), self.p[:-1].copy()
+        for scene, arguments in self._steps(q, p, self.t[:-1], self.k[:-1], ahead, phase):
+            sums += over_columns(self._functions(scene)[1], *arguments)[0].sum()
+        return float(sums)
+
+    def at(self, t: Any) -> Any:
+        """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
+
+        Parameters
+        ----------
+        t : float or array (k,)
+            Times within the trajectory.
+
+        Returns
+        -------
+        State or Trajectory
+            A `State` for a number, a `Trajectory` with nodes at the times for an array.
+
+        Raises
+        ------
+        InputError
+            If a time lies outside the trajectory.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
+        slack = ROUNDING * max(abs(low), abs(high), abs(self.h))
+        if not ((times >= low - slack) & (times <= high + slack)).all():
+            raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
+        direction = 1.0 if self.h > 0 else -1.0
+        node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
+        node = np.clip(node, 0, len(self) - 1)
+        ahead = times - self.t[node]
+        q, p = self.q[node], self.p[node]
+        phase = None if self.phase is None else self.phase[node]
+        for _ in self._steps(q, p, self.t[node], self.k[node], ahead, phase):
+            continue
+        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
+        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=())
+        return found[0] if np.ndim(t) == 0 else found
+
+    def _steps(self, q, p, t, k, ahead, phase):
+        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
+        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
+        phases = self.phases if phase is not None else (None,)
+        for j in range(int(whole.max(initial=0)) + 1):
+            left = ahead - j * self.h
+            going = left / self.h > ROUNDING
+            if not going.any():
+                return
+            for i, held in enumerate(phases):
+                active = going if phase is None else going & (phase == i)
+                if not active.any():
+                    continue
+                scene = self.system if held is None else held.scene(self.system)
+                size = np.where(j < whole, self.h, left)[active]
+                now, at = (t + j * self.h)[active], (k + j)[active]
+                u = self._step_controls(at, size / self.h)
+                arguments = q[active], p[active], u, self.c, now[:, None], size[:, None]
+                yield scene, arguments
+                q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
+
+    def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
+        return self.functions() if scene is self.system else self.functions(scene)
+
+    def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+        """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length."""
+        count, r = len(steps), len(self.rule.nodes)
+        if not self.system.structure.controls:
+            return np.empty((count, 0))
+        u = self.u[np.clip(steps, 0, len(self.u) - 1)]
+        if u.shape[1] == 1:
+            return np.repeat(u, r, axis=1).reshape(count, -1)
+        nodes = np.array(self.rule.nodes)
+        short = fraction < 1 - ROUNDING
+        tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
+        u = u.copy()
+        u[short] = tables @ u[short]
+        return u.reshape(count, -1)
+
+    def _u_at_nodes(self) -> np.ndarray:
+        controls = self.system.structure.controls
+        if not controls:
+            return np.empty((len(self), 0))
+        last = self.k >= len(self.u)
+        u = self.u[np.minimum(self.k, len(self.u) - 1)]
+        if u.shape[1] == 1:
+            return u[:, 0]
+        ends = lagrange_values(np.array(self.rule.nodes), np.array([0.0, 1.0]))
+        return np.einsum("ki,kij->kj", ends[last.astype(int)], u)
+
+    def plot(self, *expressions: Any) -> Figure:
+        """Figure of coordinates, phase portrait and energy error; or of the given expressions over time."""
+        from varint.plot import trajectory_figure
+
+        return trajectory_figure(self, *expressions)
+
+    def save(self, path: Any) -> None:
+        """Write everything to one compressed ``.npz`` file without pickle; `varint.load` reads it."""
+        from varint.archive import save
+
+        save(self, path)
+
+    def to_xarray(self) -> Any:
+        """The trajectory as an `xarray.Dataset` with named coordinates (needs the extra ``xarray``)."""
+        from varint.archive import to_xarray
+
+        return to_xarray(self)
+
+
+ROUNDING = 1e-9  # of a step: a time this close to a node is the node
+
+
+def _as_expression(expression: Any, system: System) -> ca.SX:
+    """The expression in the system's own symbols, matched by name."""
+    if isinstance(expression, ca.MX):
+        raise InputError("the expression is an MX; write it with the system's SX symbols")
+    try:
+        expression = ca.SX(expression)
+    except (NotImplementedError, TypeError, RuntimeError):
+        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
+    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
+    used = ca.symvar(expression)
+    unknown = sorted(x.name() for x in used if x.name() not in own)
+    if unknown:
+        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
+    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
+    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))
