@@ -37,6 +37,13 @@ def interpolatory_weights(nodes: list[Decimal]) -> tuple[float, ...]:
         return tuple(float(_value(_derivative(p, -1), Decimal(1))) for p in _lagrange(nodes))
 
 
+def lagrange_integrals(nodes: list[Decimal], at: list[Decimal]) -> list[list[Decimal]]:
+    """∫ ℓ_j from 0 to x_i of the Lagrange polynomials through the nodes, not rounded to double."""
+    with localcontext(PRECISE):
+        integrals = [_derivative(p, -1) for p in _lagrange(nodes)]
+        return [[_value(p, x) for p in integrals] for x in at]
+
+
 def rounded(nodes: list[Decimal]) -> tuple[float, ...]:
     """The nodes as doubles; `lagrange_table` goes on using their 50-digit values."""
     _EXACT.update({float(x): x for x in nodes})

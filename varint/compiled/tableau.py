@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from varint.rules import DIGITS, _derived, _gauss_nodes, _horner, _lagrange
+from varint.polynomials import PRECISE, gauss_nodes, lagrange_integrals
 
 Matrix = list[list[Decimal]]
 EXTRA_DEGREE = 4  # of the start polynomial fitted to two steps, over s − 1; more only amplifies what is not smooth
@@ -22,12 +22,9 @@ EXTRA_DEGREE = 4  # of the start polynomial fitted to two steps, over s − 1; m
 @lru_cache(maxsize=64)
 def gauss_tableau(stages: int, padded: int) -> dict[str, np.ndarray]:
     """The constants by their names in gauss.c; matrices as columns of `padded` lanes, (columns, padded)."""
-    with localcontext() as context:
-        context.prec = DIGITS
-        c = _gauss_nodes(stages)
-        integrals = [_derived(p, -1) for p in _lagrange(c)]
-        a = [[_horner(p, x) for p in integrals] for x in c]
-        b = [_horner(p, Decimal(1)) for p in integrals]
+    with localcontext(PRECISE):
+        c = gauss_nodes(stages)
+        *a, b = lagrange_integrals(c, [*c, Decimal(1)])
         m1 = _over(a, b)
         m2 = _over(_times(a, a), b)
         one = _weighted(_continuation(c, c, stages - 1), b)
