@@ -12,6 +12,7 @@ from varint.noether.search import Pairs
 from varint.system import System
 
 AXES = "xyz"
+ALIKE = 1e-9  # relative: coefficients this close are the same
 
 
 @dataclass(frozen=True)
@@ -107,26 +108,24 @@ def _along(system: System, vector: ca.SX, what: str) -> str | None:
         return f"{what} of {_listed(system, vector)}"
     direction = {a: part[0] for a, part in parts.items() if part and not part[0].is_zero()}
     if len(direction) == 1:
-        return f"{what} along {next(iter(direction))}"
+        axis = next(iter(direction))
+        return f"{what} along {axis if len(moving) > 1 else system.names[moving[0][axis]]}"
     return f"{what} along ({', '.join(str(direction.get(a, 0)) for a in bodies.axes)})"
 
 
 def _rotation(system: System, slope: ca.SX, shift: ca.SX) -> str | None:
     """Name of a rotation of all particles alike, of some, or of two coordinates into each other."""
-    entries = {(i, j): slope[i, j] for i, j in zip(*slope.sparsity().get_triplet(), strict=True)}
-    entries = {k: x for k, x in entries.items() if not x.is_zero()}
-    if not all(x.is_constant() for x in entries.values()):
-        return None
-    if any(abs(float(x) + float(entries.get((j, i), 0))) > 0 for (i, j), x in entries.items()):
+    entries = _entries(system, slope)
+    if any(abs(x + entries.get((j, i), 0.0)) > ALIKE * abs(x) for (i, j), x in entries.items()):
         return None
     bodies = particles(system.names)
     turned = [p for p in bodies.index if any(i in p.values() for i, _ in entries)]
     spins = [
-        tuple(float(entries.get((p.get(b, -1), p.get(a, -1)), 0)) for a, b in (("y", "z"), ("z", "x"), ("x", "y")))
+        tuple(entries.get((p.get(b, -1), p.get(a, -1)), 0.0) for a, b in (("y", "z"), ("z", "x"), ("x", "y")))
         for p in turned
     ]
     inside = sum(np.count_nonzero(s) for s in spins) * 2 == len(entries)
-    if not inside or len(set(spins)) != 1:
+    if not inside or np.ptp(spins, axis=0).max() > ALIKE * np.abs(spins).max():
         return _turn_of_coordinates(system, entries)
     axis = spins[0]
     single = np.count_nonzero(axis) == 1
@@ -137,6 +136,13 @@ def _rotation(system: System, slope: ca.SX, shift: ca.SX) -> str | None:
         centre = _centre(slope, shift, turned[0], bodies.axes)
         about += f" through {centre}" if centre else " with a shift"
     return f"rotation about {about}"
+
+
+def _entries(system: System, matrix: ca.SX) -> dict[tuple[int, int], float]:
+    """Entries that are not zero, at random values of the parameters."""
+    c = np.random.default_rng(0).uniform(0.5, 1.5, system.c.numel())
+    values = np.array(ca.Function("entries", [system.c], [ca.densify(matrix)])(c))
+    return {(int(i), int(j)): float(values[i, j]) for i, j in np.argwhere(values)}
 
 
 def _turn_of_coordinates(system: System, entries: dict) -> str | None:

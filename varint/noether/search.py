@@ -22,6 +22,7 @@ from varint.system import System, per_system
 
 NULL = 1e-9  # singular values below this part of the largest one count as zero …
 GAP = 30.0  # … and the next one must be larger by this factor
+ABSENT = 1e-11  # a column this small, relative to the largest, is one of zeros
 SURPLUS = 1.2  # equations per unknown
 LEAST = 12  # points more than needed
 
@@ -142,7 +143,8 @@ def _variation(groups, points: Points, values: list[np.ndarray], basis: np.ndarr
 
 def _kernel(rows: np.ndarray, scaled: bool = True) -> np.ndarray | None:
     """Null space of a tall matrix, columns; None where no gap tells zero from non-zero singular values."""
-    size = _nonzero(np.sqrt((rows**2).mean(axis=0))) if scaled else np.ones(rows.shape[1])
+    size = np.sqrt((rows**2).mean(axis=0)) if scaled else np.ones(rows.shape[1])
+    size = np.where(size > ABSENT * size.max(initial=0.0), size, 1.0)  # rounding errors of zeros stay small
     triangle = np.linalg.qr(rows / size, mode="r")
     _, values, vectors = np.linalg.svd(triangle)
     scale = max(values[0], 1.0)

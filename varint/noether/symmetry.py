@@ -81,7 +81,8 @@ class Symmetry:
         """J in momenta, ``x p_y - y p_x``."""
         parts = zip(ca.vertsplit(ca.densify(self.xi)), self.system.names, strict=True)
         terms = _sum([(self.tau, "H"), *((part, f"p_{name}") for part, name in parts)])
-        return terms if self.gauge.is_zero() else f"{terms} - {_plain(self.gauge)}"
+        sign, gauge = _signed(-self.gauge)
+        return terms if self.gauge.is_zero() else f"{terms} {sign} {_plain(gauge)}"
 
     @property
     def kept(self) -> str:
@@ -138,10 +139,15 @@ def _sum(terms: list[tuple[ca.SX, str]]) -> str:
     for factor, symbol in terms:
         if factor.is_zero():
             continue
-        sign, factor = ("-", -factor) if str(factor).lstrip("(").startswith("-") else ("+", factor)
+        sign, factor = _signed(factor)
         texts.append((sign, symbol if factor.is_one() else f"{_plain(factor)} {symbol}"))
     text = " ".join(f"{sign} {term}" for sign, term in texts)
     return text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith("- ") else text.removeprefix("+ ") or "0"
+
+
+def _signed(factor: ca.SX) -> tuple[str, ca.SX]:
+    """Sign and rest, whichever way reads shorter."""
+    return ("-", -factor) if len(str(-factor)) < len(str(factor)) else ("+", factor)
 
 
 def _plain(expression: ca.SX) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete import Interval, interval, point_function, velocity_function
+from varint.discrete import Interval, interval, point_function
+from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.system import System, per_system
@@ -85,18 +86,29 @@ SMALLEST = 1e-6  # a coordinate at rest is measured against the moving ones
 
 
 @per_system
-def action_function(system: System, rule: Rule) -> ca.Function:
-    """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
-    stepper, one = plan(system, rule).build(system, rule), interval(system, rule)
-    inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), _sizes(one), strict=True)]
+def path_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, params, t, h) → increments Q_j − q0 of the control points of the step that starts there."""
+    stepper = plan(system, rule).build(system, rule)
+    sizes = (system.structure.n, system.structure.n, system.structure.controls * len(rule.nodes), system.c.numel(), 1, 1)
+    inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), sizes, strict=True)]
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
-    increments = stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))
-    action = ca.Function(
-        "action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [one.action], {"cse": True}
+    return ca.Function("path", inputs, [stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))])
+
+
+@per_system
+def action_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
+    one = interval(system, rule)
+    return along_step(system, rule, one, [one.action])
+
+
+def along_step(system: System, rule: Rule, one: Interval, outputs: list[ca.SX]) -> ca.Function:
+    """(q0, p0, u, params, t, h) → expressions of the step's interval, along the step that starts there."""
+    path = path_function(system, rule)
+    inputs = [ca.MX.sym(path.name_in(i), path.numel_in(i)) for i in range(path.n_in())]
+    q, p, u, c, t, h = inputs
+    values = ca.Function(
+        "along", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], outputs, {"cse": True}
     )
-    return ca.Function("action", inputs, [action(q, increments, u, c, t, h)])
-
-
-def _sizes(one: Interval) -> list[int]:
-    return [one.q0.numel(), one.q0.numel(), one.u.numel(), one.c.numel(), 1, 1]
+    return ca.Function("along_step", inputs, ca.Function.call(values, [q, path(*inputs), u, c, t, h]))
