@@ -21,6 +21,9 @@ from varint.system import System
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from varint.diagnostics.momentum import Conserved, MomentumMap
+    from varint.noether import Symmetry
+
 
 class State(NamedTuple):
     """One instant of a trajectory: t, and q, v, p of shape (n,)."""
@@ -152,15 +155,43 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
-        if len(self) < 2:
-            return 0.0
-        _, action = self.functions()
-        ahead = np.diff(self.t)
-        sums = 0.0
-        for q, p, t, k, size in self._steps(self.q[:-1].copy(), self.p[:-1].copy(), self.t[:-1], self.k[:-1], ahead):
-            u = self._step_controls(k, size / self.h)
-            sums += over_columns(action, q, p, u, self.c, t[:, None], size[:, None])[0].sum()
-        return float(sums)
+        return float(self.sums(lambda scene: self.functions()[1]).sum())
+
+    def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
+        """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
+        total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
+        q, p = self.q[:-1].copy(), self.p[:-1].copy()
+        for active, scene, arguments in self._steps(q, p, self.t[:-1], self.k[:-1], np.diff(self.t)):
+            total[active] += over_columns(integrand(scene), *arguments)[0]
+        return total
+
+    def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
+        """The conserved quantity J of a symmetry along the motion: values, drift, slope, and the balance with forces.
+
+        Parameters
+        ----------
+        symmetry : Symmetry
+            From `symmetries` or `noether`, of this trajectory's system.
+
+        Returns
+        -------
+        MomentumMap
+            With forces also the change that they must cause, J_N − J_0 = Σ (f⁻·ξ(q_k) + f⁺·ξ(q_{k+1})).
+
+        Raises
+        ------
+        InputError
+            If the symmetry is one of another system, or of other parameter values.
+        """
+        from varint.diagnostics.momentum import momentum_map
+
+        return momentum_map(self, symmetry)
+
+    def conserved(self) -> Conserved:
+        """Every symmetry of the Lagrangian at this run's parameter values, with its quantity's drift and slope."""
+        from varint.diagnostics.momentum import conserved
+
+        return conserved(self)
 
     def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
@@ -197,7 +228,7 @@ class Trajectory:
         return found[0] if np.ndim(t) == 0 else found
 
     def _steps(self, q, p, t, k, ahead):
-        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's starts."""
+        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
         step, _ = self.functions()
         whole = np.floor(ahead / self.h + ROUNDING).astype(int)
         for j in range(int(whole.max(initial=0)) + 1):
@@ -207,9 +238,10 @@ class Trajectory:
                 return
             size = np.where(j < whole, self.h, left)[active]
             now, at = (t + j * self.h)[active], (k + j)[active]
-            yield q[active], p[active], now, at, size
             u = self._step_controls(at, size / self.h)
-            q1, p1, _ = over_columns(step, q[active], p[active], u, self.c, now[:, None], size[:, None])
+            arguments = q[active], p[active], u, self.c, now[:, None], size[:, None]
+            yield active, self.system, arguments
+            q1, p1, _ = over_columns(step, *arguments)
             q[active], p[active] = q1, p1
 
     def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
