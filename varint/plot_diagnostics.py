@@ -28,14 +28,17 @@ def momentum_maps_figure(maps: list[MomentumMap]) -> Figure:
     error = axes[0, -1]
     for m, colour in zip(maps, cycle(COLOURS), strict=False):
         keep = np.unique(np.linspace(0, len(m.t) - 1, min(len(m.t), MOST_POINTS)).astype(int))
-        error.semilogy(m.t[keep], np.maximum(np.abs(m.error[keep]), SMALLEST), color=colour, lw=0.8, label=m.symmetry.name)
+        so_far = np.maximum.accumulate(np.abs(m.error))[keep]
+        error.semilogy(m.t[keep], np.maximum(so_far, SMALLEST), color=colour, lw=1.2, label=m.symmetry.name)
         if single:
             axes[0, 0].plot(m.t[keep], m.values[keep], color=colour, lw=1.2, label="actual")
             if m.expected is not None and not m.symmetry.conserved:
                 axes[0, 0].plot(m.t[keep], m.expected[keep], color=COLOURS[-1], lw=1.0, ls="--", label="expected")
                 axes[0, 0].legend(fontsize="small")
             _dress(axes[0, 0], "time $t$", "$J$", m.symmetry.name)
-    _dress(error, "time $t$", "deviation / size of terms", f"Momentum maps, {maps[0].rule}" if maps else "")
+    _dress(
+        error, "time $t$", "largest deviation so far / size of terms", f"Momentum maps, {maps[0].rule}" if maps else ""
+    )
     if not single and maps:
         error.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1, 0.5))
     return fig
@@ -113,5 +116,10 @@ def work_precision_figure(result: WorkPrecision) -> Figure:
 
 
 def _dress(axes: Axes, x: str, y: str, title: str) -> None:
+    from matplotlib.ticker import NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log" and np.ptp(np.log10(axis.get_view_interval())) > 1:
+            axis.set_minor_formatter(NullFormatter())
     axes.set(xlabel=x, ylabel=y, title=title)
     axes.grid(alpha=0.3)

@@ -146,7 +146,9 @@ def _error(start: Scene, duration: float, steps: int, q: np.ndarray, p: np.ndarr
         found_q, found_p, _ = march(start, duration / steps, steps)
     except ConvergenceError:
         return float("nan"), float("nan")
-    sizes = [max(np.abs(x).max(), EPS) for x in (np.concatenate([found_q, q[None]]), np.concatenate([found_p, p[None]]))]
+    sizes = [
+        max(np.abs(x).max(), EPS) for x in (np.concatenate([found_q, q[None]]), np.concatenate([found_p, p[None]]))
+    ]
     return float(np.abs(found_q[-1] - q).max() / sizes[0]), float(np.abs(found_p[-1] - p).max() / sizes[1])
 
 

@@ -223,10 +223,14 @@ def _there_and_back(start: Scene, h: float, levels: np.ndarray, q0: np.ndarray, 
     size = (np.abs(p) * np.abs(np.gradient(q, t, axis=0))).sum(axis=1).max()
     state, ends = [], []
     for k in levels:
-        back_q, back_p, _ = march(start, h if flip else -h, int(k), q[k], -p[k] if flip else p[k], start.t if flip else t[k])
+        back_q, back_p, _ = march(
+            start, h if flip else -h, int(k), q[k], -p[k] if flip else p[k], start.t if flip else t[k]
+        )
         end = back_q[-1], (-back_p[-1] if flip else back_p[-1])
         ends.append(end)
-        state.append(max(np.abs(end[0] - q0).max() / max(size_q, EPS), np.abs(end[1] - start.p).max() / max(size_p, EPS)))
+        state.append(
+            max(np.abs(end[0] - q0).max() / max(size_q, EPS), np.abs(end[1] - start.p).max() / max(size_p, EPS))
+        )
     at = np.array([q0, *(x for x, _ in ends)]), np.array([start.p, *(x for _, x in ends)])
     h_values = start.energy(*at, np.full(len(ends) + 1, start.t))
     return np.array(state), np.abs(h_values[1:] - h_values[0]) / max(size, np.abs(h_values).max(), EPS)

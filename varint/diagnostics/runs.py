@@ -12,8 +12,8 @@ import numpy as np
 
 from varint.arrays import LARGEST_BLOCK, blocks, call
 from varint.discrete import point_function
-from varint.legendre import velocity_function
 from varint.errors import InputError
+from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import plan
@@ -67,7 +67,12 @@ class Scene:
     def energy(self, q: np.ndarray, p: np.ndarray, t: np.ndarray) -> np.ndarray:
         """H at states (N, n)."""
         s = self.system
-        x, y, time, c = ca.MX.sym("q", len(self.q)), ca.MX.sym("p", len(self.q)), ca.MX.sym("t"), ca.MX.sym("c", self.c.size)
+        x, y, time, c = (
+            ca.MX.sym("q", len(self.q)),
+            ca.MX.sym("p", len(self.q)),
+            ca.MX.sym("t"),
+            ca.MX.sym("c", self.c.size),
+        )
         v = velocity_function(s)(x, y, time, c)
         value = ca.dot(v, y) - point_function(s)(x, v, 0, time, c)[0]
         f = ca.Function("energy", [x, y, time, c], [value])
@@ -102,8 +107,10 @@ def scene(
 def _check_signature(step: ca.Function, system: System) -> None:
     n = system.structure.n
     sizes = (n, n, None, system.c.numel(), 1, 1)
-    if step.n_in() != 6 or step.n_out() < 2 or any(
-        size is not None and step.numel_in(i) != size for i, size in enumerate(sizes)
+    if (
+        step.n_in() != 6
+        or step.n_out() < 2
+        or any(size is not None and step.numel_in(i) != size for i, size in enumerate(sizes))
     ):
         raise InputError(
             f"{step} is no step function of this system: it must map q0 ({n}), p0 ({n}), u, params "
@@ -129,7 +136,9 @@ def march(scene: Scene, h: float, steps: int, q: Any = None, p: Any = None, t: f
     n, x, states, k = len(q), np.concatenate([q, p]), [np.concatenate([q, p])[None]], 0
     for count in blocks(steps, LARGEST_BLOCK // 10):
         rolled = _rolled(scene.method, count)
-        found = call(rolled, x, np.tile(scene.controls, count), np.tile(scene.c, count), times[k : k + count], np.full(count, h))
+        found = call(
+            rolled, x, np.tile(scene.controls, count), np.tile(scene.c, count), times[k : k + count], np.full(count, h)
+        )
         states.append(found[0].reshape(count, 2 * n))
         x, k = states[-1][-1].copy(), k + count
     path = np.concatenate(states)

@@ -211,7 +211,9 @@ def reversibility_defect(
     size = np.abs(q).max(), np.abs(p).max()
     error = max(_relative(back_q - start.q, size[0]), _relative(back_p - start.p, size[1]))
     nudge = PROBE * np.where(np.abs(start.q) > 0, start.q, size[0])
-    near_q, near_p, _ = march(start, h, steps, start.q + nudge, start.p) if not system.structure.constraints else (q, p, t)
+    near_q, near_p, _ = (
+        march(start, h, steps, start.q + nudge, start.p) if not system.structure.constraints else (q, p, t)
+    )
     apart = max(_relative(near_q[-1] - q[-1], size[0]), _relative(near_p[-1] - p[-1], size[1]))
     growth = max(1.0, apart / PROBE)
     limit = MARGIN * EPS * steps * growth
@@ -223,7 +225,11 @@ def is_even(system: System) -> bool:
     s = system.structure
     if not s.autonomous or s.forced:
         return False
-    at = ca.Function("odd", [system.q, system.v, system.c], [system.lagrangian, ca.substitute(system.lagrangian, system.v, -system.v)])
+    at = ca.Function(
+        "odd",
+        [system.q, system.v, system.c],
+        [system.lagrangian, ca.substitute(system.lagrangian, system.v, -system.v)],
+    )
     rng = np.random.default_rng(0)
     q, v = rng.uniform(0.1, 1.0, (2, s.n, 20))
     c = np.tile(system.default_vector[:, None], (1, 20))

@@ -12,12 +12,12 @@ import numpy as np
 from varint.noether.independent import listed
 from varint.noether.naming import particles
 from varint.noether.sampling import Region, random_parameters, sampled
-from varint.noether.search import Pairs, euler_function, euler_rows, null_space
+from varint.noether.search import Pairs, euler_function, euler_rows, gauge_rows, null_space
 
 SMALL = 1e-7  # coefficients below it are rounding errors of the null space
-CLOSE = 1e-8  # coefficients this close to a simple number are that number; the result is verified afterwards
-LARGEST_DENOMINATOR = 1000
-HOLDS = 1e-9  # residual, relative to its terms, of a generator that is a symmetry
+SIMPLE = ((6, 1e-7), (1000, 1e-9))  # denominators, and how close to such a fraction a coefficient is that fraction
+CLOSE = 1e-8  # values this close are the same; what is made of them is verified afterwards
+HOLDS = 1e-7  # residual, relative to its terms, of a generator that is a symmetry; verified more sharply afterwards
 MOST_PARAMETERS = 30  # one null space is needed for each when coefficients depend on them
 
 
@@ -49,9 +49,9 @@ def generators(region: Region, groups: Sequence[Pairs], rng: np.random.Generator
     fixed = region.c is not None or not s.c.numel()
     values = region.c[None] if region.c is not None else random_parameters(s, rng, s.c.numel() + 4)
     here = Region(s, values[0], region.near)
-    rows, pivots = reduced(null_space(here, groups, rng), order)
+    rows, pivots = reduced(*null_space(here, groups, rng), order)
     turns, kept, dependent = listed(here, groups, rows, particles(s.names), rng)
-    found = [[simple(x) for x in row] for row in turns]
+    found: list[list] = [[simple(x) for x in row] for row in turns]
     constant = np.ones(len(kept), dtype=bool) if fixed else _hold_everywhere(region, groups, rows[kept], rng)
     found += [[simple(x) for x in row] for row in rows[kept[constant]]]
     varying = kept[~constant]
@@ -59,7 +59,7 @@ def generators(region: Region, groups: Sequence[Pairs], rng: np.random.Generator
         return Found(found, dependent, len(varying))
     tables = [rows]
     for c in values[1:]:
-        more, at = reduced(null_space(Region(s, c, region.near), groups, rng), order)
+        more, at = reduced(*null_space(Region(s, c, region.near), groups, rng), order)
         if at != pivots:
             return Found(found, dependent, len(varying))
         tables.append(more)
@@ -81,8 +81,11 @@ def _order(n: int, groups: Sequence[Pairs]) -> list[int]:
     return [0, *sorted(range(1, first), key=rank), *range(first, first + 2 * n)]
 
 
-def reduced(basis: np.ndarray, order: list[int]) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Reduced echelon form of the basis (columns), as rows, with pivots taken in the given order of columns."""
+def reduced(basis: np.ndarray, size: np.ndarray, order: list[int]) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Reduced echelon form of size · basis (columns), as rows, with pivots taken in the given order of columns.
+
+    Elimination and the removal of rounding errors are done on the basis, whose entries are of like size.
+    """
     rows = basis.T.copy()
     pivots: list[int] = []
     for column in order:
@@ -90,21 +93,25 @@ def reduced(basis: np.ndarray, order: list[int]) -> tuple[np.ndarray, tuple[int,
         if k == len(rows):
             break
         best = k + int(np.argmax(np.abs(rows[k:, column])))
-        if abs(rows[best, column]) < SMALL:
+        if abs(rows[best, column]) < SMALL * np.abs(rows[best]).max():
             continue
         rows[[k, best]] = rows[[best, k]]
         rows[k] /= rows[k, column]
         others = np.arange(len(rows)) != k
         rows[others] -= np.outer(rows[others, column], rows[k])
         pivots.append(column)
-    rows[np.abs(rows) < SMALL] = 0.0
-    return rows, tuple(pivots)
+    rows[np.abs(rows) < SMALL * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)] = 0.0
+    units = size[pivots][:, None] if pivots else 1.0
+    return rows * size / units, tuple(pivots)
 
 
 def simple(x: float) -> float:
-    """x, or the simple fraction that it is up to rounding."""
-    fraction = Fraction(float(x)).limit_denominator(LARGEST_DENOMINATOR)
-    return float(fraction) if abs(float(fraction) - x) <= CLOSE * max(1.0, abs(x)) else float(x)
+    """x, or the simple fraction that it is up to rounding: the simpler, the more rounding is allowed."""
+    for denominator, close in SIMPLE:
+        fraction = float(Fraction(float(x)).limit_denominator(denominator))
+        if abs(fraction - x) <= close * max(1.0, abs(x)):
+            return fraction
+    return float(x)
 
 
 def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float | None:
@@ -131,7 +138,11 @@ def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float |
 
 
 def _hold_everywhere(region: Region, groups: Sequence[Pairs], rows: np.ndarray, rng) -> np.ndarray:
-    """Which rows solve the Euler–Lagrange condition at points with parameter values of their own."""
+    """Which rows are symmetries with a gauge term as wanted at points with parameter values of their own."""
     points, values = sampled(region, euler_function(region.system), 20, rng)
     equations = euler_rows(groups, points, values)
-    return np.abs(equations @ rows.T).max(axis=0) <= HOLDS * 1e2 * np.abs(equations).max() * np.abs(rows).max(axis=1)
+    sizes = np.abs(equations) @ np.abs(rows.T)
+    left = np.abs(equations @ rows.T) / np.where(sizes > 0, sizes, 1.0)
+    scaled = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    gauge = np.abs(gauge_rows(region, groups, scaled.T, rng)).max(axis=0)
+    return (left.max(axis=0) <= HOLDS) & (gauge <= HOLDS)

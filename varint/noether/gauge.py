@@ -34,11 +34,13 @@ def quadratic_gauge(region: Region, xi: ca.SX, tau: ca.SX, rng: np.random.Genera
     k, k_t, curve, curve_t, rest, rest_t = taylor
     k, k_t = k - ca.mtimes(curve, q0), k_t - ca.mtimes(curve_t, q0)
     rest = rest - ca.dot(k_t, q0) - ca.dot(q0, ca.mtimes(curve_t, q0)) / 2
-    k, k_t, curve, curve_t, rest, rest_t = _tidied(region, [k, k_t, curve, curve_t, rest, rest_t], rng)
+    k, k_t, curve, curve_t = _tidied(region, [k, k_t, curve, curve_t], rng)
     q, t = s.q, s.t
-    linear = ca.dot(k + k_t * t, q)
-    quadratic = ca.dot(q, ca.mtimes(curve + curve_t * t, q)) / 2
-    return linear + quadratic + rest * t + rest_t * t**2 / 2
+    gauge = ca.dot(k + k_t * t, q) + ca.dot(q, ca.mtimes(curve + curve_t * t, q)) / 2
+    if residual(region, xi, tau, gauge, rng)[0] <= TOLERANCE:
+        return gauge
+    rest, rest_t = _tidied(region, [rest, rest_t], rng)
+    return gauge + rest * t + rest_t * t**2 / 2
 
 
 def _by_time(matrix: ca.SX, t: ca.SX) -> ca.SX:

@@ -15,7 +15,7 @@ from varint.noether.naming import Particles
 from varint.noether.sampling import Region, sampled
 from varint.noether.search import Pairs, euler_function
 
-SAME = 1e-8  # relative: a vector this close to a subspace lies in it
+SAME = 1e-6  # relative: a vector this close to the null space, which has rounding errors, lies in it
 
 
 def listed(

@@ -12,6 +12,7 @@ from varint.noether.search import Pairs
 from varint.system import System
 
 AXES = "xyz"
+AXIS_IN_NAME = r"(?P<axis>[xyz])_?(?P<rest>\d*|_\w+)|(?P<body>\w*?)_?(?P<last>[xyz])"
 ALIKE = 1e-9  # relative: coefficients this close are the same
 
 
@@ -30,7 +31,9 @@ def particles(names: tuple[str, ...]) -> Particles:
     """Particles by the names of their coordinates, as in x1, y1, x2, y2 or sun_x, sun_y; other names are left out."""
     found: dict[str, dict[str, int]] = {}
     for i, name in enumerate(names):
-        match = re.fullmatch(r"(?P<axis>[xyz])_?(?P<rest>\d*|_\w+)|(?P<body>\w*?)_?(?P<last>[xyz])", name, re.IGNORECASE)
+        match = re.fullmatch(
+            r"(?P<axis>[xyz])_?(?P<rest>\d*|_\w+)|(?P<body>\w*?)_?(?P<last>[xyz])", name, re.IGNORECASE
+        )
         if match:
             axis = (match["axis"] or match["last"]).lower()
             found.setdefault((match["rest"] or match["body"] or "").strip("_"), {})[axis] = i
@@ -129,13 +132,18 @@ def _rotation(system: System, slope: ca.SX, shift: ca.SX) -> str | None:
         return _turn_of_coordinates(system, entries)
     axis = spins[0]
     single = np.count_nonzero(axis) == 1
-    about = "xyz"[int(np.argmax(np.abs(axis)))] if single else f"({', '.join(f'{x:g}' for x in axis)})"
+    about = "xyz"[int(np.argmax(np.abs(axis)))] if single else _axis(slope, turned[0])
     if len(turned) < len(bodies.index):
         about += f" of {_listed(system, ca.sum2(ca.fabs(slope)))}"
     if not shift.is_zero():
         centre = _centre(slope, shift, turned[0], bodies.axes)
         about += f" through {centre}" if centre else " with a shift"
     return f"rotation about {about}"
+
+
+def _axis(slope: ca.SX, body: dict[str, int]) -> str:
+    parts = (slope[body[b], body[a]] for a, b in (("y", "z"), ("z", "x"), ("x", "y")))
+    return f"({', '.join(str(part) for part in parts)})"
 
 
 def _entries(system: System, matrix: ca.SX) -> dict[tuple[int, int], float]:

@@ -52,30 +52,55 @@ def slopes_function(system: System) -> ca.Function:
     return at_points(s, "slopes", [ca.gradient(s.lagrangian, s.q), s.momentum, ca.jacobian(s.lagrangian, s.t)])
 
 
-def null_space(region: Region, groups: Sequence[Pairs], rng: np.random.Generator) -> np.ndarray:
-    """Basis of the generators whose gauge term is at most quadratic in q, as columns; all at one set of parameters."""
-    basis = _euler_null_space(region, groups, rng)
-    return basis @ _quadratic_gauge(region, groups, basis, rng) if basis.shape[1] else basis
+def null_space(region: Region, groups: Sequence[Pairs], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Generators whose gauge term is at most quadratic in q, at one set of parameters: coefficients = size · basis.
+
+    Returns
+    -------
+    basis : ndarray (unknowns, r)
+        Columns, in units in which the unknowns are of like size.
+    size : ndarray (unknowns,)
+        Those units.
+    """
+    basis, size = _euler_null_space(region, groups, rng)
+    if basis.shape[1]:
+        basis = basis / np.linalg.norm(size[:, None] * basis, axis=0)
+        rows = gauge_rows(region, groups, size[:, None] * basis, rng)
+        _, values, vectors = np.linalg.svd(rows, full_matrices=False)
+        basis = basis @ vectors[values <= NULL].T
+    return basis, size
 
 
-def _euler_null_space(region: Region, groups: Sequence[Pairs], rng: np.random.Generator) -> np.ndarray:
+def _euler_null_space(region: Region, groups: Sequence[Pairs], rng: np.random.Generator):
     n, wanted = region.system.structure.n, unknowns(region.system, groups)
     rows = np.empty((0, wanted))
     for _ in range(3):
         count = int(np.ceil(SURPLUS * wanted / n)) + LEAST
         points, values = sampled(region, euler_function(region.system), count, rng)
-        rows = np.concatenate([rows, euler_rows(groups, points, values)])
-        basis = _kernel(rows)
-        if basis is not None:
-            return basis
+        if not len(rows):
+            size = units(groups, values[3].reshape(count, n, n))
+        new = euler_rows(groups, points, values) * size
+        new /= _nonzero(np.abs(new).max(axis=1, keepdims=True))
+        rows = np.concatenate([rows, new])
+        found = _kernel(rows)
+        if found is not None:
+            return found, size
     raise InputError(
         "the symmetries cannot be told from rounding errors: the Lagrangian's terms differ too much in size; choose "
         "units in which they are comparable, or check single generators with noether(system, xi)"
     )
 
 
+def units(groups: Sequence[Pairs], mass: np.ndarray) -> np.ndarray:
+    """Units of the unknowns in mass-weighted coordinates √M_ii q_i, where all of them are of like size."""
+    inertia = np.abs(np.einsum("sii->si", mass)).mean(axis=0)
+    weight = np.sqrt(np.where(inertia > 0, inertia, inertia.max(initial=0.0) or 1.0))
+    matrix = [weight[j[0]] / weight[i[0]] for i, j in groups]
+    return np.concatenate([[1.0], matrix, 1 / weight, 1 / weight])
+
+
 def euler_rows(groups: Sequence[Pairs], points: Points, values: list[np.ndarray]) -> np.ndarray:
-    """Equations of the unknowns (τ, A by groups, b, c), each scaled to its largest coefficient."""
+    """Equations of the unknowns (τ, A by groups, b, c), n at each point."""
     count, n = points.q.shape
     e, by_t = values[0], values[4]
     by_q, by_v, by_a = (x.reshape(count, n, n).transpose(0, 2, 1) for x in values[1:4])
@@ -89,15 +114,14 @@ def euler_rows(groups: Sequence[Pairs], points: Points, values: list[np.ndarray]
         table[:, j, column] += e[:, i]
     table[:, :, -2 * n : -n] = by_q
     table[:, :, -n:] = by_q * points.t[:, :, None] + by_v
-    rows = table.reshape(count * n, -1)
-    return rows / _nonzero(np.abs(rows).max(axis=1, keepdims=True))
+    return table.reshape(count * n, -1)
 
 
-def _quadratic_gauge(region: Region, groups: Sequence[Pairs], basis: np.ndarray, rng) -> np.ndarray:
-    """Combinations whose δL = dK/dt has K at most quadratic in q and linear in t (free terms: quadratic in t).
+def gauge_rows(region: Region, groups: Sequence[Pairs], basis: np.ndarray, rng) -> np.ndarray:
+    """What vanishes if δL = dK/dt has K at most quadratic in q and linear in t (free terms: quadratic in t).
 
     δL = ∂K/∂t + v·∂K/∂q is then quadratic in q and affine in t, and its part odd in v affine in q: higher differences
-    along random lines vanish.
+    along random lines vanish. One column a basis vector, relative to the terms of δL.
     """
     s = region.system
     count = 2 * basis.shape[1] + 20
@@ -114,10 +138,7 @@ def _quadratic_gauge(region: Region, groups: Sequence[Pairs], basis: np.ndarray,
             total, size = total + weight * change, size + abs(weight) * terms
         good = np.isfinite(total).all(axis=1) & np.isfinite(size)
         rows.append(total[good] / _nonzero(size[good])[:, None])
-    kernel = _kernel(np.concatenate(rows), scaled=False)
-    if kernel is None:
-        raise InputError("the gauge terms cannot be told from rounding errors; choose units of comparable size")
-    return kernel
+    return np.concatenate(rows)
 
 
 # weights, and how far along the line of q, of t, and the sign of v
@@ -141,18 +162,16 @@ def _variation(groups, points: Points, values: list[np.ndarray], basis: np.ndarr
     return table @ basis, np.abs(table).max(axis=1)
 
 
-def _kernel(rows: np.ndarray, scaled: bool = True) -> np.ndarray | None:
+def _kernel(rows: np.ndarray) -> np.ndarray | None:
     """Null space of a tall matrix, columns; None where no gap tells zero from non-zero singular values."""
-    size = np.sqrt((rows**2).mean(axis=0)) if scaled else np.ones(rows.shape[1])
+    size = np.sqrt((rows**2).mean(axis=0))
     size = np.where(size > ABSENT * size.max(initial=0.0), size, 1.0)  # rounding errors of zeros stay small
-    triangle = np.linalg.qr(rows / size, mode="r")
-    _, values, vectors = np.linalg.svd(triangle)
+    _, values, vectors = np.linalg.svd(np.linalg.qr(rows / size, mode="r"))
     scale = max(values[0], 1.0)
     small = values <= NULL * scale
     if values[~small].min(initial=np.inf) < GAP * NULL * scale:
         return None
-    kernel = vectors[small].T / size[:, None]
-    return kernel / np.linalg.norm(kernel, axis=0)
+    return vectors[small].T / size[:, None]
 
 
 def _nonzero(x: np.ndarray) -> np.ndarray:

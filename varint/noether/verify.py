@@ -12,6 +12,7 @@ from varint.system import System
 
 CHECKS = 40  # fresh random points
 TOLERANCE = 1e-9  # residual relative to the sum of its terms' absolute values; true symmetries leave 1e-16 to 1e-12
+LEAST_TERM = 1e-3  # of L: terms that should cancel inside ∂L/∂q leave rounding errors measured against it
 ON_SURFACE = 1e-12
 MOST_PROJECTIONS = 50
 
@@ -39,7 +40,9 @@ def residual(region: Region, xi: ca.SX, tau: ca.SX, gauge: ca.SX, rng) -> tuple[
         -ca.jacobian(gauge, s.t),
     ]
     parts = ca.vertcat(*terms)
-    return _worst(region, at_points(s, "symmetry", [ca.sum1(parts), ca.sum1(ca.fabs(parts))]), rng)
+    least = LEAST_TERM * ca.norm_inf(xi) * (ca.sum1(ca.fabs(s.momentum * s.v)) + ca.fabs(s.lagrangian))
+    size = ca.fmax(ca.sum1(ca.fabs(parts)), least)
+    return _worst(region, at_points(s, "symmetry", [ca.sum1(parts), size]), rng)
 
 
 def _worst(region: Region, function: ca.Function, rng) -> tuple[float, Points]:

@@ -89,7 +89,14 @@ SMALLEST = 1e-6  # a coordinate at rest is measured against the moving ones
 def path_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, params, t, h) → increments Q_j − q0 of the control points of the step that starts there."""
     stepper = plan(system, rule).build(system, rule)
-    sizes = (system.structure.n, system.structure.n, system.structure.controls * len(rule.nodes), system.c.numel(), 1, 1)
+    sizes = (
+        system.structure.n,
+        system.structure.n,
+        system.structure.controls * len(rule.nodes),
+        system.c.numel(),
+        1,
+        1,
+    )
     inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), sizes, strict=True)]
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
@@ -108,7 +115,5 @@ def along_step(system: System, rule: Rule, one: Interval, outputs: list[ca.SX]) 
     path = path_function(system, rule)
     inputs = [ca.MX.sym(path.name_in(i), path.numel_in(i)) for i in range(path.n_in())]
     q, p, u, c, t, h = inputs
-    values = ca.Function(
-        "along", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], outputs, {"cse": True}
-    )
+    values = ca.Function("along", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], outputs, {"cse": True})
     return ca.Function("along_step", inputs, ca.Function.call(values, [q, path(*inputs), u, c, t, h]))
