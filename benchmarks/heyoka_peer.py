@@ -34,10 +34,10 @@ def expressions(graph: Graph, inputs: list[list]) -> list[list]:
 
 def taylor(system: System, form: str, tol: float):
     """An adaptive Taylor integrator with q and v ("velocities") or q and p ("momenta") as its state."""
-    q, v, t, u = system.q, system.v, system.t, system.control
+    q, v = system.q, system.v
     n = q.numel()
     names = [f"x{i}" for i in range(2 * n)]
-    x = list(hy.make_vars(*names)) if n > 0 else []
+    x = list(hy.make_vars(*names))
     if form == "velocities":
         if system.structure.separable:
             right = acceleration(system)

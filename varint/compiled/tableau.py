@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from varint.polynomials import PRECISE, gauss_nodes, lagrange_integrals
+from varint.polynomials import PRECISE, derivative, gauss_nodes, lagrange_polynomials, value
 
 Matrix = list[list[Decimal]]
 EXTRA_DEGREE = 4  # of the start polynomial fitted to two steps, over s − 1; more only amplifies what is not smooth
@@ -24,7 +24,8 @@ def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
     """The constants by their names in gauss.c: vectors (1, s), matrices (s, s)."""
     with localcontext(PRECISE):
         c = gauss_nodes(stages)
-        *a, b = lagrange_integrals(c, [*c, Decimal(1)])
+        integrals = [derivative(p, -1) for p in lagrange_polynomials(c)]
+        *a, b = [[value(p, x) for p in integrals] for x in [*c, Decimal(1)]]
         m1 = _over(a, b)
         m2 = _over(_times(a, a), b)
         one = _weighted(_continuation(c, c, stages - 1), b)
