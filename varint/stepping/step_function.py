@@ -93,9 +93,8 @@ def action_function(system: System, rule: Rule) -> ca.Function:
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
     increments = stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))
-    action = ca.Function(
-        "action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [one.action], {"cse": True}
-    )
+    value = ca.substitute(one.action, one.lam, 0 * one.lam)  # λ·g = 0 along the path
+    action = ca.Function("action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [value], {"cse": True})
     return ca.Function("action", inputs, [action(q, increments, u, c, t, h)])
 
 
