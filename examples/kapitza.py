@@ -33,7 +33,7 @@ def main(out: Path = Path("out")) -> None:
     amplitudes = np.array([0.2, 0.1, 0.05, 0.025])
     for amplitude in amplitudes:
         Omega = 6.0 / amplitude
-        model = vi.models.kapitza_pendulum(theta0=np.pi - 0.01, amplitude=amplitude, Omega=Omega)
+        model = vi.models.kapitza_pendulum(theta0=np.pi - 1e-3, amplitude=amplitude, Omega=Omega)
         period = 2 * np.pi / Omega
         # one node per period of the drive: a pure rotation in (θ, p), whose angle is the slow phase
         strobe = vi.simulate(
