@@ -114,6 +114,6 @@ def along_step(system: System, rule: Rule, one: Interval, outputs: list[ca.SX]) 
     """(q0, p0, u, params, t, h) → expressions of the step's interval, along the step that starts there."""
     path = path_function(system, rule)
     inputs = [ca.MX.sym(path.name_in(i), path.numel_in(i)) for i in range(path.n_in())]
-    q, p, u, c, t, h = inputs
+    q, _, u, c, t, h = inputs
     values = ca.Function("along", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], outputs, {"cse": True})
     return ca.Function("along_step", inputs, ca.Function.call(values, [q, path(*inputs), u, c, t, h]))
