@@ -5,9 +5,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from scenes import cart_pendulum, double_pendulum, driven_damped, henon_heiles, pendulum
 
 import varint as vi
-from scenes import cart_pendulum, double_pendulum, driven_damped, henon_heiles, pendulum
 from varint import diagnostics as d
 from varint.diagnostics.long_runs import windowed
 from varint.discrete import point_function
@@ -101,7 +101,9 @@ def test_a_force_put_on_one_side_of_the_step_is_seen_in_the_order():
     n = system.structure.n
     free = vi.System(system.q, system.v, system.lagrangian, t=system.t)
     half = vi.step_function(free, vi.midpoint())
-    q, p, u, c, t, h = (ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), (n, n, 0, 0, 1, 1), strict=True))
+    q, p, u, c, t, h = (
+        ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), (n, n, 0, 0, 1, 1), strict=True)
+    )
     q1, p1, _ = half(q, p, ca.DM(0, 1), ca.DM(0, 1), t, h)
     force = point_function(system)(q1, velocity_function(system)(q1, p1, t + h, 0), ca.DM(0, 1), t + h, 0)[3]
     one_sided = ca.Function("one_sided", [q, p, u, c, t, h], [q1, p1 + h * force, 0])
@@ -156,7 +158,7 @@ def test_energy_drift_is_told_from_oscillation(method):
 
 
 def test_a_loosely_solved_step_drifts():
-    """A residual of 1e-8 a step is invisible in one step and adds up over a run (theory: solve to the round-off floor)."""
+    """A residual of 1e-8 is invisible in one step and adds up over a run: solve to the round-off floor."""
     system = pendulum()
     exact = vi.step_function(system, vi.midpoint())
     inputs = [ca.MX.sym(exact.name_in(i), *exact.size_in(i)) for i in range(6)]

@@ -115,7 +115,9 @@ def test_symmetries_of_special_parameter_values_are_found_at_these_values_only()
 def test_unequal_masses_rotate_with_coefficients_that_are_functions_of_the_parameters():
     q, v = vi.coordinates("a", "b")
     c = vi.Parameters(m=1.0, M=2.0)
-    system = vi.System(q, v, (c.m * v[0] ** 2 + c.M * v[1] ** 2) / 2 - (c.m * q[0] ** 2 + c.M * q[1] ** 2) ** 2, params=c)
+    system = vi.System(
+        q, v, (c.m * v[0] ** 2 + c.M * v[1] ** 2) / 2 - (c.m * q[0] ** 2 + c.M * q[1] ** 2) ** 2, params=c
+    )
     turn = vi.symmetries(system)[1]
     value = ca.Function("xi", [q, c.m, c.M], [turn.xi])
     for m, big in ((1.0, 2.0), (0.7, 5.0)):
@@ -313,7 +315,11 @@ def test_the_runge_lenz_vector_is_no_point_symmetry():
 
 @pytest.mark.parametrize(
     ("xi", "message"),
-    [([1, 2, 3], r"shape \(3, 1\)"), (["a", "b"], "must be an expression"), ([ca.SX.sym("k"), 0], r"depends on \['k'\]")],
+    [
+        ([1, 2, 3], r"shape \(3, 1\)"),
+        (["a", "b"], "must be an expression"),
+        ([ca.SX.sym("k"), 0], r"depends on \['k'\]"),
+    ],
 )
 def test_input_that_is_no_generator_is_refused(xi, message):
     with pytest.raises(vi.InputError, match=message):

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.noether import Symmetries, Symmetry, noether, symmetries
+from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
@@ -21,7 +22,8 @@ __version__ = "0.1.0"
 __all__ = [
     "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries", "Symmetry",
     "System", "Trajectory", "VarintError", "composition", "coordinates", "diagnostics", "gauss", "load", "lobatto",
-    "midpoint", "models", "noether", "plan", "simulate", "step_function", "symmetries", "time", "trapezoidal",
+    "midpoint", "models", "noether", "plan", "project", "simulate", "step_function", "symmetries", "time",
+    "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use

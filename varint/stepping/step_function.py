@@ -115,5 +115,6 @@ def along_step(system: System, rule: Rule, one: Interval, outputs: list[ca.SX]) 
     path = path_function(system, rule)
     inputs = [ca.MX.sym(path.name_in(i), path.numel_in(i)) for i in range(path.n_in())]
     q, _, u, c, t, h = inputs
+    outputs = ca.substitute(outputs, [one.lam], [ca.SX.zeros(*one.lam.shape)])  # constraints do no work: λ·g = 0
     values = ca.Function("along", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], outputs, {"cse": True})
     return ca.Function("along_step", inputs, ca.Function.call(values, [q, path(*inputs), u, c, t, h]))
