@@ -240,3 +240,12 @@ def test_rules_that_cannot_carry_a_contact_are_refused():
 
 def test_the_plan_says_that_contacts_are_watched():
     assert "contacts watched" in str(vi.plan(ball()))
+
+
+def test_a_run_with_impacts_comes_back_from_disk_as_it_was(tmp_path):
+    motion = vi.simulate(ball(0.5), q0=1.0, v0=0.0, h=0.05, duration=2.0)
+    motion.save(tmp_path / "ball.npz")
+    again = vi.load(tmp_path / "ball.npz")
+    assert again.events == motion.events and again.phases == motion.phases
+    np.testing.assert_array_equal(again.multipliers, motion.multipliers)
+    np.testing.assert_array_equal(again.at(0.71).q, motion.at(0.71).q)
