@@ -111,10 +111,8 @@ def energy_slope(
     size = np.abs(energy).max() + (np.abs(p) * np.abs(np.gradient(q, t, axis=0))).sum(axis=1).max()
     floor = ROUND_OFF * EPS * np.sqrt(steps) * size / abs(t[-1] - t[0])
     good = bool(np.isfinite(slope) and abs(slope) <= max(SIGNIFICANT * noise, floor))
-    s = system.structure
-    return EnergySlope(
-        start.name, h, t, energy, centres, means, slope, noise, float(floor), None if s.forced or not s.autonomous else good
-    )  # fmt: skip
+    passed = None if system.structure.forced or not system.structure.autonomous else good
+    return EnergySlope(start.name, h, t, energy, centres, means, slope, noise, float(floor), passed)
 
 
 def windowed(t: np.ndarray, values: np.ndarray, windows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -186,7 +184,7 @@ def round_off(
     t0: float = 0.0,
     u: Any = None,
 ) -> RoundOff:
-    """Growth law of round-off: the error of N steps there and back, which a reversible method leaves to round-off alone.
+    """Growth law of round-off: error of N steps there and back, which a reversible method leaves to round-off alone.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from varint.noether.naming import particles
 from varint.noether.sampling import Region, random_parameters, sampled
 from varint.noether.search import Pairs, euler_function, euler_rows, gauge_rows, null_space
 
-SMALL = 1e-7  # coefficients below it are rounding errors of the null space
+SMALL = 1e-6  # coefficients below it are rounding errors of the null space
 SIMPLE = ((6, 1e-7), (1000, 1e-9))  # denominators, and how close to such a fraction a coefficient is that fraction
 CLOSE = 1e-8  # values this close are the same; what is made of them is verified afterwards
 HOLDS = 1e-7  # residual, relative to its terms, of a generator that is a symmetry; verified more sharply afterwards
@@ -49,8 +49,9 @@ def generators(region: Region, groups: Sequence[Pairs], rng: np.random.Generator
     fixed = region.c is not None or not s.c.numel()
     values = region.c[None] if region.c is not None else random_parameters(s, rng, s.c.numel() + 4)
     here = Region(s, values[0], region.near)
-    rows, pivots = reduced(*null_space(here, groups, rng), order)
-    turns, kept, dependent = listed(here, groups, rows, particles(s.names), rng)
+    basis, size = null_space(here, groups, rng)
+    rows, pivots = reduced(basis, size, order)
+    turns, kept, dependent = listed(here, groups, rows, size, particles(s.names), rng)
     found: list[list] = [[simple(x) for x in row] for row in turns]
     constant = np.ones(len(kept), dtype=bool) if fixed else _hold_everywhere(region, groups, rows[kept], rng)
     found += [[simple(x) for x in row] for row in rows[kept[constant]]]
@@ -109,14 +110,14 @@ def simple(x: float) -> float:
     """x, or the simple fraction that it is up to rounding: the simpler, the more rounding is allowed."""
     for denominator, close in SIMPLE:
         fraction = float(Fraction(float(x)).limit_denominator(denominator))
-        if abs(fraction - x) <= close * max(1.0, abs(x)):
+        if abs(fraction - x) <= close * abs(x):
             return fraction
     return float(x)
 
 
 def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float | None:
     """The function f c_1^{e_1} c_2^{e_2} … with values y at the parameters c, exponents multiples of ½; or None."""
-    if np.ptp(y) <= CLOSE * max(1.0, np.abs(y).max()):
+    if np.ptp(y) <= CLOSE * np.abs(y).max():
         return simple(float(y.mean()))
     used = np.ptp(c, axis=0) > 0
     if (y == 0).any() or not (c[:, used] != 0).all():

@@ -74,11 +74,9 @@ def _tidied(region: Region, coefficients: list[ca.SX], rng) -> list[ca.SX]:
     tidy = []
     for expression, table in zip(coefficients, values, strict=True):
         new = ca.SX(*expression.shape)
-        for i, column in enumerate(table.T):
-            row, col = i % expression.shape[0], i // expression.shape[0]
-            if np.abs(column).max() <= ZERO * scale:
-                continue
-            known = as_monomial(column, c, s.c)
+        for i in np.flatnonzero(np.abs(table).max(axis=0) > ZERO * scale):
+            row, col = int(i) % expression.shape[0], int(i) // expression.shape[0]
+            known = as_monomial(table[:, i], c, s.c)
             new[row, col] = expression[row, col] if known is None else known
         tidy.append(new)
     return tidy
