@@ -33,10 +33,10 @@ def explicit_stepper(system: System, rule: Rule) -> Stepper:
         f = force if keeps else kick(q, u[:, 0], t, s.c)
         for i, b in enumerate(rule.kicks):
             if i:
-                q, cq = compensated(q, cq, drift(p, s.c) * (rule.drifts[i - 1] * h))
+                q, cq = compensated(q, cq, drift(p, s.c) * (rule.drifts[i - 1] * h), h)
                 f = kick(q, u[:, i], t + rule.nodes[i] * h, s.c)
                 drifts.append(q - q_start)
-            p, cp = compensated(p, cp, f * (b * h))
+            p, cp = compensated(p, cp, f * (b * h), h)
         after = ca.vertcat(q, cq, p, cp, f if keeps else force, worst)
         inputs = [before, ca.vec(u), t, h, s.c, scale]
         step, path = ca.Function("kick_drift", inputs, [after]), ca.Function("path", inputs, [ca.vertcat(*drifts)])

@@ -118,11 +118,11 @@ def _grid(steps: int, every: int, largest: int) -> Iterator[tuple[int, int]]:
 
 
 def _rescaled(scale: np.ndarray, q: np.ndarray, p: np.ndarray, apart: float) -> np.ndarray:
-    """Typical sizes of velocities and momenta as the last block showed them."""
-    n = q.shape[1]
-    speeds = np.abs(np.diff(q, axis=0)).max(axis=0, initial=0.0) / apart
-    new = np.concatenate([speeds, np.abs(p).max(axis=0, initial=0.0)])
+    """Typical sizes of velocities and momenta as the last block (nodes, n) showed them; see `scale_function`."""
+    n = q.shape[-1]
+    speeds = np.abs(np.diff(q, axis=-2)).max(axis=-2, initial=0.0) / apart
+    new = np.concatenate([speeds, np.abs(p).max(axis=-2, initial=0.0)], axis=-1)
     new = np.maximum(new, 0.1 * scale)
-    for part in (new[:n], new[n:]):
-        np.maximum(part, SMALLEST * part.max(), out=part)
-    return new
+    root = np.sqrt(scale[..., n:] / scale[..., :n])  # of the inertia
+    least = SMALLEST * (new[..., :n] * root).max(axis=-1, keepdims=True)
+    return np.maximum(new, np.concatenate([least / root, least * root], axis=-1))
