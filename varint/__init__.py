@@ -4,8 +4,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
-from varint.noether import Symmetries, Symmetry, noether, symmetries
-from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
@@ -16,6 +14,8 @@ from varint.trajectory import State, Trajectory
 if TYPE_CHECKING:
     from varint import diagnostics, models
     from varint.archive import load
+    from varint.projection import project
+    from varint.symmetry import Symmetries, Symmetry, noether, symmetries
 
 __version__ = "0.1.0"
 
@@ -27,7 +27,14 @@ __all__ = [
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
-_LATER = {"load": "varint.archive"}
+_LATER = {
+    "Symmetries": "varint.symmetry",
+    "Symmetry": "varint.symmetry",
+    "load": "varint.archive",
+    "noether": "varint.symmetry",
+    "project": "varint.projection",
+    "symmetries": "varint.symmetry",
+}
 _LATER_MODULES = ("diagnostics", "models")
 
 

@@ -44,7 +44,7 @@ def save(trajectory: Trajectory, path: Any) -> None:
         "system": describe(trajectory.system),
         "phases": [asdict(phase) for phase in trajectory.phases],
         "events": [asdict(event) for event in trajectory.events],
-        "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
+        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
     }
     arrays = {name: getattr(trajectory, name) for name in ARRAYS}
     if trajectory.phase is not None:
@@ -169,3 +169,7 @@ def _plain(parameters: dict[str, np.ndarray]) -> dict[str, Any]:
 def _file(path: Any) -> Path:
     path = Path(path)
     return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+
+
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, (str, int, float))

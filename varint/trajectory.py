@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from varint.diagnostics.momentum import Conserved, MomentumMap
-    from varint.noether import Symmetry
+    from varint.symmetry import Symmetry
 
 
 class State(NamedTuple):
