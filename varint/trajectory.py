@@ -55,6 +55,8 @@ class Trajectory:
         () → (step function, action function) of the system and rule, built when first needed.
     multipliers : ndarray (N + 1, m) or None
         Physical multipliers λ of the constraints.
+    closure : ndarray (n, n + 1) or None
+        [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
     events : tuple
         What happened on the way.
     stats : mapping
@@ -72,6 +74,7 @@ class Trajectory:
     c: np.ndarray
     functions: Callable[[], tuple[ca.Function, ca.Function]]
     multipliers: np.ndarray | None = None
+    closure: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
@@ -93,6 +96,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 multipliers=None if lam is None else lam[index],
+                closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
@@ -162,6 +166,39 @@ class Trajectory:
             sums += over_columns(action, q, p, u, self.c, t[:, None], size[:, None])[0].sum()
         return float(sums)
 
+    @cached_property
+    def morse_index(self) -> int:
+        """Number of independent variations with fixed ends that lower the action: 0 for a path of least action.
+
+        A path that was found closed is varied among closed paths, and shifts and turns of the whole do not count.
+
+        Raises
+        ------
+        InputError
+            If the scene has forces (no action is stationary then) or not every step was kept.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.morse_index(self)
+
+    @cached_property
+    def conjugate_times(self) -> np.ndarray:
+        """Times conjugate to the start, where ∂q(t)/∂p(0) is singular, located with the rule's accuracy, (count,).
+
+        Raises
+        ------
+        InputError
+            As for `morse_index`.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.conjugate_times(self)
+
+    @property
+    def is_minimum(self) -> bool:
+        """Whether no variation with fixed ends lowers the action to second order: Morse index 0."""
+        return self.morse_index == 0
+
     def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
 
@@ -193,7 +230,7 @@ class Trajectory:
         for _ in self._steps(q, p, self.t[node], self.k[node], ahead):
             continue
         whole = np.floor(ahead / self.h + ROUNDING).astype(int)
-        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, multipliers=None, events=())
+        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, multipliers=None, closure=None, events=())
         return found[0] if np.ndim(t) == 0 else found
 
     def _steps(self, q, p, t, k, ahead):
