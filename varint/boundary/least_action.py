@@ -108,7 +108,7 @@ def least_action(
         return minimised(problem, iterate, window, bounds, began)
     outcome = found(problem, iterate)
     path = path_of(problem, outcome, began)
-    if conjugate_ends(problem, outcome, path):
+    if (outcome.solved or system.structure.linear) and conjugate_ends(problem, outcome, path):
         raise SolverError(
             f"the end is conjugate to the start at t = {path.t[-1]:g}: no path or a whole family of paths joins them; "
             "change the duration or the end points a little",
