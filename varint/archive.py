@@ -82,7 +82,7 @@ def load(path: Any) -> Trajectory:
     """
     path = _file(path)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")

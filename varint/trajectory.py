@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.discrete import velocity_function
 from varint.errors import InputError
+from varint.legendre import velocity_function
 from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.system import System
