@@ -1,5 +1,8 @@
 """Mechanics by the principle of least action, on CasADi."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
@@ -8,10 +11,30 @@ from varint.stepping.step_function import step_function
 from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
+if TYPE_CHECKING:
+    from varint import models
+    from varint.archive import load
+
 __version__ = "0.1.0"
 
 __all__ = [
     "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "System", "Trajectory",
-    "VarintError", "composition", "coordinates", "gauss", "lobatto", "midpoint", "plan", "simulate", "step_function",
-    "time", "trapezoidal",
+    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "models", "plan", "simulate",
+    "step_function", "time", "trapezoidal",
 ]  # fmt: skip
+
+# loaded when first named: a simulation does not pay for what it does not use
+_LATER = {"load": "varint.archive"}
+_LATER_MODULES = ("models",)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
+    if name in _LATER_MODULES:
+        return import_module(f"varint.{name}")
+    raise AttributeError(f"module 'varint' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -33,10 +33,10 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     for i, argument in enumerate(arguments):
         if argument.size != function.nnz_in(i):
             raise AssertionError(f"{function.name()}: input {i} has {argument.size} numbers, not {function.nnz_in(i)}")
-        buffer.set_arg(i, memoryview(argument))
+        buffer.set_arg(i, memoryview(argument))  # type: ignore[arg-type]
     outputs = [np.empty(function.nnz_out(i)) for i in range(function.n_out())]
     for i, output in enumerate(outputs):
-        buffer.set_res(i, memoryview(output))
+        buffer.set_res(i, memoryview(output))  # type: ignore[arg-type]
     trigger()
     return outputs
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from varint.errors import InputError
 from varint.rules import Rule
@@ -205,45 +204,3 @@ def require_explicit(system: System, rule: Rule) -> None:
     because = "; ".join(text for text, holds in reasons.items() if holds)
     remedy = "lobatto(3)" if s.constraints else "gauss(2)"
     raise InputError(f"{rule} cannot step this scene explicitly: {because}; use for example {remedy}")
-
-
-@per_system
-def velocity_function(system: System) -> ca.Function:
-    """(q, p, t, c) → v, the inverse Legendre transform p = ∂L/∂v(q, v, t).
-
-    For Lagrangians that are quadratic in v it is the linear solve M v = p − ∂L/∂v(q, 0, t); otherwise Newton's method;
-    for degenerate ones (M = 0) the Euler–Lagrange equations, linear in v, give it from q alone.
-    """
-    s, structure = system, system.structure
-    p = ca.SX.sym("p", structure.n)
-    if structure.degenerate:
-        twist = ca.jacobian(s.momentum, s.q) - ca.jacobian(s.momentum, s.q).T
-        rest = ca.substitute(s.lagrangian, s.v, ca.SX.zeros(s.v.shape))
-        push = ca.gradient(rest, s.q) + s.force - ca.jacobian(s.momentum, s.t)
-        v = ca.solve(twist, push)
-        return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.substitute(v, s.control, 0 * s.control)])
-    if structure.quadratic_kinetic:
-        offset = ca.substitute(s.momentum, s.v, ca.SX.zeros(s.v.shape))
-        v = mass_solve(s.mass_matrix, p - offset)
-        return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.densify(v)], {"cse": True})
-    equation = ca.Function("momentum_match", [s.v, s.q, p, s.t, s.c], [s.momentum - p])
-    newton = ca.rootfinder("legendre", "fast_newton", equation, {"abstolStep": 1e-14, "error_on_fail": False})
-    q, t, c, p = (ca.MX.sym(x.name(), *x.shape) for x in (ca.SX.sym("q", structure.n), s.t, s.c, p))
-    offset, mass = ca.Function("rest", [s.v, s.q, s.t, s.c], [s.momentum, s.mass_matrix])(0, q, t, c)
-    guess = ca.solve(ca.densify(mass), p - offset)
-    return ca.Function("velocity", [q, p, t, c], [newton(guess, q, p, t, c)])
-
-
-def mass_solve(mass: ca.SX, rhs: ca.SX) -> ca.SX:
-    """M⁻¹ rhs as an expression: division where M is diagonal, sparse LDLᵀ otherwise, QR where LDLᵀ may break."""
-    if mass.sparsity().is_diag():
-        return rhs / ca.diag(mass)
-    if mass.sparsity().get_diag()[0].nnz() < mass.shape[0]:
-        return ca.solve(mass, rhs)
-    d, lt, order = ca.ldl(mass)
-    return ca.ldl_solve(rhs, d, lt, order)
-
-
-def control_point_times(rule: Rule) -> np.ndarray:
-    """Control points of the step in units of h, (d + 1,), for Galerkin rules and compositions alike."""
-    return np.array(rule.points) if rule.points else np.array(rule.nodes)

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.discrete import velocity_function
 from varint.errors import InputError
+from varint.legendre import velocity_function
 from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.system import System
@@ -240,21 +240,21 @@ class Trajectory:
 
     def plot(self, *expressions: Any) -> Figure:
         """Figure of coordinates, phase portrait and energy error; or of the given expressions over time."""
-        from varint import plot
+        from varint.plot import trajectory_figure
 
-        return plot.trajectory(self, *expressions)
+        return trajectory_figure(self, *expressions)
 
     def save(self, path: Any) -> None:
         """Write everything to one compressed ``.npz`` file without pickle; `varint.load` reads it."""
-        from varint import archive
+        from varint.archive import save
 
-        archive.save(self, path)
+        save(self, path)
 
     def to_xarray(self) -> Any:
         """The trajectory as an `xarray.Dataset` with named coordinates (needs the extra ``xarray``)."""
-        from varint import archive
+        from varint.archive import to_xarray
 
-        return archive.to_xarray(self)
+        return to_xarray(self)
 
 
 ROUNDING = 1e-9  # of a step: a time this close to a node is the node

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete import mass_solve, point_function, require_explicit
+from varint.discrete import point_function, require_explicit
+from varint.legendre import mass_solve
 from varint.rules import Rule
 from varint.stepping.stepper import Stepper, compensated, verbatim, zeros
 from varint.system import System, per_system

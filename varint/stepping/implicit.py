@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete import Interval, interval, velocity_function
+from varint.discrete import Interval, interval
+from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.stepper import Stepper, compensated, verbatim
 from varint.system import System, per_system
@@ -12,6 +13,7 @@ from varint.system import System, per_system
 # Newton's corrections are quadratic: one of 1e-9 (relative), applied, leaves an error at the round-off level.
 LAST_CORRECTION = 1e-9
 MOST_ITERATIONS = 30
+QUIET = 1e-3  # of the largest momentum: rows below it are judged against this much, 1e-13 of it being round-off
 
 
 @per_system
@@ -63,7 +65,9 @@ def _finish(one: Interval, rule: Rule, z, p, scale, residual, total) -> ca.Funct
         left, gained = gain(z, p, q, one.u, one.t, one.h, one.c)
         q1, cq1 = compensated(q, cq, one.h * z[:, -1])
         p1, cp1 = compensated(p, carry, gained)
-        size = ca.norm_inf(ca.vec(left / ca.repmat(scale[n:], 1, d)))
+        # a component that hardly moves carries the round-off of those that do
+        against = ca.fmax(scale[n:], QUIET * ca.norm_inf(p1))
+        size = ca.norm_inf(ca.vec(left / ca.repmat(against, 1, d)))
         after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead), ca.fmax(worst, size))
         inputs = [x, ca.vec(z), ca.vec(one.u), one.t, one.h, one.c, scale]
         return ca.Function("finish", inputs, [after])

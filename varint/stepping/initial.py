@@ -45,7 +45,7 @@ def initial_task(
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
-    return Task(q, p, t0, step, count, int(save_every), controls(system, rule, u, count), c)
+    return Task(q, p, t0, step, count, int(save_every), controls(system, rule, u, count), c, len(rule.nodes))
 
 
 def time_grid(h: float | None, steps: int | None, duration: float | None) -> tuple[float, int]:

@@ -21,7 +21,7 @@ MOST_STEPS_IN_BLOCK = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What the time loop needs: start, grid, controls (steps, r·k) and parameters."""
+    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the rule's `nodes`, parameters."""
 
     q0: np.ndarray
     p0: np.ndarray
@@ -31,10 +31,12 @@ class Task:
     save_every: int
     u: np.ndarray
     c: np.ndarray
+    nodes: int
 
     def controls(self, k: int, count: int) -> np.ndarray:
-        """Controls of `count` steps from step k on."""
-        return np.ascontiguousarray(self.u[k : k + count])
+        """Controls of `count` steps from step k on, at every node."""
+        u = self.u[k : k + count]
+        return np.ascontiguousarray(np.broadcast_to(u, (len(u), self.nodes, u.shape[2])))
 
 
 @dataclass(frozen=True, eq=False)

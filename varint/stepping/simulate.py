@@ -10,9 +10,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from tqdm import tqdm
 
 from varint.errors import ConvergenceError
+from varint.progress import progress_bar
 from varint.rules import Rule
 from varint.stepping.events import first_crossing
 from varint.stepping.initial import initial_task
@@ -95,12 +95,11 @@ def simulate(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
     nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
-    quiet = None if progress is None else not progress  # None: tqdm shows the bar in terminals only
-    with tqdm(total=task.steps, unit="step", disable=quiet, delay=0 if progress else 1, leave=False) as bar:
+    with progress_bar(task.steps, "step", progress) as count:
         for block in run(system, chosen.rule, task):
             recent = _trajectory(system, chosen, task, [nodes[-1], block], began)
             nodes.append(block)
-            bar.update(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
+            count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
             stop = None if until is None else first_crossing(recent, until)
             if stop is not None:
                 return _cut(_trajectory(system, chosen, task, nodes, began), int(recent.k[stop[0]]), stop[1])

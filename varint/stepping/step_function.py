@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete import Interval, interval, point_function, velocity_function
+from varint.discrete import Interval, interval, point_function
+from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.system import System, per_system

@@ -1,0 +1,5 @@
+"""Figures are never shown while testing."""
+
+import matplotlib
+
+matplotlib.use("Agg")

@@ -1,0 +1,164 @@
+"""Trajectories on disk and in xarray: one ``.npz`` file, no pickle, read back with its system."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError, VarintError
+from varint.rules import Rule
+from varint.stepping.step_function import action_function, step_function
+from varint.system import Parameters, System
+from varint.trajectory import Trajectory
+
+FORMAT = "varint trajectory 1"
+ARRAYS = ("t", "q", "p", "k", "u", "c")
+
+
+def save(trajectory: Trajectory, path: Any) -> None:
+    """Write `trajectory` to ``path`` (``.npz`` is appended where it is missing).
+
+    The file holds the arrays, the rule, the step, parameter values, symbol names, the system as a serialised CasADi
+    function and the version of varint.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or cannot be written.
+    """
+    from varint import __version__
+
+    path = _file(path)
+    header = {
+        "format": FORMAT,
+        "version": __version__,
+        "h": trajectory.h,
+        "rule": asdict(trajectory.rule),
+        "system": describe(trajectory.system),
+        "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
+    }
+    arrays = {name: getattr(trajectory, name) for name in ARRAYS}
+    try:
+        with path.open("wb") as file:
+            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def load(path: Any) -> Trajectory:
+    """The trajectory in the file ``path``, with its system: `value`, `at`, `energy` and plots work as before.
+
+    Parameters
+    ----------
+    path : path
+        A file written by `Trajectory.save`.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is no trajectory of a format that this version reads.
+
+    Examples
+    --------
+    >>> import tempfile, os
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("x")
+    >>> fall = vi.simulate(vi.System(q, v, v**2 / 2 - 9.81 * q), q0=0, v0=1, h=0.1, steps=10)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     fall.save(os.path.join(folder, "fall.npz"))
+    ...     again = vi.load(os.path.join(folder, "fall.npz"))
+    >>> bool((again.q == fall.q).all()), again.rule == fall.rule
+    (True, True)
+    """
+    path = _file(path)
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            header = json.loads(str(data["header"]))
+            if header.get("format") != FORMAT:
+                raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
+            arrays = {name: data[name] for name in ARRAYS}
+    except FileNotFoundError:
+        raise InputError(f"there is no file {path}") from None
+    except InputError:
+        raise
+    except Exception as error:  # a torn or foreign file fails in many ways; all mean the same
+        raise InputError(f"{path} is no trajectory written by varint ({type(error).__name__}: {error})") from None
+    system = revive(header["system"])
+    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["rule"].items()}
+    rule = Rule(**fields)
+    return Trajectory(
+        system=system,
+        rule=rule,
+        h=header["h"],
+        functions=lambda: (step_function(system, rule), action_function(system, rule)),
+        stats=MappingProxyType(header["stats"]),
+        **arrays,
+    )
+
+
+def describe(system: System) -> dict[str, Any]:
+    """The system as plain data: names, parameters, restitution and its expressions as a serialised function."""
+    s = system
+    inputs = [s.q, s.v, s.t, s.control, s.c]
+    outputs = [s.lagrangian, s.force, s.constraint, s.nonholonomic, s.contact]
+    return {
+        "names": [[x.name() for x in ca.vertsplit(part)] if part.numel() else [] for part in inputs],
+        "parameters": {name: value.tolist() for name, value in s.defaults.items()},
+        "restitution": s.restitution.tolist(),
+        "functions": ca.Function("system", inputs, outputs).serialize(),
+    }
+
+
+def revive(data: dict[str, Any]) -> System:
+    """The system that `describe` wrote down, with symbols of the same names."""
+    q, v, t, u, _ = (ca.vertcat(ca.SX(0, 1), *(ca.SX.sym(name) for name in names)) for names in data["names"])
+    params = Parameters(**data["parameters"]) if data["parameters"] else None
+    c = ca.vertcat(ca.SX(0, 1), *(ca.vec(x) for x in params._symbols.values())) if params else ca.SX(0, 1)
+    try:
+        function = ca.Function.deserialize(data["functions"])
+    except RuntimeError as error:
+        raise VarintError(f"this CasADi cannot read the saved system: {str(error).splitlines()[0]}") from None
+    lagrangian, force, constraint, nonholonomic, contact = function(q, v, t, u, c)
+    return System(
+        q, v, lagrangian, constraint=constraint, nonholonomic=nonholonomic, contact=contact,
+        restitution=data["restitution"], force=force, control=u, params=params, t=t,
+    )  # fmt: skip
+
+
+def to_xarray(trajectory: Trajectory) -> Any:
+    """q, v, p and energy as an `xarray.Dataset` over ``time`` and ``coordinate``."""
+    try:
+        import xarray
+    except ImportError:
+        raise VarintError("to_xarray() needs the package xarray: pip install varint-mechanics[xarray]") from None
+    names = list(trajectory.system.names)
+    dims = ("time", "coordinate")
+    return xarray.Dataset(
+        {
+            "q": (dims, trajectory.q),
+            "v": (dims, trajectory.v),
+            "p": (dims, trajectory.p),
+            "energy": ("time", trajectory.energy),
+        },
+        coords={"time": trajectory.t, "coordinate": names},
+        attrs={"rule": trajectory.rule.name, "h": trajectory.h, **_plain(trajectory.parameters)},
+    )
+
+
+def _plain(parameters: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {name: value.tolist() for name, value in parameters.items()}
+
+
+def _file(path: Any) -> Path:
+    path = Path(path)
+    return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")

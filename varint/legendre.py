@@ -1,0 +1,65 @@
+"""The Legendre transform v ↔ p = ∂L/∂v and solves with the mass matrix."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from varint.system import System, per_system
+
+MOST_ITERATIONS = 50  # of Newton's method for Lagrangians that are not quadratic in v
+HALVINGS = 12  # of a Newton step that would leave the domain of L or make the residual grow
+
+
+@per_system
+def velocity_function(system: System) -> ca.Function:
+    """(q, p, t, c) → v, the inverse Legendre transform p = ∂L/∂v(q, v, t).
+
+    For Lagrangians that are quadratic in v it is the linear solve M v = p − ∂L/∂v(q, 0, t); otherwise Newton's method;
+    for degenerate ones (M = 0) the Euler–Lagrange equations, linear in v, give it from q alone.
+    """
+    s, structure = system, system.structure
+    p = ca.SX.sym("p", structure.n)
+    if structure.degenerate:
+        twist = ca.jacobian(s.momentum, s.q) - ca.jacobian(s.momentum, s.q).T
+        rest = ca.substitute(s.lagrangian, s.v, ca.SX.zeros(s.v.shape))
+        push = ca.gradient(rest, s.q) + s.force - ca.jacobian(s.momentum, s.t)
+        v = ca.solve(twist, push)
+        return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.substitute(v, s.control, 0 * s.control)])
+    if structure.quadratic_kinetic:
+        offset = ca.substitute(s.momentum, s.v, ca.SX.zeros(s.v.shape))
+        v = mass_solve(s.mass_matrix, p - offset)
+        return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.densify(v)], {"cse": True})
+    iterated = _damped_newton(system).fold(MOST_ITERATIONS)
+    q, p, t, c = (ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True))
+    constant = (ca.repmat(x, 1, MOST_ITERATIONS) for x in (q, p, t, c))
+    return ca.Function("velocity", [q, p, t, c], [iterated(ca.DM.zeros(structure.n), *constant)])
+
+
+def mass_solve(mass: ca.SX, rhs: ca.SX) -> ca.SX:
+    """M⁻¹ rhs as an expression: division where M is diagonal, sparse LDLᵀ otherwise, QR where LDLᵀ may break."""
+    if mass.sparsity().is_diag():
+        return rhs / ca.diag(mass)
+    if mass.sparsity().get_diag()[0].nnz() < mass.shape[0]:
+        return ca.solve(mass, rhs)
+    d, lt, order = ca.ldl(mass)
+    return ca.ldl_solve(rhs, d, lt, order)
+
+
+def _damped_newton(system: System) -> ca.Function:
+    """(v, q, p, t, c) → v after one Newton step for ∂L/∂v(v) = p, halved until the residual shrinks.
+
+    Where the Lagrangian is defined for some v only (relativity: v² < c²) a full step may leave its domain; comparisons
+    with NaN are false, so such a step is halved too. At round-off no step shrinks the residual and v stays.
+    """
+    s = system
+    p = ca.SX.sym("p", s.v.numel())
+    residual = ca.Function("residual", [s.v, s.q, p, s.t, s.c], [s.momentum - p, s.mass_matrix])
+    left, mass = residual(s.v, s.q, p, s.t, s.c)
+    correction = mass_solve(mass, left)
+    best, size = s.v, ca.sumsqr(left)
+    for k in reversed(range(HALVINGS)):
+        trial = s.v - correction / 2**k
+        trial_size = ca.sumsqr(residual(trial, s.q, p, s.t, s.c)[0])
+        better = trial_size < size
+        best, size = ca.if_else(better, trial, best), ca.if_else(better, trial_size, size)
+    return ca.Function("damped_newton", [s.v, s.q, p, s.t, s.c], [best], {"cse": True})

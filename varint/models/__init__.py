@@ -1,0 +1,79 @@
+"""Ready scenes with initial data, invariants and exact or reference solutions.
+
+Every factory can be called without arguments and returns a `Model`; its arguments set the default parameters and the
+start. ``catalogue`` holds all of them by name.
+"""
+
+from varint.models.central import apsidal_angle, central_force, kepler, radial_motion, radial_period, rosette
+from varint.models.chains import fpu_chain, fpu_stiff_energies, toda_chain
+from varint.models.degenerate import guiding_centre, lotka_volterra
+from varint.models.driven import (
+    accelerated_pivot,
+    caldirola_kanai,
+    driven_pendulum,
+    forced_oscillator,
+    horizontal_pivot,
+    kapitza_frequency,
+    kapitza_pendulum,
+    lengthening_pendulum,
+    linear_drag,
+)
+from varint.models.fields import (
+    charged_particle,
+    growing_field,
+    inverse_distance_field,
+    inverse_distance_period,
+    magnetic_mirror,
+    oscillating_field,
+    uniform_fields,
+)
+from varint.models.model import Model
+from varint.models.oscillators import coupled_oscillators, henon_heiles, isotropic_oscillator
+from varint.models.particles import (
+    FIGURE_EIGHT_PERIOD,
+    figure_eight,
+    lagrange_triangle,
+    lennard_jones,
+    outer_solar_system,
+    pairs,
+    spring_cluster,
+    two_body,
+)
+from varint.models.pendulums import (
+    chain_pendulum,
+    double_pendulum,
+    inclined_axis,
+    pendulum,
+    pendulum_period,
+    sliding_support,
+    sliding_support_period,
+    spherical_pendulum,
+)
+from varint.models.robots import acrobot, cart_pole, two_link_arm
+from varint.models.rotating import foucault_pendulum, rotating_frame, turntable
+from varint.models.sliding import block_on_wedge, rotating_hoop, rotating_hoop_period, rotating_wire, swinging_atwood
+from varint.models.tops import body_rates, euler_rates, free_rigid_body, heavy_rigid_body, heavy_top
+
+catalogue = {
+    factory.__name__: factory
+    for factory in (
+        pendulum, inclined_axis, sliding_support, spherical_pendulum, double_pendulum, chain_pendulum,
+        driven_pendulum, horizontal_pivot, kapitza_pendulum, accelerated_pivot, lengthening_pendulum,
+        forced_oscillator, caldirola_kanai, linear_drag,
+        rotating_hoop, rotating_wire, block_on_wedge, swinging_atwood,
+        isotropic_oscillator, coupled_oscillators, henon_heiles, fpu_chain, toda_chain,
+        kepler, central_force, radial_motion, rosette,
+        two_body, lagrange_triangle, figure_eight, spring_cluster, lennard_jones, outer_solar_system,
+        rotating_frame, turntable, foucault_pendulum,
+        uniform_fields, magnetic_mirror, inverse_distance_field, oscillating_field, growing_field,
+        free_rigid_body, heavy_rigid_body, heavy_top,
+        cart_pole, acrobot, two_link_arm,
+        lotka_volterra, guiding_centre,
+    )
+}  # fmt: skip
+
+__all__ = [
+    "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_rates", "catalogue", "charged_particle", "euler_rates",
+    "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs", "pendulum_period", "radial_period",
+    "rotating_hoop_period", "sliding_support_period", *catalogue,
+]  # fmt: skip

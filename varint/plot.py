@@ -1,0 +1,113 @@
+"""Figures of trajectories. Matplotlib is imported here and in `animate`, and only when a figure is wanted."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from varint.trajectory import Trajectory
+
+# Okabe & Ito's colours, told apart by colour-blind readers and in grey print
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MOST_LINES = 7  # coordinates drawn one by one; more are drawn as the first and the last ones
+MOST_POINTS = 20_000  # a line with more is thinned for drawing, keeping its last point
+GREEK = {
+    "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu", "xi",
+    "pi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega",
+}  # fmt: skip
+
+
+def trajectory_figure(motion: Trajectory, *expressions: Any) -> Figure:
+    """Coordinates over time, phase portrait and energy error; or the given expressions over time.
+
+    Parameters
+    ----------
+    motion : Trajectory
+    *expressions : SX
+        Drawn over time instead, one panel each.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    return _expressions(motion, expressions) if expressions else _overview(motion)
+
+
+def label(name: str) -> str:
+    """Mathematical notation for a symbol's name: theta_dot → θ with a dot, x1 → x with index 1."""
+    dotted = name.endswith("_dot")
+    match = re.fullmatch(r"([A-Za-z]+?)_?(\d+)?", name.removesuffix("_dot"))
+    if match is None:
+        return name
+    base, index = match.groups()
+    symbol = f"\\{base}" if base.lower() in GREEK else base if len(base) == 1 else f"\\mathrm{{{base}}}"
+    symbol = f"\\dot{{{symbol}}}" if dotted else symbol
+    return f"${symbol}_{{{index}}}$" if index else f"${symbol}$"
+
+
+def _overview(motion: Trajectory) -> Figure:
+    import matplotlib.pyplot as plt
+
+    fig, (top, phase, error) = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    shown = _shown(motion.system.structure.n)
+    names = [label(motion.system.names[i]) for i in shown]
+    keep = _thinned(len(motion))
+    for colour, i, name in zip(COLOURS, shown, names, strict=False):
+        top.plot(motion.t[keep], motion.q[keep, i], color=colour, label=name, lw=1.2)
+        phase.plot(motion.q[keep, i], motion.p[keep, i], color=colour, label=name, lw=0.9)
+    _name_axes(top, "time $t$", names[0] if len(names) == 1 else "coordinates $q$", "Coordinates")
+    _name_axes(phase, "$q$", r"momentum $p = \partial L/\partial v$", "Phase portrait")
+    if len(names) > 1:
+        top.legend(fontsize="small", loc="best")
+    _draw_energy(error, motion, keep)
+    fig.suptitle(f"{motion.rule}, h = {motion.h:.4g}", fontsize="medium")
+    return fig
+
+
+def _draw_energy(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    change = motion.energy - motion.energy[0]
+    size = abs(motion.energy[0])
+    relative = size > 1e-9 * np.abs(motion.energy).max() and size > 0
+    axes.plot(motion.t[keep], change[keep] / size if relative else change[keep], color=COLOURS[1], lw=0.9)
+    what = "Energy" if motion.system.structure.forced or not motion.system.structure.autonomous else "Energy error"
+    y = r"$(H - H_0)/|H_0|$" if relative else r"$H - H_0$"
+    _name_axes(axes, "time $t$", y, what)
+    axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
+
+
+def _expressions(motion: Trajectory, expressions: tuple) -> Figure:
+    import matplotlib.pyplot as plt
+
+    count = len(expressions)
+    fig, rows = plt.subplots(count, 1, figsize=(7, 1.2 + 2.2 * count), sharex=True, squeeze=False, layout="constrained")
+    keep = _thinned(len(motion))
+    for axes, expression in zip(rows[:, 0], expressions, strict=True):
+        values = motion.value(expression).reshape(len(motion), -1)
+        for colour, column in zip(COLOURS, values[keep].T, strict=False):
+            axes.plot(motion.t[keep], column, color=colour, lw=1.2)
+        text = str(expression)
+        axes.set_ylabel(label(text) if text.isidentifier() else text if len(text) < 40 else text[:37] + "…")
+        axes.grid(alpha=0.3)
+    rows[-1, 0].set_xlabel("time $t$")
+    return fig
+
+
+def _shown(n: int) -> list[int]:
+    return list(range(n)) if n <= MOST_LINES else [*range(MOST_LINES - 1), n - 1]
+
+
+def _thinned(count: int) -> np.ndarray:
+    if count <= MOST_POINTS:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, MOST_POINTS).astype(int))
+
+
+def _name_axes(axes: Axes, x: str, y: str, title: str) -> None:
+    axes.set(xlabel=x, ylabel=y, title=title)
+    axes.grid(alpha=0.3)
