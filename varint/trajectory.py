@@ -59,6 +59,8 @@ class Trajectory:
         What happened on the way.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    solution : ControlSolution or None
+        What an optimal control has beside its motion: cost, costates, active bounds, the solver's way.
     """
 
     system: System
@@ -74,6 +76,7 @@ class Trajectory:
     multipliers: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    solution: Any = None
 
     def __len__(self) -> int:
         return len(self.t)
