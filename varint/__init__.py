@@ -14,17 +14,28 @@ from varint.trajectory import State, Trajectory
 if TYPE_CHECKING:
     from varint import models
     from varint.archive import load
+    from varint.control.links import Link
+    from varint.control.optimal import optimal_control, optimal_phases
+    from varint.control.phase import Phase
+    from varint.horizon import free
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "System", "Trajectory",
-    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "models", "plan", "simulate",
-    "step_function", "time", "trapezoidal",
+    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State", "System",
+    "Trajectory", "VarintError", "composition", "coordinates", "free", "gauss", "load", "lobatto", "midpoint", "models",
+    "optimal_control", "optimal_phases", "plan", "simulate", "step_function", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
-_LATER = {"load": "varint.archive"}
+_LATER = {
+    "Link": "varint.control.links",
+    "Phase": "varint.control.phase",
+    "free": "varint.horizon",
+    "load": "varint.archive",
+    "optimal_control": "varint.control.optimal",
+    "optimal_phases": "varint.control.optimal",
+}
 _LATER_MODULES = ("models",)
 
 

@@ -61,6 +61,8 @@ class Trajectory:
         What happened on the way.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    solution : ControlSolution or None
+        What an optimal control has beside its motion: cost, costates, active bounds, the solver's way.
     """
 
     system: System
@@ -77,6 +79,7 @@ class Trajectory:
     closure: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    solution: Any = None
 
     def __len__(self) -> int:
         return len(self.t)
