@@ -81,7 +81,7 @@ def least_action(
     -------
     Trajectory
         With forces it is the path of the Lagrange–d'Alembert principle. Started from its first q and p, `simulate`
-        reproduces it to round-off. ``stats["contacts"]`` has the multipliers of the bounds.
+        reproduces it to round-off. With bounds, `solution` tells where the path leans on them (`Contacts`).
 
     Raises
     ------

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.boundary.stationary import Iterate, Problem, iterate_through
-from varint.discrete import constraint_function, control_point_times, interval, point_function
+from varint.boundary.stationary import Iterate, Problem, iterate_through, point_times
+from varint.discrete import constraint_function, interval, point_function
 from varint.errors import InputError
 from varint.horizon import Free, window
 from varint.rules import Rule
@@ -66,7 +66,7 @@ def posed(
         nodes = nodes + np.linspace(0, 1, len(nodes))[:, None] * (ends[1] - nodes[-1]) + (
             np.linspace(1, 0, len(nodes))[:, None] * (ends[0] - nodes[0])
         )
-    tau = control_point_times(rule)[:-1]
+    tau = point_times(rule)[:-1]
     share = np.append(((np.arange(steps)[:, None] + tau) / steps).ravel(), 1.0)
     grid = np.linspace(0, 1, len(nodes))
     points = np.stack([np.interp(share, grid, x) for x in nodes.T], axis=1)

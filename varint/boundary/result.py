@@ -12,7 +12,6 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.boundary.newton import Outcome, factorised
 from varint.boundary.stationary import Iterate, Problem, interval_rows
-from varint.manifold import tangent_function
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
@@ -33,7 +32,7 @@ def path_of(problem: Problem, outcome: Outcome, began: float) -> Trajectory:
     return trajectory(problem, outcome.iterate, stats)
 
 
-def trajectory(problem: Problem, iterate: Iterate, stats: dict[str, Any]) -> Trajectory:
+def trajectory(problem: Problem, iterate: Iterate, stats: dict[str, Any], solution: Any = None) -> Trajectory:
     """Nodes and momenta of an iterate: p_k = p⁻ of the step that begins there, at the end p⁺ of the last one."""
     system, rule = problem.system, problem.rule
     k = np.arange(problem.steps + 1)
@@ -41,8 +40,6 @@ def trajectory(problem: Problem, iterate: Iterate, stats: dict[str, Any]) -> Tra
     p_minus, p_plus, _ = over_columns(ends_function(system, rule), *interval_data(problem, iterate))
     q = np.concatenate([iterate.starts, iterate.end[None]])
     p = np.concatenate([p_minus, p_plus[-1:]])
-    if system.structure.constraints:
-        p = p + over_columns(tangent_function(system), q, p, t[:, None], problem.c)[1]
     return Trajectory(
         system=system,
         rule=rule,
@@ -56,6 +53,7 @@ def trajectory(problem: Problem, iterate: Iterate, stats: dict[str, Any]) -> Tra
         functions=lambda: (step_function(system, rule), action_function(system, rule)),
         closure=problem.closure,
         stats=MappingProxyType(stats),
+        solution=solution,
     )
 
 

@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.boundary.stationary import interval_rows
-from varint.discrete import control_point_times, velocity_function
+from varint.boundary.stationary import interval_rows, point_times
+from varint.legendre import velocity_function
 from varint.errors import InputError
 from varint.rules import Rule
 from varint.system import System, per_system
@@ -153,7 +153,7 @@ def _paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.nda
     `ends` are the nodes where they arrive, whose momenta give the last multipliers; None where these do not matter.
     """
     system, rule = trajectory.system, trajectory.rule
-    kernel, tau = curvature_function(system, rule), control_point_times(rule)[1:]
+    kernel, tau = curvature_function(system, rule), point_times(rule)[1:]
     n, m, d, count = system.structure.n, system.structure.constraints, len(tau), len(k)
     block = n + m
     q, p, t, h = trajectory.q[k], trajectory.p[k], trajectory.t[k][:, None], size[:, None]

@@ -95,6 +95,11 @@ def iterate_through(points: np.ndarray, degree: int, multipliers: int, duration:
     return Iterate(starts.copy(), increments, np.zeros((count, multipliers)), np.zeros((2, n)), duration)
 
 
+def point_times(rule: Rule) -> np.ndarray:
+    """Control points of a step in units of h, (d + 1,), of Galerkin rules and compositions alike."""
+    return np.array(rule.points or rule.nodes)
+
+
 @dataclass(frozen=True, eq=False)
 class Equations:
     """Rows of a kind of path as functions of (change, constants); `constants` lays out the latter."""
