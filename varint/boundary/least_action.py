@@ -45,7 +45,8 @@ def least_action(
     """Path of stationary action, ∂S_d/∂q_k = D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 with the ends given.
 
     The action of a path is stationary, not always least: `Trajectory.morse_index` counts the directions in which it is
-    a maximum, `Trajectory.conjugate_times` say when they arise. Only with `bounds` the action is minimised.
+    a maximum, `Trajectory.conjugate_times` say when they arise. It is minimised (Ipopt) only where there are `bounds` or
+    the duration has bounds of its own.
 
     Parameters
     ----------
@@ -55,8 +56,8 @@ def least_action(
     q_start, q_end : array (n,)
         End points; both are left out for periodic paths.
     duration : float or Free
-        Time from start to end. ``free(guess, lower, upper)``: to be found, such that the energy is `energy` (or 0, so
-        that the action is stationary in the duration as well: least time).
+        Time from start to end. ``free(guess, lower, upper)``: the action is least with respect to the duration as well
+        (least time, where S is the time); with `energy`, no more than a guess and a check of the result.
     steps : int
         Number of steps.
     t0 : float
@@ -69,7 +70,7 @@ def least_action(
     params : dict, optional
         Parameter values that differ from the defaults.
     bounds : sequence of (lower, expression, upper), optional
-        Inequalities on q, t and the parameters at every control point; the action is then minimised (Ipopt).
+        Inequalities on q, t and the parameters at every control point; the action is then minimised.
     periodic : bool
         The path closes, q(T) = S q(0) + b and p(0) = Sᵀ p(T).
     symmetry : array (n, n) or (n, n + 1), optional
@@ -104,8 +105,8 @@ def least_action(
         system, rule, q_start=q_start, q_end=q_end, duration=duration, steps=steps, t0=t0, guess=guess, u=u,
         params=params, periodic=periodic, symmetry=symmetry, energy=energy,
     )  # fmt: skip
-    if bounds:
-        return minimised(problem, iterate, window, bounds, began)
+    if bounds or (isinstance(duration, Free) and energy is None):
+        return minimised(problem, iterate, window, bounds or [], began)
     outcome = found(problem, iterate)
     path = path_of(problem, outcome, began)
     if (outcome.solved or system.structure.linear) and conjugate_ends(problem, outcome, path):

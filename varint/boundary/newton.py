@@ -49,14 +49,14 @@ class Outcome:
 
 def newton(problem: Problem, iterate: Iterate) -> Outcome:
     """Stationary path near `iterate`."""
-    equations, size = problem.equations, Measure(problem, iterate)
+    equations, linear = problem.equations, problem.system.structure.linear
     damping, polish, correction, residual = 1.0, False, np.inf, np.inf
     for iteration in range(1, MOST_ITERATIONS + 1):
+        size = Measure(problem, iterate)
         values, slope = equations.derivatives(problem, iterate)
-        solve = _solver(slope, problem.closure is not None)
-        if solve is None or not np.isfinite(values).all():
-            status = "singular equations" if solve is None else "values that are not finite"
-            return Outcome(iterate, status, iteration, correction, residual)
+        solve = _solver(problem, slope)
+        if not np.isfinite(values).all():
+            return Outcome(iterate, "values that are not finite", iteration, correction, residual)
         change = -solve(values)
         correction = size(change)
         if not np.isfinite(correction):
@@ -70,7 +70,7 @@ def newton(problem: Problem, iterate: Iterate) -> Outcome:
                 return Outcome(trial, status, iteration, correction, residual)
             iterate, polish = trial, True
             continue
-        damping = min(1.0, 4 * damping)
+        damping = min(1.0, 4 * damping, 1.0 if linear else 1 / correction)
         while True:
             trial = iterate.moved(damping * change)
             left = equations(problem, trial) if trial.duration > 0 else np.array([np.nan])
@@ -109,27 +109,27 @@ class Measure:
         return float(np.abs(inner).max()) / momenta if momenta else float(np.abs(inner).max())
 
 
-def _solver(slope: ca.DM, closed: bool) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Solves slope · x = b; None where the matrix is singular.
+def _solver(problem: Problem, slope: ca.DM) -> Callable[[np.ndarray], np.ndarray]:
+    """Solves slope · x = b.
 
     Closed paths come in families (shifted in time, turned, moved): there the least-squares solution of least norm is
     taken, by the quasi-definite system [μ K; Kᵀ −μ] of the equilibrated matrix.
     """
+    free, size = int(problem.energy is not None), slope.shape[0]
+    if problem.closure is None:
+        return sparse_solver(slope, free)
     values = np.array(slope.nonzeros())
-    if not np.isfinite(values).all():
-        return lambda right: np.full(right.shape, np.nan)
-    if not closed:
-        return factorised(slope)
-    size = slope.shape[0]
     rows, columns = (np.array(x) for x in slope.sparsity().get_triplet())
     by_column = 1 / _largest(columns, np.abs(values), size)
     by_row = 1 / _largest(rows, np.abs(values) * by_column[columns], size)
     scaled = ca.DM(slope.sparsity(), values * by_row[rows] * by_column[columns])
     unit = DAMPED * ca.DM.eye(size)
-    solve = factorised(ca.blockcat([[unit, scaled], [scaled.T, -unit]]))
-    if solve is None:
-        return None
-    return lambda right: by_column * solve(np.concatenate([by_row * right, np.zeros(size)]))[size:]
+    main, last = np.arange(size - free), np.arange(size - free, size)
+    order = np.concatenate([main, size + main, last, size + last])  # the duration and its row go last
+    damped = ca.blockcat([[unit, scaled], [scaled.T, -unit]])[order.tolist(), order.tolist()]
+    solve = sparse_solver(damped, 2 * free)
+    back = np.argsort(order)[size:]
+    return lambda right: by_column * solve(np.concatenate([by_row * right, np.zeros(size)])[order])[back]
 
 
 def _largest(index: np.ndarray, values: np.ndarray, size: int) -> np.ndarray:
@@ -138,18 +138,34 @@ def _largest(index: np.ndarray, values: np.ndarray, size: int) -> np.ndarray:
     return np.where(found > 0, found, 1.0)
 
 
-def factorised(matrix: ca.DM) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Sparse LU with one step of iterative refinement."""
-    solver = ca.Linsol("path", "csparse", matrix.sparsity())
-    try:
-        solver.sfact(matrix)
-        solver.nfact(matrix)
-    except RuntimeError:
-        return None
+def sparse_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.ndarray]:
+    """b ↦ x with matrix · x = b by sparse QR; the last `border` rows and columns, which are dense, are split off.
+
+    x is NaN where the matrix is singular. Columns of b are solved at once.
+    """
+    inner = matrix.shape[0] - border
+    main = matrix[:inner, :inner] if border else matrix
+    solver = ca.Linsol("path", "qr", main.sparsity())
 
     def solve(right: np.ndarray) -> np.ndarray:
-        x = solver.solve(matrix, ca.DM(right))
-        x += solver.solve(matrix, ca.DM(right) - ca.mtimes(matrix, x))
-        return np.array(x).ravel()
+        try:
+            return np.array(solver.solve(main, ca.DM(right))).reshape(right.shape)
+        except RuntimeError:
+            return np.full(right.shape, np.nan)
 
-    return solve
+    if not border:
+        return solve
+    beside, below = np.array(ca.densify(matrix[:inner, inner:])), np.array(ca.densify(matrix[inner:, :inner]))
+    ahead = solve(beside)
+    corner = np.array(ca.densify(matrix[inner:, inner:])) - below @ ahead
+
+    def bordered(right: np.ndarray) -> np.ndarray:
+        first = solve(right[:inner])
+        last = np.linalg.lstsq(corner, right[inner:] - below @ first, rcond=None)[0]
+        return np.concatenate([first - ahead @ last, last])
+
+    def refined(right: np.ndarray) -> np.ndarray:
+        x = bordered(right)
+        return x + bordered(right - np.array(ca.mtimes(matrix, ca.DM(x))).reshape(right.shape))
+
+    return refined
