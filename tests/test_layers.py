@@ -16,7 +16,7 @@ LAYERS = [
     {"compositions", "structure"},
     {"rules", "system"},
     {"legendre"},
-    {"discrete", "noether", "assembly", "horizon", "manifold"},
+    {"discrete", "noether", "assembly", "horizon", "manifold", "geodesics"},
     {"trajectory"},
     {"stepping", "compiled", "projection", "boundary", "control"},
     {"ensemble", "diagnostics", "models", "archive"},

@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
@@ -14,21 +15,30 @@ from varint.trajectory import State, Trajectory
 if TYPE_CHECKING:
     from varint import models
     from varint.archive import load
+    from varint.boundary.derivatives import action_derivatives
+    from varint.boundary.families import paths
+    from varint.boundary.least_action import least_action
     from varint.control.links import Link
     from varint.control.optimal import optimal_control, optimal_phases
     from varint.control.phase import Phase
+    from varint.geodesics import geodesic
     from varint.horizon import free
 
 __version__ = "0.1.0"
 
 __all__ = [
     "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State", "System",
-    "Trajectory", "VarintError", "composition", "coordinates", "free", "gauss", "load", "lobatto", "midpoint", "models",
-    "optimal_control", "optimal_phases", "plan", "simulate", "step_function", "time", "trapezoidal",
+    "Trajectory", "VarintError", "action_derivatives", "composition", "coordinates", "free", "gauss", "geodesic",
+    "least_action", "load", "lobatto", "midpoint", "models", "optimal_control", "optimal_phases", "paths", "plan",
+    "project", "simulate", "step_function", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
 _LATER = {
+    "action_derivatives": "varint.boundary.derivatives",
+    "geodesic": "varint.geodesics",
+    "least_action": "varint.boundary.least_action",
+    "paths": "varint.boundary.families",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
     "free": "varint.horizon",

@@ -12,6 +12,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.boundary.newton import Outcome, sparse_solver
 from varint.boundary.stationary import Iterate, Problem, interval_rows
+from varint.manifold import tangent_function
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
@@ -40,6 +41,8 @@ def trajectory(problem: Problem, iterate: Iterate, stats: dict[str, Any], soluti
     p_minus, p_plus, _ = over_columns(ends_function(system, rule), *interval_data(problem, iterate))
     q = np.concatenate([iterate.starts, iterate.end[None]])
     p = np.concatenate([p_minus, p_plus[-1:]])
+    if system.structure.constraints:
+        p = p + over_columns(tangent_function(system), q, p, t[:, None], problem.c)[1]
     return Trajectory(
         system=system,
         rule=rule,

@@ -13,16 +13,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.boundary.stationary import interval_rows, point_times
-from varint.legendre import velocity_function
+from varint.boundary.recovered import interval_paths
 from varint.errors import InputError
 from varint.rules import Rule
-from varint.system import System, per_system
+from varint.system import System
 from varint.trajectory import Trajectory
 
-LAST_CORRECTION = 1e-9
-MOST_ITERATIONS = 30
 SMALLEST_PIVOT = 1e-10  # relative; a node conjugate to the start to round-off counts with the next one
 SYMMETRY = 1e-7  # relative; eigenvalues of closed paths this small belong to shifts and turns of the whole path
 PARTS = 32  # of an interval of time in one round of the search for a conjugate time
@@ -88,12 +84,12 @@ def _eliminated(trajectory: Trajectory) -> Chain:
     system, rule = trajectory.system, trajectory.rule
     _has_action(trajectory)
     steps, h = len(trajectory) - 1, trajectory.h
-    paths = _paths(trajectory, np.arange(steps), np.full(steps, h), np.arange(1, steps + 1))
+    paths = interval_paths(trajectory, np.arange(steps), np.full(steps, h), np.arange(1, steps + 1)).curvature
     n, m = system.structure.n, system.structure.constraints
     unit = _unit(paths, n, m)
     negative, two = _condensed(paths, unit)
     size = n + m
-    left, found = np.zeros((steps, size, size)), negative - _ordinary(system, rule, inner=True)
+    left, found = np.zeros((steps, size, size)), negative - _ordinary(system, rule)
     whole = two[0]
     for k in range(1, steps):
         left[k] = whole[size:, size:]
@@ -123,68 +119,12 @@ def _has_action(trajectory: Trajectory) -> None:
             raise InputError("the mass matrix is not positive: infinitely many variations lower the action")
 
 
-def _ordinary(system: System, rule: Rule, inner: bool) -> int:
+def _ordinary(system: System, rule: Rule) -> int:
     """Negative eigenvalues that belong to the method: n for every backward drift of a composition, m an inner point."""
     s = system.structure
     if rule.points:
         return s.constraints * (rule.degree - 1)
     return s.n * sum(a < 0 for a in rule.drifts)
-
-
-@per_system
-def curvature_function(system: System, rule: Rule) -> ca.Function:
-    """Arguments of `interval_rows` → (rows, ∂rows/∂(Q_j, λ_j)), symmetric where there are no forces."""
-    kernel = interval_rows(system, rule)
-    inputs = [ca.SX.sym(f"a{i}", kernel.numel_in(i)) for i in range(kernel.n_in())]
-    n, m = system.structure.n, system.structure.constraints
-    d = inputs[1].numel() // n
-    rows, _ = kernel(*inputs)
-    ahead = ca.jacobian(rows, inputs[1])
-    start = ca.jacobian(rows, inputs[0]) - sum(ahead[:, j * n : (j + 1) * n] for j in range(d))
-    by_point = [start, *(ahead[:, j * n : (j + 1) * n] for j in range(d))]
-    by_lam = ca.jacobian(rows, inputs[2])
-    columns = [x for j in range(d + 1) for x in (by_point[j], by_lam[:, j * m : (j + 1) * m])]
-    return ca.Function("curvature", inputs, [rows, ca.densify(ca.horzcat(*columns))], {"cse": True})
-
-
-def _paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
-    """Curvatures (B, L, L) of the paths that leave the nodes k and last for the times `size`.
-
-    `ends` are the nodes where they arrive, whose momenta give the last multipliers; None where these do not matter.
-    """
-    system, rule = trajectory.system, trajectory.rule
-    kernel, tau = curvature_function(system, rule), point_times(rule)[1:]
-    n, m, d, count = system.structure.n, system.structure.constraints, len(tau), len(k)
-    block = n + m
-    q, p, t, h = trajectory.q[k], trajectory.p[k], trajectory.t[k][:, None], size[:, None]
-    v = over_columns(velocity_function(system), q, p, t, trajectory.c)[0]
-    ahead, lam = (h * v)[:, None] * tau[:, None], np.zeros((count, d + 1, m))
-    u = trajectory._step_controls(trajectory.k[k], size / trajectory.h)
-    reach = np.abs(ahead).max(axis=(1, 2)) + np.finfo(float).tiny
-    target = np.zeros((count, (d + 1) * block))
-    target[:, :n] = -p
-    y = np.array([j * block + i for j in range(d + 1) for i in range(block) if (j > 0 if i < n else j < d)])
-    rows = np.array([j * block + i for j in range(d + 1) for i in range(block) if (j < d if i < n else j > 0)])
-    polish = False
-    for _ in range(MOST_ITERATIONS):
-        flat = ahead.reshape(count, -1), lam.reshape(count, -1)
-        values, slopes = over_columns(kernel, q, *flat, u, trajectory.c, t, h)
-        slopes = slopes.reshape(count, (d + 1) * block, -1).transpose(0, 2, 1)
-        if polish:
-            break
-        change = np.zeros((count, (d + 1) * block))
-        change[:, y] = -np.linalg.solve(slopes[:, rows][:, :, y], (values - target)[:, rows, None])[..., 0]
-        change = change.reshape(count, d + 1, block)
-        ahead, lam = ahead + change[:, 1:, :n], lam + change[:, :, n:]
-        polish = bool((np.abs(change[:, :, :n]).max(axis=(1, 2)) <= LAST_CORRECTION * reach).all())
-    if not polish or not np.isfinite(slopes).all():
-        raise InputError("the steps are too long for the second variation; use more steps")
-    if m and ends is not None:
-        push, gained = slopes[:, -block:-m, -m:], trajectory.p[ends] - values[:, -block:-m]
-        lam[:, -1] = (np.linalg.pinv(push) @ gained[..., None])[..., 0]
-        slopes = over_columns(kernel, q, ahead.reshape(count, -1), lam.reshape(count, -1), u, trajectory.c, t, h)[1]
-        slopes = slopes.reshape(count, (d + 1) * block, -1)
-    return (slopes + slopes.transpose(0, 2, 1)) / 2
 
 
 def _unit(paths: np.ndarray, n: int, m: int) -> np.ndarray:
@@ -221,11 +161,11 @@ def _inverted(pivot: np.ndarray) -> tuple[int, np.ndarray]:
 def _located(trajectory: Trajectory, k: int, left: np.ndarray, unit: np.ndarray, which: int) -> float:
     """Time after node k at which the `which`-th conjugate point of that step is passed."""
     system, size = trajectory.system, len(unit)
-    m, ordinary = system.structure.constraints, _ordinary(system, trajectory.rule, inner=True)
+    m, ordinary = system.structure.constraints, _ordinary(system, trajectory.rule)
     low, high = 0.0, trajectory.h
     while high - low > LOCATED * trajectory.h:
         trial = np.linspace(low, high, PARTS + 1)[1:-1]
-        paths = _paths(trajectory, np.full(len(trial), k), trial, None)
+        paths = interval_paths(trajectory, np.full(len(trial), k), trial, None).curvature
         negative, two = _condensed(paths, unit)
         found = negative - ordinary
         if k:
