@@ -86,7 +86,7 @@ def action_derivatives(path: Trajectory) -> ActionDerivatives:
     def by_name(values: np.ndarray) -> dict[str, np.ndarray]:
         found = {}
         for (name, shape), part in zip(shapes.items(), np.split(values, cuts, axis=-1), strict=True):
-            part = part.reshape(*values.shape[:-1], *shape[::-1])  # matrices stand column after column
+            part = part.reshape((*values.shape[:-1], *shape[::-1]))  # matrices stand column after column
             found[name] = part.swapaxes(-1, -2) if len(shape) == 2 else part
         return found
 
