@@ -49,5 +49,5 @@ def geodesic(q: ca.SX, v: ca.SX, metric: ca.SX, *, params: Parameters | None = N
         slope = ca.jacobian(metric, q)
         metric = ca.mtimes(slope.T, slope)
     if metric.shape != (n, n):
-        raise InputError(f"the metric has shape {metric.shape}; it must be ({n}, {n}), or a column: the position in space")
+        raise InputError(f"the metric has shape {metric.shape}; it must be ({n}, {n}), or a column (position in space)")
     return System(q, v, ca.bilin(metric, v, v) / 2, params=params)

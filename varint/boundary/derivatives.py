@@ -14,7 +14,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.boundary.newton import sparse_solver
-from varint.boundary.recovered import interval_paths
+from varint.boundary.recovered import interval_paths, require_every_step
 from varint.boundary.result import interval_data
 from varint.boundary.stationary import Iterate, Problem, interval_rows
 from varint.errors import InputError
@@ -104,8 +104,7 @@ def _again(path: Trajectory) -> tuple[Problem, Iterate]:
         raise InputError("derivatives of the action are for scenes without constraints: use independent coordinates")
     if system.structure.degenerate:
         raise InputError("the Lagrangian is degenerate: the ends do not determine a path")
-    if steps < 1 or (np.diff(path.k) != 1).any() or np.abs(np.diff(path.t) / path.h - 1).max() > 1e-6:
-        raise InputError("derivatives need every step of the path: save_every=1, no cut, no times of at()")
+    require_every_step(path)
     found = interval_paths(path, np.arange(steps), np.full(steps, path.h), None)
     d = found.increments.shape[1]
     u = path._step_controls(path.k[:-1], np.ones(steps))
@@ -117,7 +116,7 @@ def _again(path: Trajectory) -> tuple[Problem, Iterate]:
 def _partial(problem: Problem, iterate: Iterate, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """∂rows/∂T (size,), ∂rows/∂c (size, parameters), ∂S/∂(T, c) at fixed control points."""
     steps, d, n = iterate.increments.shape
-    values, slopes = over_columns(_partial_function(problem.system, problem.rule), *interval_data(problem, iterate))
+    _, slopes = over_columns(_partial_function(problem.system, problem.rule), *interval_data(problem, iterate))
     count = (d + 1) * n
     slopes = slopes.reshape(steps, -1, count + 1).transpose(0, 2, 1)  # columns h, t, c
     share, k = 1 / steps, np.arange(steps)[:, None]

@@ -12,7 +12,7 @@ import numpy as np
 from varint.boundary.minimise import minimised
 from varint.boundary.newton import Outcome, newton
 from varint.boundary.posing import posed
-from varint.boundary.result import path_of, conjugate_ends
+from varint.boundary.result import conjugate_ends, path_of
 from varint.boundary.stationary import Iterate, Problem, with_duration
 from varint.errors import SolverError
 from varint.horizon import Free
@@ -45,8 +45,8 @@ def least_action(
     """Path of stationary action, ∂S_d/∂q_k = D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 with the ends given.
 
     The action of a path is stationary, not always least: `Trajectory.morse_index` counts the directions in which it is
-    a maximum, `Trajectory.conjugate_times` say when they arise. It is minimised (Ipopt) only where there are `bounds` or
-    the duration has bounds of its own.
+    a maximum, `Trajectory.conjugate_times` say when they arise. It is minimised (by Ipopt) only where there are
+    `bounds` or the duration has bounds of its own.
 
     Parameters
     ----------

@@ -62,7 +62,11 @@ class Contacts:
 
 
 def minimised(
-    problem: Problem, iterate: Iterate, window: tuple[float, float], bounds: Sequence[tuple[Any, Any, Any]], began: float
+    problem: Problem,
+    iterate: Iterate,
+    window: tuple[float, float],
+    bounds: Sequence[tuple[Any, Any, Any]],
+    began: float,
 ) -> Trajectory:
     """The path of least action near `iterate` within bounds."""
     if problem.system.structure.forced:
@@ -92,77 +96,64 @@ def minimised(
 
 
 def _programme(problem: Problem, iterate: Iterate, window: tuple[float, float], held: PathBounds) -> Programme:
-    """min S_d (+ E T) over the control points within bounds."""
+    """min S_d (+ E T) over the control points, and the duration where it is free, within bounds."""
     began = perf_counter()
-    system, steps = problem.system, problem.steps
-    _, d, n = iterate.increments.shape
-    m, count, free = system.structure.constraints, steps * d + 1, problem.energy is not None
-    shared = ["T"] if not free else []
-    unknowns, clock = count * n + free, 3 + len(shared)
-    times = ((np.arange(steps)[:, None] + point_times(problem.rule)[:-1]) / steps).ravel()
-    parts = [
-        problem.u, problem.c, np.arange(steps), np.append(times, 1.0),
-        [1 / steps, problem.t0, problem.energy or 0.0, iterate.duration][:clock],
-    ]  # fmt: skip
-    place = np.split(np.arange(sum(np.size(x) for x in parts)), np.cumsum([np.size(x) for x in parts])[:-1])
-    u_at, c_at, k_at, time_at, clock_at = place
-    stretch = np.full(int(free), unknowns - 1)
-    fixed = problem.closure is None
-    inner = np.arange(1, count - 1) if fixed else np.arange(count)
+    steps, (_, d, n) = problem.steps, iterate.increments.shape
+    m, count, free = problem.system.structure.constraints, steps * d + 1, problem.energy is not None
+    fixed, kinds = problem.closure is None, held.at_points.numel()
+    inner = np.arange(fixed, count - fixed)
+    parts = [np.append(((np.arange(steps)[:, None] + point_times(problem.rule)[:-1]) / steps).ravel(), 1.0)[:, None]]
+    parts += [problem.u, np.arange(steps, dtype=float)[:, None], problem.c]
+    parts += [np.array([1 / steps, problem.t0, problem.energy or 0.0, iterate.duration])[: 3 if free else 4]]
+    places = np.split(np.arange(sum(x.size for x in parts)), np.cumsum([x.size for x in parts])[:-1])
+    part, u, k, c, clock = (place.reshape(x.shape) for place, x in zip(places, parts, strict=True))
+    unknowns, duration = count * n + free, np.full(int(free), count * n)
 
-    window_n = np.arange(steps)[:, None] * d * n + np.arange((d + 1) * n)
+    points = np.arange(steps)[:, None] * d * n + np.arange((d + 1) * n)
     gaps = np.arange(steps)[:, None] * d * m + np.arange((d + 1) * m)
-    closed_end = gaps >= (count - 1) * m
-    gaps = np.where(closed_end | ((gaps < m) if fixed else False), -1, gaps)
+    gaps[(gaps >= (count - 1) * m) | (gaps < fixed * m)] = -1  # of fixed ends, and of the end of a closed path
     change, data, cost, rows = _interval_of_programme(problem, free)
-    elements = [
-        Element(
-            change, data, cost, rows,
-            np.hstack([window_n, np.broadcast_to(stretch, (steps, len(stretch)))]),
-            np.hstack([u_at.reshape(steps, -1), np.broadcast_to(c_at, (steps, len(c_at))), k_at[:, None],
-                       np.broadcast_to(clock_at, (steps, clock))]),
-            gaps,
-        )
-    ]  # fmt: skip
-    height, low, high = count * m, [np.zeros(count * m)], [np.zeros(count * m)]
-    kinds = held.at_points.numel()
+    variables, constants = _beside(steps, points, duration), _beside(steps, u, c, k, clock)
+    elements = [Element(change, data, cost, rows, variables, constants, gaps)]
+    rows_low, rows_high = [np.zeros(count * m)], [np.zeros(count * m)]
     if kinds:
         change, data, rows = _bounded_point(problem, held, free)
-        copies = len(inner)
-        elements.append(
-            Element(
-                change, data, ca.SX(0), rows,
-                np.hstack([inner[:, None] * n + np.arange(n), np.broadcast_to(stretch, (copies, len(stretch)))]),
-                np.hstack([np.broadcast_to(c_at, (copies, len(c_at))), time_at[inner, None],
-                           np.broadcast_to(clock_at, (copies, clock))]),
-                height + np.arange(copies * kinds).reshape(copies, kinds),
-            )
-        )  # fmt: skip
-        height += copies * kinds
-        low.append(np.tile(held.points_low, copies))
-        high.append(np.tile(held.points_high, copies))
-    if not fixed:
-        start, end, turn = ca.SX.sym("q0", n), ca.SX.sym("q1", n), problem.closure
-        row = end - ca.mtimes(ca.DM(turn[:, :n]), start) - ca.DM(turn[:, n])
-        ends = np.concatenate([np.arange(n), (count - 1) * n + np.arange(n)])[None]
-        elements.append(
-            Element(ca.vertcat(start, end), ca.SX(0, 1), ca.SX(0), row, ends, np.empty((1, 0), dtype=int),
-                    height + np.arange(n)[None])
-        )  # fmt: skip
-        height += n
-        low.append(np.zeros(n))
-        high.append(np.zeros(n))
+        variables = _beside(len(inner), inner[:, None] * n + np.arange(n), duration)
+        at = count * m + np.arange(len(inner) * kinds).reshape(len(inner), kinds)
+        constants = _beside(len(inner), c, part[inner], clock)
+        elements.append(Element(change, data, ca.SX(0), rows, variables, constants, at))
+        rows_low.append(np.tile(held.points_low, len(inner)))
+        rows_high.append(np.tile(held.points_high, len(inner)))
     x_low, x_high = (np.tile(side, (count, 1)) for side in held.q)
-    if fixed:
-        points = iterate.points
-        _ends_allowed(problem, held, points)
-        x_low[[0, -1]] = x_high[[0, -1]] = points[[0, -1]]
-    program = assembled(elements, unknowns, sum(np.size(x) for x in parts), height)
+    if problem.closure is None:
+        _ends_allowed(problem, held, iterate.points)
+        x_low[[0, -1]] = x_high[[0, -1]] = iterate.points[[0, -1]]
+    else:
+        start, end, turn = ca.SX.sym("q0", n), ca.SX.sym("q1", n), ca.DM(problem.closure)
+        ends = np.append(np.arange(n), (count - 1) * n + np.arange(n))[None]
+        row = end - ca.mtimes(turn[:, :n], start) - turn[:, n]
+        at = sum(x.size for x in rows_low) + np.arange(n)[None]
+        none = np.empty((1, 0), dtype=int)
+        elements.append(Element(ca.vertcat(start, end), ca.SX(0, 1), ca.SX(0), row, ends, none, at))
+        rows_low.append(np.zeros(n))
+        rows_high.append(np.zeros(n))
+    g_low, g_high = np.concatenate(rows_low), np.concatenate(rows_high)
     return Programme(
-        legs=[], links=[], program=program, p=np.concatenate([np.ravel(x).astype(float) for x in parts]),
-        x_low=np.append(x_low.ravel(), [window[0]] * free), x_high=np.append(x_high.ravel(), [window[1]] * free),
-        g_low=np.concatenate(low), g_high=np.concatenate(high), seconds=perf_counter() - began,
-    )  # fmt: skip
+        legs=[],
+        links=[],
+        program=assembled(elements, unknowns, sum(x.size for x in parts), g_low.size),
+        p=np.concatenate([x.ravel() for x in parts]),
+        x_low=np.append(x_low.ravel(), [window[0]] * free),
+        x_high=np.append(x_high.ravel(), [window[1]] * free),
+        g_low=g_low,
+        g_high=g_high,
+        seconds=perf_counter() - began,
+    )
+
+
+def _beside(copies: int, *indices: np.ndarray) -> np.ndarray:
+    """Index arrays side by side; one that is the same for all copies is repeated."""
+    return np.hstack([np.broadcast_to(x, (copies, x.shape[-1])) for x in indices])
 
 
 def _clock(problem: Problem, free: bool) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -247,4 +238,3 @@ def _contacts(problem: Problem, found: Iterate, held: PathBounds, outcome) -> Co
     names = tuple(str(x) for x in ca.vertsplit(expressions))
     found_values = over_columns(values, found.points, t[:, None], problem.c)[0]
     return Contacts(names, t, found_values, -lam / weights[:, None], outcome.status)
-

@@ -46,7 +46,7 @@ def posed(
     n, names, c = system.structure.n, system.names, parameter_values(system, params)
     free = energy is not None or isinstance(duration, Free)
     if free and system.structure.forced:
-        raise InputError("a free duration needs a scene without forces: with them no action is stationary; give a number")
+        raise InputError("a free duration needs a scene without forces (with them no action is stationary)")
     u = controls(system, rule, u, steps)
     u = np.repeat(u, len(rule.nodes), axis=1) if u.shape[1] == 1 else u
     closure = _closure(n, symmetry) if periodic else None
@@ -63,8 +63,10 @@ def posed(
             raise InputError("give q_start and q_end, or periodic=True with a guess")
         ends = np.array([vector("q_start", q_start, n, names), vector("q_end", q_end, n, names)])
         nodes = ends if guess is None else _nodes(guess, n, names)
-        nodes = nodes + np.linspace(0, 1, len(nodes))[:, None] * (ends[1] - nodes[-1]) + (
-            np.linspace(1, 0, len(nodes))[:, None] * (ends[0] - nodes[0])
+        nodes = (
+            nodes
+            + np.linspace(0, 1, len(nodes))[:, None] * (ends[1] - nodes[-1])
+            + (np.linspace(1, 0, len(nodes))[:, None] * (ends[0] - nodes[0]))
         )
     tau = point_times(rule)[:-1]
     share = np.append(((np.arange(steps)[:, None] + tau) / steps).ravel(), 1.0)
@@ -73,7 +75,8 @@ def posed(
     if not periodic:
         points[0], points[-1] = ends
     guessed, lower, upper = _duration(system, duration, energy, points, t0, c)
-    problem = Problem(system, rule, int(steps), float(t0), u.reshape(steps, -1), c, closure, (energy or 0.0) if free else None)
+    level = (energy or 0.0) if free else None
+    problem = Problem(system, rule, int(steps), float(t0), u.reshape(steps, -1), c, closure, level)
     if not periodic:
         _on_constraints(problem, ends, guessed)
     _finite(problem, points, guessed)
@@ -172,7 +175,7 @@ def _on_constraints(problem: Problem, ends: np.ndarray, duration: float) -> None
         allowed = ON_CONSTRAINT * (np.abs(np.array(ca.densify(slope))) @ np.maximum(np.abs(q), np.abs(ends).max()))
         if not (off <= allowed).all():
             row = int(np.argmax(off - allowed))
-            raise InputError(f"{name} is off the constraint: row {row} of g is {off[row]:.3g} there, not 0; {name} = {q}")
+            raise InputError(f"{name} = {q} is off the constraint: row {row} of g is {off[row]:.3g} there, not 0")
 
 
 def _finite(problem: Problem, points: np.ndarray, duration: float) -> None:

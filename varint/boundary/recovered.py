@@ -17,6 +17,7 @@ from varint.trajectory import Trajectory
 
 LAST_CORRECTION = 1e-9
 MOST_ITERATIONS = 30
+ROUNDING = 1e-6  # of a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,17 @@ class IntervalPaths:
     increments: np.ndarray
     multipliers: np.ndarray
     curvature: np.ndarray
+
+
+def require_every_step(trajectory: Trajectory) -> None:
+    """Refuse trajectories whose nodes are not all one step apart."""
+    if len(trajectory) > 1 and (np.diff(trajectory.k) == 1).all():
+        steps = np.diff(trajectory.t) / trajectory.h
+        if np.abs(steps - 1).max() <= ROUNDING and not trajectory.events:
+            return
+    raise InputError(
+        "this needs every step of the motion at its full length: save_every=1, no times of at(), no event in between"
+    )
 
 
 @per_system
@@ -44,9 +56,7 @@ def curvature_function(system: System, rule: Rule) -> ca.Function:
     return ca.Function("curvature", inputs, [rows, ca.densify(ca.horzcat(*columns))], {"cse": True})
 
 
-def interval_paths(
-    trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.ndarray | None
-) -> IntervalPaths:
+def interval_paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.ndarray | None) -> IntervalPaths:
     """The paths that leave the nodes k and last for the times `size`.
 
     `ends` are the nodes where they arrive, whose momenta give the last multipliers; None where these do not matter.
@@ -71,9 +81,9 @@ def interval_paths(
         slopes = slopes.reshape(count, (d + 1) * block, -1).transpose(0, 2, 1)
         if polish:
             break
-        change = np.zeros((count, (d + 1) * block))
-        change[:, y] = -np.linalg.solve(slopes[:, rows][:, :, y], (values - target)[:, rows, None])[..., 0]
-        change = change.reshape(count, d + 1, block)
+        step = np.zeros((count, (d + 1) * block))
+        step[:, y] = -np.linalg.solve(slopes[:, rows][:, :, y], (values - target)[:, rows, None])[..., 0]
+        change = step.reshape(count, d + 1, block)
         ahead, lam = ahead + change[:, 1:, :n], lam + change[:, :, n:]
         polish = bool((np.abs(change[:, :, :n]).max(axis=(1, 2)) <= LAST_CORRECTION * reach).all())
     if not polish or not np.isfinite(slopes).all():

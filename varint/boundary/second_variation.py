@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from varint.boundary.recovered import interval_paths
+from varint.boundary.recovered import interval_paths, require_every_step
 from varint.errors import InputError
 from varint.rules import Rule
 from varint.system import System
@@ -110,8 +110,7 @@ def _has_action(trajectory: Trajectory) -> None:
         raise InputError("the scene has forces: its paths make no action stationary, so they have no second variation")
     if system.structure.degenerate or system.structure.nonholonomic or system.structure.contacts:
         raise InputError("only regular scenes without non-holonomic rows and contacts have a second variation")
-    if len(trajectory) < 2 or (np.diff(trajectory.k) != 1).any() or abs(np.diff(trajectory.t) / trajectory.h - 1).max() > 1e-6:
-        raise InputError("the second variation needs every step of the trajectory: save_every=1, no cut, no times of at()")
+    require_every_step(trajectory)
     mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.densify(system.mass_matrix)])
     if not system.structure.constraints:
         start = trajectory[0]
@@ -171,9 +170,7 @@ def _located(trajectory: Trajectory, k: int, left: np.ndarray, unit: np.ndarray,
         if k:
             found = found + (np.linalg.eigvalsh(left + two[:, :size, :size]) < 0).sum(axis=1) - m
         passed = np.flatnonzero(found >= which)
-        high, low = (
-            (trial[passed[0]], trial[passed[0] - 1] if passed[0] else low) if len(passed) else (high, trial[-1])
-        )
+        high, low = (trial[passed[0]], trial[passed[0] - 1] if passed[0] else low) if len(passed) else (high, trial[-1])
         if not trial[-1] > trial[0]:
             break
     return (low + high) / 2

@@ -67,7 +67,7 @@ class Iterate:
     @property
     def points(self) -> np.ndarray:
         """All control points, (N d + 1, n)."""
-        steps, d, n = self.increments.shape
+        steps, _, n = self.increments.shape
         inside = self.starts[:, None] + np.concatenate([np.zeros((steps, 1, n)), self.increments[:, :-1]], axis=1)
         return np.concatenate([inside.reshape(-1, n), self.end[None]])
 
@@ -121,12 +121,10 @@ def constants(problem: Problem, iterate: Iterate) -> np.ndarray:
     """The data of the rows, in the order of `_places`."""
     n = iterate.starts.shape[1]
     closure = np.zeros((n, n + 1)) if problem.closure is None else problem.closure
-    parts = [
-        iterate.starts, iterate.increments, iterate.multipliers, problem.u, problem.c, np.arange(problem.steps),
-        [iterate.duration, 1 / problem.steps, problem.t0, problem.energy or 0.0],
-        iterate.end, iterate.momenta, closure.ravel(order="F"),
-    ]  # fmt: skip
-    return np.concatenate([np.ravel(x) for x in parts])
+    clock = np.array([iterate.duration, 1 / problem.steps, problem.t0, problem.energy or 0.0])
+    parts = [iterate.starts, iterate.increments, iterate.multipliers, problem.u, problem.c, np.arange(problem.steps)]
+    parts += [clock, iterate.end, iterate.momenta, closure.T]
+    return np.concatenate([x.ravel() for x in parts])
 
 
 @per_system

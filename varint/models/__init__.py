@@ -39,6 +39,7 @@ from varint.models.particles import (
     spring_cluster,
     two_body,
 )
+from varint.models.paths import brachistochrone, catenary, cycloid, great_circle, spheroid_geodesic, torus_geodesic
 from varint.models.pendulums import (
     chain_pendulum,
     double_pendulum,
@@ -68,12 +69,13 @@ catalogue = {
         uniform_fields, magnetic_mirror, inverse_distance_field, oscillating_field, growing_field,
         free_rigid_body, heavy_rigid_body, heavy_top,
         cart_pole, acrobot, two_link_arm,
+        great_circle, torus_geodesic, spheroid_geodesic, brachistochrone, catenary,
         lotka_volterra, guiding_centre,
     )
 }  # fmt: skip
 
 __all__ = [
-    "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_rates", "catalogue", "charged_particle", "euler_rates",
-    "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs", "pendulum_period", "radial_period",
-    "rotating_hoop_period", "sliding_support_period", *catalogue,
+    "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_rates", "catalogue", "charged_particle", "cycloid",
+    "euler_rates", "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs", "pendulum_period",
+    "radial_period", "rotating_hoop_period", "sliding_support_period", *catalogue,
 ]  # fmt: skip
