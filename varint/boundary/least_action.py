@@ -16,7 +16,7 @@ from varint.boundary.result import conjugate_ends, path_of
 from varint.boundary.stationary import Iterate, Problem, with_duration
 from varint.errors import SolverError
 from varint.horizon import Free
-from varint.rules import Rule
+from varint.rules import Rule, gauss
 from varint.system import System
 from varint.trajectory import Trajectory
 
@@ -52,7 +52,7 @@ def least_action(
     ----------
     system : System
     rule : Rule, optional
-        Default: the scene's own.
+        Default: the scene's own, or `gauss(2)` where that has no path between its nodes and the action is minimised.
     q_start, q_end : array (n,)
         End points; both are left out for periodic paths.
     duration : float or Free
@@ -101,11 +101,14 @@ def least_action(
     (1, array([3.141593]))
     """
     began = perf_counter()
+    minimise = bool(bounds) or (isinstance(duration, Free) and energy is None)
+    if rule is None and minimise and not system.structure.constraints:
+        rule = gauss(2)  # a composition has no path between its nodes to bound
     problem, iterate, window = posed(
         system, rule, q_start=q_start, q_end=q_end, duration=duration, steps=steps, t0=t0, guess=guess, u=u,
         params=params, periodic=periodic, symmetry=symmetry, energy=energy,
     )  # fmt: skip
-    if bounds or (isinstance(duration, Free) and energy is None):
+    if minimise:
         return minimised(problem, iterate, window, bounds or [], began)
     outcome = found(problem, iterate)
     path = path_of(problem, outcome, began)

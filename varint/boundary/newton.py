@@ -6,6 +6,7 @@ residual this measure does not depend on the units of the rows (Deuflhard, Newto
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ LAST_CORRECTION = 1e-8  # relative to the path; quadratic convergence makes the 
 MOST_ITERATIONS = 60
 SMALLEST_DAMPING = 1e-4
 RESIDUAL_LIMIT = 1e-9  # relative to the momenta
+SINGULAR = 1e-300  # CasADi compares it with entries of any unit; singular matrices show as huge corrections
 DAMPED = 1e-9  # relative to the equations: directions weaker than this are left alone (closed paths)
 
 
@@ -117,12 +119,8 @@ def _solver(problem: Problem, slope: ca.DM) -> Callable[[np.ndarray], np.ndarray
     """
     free, size = int(problem.energy is not None), slope.shape[0]
     if problem.closure is None:
-        return sparse_solver(slope, free)
-    values = np.array(slope.nonzeros())
-    rows, columns = (np.array(x) for x in slope.sparsity().get_triplet())
-    by_column = 1 / _largest(columns, np.abs(values), size)
-    by_row = 1 / _largest(rows, np.abs(values) * by_column[columns], size)
-    scaled = ca.DM(slope.sparsity(), values * by_row[rows] * by_column[columns])
+        return equilibrated_solver(slope, free)
+    scaled, by_row, by_column = _equilibrated(slope)
     unit = DAMPED * ca.DM.eye(size)
     main, last = np.arange(size - free), np.arange(size - free, size)
     order = np.concatenate([main, size + main, last, size + last])  # the duration and its row go last
@@ -132,10 +130,24 @@ def _solver(problem: Problem, slope: ca.DM) -> Callable[[np.ndarray], np.ndarray
     return lambda right: by_column * solve(np.concatenate([by_row * right, np.zeros(size)])[order])[back]
 
 
-def _largest(index: np.ndarray, values: np.ndarray, size: int) -> np.ndarray:
-    found = np.zeros(size)
-    np.maximum.at(found, index, values)
-    return np.where(found > 0, found, 1.0)
+def equilibrated_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.ndarray]:
+    """As `sparse_solver`, for rows and columns of different units: conditions of the ends hold to round-off too."""
+    scaled, by_row, by_column = _equilibrated(matrix)
+    solve = sparse_solver(scaled, border)
+    return lambda right: (by_column * solve((by_row * right.T).T).T).T
+
+
+def _equilibrated(matrix: ca.DM) -> tuple[ca.DM, np.ndarray, np.ndarray]:
+    """The matrix with columns and rows of size 1, and the factors of its rows and columns."""
+    by_column = _inverse_sizes(ca.sum1(matrix**2))
+    scaled = ca.mtimes(matrix, ca.diag(by_column))
+    by_row = _inverse_sizes(ca.sum2(scaled**2))
+    return ca.mtimes(ca.diag(by_row), scaled), np.array(by_row).ravel(), np.array(by_column).ravel()
+
+
+def _inverse_sizes(squares: ca.DM) -> ca.DM:
+    size = np.sqrt(np.array(ca.densify(squares)).ravel())
+    return ca.DM(1 / np.where(size > 0, size, 1.0))
 
 
 def sparse_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.ndarray]:
@@ -145,7 +157,7 @@ def sparse_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.n
     """
     inner = matrix.shape[0] - border
     main = matrix[:inner, :inner] if border else matrix
-    solver = ca.Linsol("path", "qr", main.sparsity())
+    solver = _analysed(main.sparsity())
 
     def solve(right: np.ndarray) -> np.ndarray:
         try:
@@ -169,3 +181,16 @@ def sparse_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.n
         return x + bordered(right - np.array(ca.mtimes(matrix, ca.DM(x))).reshape(right.shape))
 
     return refined
+
+
+def _analysed(pattern: ca.Sparsity) -> ca.Linsol:
+    """The solver for a pattern; its symbolic analysis takes longer than a factorisation and is kept."""
+    for known, solver in _SOLVERS:
+        if known == pattern:
+            return solver
+    solver = ca.Linsol("path", "qr", pattern, {"eps": SINGULAR})
+    _SOLVERS.append((pattern, solver))
+    return solver
+
+
+_SOLVERS: deque[tuple[ca.Sparsity, ca.Linsol]] = deque(maxlen=8)

@@ -50,6 +50,7 @@ def posed(
     u = controls(system, rule, u, steps)
     u = np.repeat(u, len(rule.nodes), axis=1) if u.shape[1] == 1 else u
     closure = _closure(n, symmetry) if periodic else None
+    ends = None
     if periodic:
         if q_start is not None or q_end is not None:
             raise InputError("a periodic path has no end points: leave out q_start and q_end and give a guess")
@@ -72,12 +73,12 @@ def posed(
     share = np.append(((np.arange(steps)[:, None] + tau) / steps).ravel(), 1.0)
     grid = np.linspace(0, 1, len(nodes))
     points = np.stack([np.interp(share, grid, x) for x in nodes.T], axis=1)
-    if not periodic:
+    if ends is not None:
         points[0], points[-1] = ends
     guessed, lower, upper = _duration(system, duration, energy, points, t0, c)
     level = (energy or 0.0) if free else None
-    problem = Problem(system, rule, int(steps), float(t0), u.reshape(steps, -1), c, closure, level)
-    if not periodic:
+    problem = Problem(system, rule, int(steps), float(t0), u.reshape(steps, -1), c, ends, closure, level)
+    if ends is not None:
         _on_constraints(problem, ends, guessed)
     _finite(problem, points, guessed)
     return problem, iterate_through(points, len(tau), system.structure.constraints, guessed), (lower, upper)

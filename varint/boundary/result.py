@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.boundary.newton import Outcome, sparse_solver
+from varint.boundary.newton import Outcome, equilibrated_solver
 from varint.boundary.stationary import Iterate, Problem, interval_rows
 from varint.manifold import tangent_function
 from varint.stepping.step_function import action_function, step_function
@@ -90,7 +90,7 @@ def conjugate_ends(problem: Problem, outcome: Outcome, path: Trajectory) -> bool
     _, slope = problem.equations.derivatives(problem, outcome.iterate)
     size = slope.shape[0]
     moved = np.eye(size, n, n - size)  # the end moved along each coordinate
-    answer = sparse_solver(slope)(moved)[-2 * n : -n]
+    answer = equilibrated_solver(slope)(moved)[-2 * n : -n]
     mass = np.array(mass_function(problem.system)(path.q[0], path.v[0], problem.t0, problem.c))
     return not np.abs(answer).max() <= CONJUGATE * np.abs(mass).max() / path.duration
 

@@ -28,8 +28,10 @@ class Problem:
     ----------
     u : ndarray (N, r·k)
         Controls at the rule's nodes.
+    ends : ndarray (2, n) or None
+        Fixed end points; None for a closed path.
     closure : ndarray (n, n + 1) or None
-        [S | b] of the condition q(T) = S q(0) + b, p(0) = Sᵀ p(T); None: both ends are fixed.
+        [S | b] of the condition q(T) = S q(0) + b, p(0) = Sᵀ p(T); None for fixed ends.
     energy : float or None
         Energy of a path of free duration; None: the duration is fixed.
     """
@@ -40,6 +42,7 @@ class Problem:
     t0: float
     u: np.ndarray
     c: np.ndarray
+    ends: np.ndarray | None = None
     closure: np.ndarray | None = None
     energy: float | None = None
 
@@ -120,7 +123,11 @@ class Equations:
 def constants(problem: Problem, iterate: Iterate) -> np.ndarray:
     """The data of the rows, in the order of `_places`."""
     n = iterate.starts.shape[1]
-    closure = np.zeros((n, n + 1)) if problem.closure is None else problem.closure
+    closure = np.zeros((n, n + 1))
+    if problem.closure is not None:
+        closure[:] = problem.closure
+    elif problem.ends is not None:
+        closure[:, 0], closure[:, -1] = problem.ends
     clock = np.array([iterate.duration, 1 / problem.steps, problem.t0, problem.energy or 0.0])
     parts = [iterate.starts, iterate.increments, iterate.multipliers, problem.u, problem.c, np.arange(problem.steps)]
     parts += [clock, iterate.end, iterate.momenta, closure.T]
@@ -221,7 +228,7 @@ def _ends(n: int, m: int, closed: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
         conditions = [q1 + end - ca.mtimes(turn, q0 + start) - shift, p0 + p_start - ca.mtimes(turn.T, p1 + p_end)]
         fixed = [last_lam]
     else:
-        conditions, fixed = [start, end], [changes[1], last_lam]
+        conditions, fixed = [q0 + start - turn[:, 0], q1 + end - shift], [changes[1], last_lam]
     rows = ca.vertcat(p0 + p_start, -(p1 + p_end), *conditions, *fixed)
     return ca.vertcat(*changes), ca.vertcat(q0, q1, p0, p1, ca.vec(turn), shift), rows
 

@@ -123,21 +123,23 @@ def cycloid(X: float, depth: float) -> tuple[float, float]:
 
 
 def catenary(c: float = 0.5, start: float = -1.0) -> Model:
-    """Hanging chain, L = ½ (ẋ² + ẏ²) + ½ (y − d)² at energy 0: the path has ∫ (y − d) ds stationary (Jacobi).
+    """Hanging chain, L = ½ (ẋ² + ẏ² − ℓ̇²) + y ℓ̇ with the length ℓ of the chain so far, at energy 0.
 
-    d is the height of the directrix; ∂S/∂d = −length, so that the chain of given length is found by varying d.
+    Energy 0 makes ℓ the length of arc, and S = ∫ y dℓ the potential energy. The momentum of ℓ, y − ℓ̇, is the height
+    of the directrix. Between (x₀, y₀, 0) and (x₁, y₁, length) the chain hangs from both ends.
     """
-    parameters = Parameters(d=0.0)
-    q, v = coordinates("x", "y")
-    system = System(q, v, (ca.sumsqr(v) + (q[1] - parameters.d) ** 2) / 2, params=parameters)
+    q, v = coordinates("x", "y", "length")
+    system = System(q, v, (v[0] ** 2 + v[1] ** 2 - v[2] ** 2) / 2 + q[1] * v[2])
 
     def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         s = start + t
-        return np.stack([c * s, c * np.cosh(s)], axis=1), np.stack([c + 0 * s, c * np.sinh(s)], axis=1)
+        q = np.stack([c * s, c * np.cosh(s), c * (np.sinh(s) - np.sinh(start))], axis=1)
+        return q, np.stack([c + 0 * s, c * np.sinh(s), c * np.cosh(s)], axis=1)
 
+    q0, v0 = (x[0] for x in exact(np.zeros(1)))
     return Model(
-        name="catenary", system=system, q0=[c * start, c * np.cosh(start)], v0=[c, c * np.sinh(start)], duration=2.0,
-        h=0.02, invariants=energy(system) | {"horizontal tension": v[0]}, exact=exact,
+        name="catenary", system=system, q0=q0, v0=v0, duration=2.0, h=0.02,
+        invariants=energy(system) | {"horizontal tension": v[0], "directrix": system.momentum[2]}, exact=exact,
         claim="A hanging chain is a catenary, and its horizontal tension is everywhere the same.",
-        source="Gelfand & Fomin, Calculus of Variations, §12; Arnold, Mathematical Methods, §45 (Jacobi's metric)",
+        source="Gelfand & Fomin, Calculus of Variations, §12; the isoperimetric condition as a third coordinate",
     )  # fmt: skip
