@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.noether import Symmetries, Symmetry, noether, symmetries
 from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
@@ -13,7 +14,7 @@ from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
-    from varint import models
+    from varint import diagnostics, models
     from varint.archive import load
     from varint.boundary.derivatives import action_derivatives
     from varint.boundary.families import paths
@@ -27,26 +28,27 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State", "System",
-    "Trajectory", "VarintError", "action_derivatives", "composition", "coordinates", "free", "gauss", "geodesic",
-    "least_action", "load", "lobatto", "midpoint", "models", "optimal_control", "optimal_phases", "paths", "plan",
-    "project", "simulate", "step_function", "time", "trapezoidal",
+    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State",
+    "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "composition",
+    "coordinates", "diagnostics", "free", "gauss", "geodesic", "least_action", "load", "lobatto", "midpoint", "models",
+    "noether", "optimal_control", "optimal_phases", "paths", "plan", "project", "simulate", "step_function",
+    "symmetries", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
 _LATER = {
-    "action_derivatives": "varint.boundary.derivatives",
-    "geodesic": "varint.geodesics",
-    "least_action": "varint.boundary.least_action",
-    "paths": "varint.boundary.families",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
+    "action_derivatives": "varint.boundary.derivatives",
     "free": "varint.horizon",
+    "geodesic": "varint.geodesics",
+    "least_action": "varint.boundary.least_action",
     "load": "varint.archive",
     "optimal_control": "varint.control.optimal",
     "optimal_phases": "varint.control.optimal",
+    "paths": "varint.boundary.families",
 }
-_LATER_MODULES = ("models",)
+_LATER_MODULES = ("diagnostics", "models")
 
 
 def __getattr__(name: str) -> Any:
