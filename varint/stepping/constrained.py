@@ -56,7 +56,7 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     advance = _advance(one, rule, y, z, p, sizes, left, total, row_size)
     q1, cq1, gain, ahead, worst = advance(x, found, u, t, h, c, size, s)
     _, pull = tangent_function(system)(q1, p0 + gain, t + h, c)
-    p1, cp1 = sum_function(n)(p0, carry, gain + pull)
+    p1, cp1 = sum_function(n)(p0, carry, gain + pull, h)
     inputs = [x, u, t, h, c, s]
     step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, worst)])
     start = _start(system, rule, one, y.numel())
@@ -128,7 +128,7 @@ def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size) -
     ahead = ca.vertcat(ca.vec(ca.mtimes(z, ca.DM(rule.extrapolation).T)), y[n * d :])
     with verbatim():
         remains, gain = check(y, q, *inputs[2:])
-        q1, cq1 = compensated(q, cq, one.h * z[:, -1])
+        q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
         outputs = [q1, cq1, gain, ahead, ca.fmax(worst, ca.norm_inf(remains))]
         return ca.Function("advance", [x, y, *inputs[3:]], outputs)
 
@@ -136,8 +136,9 @@ def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size) -
 def sum_function(n: int) -> ca.Function:
     """Compensated p + gain."""
     p, carry, gain = (ca.SX.sym(name, n) for name in ("p", "carry", "gain"))
+    h = ca.SX.sym("h")
     with verbatim():
-        return ca.Function("gained", [p, carry, gain], list(compensated(p, carry, gain)))
+        return ca.Function("gained", [p, carry, gain, h], list(compensated(p, carry, gain, h)))
 
 
 def _start(system: System, rule: Rule, one: Interval, unknowns: int) -> ca.Function:
