@@ -19,6 +19,7 @@ from varint.trajectory import Trajectory
 
 FORMAT = "varint trajectory 1"
 ARRAYS = ("t", "q", "p", "k", "u", "c")
+OPTIONAL = ("closure",)
 
 
 def save(trajectory: Trajectory, path: Any) -> None:
@@ -43,7 +44,7 @@ def save(trajectory: Trajectory, path: Any) -> None:
         "system": describe(trajectory.system),
         "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
     }
-    arrays = {name: getattr(trajectory, name) for name in ARRAYS}
+    arrays = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL) if getattr(trajectory, name) is not None}
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -86,7 +87,7 @@ def load(path: Any) -> Trajectory:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
-            arrays = {name: data[name] for name in ARRAYS}
+            arrays = {name: data[name] for name in (*ARRAYS, *(x for x in OPTIONAL if x in data.files))}
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except InputError:
