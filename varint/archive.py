@@ -12,14 +12,15 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, VarintError
+from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.step_function import action_function, step_function
 from varint.system import Parameters, System
-from varint.trajectory import Trajectory
+from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
 ARRAYS = ("t", "q", "p", "k", "u", "c")
-OPTIONAL = ("closure",)
+OPTIONAL = ("phase", "closure")
 
 
 def save(trajectory: Trajectory, path: Any) -> None:
@@ -42,6 +43,8 @@ def save(trajectory: Trajectory, path: Any) -> None:
         "h": trajectory.h,
         "rule": asdict(trajectory.rule),
         "system": describe(trajectory.system),
+        "phases": [asdict(phase) for phase in trajectory.phases],
+        "events": [asdict(event) for event in trajectory.events],
         "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
     }
     arrays = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL) if getattr(trajectory, name) is not None}
@@ -87,7 +90,7 @@ def load(path: Any) -> Trajectory:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
-            arrays = {name: data[name] for name in (*ARRAYS, *(x for x in OPTIONAL if x in data.files))}
+            arrays = {name: data[name] for name in (*ARRAYS, *(x for x in OPTIONAL if x in data))}
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except InputError:
@@ -102,6 +105,8 @@ def load(path: Any) -> Trajectory:
         rule=rule,
         h=header["h"],
         functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
+        phases=tuple(Phase(**{k: tuple(v) for k, v in phase.items()}) for phase in header["phases"]),
+        events=tuple(Event(**event) for event in header["events"]),
         stats=MappingProxyType(header["stats"]),
         **arrays,
     )

@@ -35,6 +35,33 @@ class State(NamedTuple):
     p: np.ndarray
 
 
+@dataclass(frozen=True)
+class Event:
+    """Something that happened between nodes.
+
+    Attributes
+    ----------
+    time : float
+        When, located with the accuracy of the rule.
+    kind : str
+        ``"impact"`` (a contact bounces), ``"stop"`` (a contact closes and holds), ``"detachment"`` (it lets go), or
+        the user's name of the expression that crossed zero.
+    contact : int or None
+        Index of the contact.
+    impulse : float
+        Normal impulse Λ of the contact: p changes by Λ ∂gap/∂q (and what constraints add).
+    energy_before, energy_after : float
+        Energy on both sides.
+    """
+
+    time: float
+    kind: str
+    contact: int | None
+    impulse: float
+    energy_before: float
+    energy_after: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A motion at its nodes; arrays have time first.
@@ -290,7 +317,7 @@ class Trajectory:
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
-        slack = ROUNDING * max(abs(low), abs(high), abs(self.h))
+        slack = self._rounding * abs(self.h)
         if not ((times >= low - slack) & (times <= high + slack)).all():
             raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
         direction = 1.0 if self.h > 0 else -1.0
@@ -301,17 +328,17 @@ class Trajectory:
         phase = None if self.phase is None else self.phase[node]
         for _ in self._steps(q, p, self.t[node], self.k[node], ahead, phase):
             continue
-        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
+        whole = np.floor(ahead / self.h + self._rounding).astype(int)
         found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=(), closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
     def _steps(self, q, p, t, k, ahead, phase):
         """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
-        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
+        whole = np.floor(ahead / self.h + self._rounding).astype(int)
         phases = self.phases if phase is not None else (None,)
         for j in range(int(whole.max(initial=0)) + 1):
             left = ahead - j * self.h
-            going = left / self.h > ROUNDING
+            going = left / self.h > self._rounding
             if not going.any():
                 return
             for i, held in enumerate(phases):
@@ -326,6 +353,11 @@ class Trajectory:
                 yield active, scene, arguments
                 q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
 
+    @cached_property
+    def _rounding(self) -> float:
+        """Of a step: a time this close to a node is the node. It is the round-off of the times themselves."""
+        return ROUNDING * max(np.abs(self.t).max(), abs(self.h)) / abs(self.h)
+
     def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
         return self.functions() if scene is self.system else self.functions(scene)
 
@@ -338,7 +370,7 @@ class Trajectory:
         if u.shape[1] == 1:
             return np.repeat(u, r, axis=1).reshape(count, -1)
         nodes = np.array(self.rule.nodes)
-        short = fraction < 1 - ROUNDING
+        short = fraction < 1 - self._rounding
         tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
         u = u.copy()
         u[short] = tables @ u[short]
@@ -374,7 +406,7 @@ class Trajectory:
         return to_xarray(self)
 
 
-ROUNDING = 1e-9  # of a step: a time this close to a node is the node
+ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
 
 
 def _as_expression(expression: Any, system: System) -> ca.SX:
