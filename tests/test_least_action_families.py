@@ -47,6 +47,8 @@ def test_a_path_round_an_obstacle_touches_it_with_positive_multiplier_and_no_pen
     inside = contact.multipliers[held][3:-3, 0]
     assert inside == pytest.approx(length**2 / 2, rel=1e-4)  # v²/R = 2 λ R towards the centre
     assert not held[:100].any() and not held[-100:].any()
+    with pytest.raises(vi.InputError, match="leans on its bounds"):
+        path.is_minimum  # noqa: B018
 
 
 def test_the_length_round_an_obstacle_converges_with_order_two():
@@ -183,6 +185,19 @@ def test_a_rotation_closes_after_a_turn():
     assert turn.p[-1, 0] == pytest.approx(turn.p[0, 0], rel=1e-13)
     period = 4 * np.pi / 2 / turn.duration  # mean speed; faster below than above
     assert turn.p.min() < period < turn.p.max()
+
+
+def test_a_closed_path_stays_closed_on_disk(tmp_path):
+    motion = vi.least_action(
+        pendulum(), vi.gauss(4), duration=7.0, steps=20, periodic=True,
+        guess=np.sin(np.linspace(0, 2 * np.pi, 30))[:, None],
+    )  # fmt: skip
+    assert np.ptp(motion.q) > 1
+    motion.save(tmp_path / "closed.npz")
+    again = vi.load(tmp_path / "closed.npz")
+    assert (again.closure == motion.closure).all()
+    assert again.morse_index == motion.morse_index
+    assert motion[:5].closure is None
 
 
 def test_a_path_of_given_energy_takes_the_time_of_the_thrown_ball():

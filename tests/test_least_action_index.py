@@ -124,6 +124,11 @@ def test_what_has_no_index_says_so():
     with pytest.raises(vi.InputError, match="every step"):
         motion.conjugate_times  # noqa: B018
     q, v = vi.coordinates("x", "y")
+    twice = vi.System(q, v, ca.sumsqr(v) / 2, constraint=ca.vertcat(ca.sumsqr(q) - 1, 2 * ca.sumsqr(q) - 2))
+    with pytest.warns(UserWarning):
+        turning = vi.simulate(twice, vi.lobatto(3), q0=[1, 0], v0=[0, 1], h=0.1, steps=3)
+    with pytest.raises(vi.InputError, match="redundant"):
+        turning.morse_index  # noqa: B018
     saddle = vi.System(q, v, (v[0] ** 2 - v[1] ** 2) / 2)
     with pytest.raises(vi.InputError, match="infinitely many"):
         vi.simulate(saddle, vi.gauss(1), q0=[0, 0], v0=[1, 1], h=0.1, steps=3).morse_index  # noqa: B018

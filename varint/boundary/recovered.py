@@ -69,7 +69,8 @@ def interval_paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends
     v = over_columns(velocity_function(system), q, p, t, trajectory.c)[0]
     ahead, lam = (h * v)[:, None] * tau[:, None], np.zeros((count, d + 1, m))
     u = trajectory._step_controls(trajectory.k[k], size / trajectory.h)
-    reach = np.abs(ahead).max(axis=(1, 2)) + np.finfo(float).tiny
+    longest = np.abs(np.diff(trajectory.q, axis=0)).max()  # where a motion turns its own step is no measure
+    reach = (longest + np.finfo(float).tiny) * size / abs(trajectory.h)
     target = np.zeros((count, (d + 1) * block))
     target[:, :n] = -p
     y = np.array([j * block + i for j in range(d + 1) for i in range(block) if (j > 0 if i < n else j < d)])
@@ -82,7 +83,10 @@ def interval_paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends
         if polish:
             break
         step = np.zeros((count, (d + 1) * block))
-        step[:, y] = -np.linalg.solve(slopes[:, rows][:, :, y], (values - target)[:, rows, None])[..., 0]
+        try:
+            step[:, y] = -np.linalg.solve(slopes[:, rows][:, :, y], (values - target)[:, rows, None])[..., 0]
+        except np.linalg.LinAlgError:
+            raise InputError("the steps' equations are singular: redundant constraints, or a singular mass") from None
         change = step.reshape(count, d + 1, block)
         ahead, lam = ahead + change[:, 1:, :n], lam + change[:, :, n:]
         polish = bool((np.abs(change[:, :, :n]).max(axis=(1, 2)) <= LAST_CORRECTION * reach).all())

@@ -111,6 +111,8 @@ def _has_action(trajectory: Trajectory) -> None:
     if system.structure.degenerate or system.structure.nonholonomic or system.structure.contacts:
         raise InputError("only regular scenes without non-holonomic rows and contacts have a second variation")
     require_every_step(trajectory)
+    if np.any(getattr(trajectory.solution, "touches", False)):
+        raise InputError("the path leans on its bounds: it is least among the paths within them, and has no index")
     mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.densify(system.mass_matrix)])
     if not system.structure.constraints:
         start = trajectory[0]
