@@ -14,7 +14,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = [
     {"errors", "polynomials", "arrays", "progress"},
     {"compositions", "structure"},
-    {"rules", "system"},
+    {"rules", "system", "sketch"},
     {"manifold", "legendre"},
     {"discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
@@ -22,6 +22,7 @@ LAYERS = [
     {"ensemble", "diagnostics", "models", "archive"},
     {"plot", "plot_diagnostics", "animate"},
     {"__init__"},
+    {"__main__"},
 ]
 RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
 DRAWING = {"plot", "plot_diagnostics", "animate"}

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
+from varint.sketch import Sketch
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State",
+    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "Sketch", "SolverError", "State",
     "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "closed_loop",
     "composition", "coordinates", "diagnostics", "free", "gauss", "geodesic", "least_action", "load", "lobatto", "lqr",
     "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases", "paths", "plan",

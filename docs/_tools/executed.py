@@ -30,7 +30,9 @@ class Execute(SphinxTransform):
             try:
                 result = outcome(code, namespace, where)
             except Exception as error:
-                LOG.warning(f"the block failed: {type(error).__name__}: {error}", location=(self.env.docname, block.line))
+                LOG.warning(
+                    f"the block failed: {type(error).__name__}: {error}", location=(self.env.docname, block.line)
+                )
                 return
             shown = FIGURE.sub("", code).rstrip()
             block.rawsource = shown

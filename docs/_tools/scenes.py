@@ -4,9 +4,7 @@ PENDULUM = r"L = \tfrac12 m\ell^2\dot\theta^2 + m g \ell\cos\theta"
 KEPLER = r"L = \tfrac12 m\,|\dot{\mathbf r}|^2 + \frac{k}{|\mathbf r|}"
 CHARGE = r"L = \tfrac12 m\,|\dot{\mathbf r}|^2 - e\,\bigl(\varphi - \dot{\mathbf r}\cdot\mathbf A\bigr)"
 PAIRS = r"L = \tfrac12 \sum_i m_i\,|\dot{\mathbf r}_i|^2 - \sum_{i<j} V_{ij}\bigl(|\mathbf r_i - \mathbf r_j|\bigr)"
-CART_POLE = (
-    r"L = \tfrac12 (M + m)\,\dot x^2 + m\ell\,\dot x\dot\theta\cos\theta + \tfrac12 m\ell^2\dot\theta^2 + m g\ell\cos\theta"
-)
+CART_POLE = r"L = \tfrac12 (M + m)\,\dot x^2 + m\ell\,\dot x\dot\theta\cos\theta + \tfrac12 m\ell^2\dot\theta^2 + m g\ell\cos\theta"
 
 CHAPTERS: dict[str, dict[str, str]] = {
     "Pendulums": {

@@ -17,7 +17,11 @@ SCENES: dict[str, list[vi.Rule]] = {  # every family of rules on nonlinear scene
     "pendulum_cartesian": [vi.lobatto(s) for s in (2, 3, 4)],
     "heavy_top_quaternion": [vi.lobatto(3)],
 }
-STEPS = {"double_pendulum": 0.05, "henon_heiles": 0.4, "uniform_fields": 0.1}  # where an order can be seen above round-off
+STEPS = {
+    "double_pendulum": 0.05,
+    "henon_heiles": 0.4,
+    "uniform_fields": 0.1,
+}  # where an order can be seen above round-off
 LONG = 2000
 
 

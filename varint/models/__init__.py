@@ -64,6 +64,7 @@ from varint.models.quaternions import body_omega, free_body_quaternion, heavy_to
 from varint.models.robots import acrobot, cart_pole, two_link_arm
 from varint.models.rolling import chaplygin_sleigh, knife_edge, rolling_disc
 from varint.models.rotating import foucault_pendulum, rotating_frame, turntable
+from varint.models.sketches import sketch
 from varint.models.sliding import block_on_wedge, rotating_hoop, rotating_hoop_period, rotating_wire, swinging_atwood
 from varint.models.tops import body_rates, euler_rates, free_rigid_body, heavy_rigid_body, heavy_top
 
