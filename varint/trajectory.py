@@ -21,6 +21,8 @@ from varint.system import System
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from varint.control.solution import ControlSolution, Costates
+
 
 class State(NamedTuple):
     """One instant of a trajectory: t, and q, v, p of shape (n,)."""
@@ -44,7 +46,7 @@ class Trajectory:
     q, p : ndarray (N + 1, n)
         Coordinates and momenta ∂L/∂v.
     h : float
-        Step size; nodes may be several steps apart (`k`).
+        Step size, or the mean one where steps differ (`sizes`); nodes may be several steps apart (`k`).
     k : ndarray of int (N + 1,)
         Number of whole steps before each node.
     u : ndarray (steps, r, controls)
@@ -59,6 +61,8 @@ class Trajectory:
         What happened on the way.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    sizes : ndarray (steps,) or None
+        Size of every step, where they are not all `h`.
     solution : ControlSolution or None
         What an optimal control has beside its motion: cost, costates, active bounds, the solver's way.
     """
@@ -76,7 +80,8 @@ class Trajectory:
     multipliers: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
-    solution: Any = None
+    sizes: np.ndarray | None = None
+    solution: ControlSolution | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -160,8 +165,8 @@ class Trajectory:
         _, action = self.functions()
         ahead = np.diff(self.t)
         sums = 0.0
-        for q, p, t, k, size in self._steps(self.q[:-1].copy(), self.p[:-1].copy(), self.t[:-1], self.k[:-1], ahead):
-            u = self._step_controls(k, size / self.h)
+        for q, p, t, k, size in self._steps(*self._states(slice(-1)), ahead):
+            u = self._step_controls(k, size / self._size(k))
             sums += over_columns(action, q, p, u, self.c, t[:, None], size[:, None])[0].sum()
         return float(sums)
 
@@ -192,28 +197,42 @@ class Trajectory:
         node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
         node = np.clip(node, 0, len(self) - 1)
         ahead = times - self.t[node]
-        q, p = self.q[node], self.p[node]
-        for _ in self._steps(q, p, self.t[node], self.k[node], ahead):
+        q, p, t_node, k = self._states(node)
+        for _ in self._steps(q, p, t_node, k, ahead):
             continue
-        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
-        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, multipliers=None, events=())
+        found = replace(self, t=times, q=q, p=p, k=k, multipliers=None, events=(), solution=None)
         return found[0] if np.ndim(t) == 0 else found
 
+    def _states(self, index: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Copies of q, p, t, k at the given nodes."""
+        return tuple(x[index].copy() for x in (self.q, self.p, self.t, self.k))  # type: ignore[return-value]
+
+    def _size(self, k: np.ndarray) -> np.ndarray:
+        """Sizes of the steps k."""
+        return np.full(len(k), self.h) if self.sizes is None else self.sizes[np.clip(k, 0, len(self.sizes) - 1)]
+
     def _steps(self, q, p, t, k, ahead):
-        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's starts."""
+        """Advance the states, times and step counts in place by `ahead`: whole steps, then a shorter one.
+
+        Yields each round's starts.
+        """
         step, _ = self.functions()
-        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
-        for j in range(int(whole.max(initial=0)) + 1):
-            left = ahead - j * self.h
-            active = left / self.h > ROUNDING
+        left = ahead.copy()
+        while True:
+            full = self._size(k)
+            active = left / full > ROUNDING
             if not active.any():
                 return
-            size = np.where(j < whole, self.h, left)[active]
-            now, at = (t + j * self.h)[active], (k + j)[active]
-            yield q[active], p[active], now, at, size
-            u = self._step_controls(at, size / self.h)
-            q1, p1, _ = over_columns(step, q[active], p[active], u, self.c, now[:, None], size[:, None])
+            whole = active & (left / full > 1 - ROUNDING)
+            size = np.where(whole, full, left)[active]
+            yield q[active], p[active], t[active], k[active], size
+            u = self._step_controls(k[active], size / full[active])
+            q1, p1, _ = over_columns(step, q[active], p[active], u, self.c, t[active][:, None], size[:, None])
             q[active], p[active] = q1, p1
+            t[active] += size
+            left[active] -= size
+            left[active & ~whole] = 0.0
+            k += whole
 
     def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
         """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length."""
@@ -240,6 +259,33 @@ class Trajectory:
             return u[:, 0]
         ends = lagrange_values(np.array(self.rule.nodes), np.array([0.0, 1.0]))
         return np.einsum("ki,kij->kj", ends[last.astype(int)], u)
+
+    @property
+    def cost(self) -> float:
+        """Cost of an optimal control, terminal cost included."""
+        return self._solution("cost").cost
+
+    @property
+    def costates(self) -> Costates:
+        """Costates of an optimal control: derivatives of the cost-to-go with respect to q and p, (N + 1, n) each."""
+        return self._solution("costates").costates
+
+    def replay(self) -> Trajectory:
+        """`simulate` from the optimal start with the optimal controls: the same motion to round-off."""
+        from varint.control.replay import replay
+
+        return replay(self, self._solution("replay()"))
+
+    def report(self) -> None:
+        """Print how an optimal control was found and what it keeps: cost, violation, replay, energy, momenta."""
+        from varint.control.report import report
+
+        print(report(self, self._solution("report()")))
+
+    def _solution(self, what: str) -> ControlSolution:
+        if self.solution is None:
+            raise InputError(f"{what} belongs to trajectories that optimal_control returned")
+        return self.solution
 
     def plot(self, *expressions: Any) -> Figure:
         """Figure of coordinates, phase portrait and energy error; or of the given expressions over time."""

@@ -118,7 +118,7 @@ def _kept(phase: Checked, t0: float, q: np.ndarray, last: bool) -> tuple[np.ndar
     for bounds in (end.q, end.v):
         fixed = bounds[1] == bounds[2]
         if periodic:
-            fixed |= ~np.isnan(end.periodic)
+            fixed = fixed | ~np.isnan(end.periodic)  # type: ignore[arg-type]
         kept.append(independent_rows(np.eye(s.structure.n)[fixed], G))
     return kept[0], kept[1]
 
@@ -148,8 +148,9 @@ def _rows(phase: Checked, term: IntervalTerm, ends: list[EndTerm], kept, g: int)
     for end, rows in ((phase.start, start[len(start) - held :]), (phase.end, points[-1, points.shape[1] - held :])):
         keep[rows] = (end.q[1] < end.q[2]).any()  # expressions of a fixed end hold or do not; nothing can be chosen
     number = np.where(keep, g + np.cumsum(keep) - 1, -1)
-    arrays = (number[x] for x in (momentum, inner, gaps, nodes, points, start, final))
-    return Rows(*arrays, end=g + int(keep.sum())), np.concatenate(low)[keep], np.concatenate(high)[keep]
+    places = [number[x] for x in (momentum, inner, gaps, nodes, points, start, final)]
+    behind = g + int(keep.sum())
+    return Rows(*places, end=behind), np.concatenate(low)[keep], np.concatenate(high)[keep]
 
 
 def _bounds(phase: Checked, slots: Slots, x: int) -> tuple[np.ndarray, np.ndarray]:
@@ -173,11 +174,16 @@ def _bounds(phase: Checked, slots: Slots, x: int) -> tuple[np.ndarray, np.ndarra
     return low, high
 
 
+def picked(column: ca.SX, places: np.ndarray) -> ca.SX:
+    """Entries of a column as a column, also where there are none (an empty index has a shape of its own)."""
+    return ca.vertcat(ca.SX(0, 1), *(column[int(i)] for i in places))
+
+
 def _elements(phase, term: IntervalTerm, ends, slots: Slots, rows: Rows, shared: Shared, p: int) -> list[Element]:
     """The interval, the two ends and, where asked for, the periodic link."""
     count, free = phase.steps, slots.shared >= 0
     symbols = shared.column
-    unknown, known = symbols[np.flatnonzero(free).tolist()], symbols[np.flatnonzero(~free).tolist()]
+    unknown, known = (picked(symbols, np.flatnonzero(is_one)) for is_one in (free, ~free))
     fixed_data = p + 2 * count + np.flatnonzero(~free)
 
     def element(variables, x, mesh, step, cost, shares, g) -> Element:

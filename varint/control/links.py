@@ -14,7 +14,7 @@ import numpy as np
 
 from varint.assembly import Element
 from varint.control.expressions import column
-from varint.control.leg import Leg
+from varint.control.leg import Leg, picked
 from varint.errors import InputError
 
 
@@ -74,7 +74,7 @@ def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
     if not 0 <= link.restitution <= 1:
         raise InputError(f"restitution must lie between 0 and 1, got {link.restitution!r}")
     offset = np.zeros(n) if link.offset is None else np.array([np.nan if y is None else y for y in link.offset], float)
-    tied = np.flatnonzero(~np.isnan(offset)).tolist()
+    tied, offset_or_zero = np.flatnonzero(~np.isnan(offset)), np.nan_to_num(offset)
     q0, v0, c0, q1, v1 = (ca.SX.sym(name, k) for name, k in zip("abcde", (n, n, s.c.numel(), n, n), strict=True))
     if contact.numel() and ca.depends_on(s.momentum, s.t):
         raise InputError("impacts need momenta that do not depend on time explicitly")
@@ -82,22 +82,22 @@ def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
     p_before = ca.Function("p", [s.q, s.v, s.c], [s.momentum])
     old = ca.Function("old", [s.q, s.c], [contact, ca.jacobian(contact, s.q), new, ca.jacobian(new, s.q)])
     gap, normal, q_new, slope = old(q0, c0)
-    rows = [(q1 - q_new)[tied] - offset[tied]]
+    rows = [picked(q1 - q_new - offset_or_zero, tied)]
     extra, extra_x = [], np.zeros(0, dtype=int)
     if contact.numel():
         w = ca.SX.sym("w", n)  # velocity after the impact in the old coordinates
-        rows += [(v1 - ca.mtimes(slope, w))[tied], gap, ca.mtimes(normal, w + link.restitution * v0)]
+        rows += [picked(v1 - ca.mtimes(slope, w), tied), gap, ca.mtimes(normal, w + link.restitution * v0)]
         rows.append(p_before(q0, w, c0) - p_before(q0, v0, c0) - ca.mtimes(normal.T, impulse))
         extra, extra_x = [w, impulse], x + np.arange(n + contact.numel())
     else:
-        rows.append((v1 - ca.mtimes(slope, v0))[tied])
+        rows.append(picked(v1 - ca.mtimes(slope, v0), tied))
     column_of_rows = ca.densify(ca.vertcat(*rows))
     place_c, constant_c = one.slots.shared[2:], one.first_datum + 2 * one.phase.steps + 2
     free = np.flatnonzero(place_c >= 0)
     fixed = np.flatnonzero(place_c < 0)
     element = Element(
-        variables=ca.vertcat(q0, v0, q1, v1, *extra, c0[free.tolist()]),
-        constants=c0[fixed.tolist()],
+        variables=ca.vertcat(q0, v0, q1, v1, *extra, picked(c0, free)),
+        constants=picked(c0, fixed),
         cost=ca.SX(0),
         rows=column_of_rows,
         x=np.concatenate(

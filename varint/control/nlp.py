@@ -216,7 +216,8 @@ class _Running:
     """While a solver runs: a progress bar, and Ctrl-C as a request to stop after the iteration."""
 
     def __init__(self, watch: _Watch, progress: bool | None):
-        self.watch, self.progress, self.previous = watch, progress, None
+        self.watch, self.progress = watch, progress
+        self.previous: Any = None
 
     def __enter__(self) -> None:
         quiet = None if self.progress is None else not self.progress

@@ -95,8 +95,8 @@ def _trajectory(problem: Problem, outcome: Outcome, one: Leg) -> Trajectory:
     phase, slots, x = one.phase, one.slots, outcome.x
     count, rule, system = phase.steps, phase.rule, phase.system
     data = one.data[2 * count :]
-    t0, duration, *c = np.where(slots.shared >= 0, x[slots.shared], data)
-    c = np.array(c)
+    shared = np.where(slots.shared >= 0, x[slots.shared], data)
+    t0, duration, c = float(shared[0]), float(shared[1]), shared[2:]
     uniform = np.array_equal(phase.mesh, np.arange(count + 1) / count)
     k = np.arange(count + 1)
     t = t0 + duration / count * k if uniform else t0 + duration * phase.mesh
@@ -122,8 +122,12 @@ def _trajectory(problem: Problem, outcome: Outcome, one: Leg) -> Trajectory:
         problem=problem,
     )
     return Trajectory(
-        system=system, rule=rule, t=t, q=x[slots.q], p=p, h=float(duration / count) if uniform else np.diff(t),
-        k=k, u=u, c=c, functions=lambda: (step_function(system, rule), action_function(system, rule)),
+        system=system,
+        rule=rule,
+        t=t, q=x[slots.q], p=p, h=duration / count,
+        sizes=None if uniform else duration * np.diff(phase.mesh),
+        k=k, u=u, c=c,
+        functions=lambda: (step_function(system, rule), action_function(system, rule)),
         multipliers=x[slots.lam] if slots.lam.size else None,
         stats=MappingProxyType({"plan": f"optimal control by {rule}", "steps": count, "seconds": outcome.seconds}),
         solution=solution,
@@ -207,7 +211,7 @@ def _active(one: Leg, outcome: Outcome, problem: Problem, t0: float, duration: f
     at_points = phase.bounds.at_points.numel()
     rows = one.rows.points.reshape(phase.steps, rule.degree, -1) if at_points else np.zeros((phase.steps, 0, 0), int)
     held_points = np.where(rows < 0, np.nan, g[rows]) if at_points else np.zeros((phase.steps, 0, 0))
-    kinds = [
+    kinds: list[tuple] = [
         (s.names, q, points, phase.bounds.q),
         (s.control_names, u, at_u, phase.bounds.u),
         (_texts(phase.bounds.at_nodes), held_nodes, nodes, (phase.bounds.nodes_low, phase.bounds.nodes_high)),
