@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from threading import get_ident
 
 import casadi as ca
 import numpy as np
@@ -24,17 +25,26 @@ def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
         count -= size
 
 
+@lru_cache(maxsize=256)
+def _prepared(function: ca.Function, thread: int) -> tuple:
+    """Buffer, trigger and sizes of a function; one buffer a thread, for a buffer holds the arguments of its call."""
+    del thread
+    buffer, trigger = function.buffer()
+    sizes = tuple(function.nnz_in(i) for i in range(function.n_in()))
+    return buffer, trigger, sizes, tuple(function.nnz_out(i) for i in range(function.n_out()))
+
+
 def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """Function values as flat arrays of the outputs' nonzeros; arguments are C-contiguous doubles, column after column.
 
     `function` must have dense inputs; each argument's size must match.
     """
-    buffer, trigger = function.buffer()
-    for i, argument in enumerate(arguments):
-        if argument.size != function.nnz_in(i):
-            raise AssertionError(f"{function.name()}: input {i} has {argument.size} numbers, not {function.nnz_in(i)}")
+    buffer, trigger, sizes, out = _prepared(function, get_ident())
+    for i, (argument, size) in enumerate(zip(arguments, sizes, strict=True)):
+        if argument.size != size:
+            raise AssertionError(f"{function.name()}: input {i} has {argument.size} numbers, not {size}")
         buffer.set_arg(i, memoryview(argument))  # type: ignore[arg-type]
-    outputs = [np.empty(function.nnz_out(i)) for i in range(function.n_out())]
+    outputs = [np.empty(size) for size in out]
     for i, output in enumerate(outputs):
         buffer.set_res(i, memoryview(output))  # type: ignore[arg-type]
     trigger()

@@ -1,5 +1,0 @@
-"""Figures are never shown while testing."""
-
-import matplotlib
-
-matplotlib.use("Agg")
