@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from varint import models
     from varint.archive import load
     from varint.control.links import Link
+    from varint.control.multistart import multistart
     from varint.control.optimal import optimal_control, optimal_phases
     from varint.control.phase import Phase
     from varint.horizon import free
@@ -24,7 +25,7 @@ __version__ = "0.1.0"
 __all__ = [
     "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State", "System",
     "Trajectory", "VarintError", "composition", "coordinates", "free", "gauss", "load", "lobatto", "midpoint", "models",
-    "optimal_control", "optimal_phases", "plan", "simulate", "step_function", "time", "trapezoidal",
+    "multistart", "optimal_control", "optimal_phases", "plan", "simulate", "step_function", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
@@ -32,6 +33,7 @@ _LATER = {
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
     "free": "varint.horizon",
+    "multistart": "varint.control.multistart",
     "load": "varint.archive",
     "optimal_control": "varint.control.optimal",
     "optimal_phases": "varint.control.optimal",

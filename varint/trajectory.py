@@ -270,6 +270,14 @@ class Trajectory:
         """Costates of an optimal control: derivatives of the cost-to-go with respect to q and p, (N + 1, n) each."""
         return self._solution("costates").costates
 
+    def u_at(self, t: Any) -> np.ndarray:
+        """Controls of an optimal control at any times within it, by the polynomial of each step, (k,) or (M, k)."""
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        if not self.system.structure.controls:
+            raise InputError("u_at(): the scene has no controls")
+        found = self._solution("u_at()").u((times - self.t[0]) / self.duration)
+        return found[0] if np.ndim(t) == 0 else found
+
     def replay(self) -> Trajectory:
         """`simulate` from the optimal start with the optimal controls: the same motion to round-off."""
         from varint.control.replay import replay

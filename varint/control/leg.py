@@ -34,15 +34,15 @@ class Slots:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Indices of a phase's rows."""
+    """Indices of a phase's rows; −1: left out."""
 
     momentum: np.ndarray  # (N + 1, n)
     inner: np.ndarray  # (N, n (d − 1))
     gaps: np.ndarray  # (N, m d)
     nodes: np.ndarray  # (N, r b)
     points: np.ndarray  # (N, d a)
-    start: np.ndarray  # gap, hidden, conditions, points at node 0; −1: left out
-    last: np.ndarray  # hidden, conditions; −1: left out
+    start: np.ndarray  # gap, hidden, conditions, points at node 0
+    last: np.ndarray  # hidden, conditions
     end: int
 
 
@@ -148,9 +148,9 @@ def _rows(phase: Checked, term: IntervalTerm, ends: list[EndTerm], kept, g: int)
     for end, rows in ((phase.start, start[len(start) - held :]), (phase.end, points[-1, points.shape[1] - held :])):
         keep[rows] = (end.q[1] < end.q[2]).any()  # expressions of a fixed end hold or do not; nothing can be chosen
     number = np.where(keep, g + np.cumsum(keep) - 1, -1)
-    places = [number[x] for x in (momentum, inner, gaps, nodes, points, start, final)]
-    behind = g + int(keep.sum())
-    return Rows(*places, end=behind), np.concatenate(low)[keep], np.concatenate(high)[keep]
+    momentum, inner, gaps, nodes, points = (number[x] for x in (momentum, inner, gaps, nodes, points))
+    rows = Rows(momentum, inner, gaps, nodes, points, number[start], number[final], g + int(keep.sum()))
+    return rows, np.concatenate(low)[keep], np.concatenate(high)[keep]
 
 
 def _bounds(phase: Checked, slots: Slots, x: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from varint.assembly import Program, assembled
+from varint.control.contradictions import refuse_contradictions
 from varint.control.leg import Leg, leg
 from varint.control.links import Link, Linked, linked
 from varint.control.phase import Checked, Phase, checked
@@ -47,6 +48,7 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
     x = p = g = 0
     free_start = False
     for phase in checks:
+        refuse_contradictions(phase, t0)
         one = leg(phase, t0, free_start, end_positions(phase), x, p, g)
         legs.append(one)
         x, p, g = one.slots.end, p + len(one.data), one.rows.end

@@ -52,24 +52,32 @@ def _step_function(system: System, rule: Rule) -> ca.Function:
     q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("params", system.c.numel())
     column = ca.vec(u)
-    x = stepper.step(stepper.start(q, p, column, t, h, c), column, t, h, c, scale_function(system)(q, p, t, h, c))
+    x = stepper.step(
+        stepper.start(q, p, column, t, h, c), column, t, h, c, scale_function(system)(q, p, _typical(u), t, h, c)
+    )
     q1, _, p1, _, worst = ca.vertsplit(x, [0, n, 2 * n, 3 * n, x.numel() - 1, x.numel()])
     names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual"]
     return ca.Function("step", [q, p, u, c, t, h], [q1, p1, worst], *names)
 
 
+def _typical(u: ca.MX) -> ca.MX:
+    """Mean size of each control over the nodes."""
+    return ca.sum2(ca.fabs(u)) / max(u.shape[1], 1)
+
+
 @per_system
 def scale_function(system: System) -> ca.Function:
-    """(q, p, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the start of a step.
+    """(q, p, u, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the start of a step.
 
-    They only decide when Newton's method stops, so their derivatives are defined to be zero.
+    Controls count by their typical size, since a motion from rest may have no other. The sizes only decide when
+    Newton's method stops, so their derivatives are defined to be zero.
     """
     n = system.structure.n
-    q, p = ca.MX.sym("q", n), ca.MX.sym("p", n)
+    q, p, u = ca.MX.sym("q", n), ca.MX.sym("p", n), ca.MX.sym("u", system.structure.controls)
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("c", system.c.numel())
     velocity = velocity_function(system)
     v = velocity(q, p, t, c)
-    _, _, gradient, force = point_function(system)(q, v, 0, t, c)
+    _, _, gradient, force = point_function(system)(q, v, u, t, c)
     push = ca.fabs(h * (gradient + force))
     v_size = ca.fabs(v) + ca.fabs(velocity(q, p + h * (gradient + force), t, c) - v)
     mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.fabs(system.mass_matrix)])
@@ -79,7 +87,7 @@ def scale_function(system: System) -> ca.Function:
         floor = ca.if_else(largest > 0, SMALLEST * largest, 1)
         sizes.append(ca.fmax(size, floor))
     options = {"is_diff_out": [False], "never_inline": True}
-    return ca.Function("scale", [q, p, t, h, c], [ca.vertcat(*sizes)], options)
+    return ca.Function("scale", [q, p, u, t, h, c], [ca.vertcat(*sizes)], options)
 
 
 SMALLEST = 1e-6  # a coordinate at rest is measured against the moving ones
@@ -92,7 +100,8 @@ def action_function(system: System, rule: Rule) -> ca.Function:
     inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), _sizes(one), strict=True)]
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
-    increments = stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))
+    scale = scale_function(system)(q, p, _typical(ca.reshape(u, *one.u.shape)), t, h, c)
+    increments = stepper.path(x, u, t, h, c, scale)
     action = ca.Function(
         "action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [one.action], {"cse": True}
     )
