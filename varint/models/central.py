@@ -60,8 +60,15 @@ def eccentric_anomaly(M: np.ndarray, e: float) -> np.ndarray:
     return E + 2 * np.pi * turns
 
 
+def require_ellipse(e: float) -> None:
+    """Refuse an eccentricity outside 0 ≤ e < 1."""
+    if not 0 <= e < 1:
+        raise InputError(f"the eccentricity e must be at least 0 and below 1, got {e!r}")
+
+
 def kepler(e: float = 0.6, a: float = 1.0, m: float = 1.0, k: float = 1.0) -> Model:
     """Kepler's problem in Cartesian coordinates, L = ½ m |v|² + k/|q|, started at the pericentre."""
+    require_ellipse(e)
     c = Parameters(m=m, k=k)
     q, v = coordinates("x", "y")
     system = System(q, v, c.m * ca.sumsqr(v) / 2 + c.k / ca.norm_2(q), params=c)

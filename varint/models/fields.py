@@ -78,7 +78,7 @@ def uniform_fields(
 
 
 def magnetic_mirror(
-    q0: Sequence[float] = (0.1, 0.0, 0.0), v0: Sequence[float] = (0.0, 0.6, 0.5), m: float = 1.0, e: float = 1.0,
+    q0: Sequence[float] = (0.04, 0.0, 0.0), v0: Sequence[float] = (0.0, 0.6, 0.5), m: float = 1.0, e: float = 1.0,
     B0: float = 10.0, L: float = 1.0, gauge: Gauge | None = None,
 ) -> Model:  # fmt: skip
     """Magnetic mirror, A = ½ B₀ (1 + z²/L²) (−y, x, 0): the field grows along its axis."""

@@ -8,7 +8,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from varint.models.central import kepler_motion
+from varint.models.central import kepler_motion, require_ellipse
 from varint.models.model import Model, Motion, energy
 from varint.system import Parameters, System, coordinates
 
@@ -60,6 +60,7 @@ def _newtonian(c: Parameters) -> PairPotential:
 def two_body(a: float = 1.5, e: float = 0.4, m: Sequence[float] = (3.0, 1.0), G: float = 1.0,
              centre: Sequence[float] = (0.2, -0.1), drift: Sequence[float] = (0.05, 0.15)) -> Model:  # fmt: skip
     """Two gravitating bodies in the plane, started at the pericentre, their centre of mass moving."""
+    require_ellipse(e)
     c = Parameters(m=m, G=G)
     (m1, m2), total = m, m[0] + m[1]
     apart = np.array([a * (1 - e), 0])

@@ -7,9 +7,12 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from varint.errors import InputError
 from varint.models.gyration import euler_top, gyration
 from varint.models.model import Model, energy
 from varint.system import Parameters, System, coordinates
+
+SINGULAR = 1e-8  # sin θ below which φ and ψ have no eight digits left
 
 
 def body_rates(q: ca.SX, v: ca.SX) -> ca.SX:
@@ -23,8 +26,18 @@ def body_rates(q: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def euler_rates(angles: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Rates (N, 3) of the Euler angles (N, 3) of a body with the angular velocity (N, 3) along its axes."""
+    """Rates (N, 3) of the Euler angles (N, 3) of a body with the angular velocity (N, 3) along its axes.
+
+    Raises
+    ------
+    InputError
+        If θ = 0 or π, where φ and ψ turn about one axis.
+    """
     _, theta, psi = np.moveaxis(np.asarray(angles, dtype=float), -1, 0)
+    if (np.abs(np.sin(theta)) < SINGULAR).any():
+        raise InputError(
+            "Euler angles are singular at θ = 0 and π: name the body's axes so that its third is not upright"
+        )
     w1, w2, w3 = np.moveaxis(np.asarray(omega, dtype=float), -1, 0)
     phidot = (w1 * np.sin(psi) + w2 * np.cos(psi)) / np.sin(theta)
     return np.stack([phidot, w1 * np.cos(psi) - w2 * np.sin(psi), w3 - phidot * np.cos(theta)], -1)
