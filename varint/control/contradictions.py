@@ -40,7 +40,9 @@ def refuse_contradictions(phase: Checked, t0: float) -> None:
                 raise InputError(f"the {what} violates constraint {i}: g = {gap.ravel()[i]:.3g} at q = {q.tolist()}")
             if (end.v[1] == end.v[2]).all():
                 hidden = (G @ end.v[1][:, None] + g_t).ravel()
-                for i in np.flatnonzero(np.abs(hidden) > HELD * (1 + np.abs(G).max(initial=0.0) * np.abs(end.v[1]).max())):
+                for i in np.flatnonzero(
+                    np.abs(hidden) > HELD * (1 + np.abs(G).max(initial=0.0) * np.abs(end.v[1]).max())
+                ):
                     raise InputError(
                         f"the {what} velocity violates constraint {i}: G v = {hidden[i]:.3g}; it must be 0"
                     )

@@ -16,6 +16,7 @@ from varint.assembly import Element
 from varint.control.kernels import EndTerm, IntervalTerm, Shared, end_term, interval_term, shared_symbols
 from varint.control.phase import Checked
 from varint.control.rank import independent_rows
+from varint.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,13 @@ def _kept(phase: Checked, t0: float, q: np.ndarray, last: bool) -> tuple[np.ndar
         if periodic:
             fixed = fixed | ~np.isnan(end.periodic)  # type: ignore[arg-type]
         kept.append(independent_rows(np.eye(s.structure.n)[fixed], G))
+    given = (end.q[1] == end.q[2]) if not periodic else ~np.isnan(end.periodic)  # type: ignore[arg-type]
+    if not given.all() and not kept[0].all():
+        names = [name for name, y in zip(s.names, given, strict=True) if y]
+        raise InputError(
+            f"at the {'end' if last else 'start'} the coordinates {names} and constraint "
+            f"{int(np.flatnonzero(~kept[0])[0])} say the same at q = {q.tolist()}: give all coordinates, or others"
+        )
     return kept[0], kept[1]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import threading
 from collections.abc import Mapping
@@ -22,9 +23,10 @@ from varint.errors import InputError
 IPOPT = {
     "print_level": 0,
     "sb": "yes",
-    "tol": 1e-10,
-    "acceptable_tol": 1e-8,
-    "constr_viol_tol": 1e-10,
+    "tol": 1e-12,
+    "acceptable_tol": 1e-9,
+    "acceptable_iter": 3,
+    "constr_viol_tol": 1e-11,
     "bound_relax_factor": 0.0,
     "max_iter": 3000,
 }
@@ -162,8 +164,8 @@ def _settings(program: Program, name: str, given: Mapping[str, Any], extra: dict
 
 def _first_line(error: Exception, name: str) -> str:
     """The line of CasADi's message that says what is wrong; the rest is a dump."""
-    lines = [x.strip() for x in str(error).splitlines() if x.strip()]
-    useful = [x for x in lines if not x.startswith((".../", "Error in", "Assertion"))] or lines or [""]
+    lines = [re.sub(r"^\S*\.[ch]pp:\d+:\s*", "", x.strip()) for x in str(error).splitlines()]
+    useful = [x for x in lines if x and not x.startswith(("Error in", "Assertion"))] or ["no reason given"]
     return f"the solver {name!r} refused the problem or its options: {useful[0][:300]}"
 
 

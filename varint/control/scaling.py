@@ -38,7 +38,7 @@ def scales(problem: Problem, x: np.ndarray) -> Scales:
     rows, columns, values = _absolute(problem.program.jacobian(x, problem.p)[1])
     for one in problem.legs:
         _leg_scales(size, factor, one, problem, x, (rows, columns, values))
-    rows, columns, curvature = _absolute(problem.program.hessian(x, problem.p, 1, 0 * problem.g_low))
+    rows, columns, curvature = _absolute(problem.program.hessian(x, problem.p, 1, np.zeros(len(problem.g_low))))
     order = float((curvature * size[rows] * size[columns]).sum())
     slope = np.abs(np.array(problem.program.gradient(x, problem.p)[1]).ravel()) * size
     return Scales(size, 1 / _power(max(order, float(slope.max(initial=0.0)))), factor)

@@ -128,7 +128,7 @@ def _trajectory(problem: Problem, outcome: Outcome, one: Leg) -> Trajectory:
         sizes=None if uniform else duration * np.diff(phase.mesh),
         k=k, u=u, c=c,
         functions=lambda: (step_function(system, rule), action_function(system, rule)),
-        multipliers=x[slots.lam] if slots.lam.size else None,
+        multipliers=_physical(x[slots.lam], np.diff(phase.mesh)) if slots.lam.size else None,
         stats=MappingProxyType({"plan": f"optimal control by {rule}", "steps": count, "seconds": outcome.seconds}),
         solution=solution,
     )  # fmt: skip
@@ -194,6 +194,13 @@ def _projected(one: Leg, p: np.ndarray, q: np.ndarray, shared: np.ndarray) -> np
     f = ca.Function("project", [s.q, raw, s.t, s.c], [raw + ca.mtimes(G.T, found[n:])])
     t = shared[0] + shared[1] * one.phase.mesh
     return over_columns(f, q, p, t[:, None], shared[2:])[0]
+
+
+def _physical(lam: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """λ of a node carries the weights of both steps that meet there, but acts with that of the later one."""
+    physical = lam.copy()
+    physical[1:-1] *= (steps[1:] / (steps[:-1] + steps[1:]))[:, None]
+    return physical
 
 
 def _active(one: Leg, outcome: Outcome, problem: Problem, t0: float, duration: float) -> dict[str, np.ndarray]:
