@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
@@ -15,17 +16,21 @@ if TYPE_CHECKING:
     from varint import models
     from varint.archive import load
     from varint.control.links import Link
+    from varint.control.lqr import lqr
+    from varint.control.mpc import closed_loop, mpc
     from varint.control.multistart import multistart
     from varint.control.optimal import optimal_control, optimal_phases
     from varint.control.phase import Phase
+    from varint.control.refine import refine
     from varint.horizon import free
 
 __version__ = "0.1.0"
 
 __all__ = [
     "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State", "System",
-    "Trajectory", "VarintError", "composition", "coordinates", "free", "gauss", "load", "lobatto", "midpoint", "models",
-    "multistart", "optimal_control", "optimal_phases", "plan", "simulate", "step_function", "time", "trapezoidal",
+    "Trajectory", "VarintError", "closed_loop", "composition", "coordinates", "free", "gauss", "load", "lobatto",
+    "lqr", "midpoint", "models", "mpc", "multistart", "optimal_control", "optimal_phases", "plan", "project", "refine",
+    "simulate", "step_function", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
@@ -34,7 +39,11 @@ _LATER = {
     "Phase": "varint.control.phase",
     "free": "varint.horizon",
     "multistart": "varint.control.multistart",
+    "closed_loop": "varint.control.mpc",
     "load": "varint.archive",
+    "lqr": "varint.control.lqr",
+    "mpc": "varint.control.mpc",
+    "refine": "varint.control.refine",
     "optimal_control": "varint.control.optimal",
     "optimal_phases": "varint.control.optimal",
 }

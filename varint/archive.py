@@ -102,7 +102,7 @@ def load(path: Any) -> Trajectory:
         rule=rule,
         h=header["h"],
         sizes=None if header.get("sizes") is None else np.array(header["sizes"]),
-        functions=lambda: (step_function(system, rule), action_function(system, rule)),
+        functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
         stats=MappingProxyType(header["stats"]),
         **arrays,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, wraps
@@ -292,17 +293,20 @@ class System:
 
 
 Built = TypeVar("Built")
+_BUILDING = threading.RLock()
 
 
 def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
-    """Remember what `build(system, *key)` returns as long as the system lives."""
+    """Remember what `build(system, *key)` returns as long as the system lives; several threads build it once."""
 
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:
         store = system.__dict__.setdefault("_built", {})
         name = (build.__module__, build.__qualname__, *key)
         if name not in store:
-            store[name] = build(system, *key)
+            with _BUILDING:
+                if name not in store:
+                    store[name] = build(system, *key)
         return store[name]
 
     return remembered

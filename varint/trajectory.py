@@ -14,6 +14,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.errors import InputError
 from varint.legendre import velocity_function
+from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.system import System
@@ -54,11 +55,14 @@ class Trajectory:
     c : ndarray
         Parameter values, in the order of ``system.c``.
     functions : callable
-        () → (step function, action function) of the system and rule, built when first needed.
-    multipliers : ndarray (N + 1, m) or None
-        Physical multipliers λ of the constraints.
-    events : tuple
-        What happened on the way.
+        () → (step function, action function) of the system and rule, built when first needed; (scene) → those of a
+        scene that moves in one of the phases.
+    phases : tuple of Phase
+        Which rows and contacts held at one time or another; empty where all constraints held all the time.
+    phase : ndarray of int (N + 1,)
+        Index of the phase that begins or goes on at each node.
+    events : tuple of Event
+        What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
     sizes : ndarray (steps,) or None
@@ -76,8 +80,9 @@ class Trajectory:
     k: np.ndarray
     u: np.ndarray
     c: np.ndarray
-    functions: Callable[[], tuple[ca.Function, ca.Function]]
-    multipliers: np.ndarray | None = None
+    functions: Callable[..., tuple[ca.Function, ca.Function]]
+    phases: tuple[Phase, ...] = ()
+    phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     sizes: np.ndarray | None = None
@@ -93,22 +98,52 @@ class Trajectory:
     def __getitem__(self, index: int | slice) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
         if isinstance(index, slice):
-            lam = self.multipliers
             return replace(
                 self,
                 t=self.t[index],
                 q=self.q[index],
                 p=self.p[index],
                 k=self.k[index],
-                multipliers=None if lam is None else lam[index],
+                phase=None if self.phase is None else self.phase[index],
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
     @cached_property
     def v(self) -> np.ndarray:
         """Velocities (N + 1, n), from the momenta by the inverse Legendre transform."""
-        velocity = velocity_function(self.system)
-        return over_columns(velocity, self.q, self.p, self.t[:, None], self.c)[0]
+        v = np.empty_like(self.q)
+        for nodes, phase in self._phases():
+            velocity = velocity_function(phase.scene(self.system))
+            v[nodes] = over_columns(velocity, self.q[nodes], self.p[nodes], self.t[nodes, None], self.c)[0]
+        return v
+
+    def _phases(self) -> list[tuple[np.ndarray, Phase]]:
+        """Nodes of each phase, and the phase."""
+        if self.phase is None:
+            return [(np.arange(len(self)), Phase(tuple(range(self.system.structure.constraints))))]
+        return [(np.flatnonzero(self.phase == i), self.phases[i]) for i in np.unique(self.phase)]
+
+    @cached_property
+    def multipliers(self) -> np.ndarray:
+        """Physical multipliers λ at every node, (N + 1, m): constraints, then non-holonomic rows, then contacts.
+
+        They follow from q and v at the node by the twice differentiated constraints, so they have the order of q and v
+        (Hairer & Wanner II, VII.1: the index-1 relation). Contacts that do not touch have λ = 0.
+        """
+        rows = self.system.structure
+        lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
+        u = self._u_at_nodes()
+        for nodes, phase in self._phases():
+            args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
+            lam[nodes] = multipliers_along(self.system, phase, *args)
+        return lam
+
+    @cached_property
+    def reaction_forces(self) -> np.ndarray:
+        """Forces Wᵀλ by which constraints and contacts hold the motion, in the coordinates q, (N + 1, n)."""
+        lam = self.multipliers
+        slope = over_columns(every_row_function(self.system), self.q, self.v, self.t[:, None], self.c)[1]
+        return np.einsum("ijk,ik->ij", slope.reshape(*self.q.shape, -1), lam)
 
     @property
     def duration(self) -> float:
@@ -162,12 +197,11 @@ class Trajectory:
         """Discrete action Σ L_d over all steps of the trajectory."""
         if len(self) < 2:
             return 0.0
-        _, action = self.functions()
         ahead = np.diff(self.t)
+        phase = None if self.phase is None else self.phase[:-1]
         sums = 0.0
-        for q, p, t, k, size in self._steps(*self._states(slice(-1)), ahead):
-            u = self._step_controls(k, size / self._size(k))
-            sums += over_columns(action, q, p, u, self.c, t[:, None], size[:, None])[0].sum()
+        for scene, arguments in self._steps(*self._states(slice(-1)), ahead, phase):
+            sums += over_columns(self._functions(scene)[1], *arguments)[0].sum()
         return float(sums)
 
     def at(self, t: Any) -> Any:
@@ -197,42 +231,51 @@ class Trajectory:
         node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
         node = np.clip(node, 0, len(self) - 1)
         ahead = times - self.t[node]
-        q, p, t_node, k = self._states(node)
-        for _ in self._steps(q, p, t_node, k, ahead):
+        q, p, start, k = self._states(node)
+        phase = None if self.phase is None else self.phase[node]
+        for _ in self._steps(q, p, start, k, ahead, phase):
             continue
-        found = replace(self, t=times, q=q, p=p, k=k, multipliers=None, events=(), solution=None)
+        found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None)
         return found[0] if np.ndim(t) == 0 else found
 
     def _states(self, index: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Copies of q, p, t, k at the given nodes."""
-        return tuple(x[index].copy() for x in (self.q, self.p, self.t, self.k))  # type: ignore[return-value]
+        q, p, t, k = (x[index].copy() for x in (self.q, self.p, self.t, self.k))
+        return q, p, t, k
 
     def _size(self, k: np.ndarray) -> np.ndarray:
         """Sizes of the steps k."""
         return np.full(len(k), self.h) if self.sizes is None else self.sizes[np.clip(k, 0, len(self.sizes) - 1)]
 
-    def _steps(self, q, p, t, k, ahead):
-        """Advance the states, times and step counts in place by `ahead`: whole steps, then a shorter one.
+    def _steps(self, q, p, t, k, ahead, phase):
+        """Advance the states and step counts in place by `ahead`: whole steps, then a shorter one.
 
-        Yields each round's starts.
+        Yields each round's steps.
         """
-        step, _ = self.functions()
-        left = ahead.copy()
+        phases = self.phases if phase is not None else (None,)
+        first, done = k.copy(), np.zeros(len(t))
         while True:
-            full = self._size(k)
-            active = left / full > ROUNDING
-            if not active.any():
+            left, full = ahead - done, self._size(k)
+            going = left / full > ROUNDING
+            if not going.any():
                 return
-            whole = active & (left / full > 1 - ROUNDING)
-            size = np.where(whole, full, left)[active]
-            yield q[active], p[active], t[active], k[active], size
-            u = self._step_controls(k[active], size / full[active])
-            q1, p1, _ = over_columns(step, q[active], p[active], u, self.c, t[active][:, None], size[:, None])
-            q[active], p[active] = q1, p1
-            t[active] += size
-            left[active] -= size
-            left[active & ~whole] = 0.0
+            whole = going & (left / full > 1 - ROUNDING)
+            size = np.where(whole, full, left)
+            for i, held in enumerate(phases):
+                active = going if phase is None else going & (phase == i)
+                if not active.any():
+                    continue
+                scene = self.system if held is None else held.scene(self.system)
+                u = self._step_controls(k[active], (size / full)[active])
+                arguments = q[active], p[active], u, self.c, (t + done)[active][:, None], size[active][:, None]
+                yield scene, arguments
+                q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
             k += whole
+            done = np.where(whole, (k - first) * self.h if self.sizes is None else done + size, done)
+            done = np.where(going & ~whole, ahead, done)
+
+    def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
+        return self.functions() if scene is self.system else self.functions(scene)
 
     def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
         """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length."""

@@ -8,6 +8,7 @@ inner rows, constraints, path bounds. Ends: ∂L/∂v(q_0, v_0) − p⁻_0 = 0 a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -63,6 +64,23 @@ class Leg:
     g_low: np.ndarray
     g_high: np.ndarray
     elements: list[Element]
+
+    @cached_property
+    def values_function(self) -> ca.Function:
+        """(stage, q1, mesh, shared, μ) → (p⁻, p⁺, cost, ∂/∂q0 and ∂/∂q1 of cost + Σ μ·rows) of one interval."""
+        term = self.interval
+        shares = ca.vertcat(-term.p_minus, term.inner, term.gaps, term.nodes, term.points, term.p_plus)
+        mu = ca.SX.sym("mu", shares.numel())
+        total = ca.densify(term.cost) + ca.dot(mu, shares)
+        slopes = [ca.densify(ca.gradient(total, x)) for x in (term.stage[: term.q1.numel()], term.q1)]
+        inputs = [term.stage, term.q1, term.mesh, self.shared.column, mu]
+        return ca.Function("values", inputs, [term.p_minus, term.p_plus, ca.densify(term.cost), *slopes], {"cse": True})
+
+    @cached_property
+    def terminal_function(self) -> ca.Function:
+        """(q, v, t, c) → (terminal cost, momentum) at the end."""
+        s = self.phase.system
+        return ca.Function("terminal", [s.q, s.v, s.t, s.c], [self.phase.terminal, s.momentum])
 
 
 def leg(phase: Checked, t0: float, free_start: bool, q_ends: np.ndarray, x: int, p: int, g: int) -> Leg:

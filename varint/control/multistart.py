@@ -67,8 +67,9 @@ def multistart(
     >>> pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=torque, control=torque)
     >>> swing = vi.Phase(
     ...     pendulum, vi.gauss(3), 3.0, 30, torque**2, start=dict(q=[0], v=[0]), end=dict(q=[np.pi], v=[0]))
-    >>> [round(x.cost, 1) for x in vi.multistart(swing, 12)][:2]
-    [36.6, 54.8]
+    >>> found = vi.multistart(swing, 12)
+    >>> round(found[0].cost, 2), len(found) > 1
+    (36.64, True)
     """
     one = problem([phase], [], float(t0))
     x = start_values(one)

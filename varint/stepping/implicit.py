@@ -63,10 +63,11 @@ def _finish(one: Interval, rule: Rule, z, p, scale, residual, total) -> ca.Funct
     ahead = ca.mtimes(z, ca.DM(rule.extrapolation).T)
     with verbatim():
         left, gained = gain(z, p, q, one.u, one.t, one.h, one.c)
-        q1, cq1 = compensated(q, cq, one.h * z[:, -1])
-        p1, cp1 = compensated(p, carry, gained)
+        q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
+        p1, cp1 = compensated(p, carry, gained, one.h)
         # a component that hardly moves carries the round-off of those that do
-        against = ca.fmax(scale[n:], QUIET * ca.norm_inf(p1))
+        root = ca.sqrt(scale[n:] / scale[:n])  # of the inertia, so that metres compare with radians
+        against = ca.fmax(scale[n:], QUIET * ca.norm_inf(p1 / root) * root)
         size = ca.norm_inf(ca.vec(left / ca.repmat(against, 1, d)))
         after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead), ca.fmax(worst, size))
         inputs = [x, ca.vec(z), ca.vec(one.u), one.t, one.h, one.c, scale]

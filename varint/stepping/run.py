@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import blocks, call
+from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, scale_function
@@ -16,12 +17,13 @@ from varint.system import System, per_system
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
+LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
 MOST_STEPS_IN_BLOCK = 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the rule's `nodes`, parameters."""
+    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the `nodes`, parameters; what holds."""
 
     q0: np.ndarray
     p0: np.ndarray
@@ -32,6 +34,7 @@ class Task:
     u: np.ndarray
     c: np.ndarray
     nodes: int
+    phase: Phase | None = None
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
@@ -80,7 +83,9 @@ def run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
     scale = call(scale_function(system), task.q0, task.p0, typical, t0, h, c)[0]
     x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, c)[0]
     k = 0
-    for count, every in _grid(task.steps, task.save_every):
+    for count, every in _grid(
+        task.steps, task.save_every, LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
+    ):
         total = count * every
         times = task.t0 + task.h * np.arange(k, k + total)
         function = _rollout(system, rule, count, every)
@@ -103,9 +108,8 @@ def _size(state: np.ndarray) -> float:
     return float(state[-1]) if np.isfinite(state).all() else float("nan")
 
 
-def _grid(steps: int, every: int) -> Iterator[tuple[int, int]]:
+def _grid(steps: int, every: int, largest: int) -> Iterator[tuple[int, int]]:
     """Blocks (nodes, steps between nodes); a shorter last interval where `every` does not divide `steps`."""
-    largest = LARGEST_BLOCK
     while largest > 1 and largest * every > MOST_STEPS_IN_BLOCK:
         largest //= 10
     for count in blocks(steps // every, largest):
@@ -115,11 +119,11 @@ def _grid(steps: int, every: int) -> Iterator[tuple[int, int]]:
 
 
 def _rescaled(scale: np.ndarray, q: np.ndarray, p: np.ndarray, apart: float) -> np.ndarray:
-    """Typical sizes of velocities and momenta as the last block showed them."""
-    n = q.shape[1]
-    speeds = np.abs(np.diff(q, axis=0)).max(axis=0, initial=0.0) / apart
-    new = np.concatenate([speeds, np.abs(p).max(axis=0, initial=0.0)])
+    """Typical sizes of velocities and momenta as the last block (nodes, n) showed them; see `scale_function`."""
+    n = q.shape[-1]
+    speeds = np.abs(np.diff(q, axis=-2)).max(axis=-2, initial=0.0) / apart
+    new = np.concatenate([speeds, np.abs(p).max(axis=-2, initial=0.0)], axis=-1)
     new = np.maximum(new, 0.1 * scale)
-    for part in (new[:n], new[n:]):
-        np.maximum(part, SMALLEST * part.max(), out=part)
-    return new
+    root = np.sqrt(scale[..., n:] / scale[..., :n])  # of the inertia
+    least = SMALLEST * (new[..., :n] * root).max(axis=-1, keepdims=True)
+    return np.maximum(new, np.concatenate([least / root, least * root], axis=-1))

@@ -95,8 +95,9 @@ def simulate(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
     nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
+    scene = system if task.phase is None else task.phase.scene(system)
     with progress_bar(task.steps, "step", progress) as count:
-        for block in run(system, chosen.rule, task):
+        for block in run(scene, chosen.rule, task):
             recent = _trajectory(system, chosen, task, [nodes[-1], block], began)
             nodes.append(block)
             count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
@@ -110,6 +111,7 @@ def simulate(
 
 def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], began: float) -> Trajectory:
     k = np.concatenate([block.k[: block.good] for block in nodes])
+    phases = () if task.phase is None or task.phase.scene(system) is system else (task.phase,)
     return Trajectory(
         system=system,
         rule=chosen.rule,
@@ -120,7 +122,9 @@ def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], be
         k=k,
         u=task.u,
         c=task.c,
-        functions=lambda: (step_function(system, chosen.rule), action_function(system, chosen.rule)),
+        functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
+        phases=phases,
+        phase=np.zeros(len(k), dtype=int) if phases else None,
         stats=MappingProxyType(
             {
                 "plan": str(chosen),

@@ -69,28 +69,33 @@ def _typical(u: ca.MX) -> ca.MX:
 def scale_function(system: System) -> ca.Function:
     """(q, p, u, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the start of a step.
 
-    Controls count by their typical size, since a motion from rest may have no other. The sizes only decide when
-    Newton's method stops, so their derivatives are defined to be zero.
+    A coordinate at rest is measured against the moving ones by its energy: v² M and p²/M compare metres with radians,
+    where v with v and p with p would not. Controls count by their typical size, since a motion from rest may have no
+    other. The sizes only decide when Newton's method stops, so their derivatives are defined to be zero.
     """
     n = system.structure.n
     q, p, u = ca.MX.sym("q", n), ca.MX.sym("p", n), ca.MX.sym("u", system.structure.controls)
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("c", system.c.numel())
-    velocity = velocity_function(system)
+    velocity, point = velocity_function(system), point_function(system)
     v = velocity(q, p, t, c)
-    _, _, gradient, force = point_function(system)(q, v, u, t, c)
-    push = ca.fabs(h * (gradient + force))
-    v_size = ca.fabs(v) + ca.fabs(velocity(q, p + h * (gradient + force), t, c) - v)
-    mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.fabs(system.mass_matrix)])
-    sizes = []
-    for size in (v_size, ca.fabs(p) + push + ca.mtimes(mass(q, v, t, c), v_size)):
-        largest = ca.norm_inf(size)
-        floor = ca.if_else(largest > 0, SMALLEST * largest, 1)
-        sizes.append(ca.fmax(size, floor))
+    gain = [ca.plus(*point(q, v, u, at, c)[2:]) for at in (t, t + h)]  # a push may begin with zero
+    push = ca.fmax(*(ca.fabs(h * x) for x in gain))
+    v_size = ca.fabs(v) + ca.fabs(velocity(q, p + h * gain[0], t, c) - v)
+    mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.fabs(system.mass_matrix)])(q, v, t, c)
+    p_size = ca.fabs(p) + push + ca.mtimes(mass, v_size)
+    inertia = ca.diag(mass)
+    inertia = ca.if_else(inertia > 0, inertia, ca.norm_inf(p_size) / ca.fmax(ca.norm_inf(v_size), UNKNOWN))
+    least = SMALLEST * ca.norm_inf(v_size * ca.sqrt(inertia))
+    v_scale = ca.fmax(v_size, least / ca.sqrt(ca.fmax(inertia, UNKNOWN)))
+    sizes = [ca.fmax(x, UNKNOWN) for x in (v_scale, ca.fmax(p_size, least * ca.sqrt(inertia)))]
     options = {"is_diff_out": [False], "never_inline": True}
     return ca.Function("scale", [q, p, u, t, h, c], [ca.vertcat(*sizes)], options)
 
 
-SMALLEST = 1e-6  # a coordinate at rest is measured against the moving ones
+SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
+UNKNOWN = (
+    1e-100  # size of what is at rest with nothing to push it: below all units, so that Newton's method iterates on
+)
 
 
 @per_system
@@ -102,9 +107,8 @@ def action_function(system: System, rule: Rule) -> ca.Function:
     x = stepper.start(q, p, u, t, h, c)
     scale = scale_function(system)(q, p, _typical(ca.reshape(u, *one.u.shape)), t, h, c)
     increments = stepper.path(x, u, t, h, c, scale)
-    action = ca.Function(
-        "action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [one.action], {"cse": True}
-    )
+    value = ca.substitute(one.action, one.lam, 0 * one.lam)  # λ·g = 0 along the path
+    action = ca.Function("action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [value], {"cse": True})
     return ca.Function("action", inputs, [action(q, increments, u, c, t, h)])
 
 

@@ -5,14 +5,11 @@ The state vector x of a run is [q, q's compensation, p, p's compensation, the st
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import casadi as ca
-
-_LOCK = threading.RLock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,21 +36,20 @@ class Stepper:
 
 @contextmanager
 def verbatim() -> Iterator[None]:
-    """Within: SX expressions are kept as written. Otherwise (a + b) − a becomes b and compensation is lost."""
-    with _LOCK:
-        was = ca.GlobalOptions.getSimplificationOnTheFly()
-        ca.GlobalOptions.setSimplificationOnTheFly(False)
-        try:
-            yield
-        finally:
-            ca.GlobalOptions.setSimplificationOnTheFly(was)
+    """Kept for callers of `compensated`, which needs no global switch any more."""
+    yield
 
 
-def compensated(x: ca.SX, carry: ca.SX, increment: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """x + increment and the round-off to carry along (Kahan; Hairer–Lubich–Wanner VIII.5). Call within `verbatim`."""
+def compensated(x: ca.SX, carry: ca.SX, increment: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """x + increment and the round-off to carry along (Kahan; Hairer–Lubich–Wanner VIII.5), in a step of size h ≠ 0.
+
+    CasADi would simplify x − (x + increment) to −increment, so the sum is hidden behind a condition on h that always
+    holds. (Its global option against simplification would change what other threads build at the same time.)
+    """
     increment = increment + carry
     total = x + increment
-    return total, (x - total) + increment
+    hidden = ca.SX.binary(ca.OP_IF_ELSE_ZERO, ca.repmat(h, *x.shape), total)
+    return total, (x - hidden) + increment
 
 
 def zeros(n: int) -> ca.SX:
