@@ -83,16 +83,17 @@ class Leg:
         return ca.Function("terminal", [s.q, s.v, s.t, s.c], [self.phase.terminal, s.momentum])
 
 
-def leg(phase: Checked, t0: float, free_start: bool, q_ends: np.ndarray, x: int, p: int, g: int) -> Leg:
+def leg(phase: Checked, t0: float, free_start: bool, tied: bool, q_ends: np.ndarray, x: int, p: int, g: int) -> Leg:
     """Place a phase behind x unknowns, p data and g rows.
 
-    `free_start`: the start time is an unknown; `q_ends` (2, n): where constraint ranks at the ends are judged.
+    `free_start`: the start time is an unknown; `tied`: a link gives all of the start;
+    `q_ends` (2, n): where constraint ranks at the ends are judged.
     """
     shared, term = shared_symbols(phase), None
     term = interval_term(phase, shared)
     ends = [end_term(phase, shared, last) for last in (False, True)]
     slots = _slots(phase, free_start, x)
-    kept = [_kept(phase, t0, q_ends[i], bool(i)) for i in (0, 1)]
+    kept = [_kept(phase, t0, tied, q_ends[0], False), _kept(phase, t0, False, q_ends[1], True)]
     rows, low, high = _rows(phase, term, ends, kept, g)
     steps = np.diff(phase.mesh)
     data = np.concatenate([phase.mesh[:-1], steps, [t0, phase.duration[0]], phase.c])
@@ -124,24 +125,18 @@ def _slots(phase: Checked, free_start: bool, x: int) -> Slots:
     )
 
 
-def _kept(phase: Checked, t0: float, q: np.ndarray, last: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Which rows of g(q) = 0 and of G v + ∂g/∂t = 0 are independent of the fixed coordinates and velocities."""
+def _kept(phase: Checked, t0: float, tied: bool, q: np.ndarray, last: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Which rows of g(q) = 0 and of G v + ∂g/∂t = 0 are independent of the given coordinates and velocities."""
     m = phase.system.structure.constraints
-    if not m:
-        return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+    if not m or tied:
+        return np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
     s, end = phase.system, phase.end if last else phase.start
     slope = ca.Function("G", [s.q, s.t, s.c], [ca.densify(ca.jacobian(s.constraint, s.q))])
     G = np.array(slope(q, t0 + (phase.duration[0] if last else 0.0), phase.c))
-    periodic = last and end.periodic is not None
-    kept = []
-    for bounds in (end.q, end.v):
-        fixed = bounds[1] == bounds[2]
-        if periodic:
-            fixed = fixed | ~np.isnan(end.periodic)  # type: ignore[arg-type]
-        kept.append(independent_rows(np.eye(s.structure.n)[fixed], G))
-    given = (end.q[1] == end.q[2]) if not periodic else ~np.isnan(end.periodic)  # type: ignore[arg-type]
-    if not given.all() and not kept[0].all():
-        names = [name for name, y in zip(s.names, given, strict=True) if y]
+    given = [bounds[1] == bounds[2] for bounds in (end.q, end.v)]
+    kept = [independent_rows(np.eye(s.structure.n)[fixed], G) for fixed in given]
+    if not given[0].all() and not kept[0].all():
+        names = [name for name, y in zip(s.names, given[0], strict=True) if y]
         raise InputError(
             f"at the {'end' if last else 'start'} the coordinates {names} and constraint "
             f"{int(np.flatnonzero(~kept[0])[0])} say the same at q = {q.tolist()}: give all coordinates, or others"

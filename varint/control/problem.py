@@ -49,7 +49,8 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
     free_start = False
     for phase in checks:
         refuse_contradictions(phase, t0)
-        one = leg(phase, t0, free_start, end_positions(phase), x, p, g)
+        tied = any(link.after == len(legs) and _ties_all(link) for link in links)
+        one = leg(phase, t0, free_start, tied, end_positions(phase), x, p, g)
         legs.append(one)
         x, p, g = one.slots.end, p + len(one.data), one.rows.end
         t0, free_start = t0 + phase.duration[0], free_start or phase.free_duration
@@ -71,6 +72,10 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
         g_high=np.concatenate([*(one.g_high for one in legs), *(np.zeros(t.rows) for t in ties)]),
         seconds=perf_counter() - began,
     )
+
+
+def _ties_all(link: Link) -> bool:
+    return link.offset is None or all(y is not None for y in link.offset)
 
 
 def _periodic(i: int, offset: np.ndarray) -> Link:
