@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.noether import Symmetries, Symmetry, noether, symmetries
 from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
@@ -13,7 +14,7 @@ from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
-    from varint import models
+    from varint import diagnostics, models
     from varint.archive import load
     from varint.control.links import Link
     from varint.control.lqr import lqr
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State", "System",
-    "Trajectory", "VarintError", "closed_loop", "composition", "coordinates", "free", "gauss", "load", "lobatto",
-    "lqr", "midpoint", "models", "mpc", "multistart", "optimal_control", "optimal_phases", "plan", "project", "refine",
-    "simulate", "step_function", "time", "trapezoidal",
+    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State",
+    "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "closed_loop", "composition", "coordinates",
+    "diagnostics", "free", "gauss", "load", "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether",
+    "optimal_control", "optimal_phases", "plan", "project", "refine", "simulate", "step_function", "symmetries",
+    "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
@@ -47,7 +49,7 @@ _LATER = {
     "optimal_control": "varint.control.optimal",
     "optimal_phases": "varint.control.optimal",
 }
-_LATER_MODULES = ("models",)
+_LATER_MODULES = ("diagnostics", "models")
 
 
 def __getattr__(name: str) -> Any:

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from varint.rules import DIGITS, _derived, _gauss_nodes, _horner, _lagrange
+from varint.polynomials import PRECISE, derivative, gauss_nodes, lagrange_polynomials, value
 
 Matrix = list[list[Decimal]]
 EXTRA_DEGREE = {1: 1, 2: 2, 3: 2, 4: 3, 5: 3, 6: 4, 7: 4, 8: 4}  # of the start polynomial through two steps, over s − 1
@@ -22,12 +22,11 @@ EXTRA_DEGREE = {1: 1, 2: 2, 3: 2, 4: 3, 5: 3, 6: 4, 7: 4, 8: 4}  # of the start 
 @lru_cache(maxsize=64)
 def gauss_tableau(stages: int, padded: int) -> dict[str, np.ndarray]:
     """The constants by their names in gauss.c; matrices as columns of `padded` lanes, (columns, padded)."""
-    with localcontext() as context:
-        context.prec = DIGITS
-        c = _gauss_nodes(stages)
-        integrals = [_derived(p, -1) for p in _lagrange(c)]
-        a = [[_horner(p, x) for p in integrals] for x in c]
-        b = [_horner(p, Decimal(1)) for p in integrals]
+    with localcontext(PRECISE):
+        c = gauss_nodes(stages)
+        integrals = [derivative(p, -1) for p in lagrange_polynomials(c)]
+        a = [[value(p, x) for p in integrals] for x in c]
+        b = [value(p, Decimal(1)) for p in integrals]
         m1 = _over(a, b)
         m2 = _over(_times(a, a), b)
         one = _weighted(_continuation(c, c, stages - 1), b)
