@@ -6,6 +6,21 @@ start. ``catalogue`` holds all of them by name.
 
 from varint.models.central import apsidal_angle, central_force, kepler, radial_motion, radial_period, rosette
 from varint.models.chains import fpu_chain, fpu_stiff_energies, toda_chain
+from varint.models.control import (
+    ControlModel,
+    brachistochrone,
+    falling_cat,
+    fastest_transfer,
+    free_floating_robot,
+    orbit_transfer,
+    overhead_crane,
+    rest_to_rest,
+    swing_up_acrobot,
+    swing_up_cart_pole,
+    swing_up_pendulum,
+    swing_up_rod,
+    walker,
+)
 from varint.models.degenerate import guiding_centre, lotka_volterra
 from varint.models.driven import (
     accelerated_pivot,
@@ -72,8 +87,17 @@ catalogue = {
     )
 }  # fmt: skip
 
+control_catalogue = {
+    factory.__name__: factory
+    for factory in (
+        rest_to_rest, fastest_transfer, swing_up_cart_pole, swing_up_pendulum, swing_up_acrobot, overhead_crane,
+        brachistochrone, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
+    )
+}  # fmt: skip
+
 __all__ = [
-    "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_rates", "catalogue", "charged_particle", "euler_rates",
-    "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs", "pendulum_period", "radial_period",
-    "rotating_hoop_period", "sliding_support_period", *catalogue,
+    "FIGURE_EIGHT_PERIOD", "ControlModel", "Model", "apsidal_angle", "body_rates", "catalogue", "charged_particle",
+    "control_catalogue", "euler_rates", "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs",
+    "pendulum_period", "radial_period", "rotating_hoop_period", "sliding_support_period", *catalogue,
+    *control_catalogue,
 ]  # fmt: skip
