@@ -10,6 +10,7 @@ from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoida
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
+from varint.stepping.two_point import start_momentum
 from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
@@ -22,7 +23,7 @@ __version__ = "0.1.0"
 __all__ = [
     "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries", "Symmetry",
     "System", "Trajectory", "VarintError", "composition", "coordinates", "diagnostics", "gauss", "load", "lobatto",
-    "midpoint", "models", "noether", "plan", "project", "simulate", "step_function", "symmetries", "time",
+    "midpoint", "models", "noether", "plan", "project", "simulate", "start_momentum", "step_function", "symmetries", "time",
     "trapezoidal",
 ]  # fmt: skip
 

@@ -15,7 +15,7 @@ from varint.legendre import velocity_function
 from varint.manifold import rows_function, tangent_function
 from varint.rules import Rule
 from varint.stepping.newton import newton
-from varint.stepping.stepper import Stepper, compensated, verbatim
+from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
 
 # Round-off in g moves a path by 1e-16 |q| times the condition of the rows (N² for a chain). Newton is quadratic: a last
@@ -58,7 +58,7 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     advance = _advance(one, rule, y, z, p, sizes, left, total, row_size, pulls)
     q1, cq1, gain, ahead, worst = advance(x, found, u, t, h, c, size, s)
     _, pull = tangent_function(system)(q1, p0 + gain, t + h, c)
-    p1, cp1 = sum_function(n)(p0, carry, gain + pull)
+    p1, cp1 = sum_function(n)(p0, carry, gain + pull, h)
     inputs = [x, u, t, h, c, s]
     step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, worst)])
     start = _start(system, rule, one, y.numel())
@@ -129,18 +129,16 @@ def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size, p
     q, cq, carry, guess, worst = (ca.SX.sym("x", i) for i in (n, n, n, y.numel(), 1))
     x = ca.vertcat(q, cq, p, carry, guess, worst)
     ahead = ca.vertcat(ca.vec(ca.mtimes(z, ca.DM(rule.extrapolation).T)), y[n * d :])
-    with verbatim():
-        remains, gain = check(y, q, *inputs[2:])
-        q1, cq1 = compensated(q, cq, one.h * z[:, -1])
-        outputs = [q1, cq1, gain, ahead, ca.fmax(worst, ca.norm_inf(remains))]
-        return ca.Function("advance", [x, y, *inputs[3:]], outputs)
+    remains, gain = check(y, q, *inputs[2:])
+    q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
+    outputs = [q1, cq1, gain, ahead, ca.fmax(worst, ca.norm_inf(remains))]
+    return ca.Function("advance", [x, y, *inputs[3:]], outputs)
 
 
 def sum_function(n: int) -> ca.Function:
     """Compensated p + gain."""
-    p, carry, gain = (ca.SX.sym(name, n) for name in ("p", "carry", "gain"))
-    with verbatim():
-        return ca.Function("gained", [p, carry, gain], list(compensated(p, carry, gain)))
+    p, carry, gain, h = *(ca.SX.sym(name, n) for name in ("p", "carry", "gain")), ca.SX.sym("h")
+    return ca.Function("gained", [p, carry, gain, h], list(compensated(p, carry, gain, h)))
 
 
 def _start(system: System, rule: Rule, one: Interval, unknowns: int) -> ca.Function:
