@@ -32,9 +32,8 @@ def main() -> None:
     speed *= np.sqrt(c["mass"] * c["gravity"] * c["length"] / whole * np.sin(theta0) / 3)
     there = motion.at(lets_go.time)
     print(model.claim)
-    print(
-        f"the wall lets go at t = {lets_go.time:.15f}, sin θ − ⅔ sin θ₀ = {np.sin(there.q[2]) - 2 / 3 * np.sin(theta0):.1e}"
-    )
+    off = np.sin(there.q[2]) - 2 / 3 * np.sin(theta0)
+    print(f"the wall lets go at t = {lets_go.time:.15f}, sin θ − ⅔ sin θ₀ = {off:.1e}")
     print(f"after that ẋ = {motion.at(lies.time - 1e-3).v[0]:.15f}, closed form {speed:.15f}")
     print(f"it lies at t = {lies.time:.15f}; the impact takes {lies.energy_before - lies.energy_after:.4f} J")
     OUT.mkdir(exist_ok=True)

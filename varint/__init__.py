@@ -23,8 +23,8 @@ __version__ = "0.1.0"
 __all__ = [
     "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries", "Symmetry",
     "System", "Trajectory", "VarintError", "composition", "coordinates", "diagnostics", "gauss", "load", "lobatto",
-    "midpoint", "models", "noether", "plan", "project", "simulate", "start_momentum", "step_function", "symmetries", "time",
-    "trapezoidal",
+    "midpoint", "models", "noether", "plan", "project", "simulate", "start_momentum", "step_function", "symmetries",
+    "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use

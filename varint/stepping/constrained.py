@@ -23,6 +23,9 @@ from varint.system import System, per_system
 CORRECTION_FLOOR = 1e-2
 # |g| is judged against what a change of q by this part of |q| would make of it (RESIDUAL_LIMIT times it: 1e-12).
 GAP_FLOOR = 1e-2
+# A momentum is judged no finer than by RESIDUAL_LIMIT times this part of M|q|/h, CORRECTION_FLOOR in it: the momentum
+# that shifts q by its round-off.
+ROUNDABLE = 1e-3
 TINY = 1e-100  # instead of zero under a division
 
 
@@ -122,8 +125,8 @@ def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size, p
     inputs = [y, one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes, scale]
     # reactions set coordinates in motion that were at rest when the scales were taken, and hold massless ones at p = 0:
     # count what is there now
-    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + pulls
-    rest = ca.vertsplit(row_size, [0, n * d, left.numel()])[1]
+    strong, rest = ca.vertsplit(row_size, [0, n * d, left.numel()])
+    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + pulls + ROUNDABLE * strong[:n]
     remains = ca.densify(left / ca.vertcat(ca.repmat(moving, d, 1), rest))
     check = ca.Function("check", inputs, [remains, total], {"cse": True})
     q, cq, carry, guess, worst = (ca.SX.sym("x", i) for i in (n, n, n, y.numel(), 1))
