@@ -88,11 +88,11 @@ def test_the_energy_of_an_elastic_ball_has_no_slope_over_1e4_impacts():
     motion = vi.simulate(ball(), vi.lobatto(3), q0=1.0, v0=0.0, h=0.3, duration=9033.0)
     assert len(motion.events) > 10_000
     energies = np.array([event.energy_after for event in motion.events])[:10_000]
-    assert np.abs(energies - G).max() <= 1e-10
+    # what is left is the random walk of round-off: some 20 roundings of p a step and an impact
+    walk = np.finfo(float).eps * np.sqrt(20 * (motion.stats["steps"] + len(energies)))
     windows, x = energies.reshape(100, 100).mean(axis=1), np.arange(100) - 49.5
     slope = x @ windows / (x @ x)
-    noise = np.std(windows - windows.mean() - slope * x) / np.sqrt(x @ x)
-    assert abs(slope) <= 4 * noise + 1e-15
+    assert abs(slope * 100) <= 3 * walk * G and np.abs(energies - G).max() <= 3 * walk * G
 
 
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
