@@ -9,6 +9,7 @@ from varint.sketch import Sketch
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
+from varint.stepping.two_point import start_momentum
 from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
@@ -37,7 +38,7 @@ __all__ = [
     "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "closed_loop",
     "composition", "coordinates", "diagnostics", "free", "gauss", "geodesic", "least_action", "load", "lobatto", "lqr",
     "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases", "paths", "plan",
-    "project", "refine", "simulate", "step_function", "symmetries", "time", "trapezoidal",
+    "project", "refine", "simulate", "start_momentum", "step_function", "symmetries", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
