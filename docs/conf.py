@@ -1,4 +1,4 @@
-"""Sphinx configuration: Markdown by MyST, furo, every Python block executed, pages measured or generated at build time."""
+"""Sphinx configuration: Markdown by MyST, furo, every Python block executed, some pages measured."""
 
 import sys
 from pathlib import Path
@@ -14,9 +14,15 @@ copyright = "2025, the varint authors"
 release = version = varint.__version__
 
 extensions = [
-    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax", "sphinx.ext.viewcode",
-    "executed", "generated",
-]  # fmt: skip
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
+    "docstrings",
+    "executed",
+    "generated",
+]
 myst_enable_extensions = ["amsmath", "attrs_inline", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build", "_tools", "images.py", "known_limits.md"]
@@ -33,3 +39,5 @@ autodoc_typehints = "none"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 nitpicky = False  # types in docstrings are words: "SX (n,)"
+default_role = "py:obj"
+suppress_warnings = ["ref.python"]  # "steps" in a shape such as (steps, k) is no reference

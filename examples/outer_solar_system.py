@@ -14,7 +14,6 @@ Run: python3 tasks.py demo. Writes out/outer_solar_system.png and out/outer_sola
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from time import perf_counter
 
@@ -23,6 +22,7 @@ import numpy as np
 
 import varint as vi
 
+OUT = Path("out")
 BODIES = ("Jupiter", "Saturn", "Uranus", "Neptune", "Pluto", "Sun")
 DAYS = 200_000.0
 RUNS = (  # rule, step in days: one force evaluation for every 2.86 days each
@@ -47,7 +47,7 @@ def drift(values: np.ndarray) -> float:
     return float(np.abs(values - values[0]).max() / np.abs(values[0]).max())
 
 
-def main(out: Path = Path("out")) -> None:
+def main() -> None:
     model = vi.models.outer_solar_system()
     print(f"{model.name}: {DAYS:,.0f} days\n{model.source}\n")
     print(f"{'rule':36} {'step':>8} {'run time':>9} {'energy':>9} {'momentum':>9} {'ang. mom.':>9} {'error, AU':>9}")
@@ -62,10 +62,10 @@ def main(out: Path = Path("out")) -> None:
         print(f"{rule!r:36} {h:6.2f} d {elapsed:7.2f} s {columns}")
         motions.append(motion)
 
-    out.mkdir(parents=True, exist_ok=True)
-    picture(motions).savefig(out / "outer_solar_system.png", dpi=150)
-    motions[0].save(out / "outer_solar_system.npz")
-    print(f"\nwrote {out / 'outer_solar_system.png'} and {out / 'outer_solar_system.npz'}")
+    OUT.mkdir(exist_ok=True)
+    picture(motions).savefig(OUT / "outer_solar_system.png", dpi=150)
+    motions[0].save(OUT / "outer_solar_system.npz")
+    print(f"\nwrote {OUT / 'outer_solar_system.png'} and {OUT / 'outer_solar_system.npz'}")
 
 
 def picture(motions: list[vi.Trajectory]) -> plt.Figure:
@@ -87,4 +87,4 @@ def picture(motions: list[vi.Trajectory]) -> plt.Figure:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if sys.argv[1:] else "out"))
+    main()

@@ -11,8 +11,9 @@ from gallery import write_if_changed
 RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
 HEAD = """# Benchmarks
 
-Speed is a ratio, measured side by side on one machine, at equal error. `python3 tasks.py bench` measures again and writes `benchmarks/results/*.json`,
-from which this page is made. Your own scene: `vi.diagnostics.work_precision`, or `python -m varint bench pendulum`.
+Speed is a ratio, measured side by side on one machine, at equal error. `python3 tasks.py bench` measures again and
+writes `benchmarks/results/*.json`, from which this page is made. Your own scene: `vi.diagnostics.work_precision`, or
+`python -m varint bench pendulum`.
 """
 
 

@@ -61,7 +61,7 @@ class Execute(SphinxTransform):
 
 def figure(uri: str, words: str) -> nodes.figure:
     """A picture with its description as caption and as alternative text."""
-    node = nodes.figure(classes=["executed"])
+    node = nodes.figure(classes=["executed"], ids=[f"figure-{Path(uri).stem}"])
     node += nodes.image(uri=uri, alt=words)
     node += nodes.caption(words, words)
     return node

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,10 +87,15 @@ def _run(name: str, folder: Path) -> str:
     if stamp.exists() and stamp.read_text() == state and picture.exists():
         return log.read_text(encoding="utf-8")
     environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
-    command = [sys.executable, "-W", "error", str(path), str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=SLOWEST, encoding="utf-8")
-    if done.returncode or not picture.exists():
-        raise RuntimeError(f"examples/{name}.py failed:\n{done.stderr[-2000:]}")
+    command = [sys.executable, "-W", "error", str(path)]
+    with tempfile.TemporaryDirectory() as empty:  # an example writes to the folder `out` of where it runs
+        done = subprocess.run(
+            command, capture_output=True, text=True, env=environment, timeout=SLOWEST, encoding="utf-8", cwd=empty
+        )
+        drawn = Path(empty) / "out" / picture.name
+        if done.returncode or not drawn.exists():
+            raise RuntimeError(f"examples/{name}.py failed:\n{done.stderr[-2000:]}")
+        shutil.copy(drawn, picture)
     log.write_text(done.stdout, encoding="utf-8")
     stamp.write_text(state)
     return done.stdout
@@ -100,7 +107,8 @@ def _page(it: Example, printed: str) -> str:
     alt = it.claim.replace('"', "'").replace("\\", "")
     return (
         f"# {it.title}\n\n{formula}**Claim.** {it.claim}\n\n*Source:* {it.source}\n\n"
-        f"```{{figure}} {it.name}.png\n:alt: {alt}\n:class: gallery\n:target: ../_images/{it.name}.png\n\n{it.title}.\n```\n\n"
+        f"```{{figure}} {it.name}.png\n:alt: {alt}\n:class: gallery\n"
+        f":target: ../_images/{it.name}.png\n\n{it.title}.\n```\n\n"
         f"## What it prints\n\n```text\n{printed.rstrip()}\n```\n\n"
         f"## The code\n\n`python examples/{it.name}.py`\n\n"
         f"```{{code-block}} python\n:class: still\n\n{it.code.rstrip()}\n```\n"
@@ -109,17 +117,19 @@ def _page(it: Example, printed: str) -> str:
 
 def _index() -> str:
     text = [
-        "# Gallery\n\nEvery scene states a claim and its source, draws one figure and prints numbers beside the exact ones. "
-        "The pages are made by running the examples.\n"
+        "# Gallery\n\nEvery scene states a claim and its source, draws one figure and prints numbers beside the exact "
+        "ones. The pages are made by running the examples.\n"
     ]
     for title, names in chapters().items():
-        cards = "\n".join(
-            f'<a href="{name}.html"><img src="../_images/{name}.png" alt=""><span>{example(EXAMPLES / f"{name}.py").title}</span></a>'
-            for name in names
-        )
+        cards = "\n".join(_card(example(EXAMPLES / f"{name}.py")) for name in names)
         toctree = "\n".join(names)
         text.append(
             f'## {title}\n\n```{{raw}} html\n<div class="cards">\n{cards}\n</div>\n```\n\n'
             f"```{{toctree}}\n:hidden:\n\n{toctree}\n```\n"
         )
     return "\n".join(text)
+
+
+def _card(it: Example) -> str:
+    """A small picture that leads to the page; its words are beneath, so the picture itself needs none."""
+    return f'<a href="{it.name}.html"><img src="../_images/{it.name}.png" alt=""><span>{it.title}</span></a>'

@@ -6,8 +6,9 @@ import importlib
 import inspect
 from pathlib import Path
 
-import varint as vi
 from gallery import write_if_changed
+
+import varint as vi
 
 ORDER = [
     ("Scenes", ["coordinates", "time", "Parameters", "System"]),
@@ -15,7 +16,8 @@ ORDER = [
     ("Motion", ["simulate", "project", "step_function", "scale_function"]),
     ("Many at once", ["ensemble", "Ensemble"]),
     ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
-    ("Optimal control", ["optimal_control", "optimal_phases", "Phase", "Link", "refine", "multistart", "mpc", "closed_loop", "lqr"]),
+    ("Optimal control", ["optimal_control", "optimal_phases", "Phase", "Link", "refine", "multistart"]),
+    ("Feedback", ["mpc", "closed_loop", "lqr"]),
     ("Results", ["Trajectory", "State", "load", "Sketch"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
 ]  # fmt: skip

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import varint as vi
 from gallery import package_state, write_if_changed
+
+import varint as vi
 
 HERE = Path(__file__).resolve().parent
 LIMITS = HERE.parent / "known_limits.md"
@@ -34,15 +35,16 @@ def write(path: Path) -> None:
     text = f"""{mark}
 # Verification
 
-These figures were measured by `vi.diagnostics` while this page was built, with varint {vi.__version__}: nothing on it is typed in by hand.
-Orders are slopes of log error over log step, for q and for p; the symplectic defect is ‖AᵀJA − J‖ with A the exact derivative of a step, on tangent
-vectors where there are constraints; the energy column is the amplitude of its oscillation and whether its windowed means drift over {LONG} steps; momenta are
-the drift of every quantity that the rule must keep exactly; reversibility runs there and back.
+These figures were measured by `vi.diagnostics` while this page was built, with varint {vi.__version__}: nothing on it
+is typed in by hand. Orders are slopes of log error over log step, for q and for p; the symplectic defect is ‖AᵀJA − J‖
+with A the exact derivative of a step, on tangent vectors where there are constraints; the energy column is the
+amplitude of its oscillation and whether its windowed means drift over {LONG} steps; momenta are the drift of every
+quantity that the rule must keep exactly; reversibility runs there and back.
 
 {tables}
 
-The same properties, and their failure for explicit Euler and RK4, are tests: `tests/test_orders.py`, `tests/test_invariants.py`,
-`tests/test_noether_rules.py`, `tests/test_diagnostics.py`. Your own scene is measured by
+The same properties, and their failure for explicit Euler and RK4, are tests: `tests/test_orders.py`,
+`tests/test_invariants.py`, `tests/test_noether_rules.py`, `tests/test_diagnostics.py`. Your own scene is measured by
 
 ```{{code-block}} python
 :class: still

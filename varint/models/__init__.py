@@ -118,5 +118,5 @@ __all__ = [
     "FIGURE_EIGHT_PERIOD", "ControlModel", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue",
     "charged_particle", "control_catalogue", "cycloid", "euler_rates", "fpu_stiff_energies", "inverse_distance_period",
     "kapitza_frequency", "pairs", "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period",
-    "rotation", "sliding_support_period", *catalogue, *control_catalogue,
+    "rotation", "sketch", "sliding_support_period", *catalogue, *control_catalogue,
 ]  # fmt: skip
