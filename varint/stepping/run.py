@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from varint.arrays import blocks, call
+from varint.arrays import call
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, scale_function
@@ -40,22 +41,47 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """Some saved nodes: step counts k, coordinates, momenta.
+class Position:
+    """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
-    The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one.
+    The stepper's state x, typical sizes, k steps taken, and how many nodes the next block may have (few after a
+    failure).
+    """
+
+    x: np.ndarray
+    scale: np.ndarray
+    k: int
+    largest: int
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some saved nodes: whole steps k before them, times, coordinates, momenta.
+
+    All are solved, `residual` is the worst among them, and the run goes on from `after`. Where the next step is not
+    solved, `failed` is its residual (NaN where its values are not finite); it is None otherwise.
     """
 
     k: np.ndarray
+    t: np.ndarray
     q: np.ndarray
     p: np.ndarray
     residual: float
-    good: int
-    failed: float = 0.0
+    after: Position
+    failed: float | None = None
+    divided: tuple[Division, ...] = ()
+
+
+class Division(NamedTuple):
+    """A step that failed and was done in `parts` equal parts instead."""
+
+    step: int
+    time: float
+    parts: int
 
 
 @per_system
-def _rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
+def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
     """(x, u, t, h, c, scale) → states at `nodes` nodes, `every` steps apart."""
     stepper = plan(system, rule).build(system, rule)
     step = stepper.step
@@ -71,53 +97,87 @@ def _rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
     return ca.Function("rollout", [x, u, t, h, c, scale], [states])
 
 
-def run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
-    """The run, block after block; it ends with the first block that is not wholly good."""
+def beginning(system: System, rule: Rule, task: Task) -> Position:
+    """The position before the first step."""
+    h, t0 = np.array([task.h]), np.array([task.t0])
+    scale = call(scale_function(system), task.q0, task.p0, t0, h, task.c)[0]
     stepper = plan(system, rule).build(system, rule)
-    n, h, c = system.structure.n, np.array([task.h]), task.c
-    t0 = np.array([task.t0])
-    scale = call(scale_function(system), task.q0, task.p0, t0, h, c)[0]
-    x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, c)[0]
-    k = 0
-    for count, every in _grid(task.steps, task.save_every):
+    x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, task.c)[0]
+    return Position(x, scale, 0, LARGEST_BLOCK)
+
+
+def run(system: System, rule: Rule, task: Task, at: Position) -> Iterator[Block]:
+    """The run from a position on, block after block; it ends with the first block that failed."""
+    n, h = system.structure.n, np.array([task.h])
+    while at.k < task.steps:
+        count, every = next_block(at.k, task.steps, task.save_every, at.largest)
         total = count * every
-        times = task.t0 + task.h * np.arange(k, k + total)
-        function = _rollout(system, rule, count, every)
-        states = call(function, x, task.controls(k, total), times, h, c, scale)[0].reshape(count, -1)
-        finite = np.isfinite(states).all(axis=1) & (states[:, -1] <= RESIDUAL_LIMIT)
-        good = count if finite.all() else int(np.argmin(finite))
-        q, p = states[:, :n], states[:, 2 * n : 3 * n]
-        residual = float(states[good - 1, -1]) if good else 0.0
-        failed = 0.0 if good == count else _size(states[good])
-        yield Block(k + every * np.arange(1, count + 1), q[:good], p[:good], residual, good, failed)
-        if good < count:
+        times = task.t0 + task.h * np.arange(at.k, at.k + total)
+        function = rollout(system, rule, count, every)
+        states = call(function, at.x, task.controls(at.k, total), times, h, task.c, at.scale)[0].reshape(count, -1)
+        good = int(good_nodes(states))
+        worst = float(states[good - 1, -1]) if good else 0.0
+        after = _advanced(at, states[:good], n, task.h, every)
+        k = at.k + every * np.arange(1, good + 1)
+        if good and not is_saved(int(k[-1]), task.steps, task.save_every):  # part of a long interval between nodes
+            k = k[:0]
+        q, p = states[: len(k), :n], states[: len(k), 2 * n : 3 * n]
+        failed = None if good == count else size(states[good])
+        yield Block(k, task.t0 + task.h * k, q, p, worst, after, failed)
+        if failed is not None:
             return
-        scale = _rescaled(scale, q, p, abs(task.h) * every)
-        x, k = states[-1].copy(), k + total
-        x[-1] = 0.0
+        at = after
 
 
-def _size(state: np.ndarray) -> float:
+def next_block(k: int, steps: int, every: int, largest: int = LARGEST_BLOCK) -> tuple[int, int]:
+    """(nodes, steps between them) of the block after k steps: a power of ten of nodes, or of steps within an interval.
+
+    It depends on the position alone, so a run that is taken up again has the blocks of the one that was not stopped.
+    """
+    whole = (steps - k) // every
+    if k % every or not whole or every > MOST_STEPS_IN_BLOCK:
+        return 1, _power_of_ten(min(every - k % every, steps - k, MOST_STEPS_IN_BLOCK))
+    return _power_of_ten(min(whole, largest, max(MOST_STEPS_IN_BLOCK // every, 1))), every
+
+
+def is_saved(k: int, steps: int, every: int) -> bool:
+    """Whether the node after k steps is kept."""
+    return k % every == 0 or k == steps
+
+
+def good_nodes(states: np.ndarray) -> np.ndarray:
+    """How many of the states (…, nodes, size), from the first on, are finite and solved."""
+    good = np.isfinite(states).all(axis=-1) & (states[..., -1] <= RESIDUAL_LIMIT)
+    return np.where(good.all(axis=-1), states.shape[-2], np.argmin(good, axis=-1))
+
+
+def _advanced(at: Position, states: np.ndarray, n: int, h: float, every: int) -> Position:
+    """The position after the solved states, (nodes, size)."""
+    if not len(states):
+        return Position(at.x, at.scale, at.k, 1)
+    x, scale = states[-1].copy(), rescaled(at.scale, at.x, states, n, abs(h) * every)
+    x[-1] = 0.0
+    return Position(x, scale, at.k + every * len(states), min(10 * at.largest, LARGEST_BLOCK))
+
+
+def _power_of_ten(most: int) -> int:
+    size = 1
+    while 10 * size <= most:
+        size *= 10
+    return size
+
+
+def size(state: np.ndarray) -> float:
     """Residual of a state that failed: NaN where the state itself is not finite."""
     return float(state[-1]) if np.isfinite(state).all() else float("nan")
 
 
-def _grid(steps: int, every: int) -> Iterator[tuple[int, int]]:
-    """Blocks (nodes, steps between nodes); a shorter last interval where `every` does not divide `steps`."""
-    largest = LARGEST_BLOCK
-    while largest > 1 and largest * every > MOST_STEPS_IN_BLOCK:
-        largest //= 10
-    for count in blocks(steps // every, largest):
-        yield count, every
-    if steps % every:
-        yield 1, steps % every
-
-
-def _rescaled(scale: np.ndarray, q: np.ndarray, p: np.ndarray, apart: float) -> np.ndarray:
-    """Typical sizes of velocities and momenta as the last block (nodes, n) showed them; see `scale_function`."""
-    n = q.shape[-1]
-    speeds = np.abs(np.diff(q, axis=-2)).max(axis=-2, initial=0.0) / apart
-    new = np.concatenate([speeds, np.abs(p).max(axis=-2, initial=0.0)], axis=-1)
+def rescaled(scale: np.ndarray, x: np.ndarray, states: np.ndarray, n: int, apart: float) -> np.ndarray:
+    """Typical sizes of velocities and momenta as the states (…, nodes, size) after x show; see `scale_function`."""
+    q, p = states[..., :n], states[..., 2 * n : 3 * n]
+    path = np.concatenate([x[..., None, :n], q], axis=-2)
+    speeds = np.abs(np.diff(path, axis=-2)).max(axis=-2) / apart
+    new = np.concatenate([speeds, np.abs(p).max(axis=-2)], axis=-1)
     new = np.maximum(new, 0.1 * scale)
     root = np.sqrt(scale[..., n:] / scale[..., :n])  # of the inertia
     least = SMALLEST * (new[..., :n] * root).max(axis=-1, keepdims=True)

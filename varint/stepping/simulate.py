@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any
@@ -11,16 +14,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import ConvergenceError
+from varint.description import identity
+from varint.errors import ConvergenceError, InputError
 from varint.progress import progress_bar
 from varint.rules import Rule
+from varint.stepping.checkpoint import Checkpoint
+from varint.stepping.diagnosis import energy_jump, likely_cause
 from varint.stepping.events import first_crossing
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import Plan, plan
-from varint.stepping.run import RESIDUAL_LIMIT, Block, Task, run
+from varint.stepping.run import RESIDUAL_LIMIT, Block, Position, Task, beginning, run
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Trajectory
+
+Remedy = Callable[[System, Rule, Task, Position], Block]
 
 
 def simulate(
@@ -39,6 +47,8 @@ def simulate(
     save_every: int = 1,
     until: ca.SX | None = None,
     progress: bool | None = None,
+    checkpoint: Any = None,
+    on_failure: str = "raise",
 ) -> Trajectory:
     """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete Euler–Lagrange).
 
@@ -66,17 +76,26 @@ def simulate(
         with the rule's own accuracy.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
+    checkpoint : path, optional
+        Write the run to this file every second or so. The same call goes on from there after a crash, a kill or Ctrl-C,
+        and ends with the same bytes as a run that was not stopped; after the end it returns the whole run at once.
+        One run a file, one process a run.
+    on_failure : str
+        ``"raise"``, or ``"subdivide"``: redo a step that cannot be solved in 2, 4, … 1024 parts. They become nodes, and
+        `Trajectory.events` has a `Division` for it. The step changes there, so a symplectic rule loses its long-time
+        guarantees locally: for a rare close approach, not for a step that is too large everywhere.
 
     Returns
     -------
     Trajectory
+        After Ctrl-C the nodes until then, with ``stats["interrupted"]`` true.
 
     Raises
     ------
     InputError
         If the input is not a well-posed problem; the message says what to change.
     ConvergenceError
-        If a step cannot be solved: step, time, residual, and the trajectory up to there are attached.
+        If a step cannot be solved: step, time, residual, likely cause and the trajectory up to there are attached.
 
     Examples
     --------
@@ -94,62 +113,145 @@ def simulate(
         system, chosen.rule,
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
-    nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
-    with progress_bar(task.steps, "step", progress) as count:
-        for block in run(system, chosen.rule, task):
-            recent = _trajectory(system, chosen, task, [nodes[-1], block], began)
-            nodes.append(block)
-            count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
-            stop = None if until is None else first_crossing(recent, until)
-            if stop is not None:
-                return _cut(_trajectory(system, chosen, task, nodes, began), int(recent.k[stop[0]]), stop[1])
-            if block.good < len(block.k):
-                raise _failure(_trajectory(system, chosen, task, nodes, began), block, task)
-    return _trajectory(system, chosen, task, nodes, began)
+    remedy = _remedy(on_failure, task)
+    file = (
+        None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(system, chosen, task, until, on_failure))
+    )
+    nodes = [(file and file.read()) or _start(system, chosen, task)]
+    done = nodes[0].after.k
+    interrupted = False
+    try:
+        with progress_bar(task.steps, "step", progress, done) as move:
+            for block in _blocks(system, chosen.rule, task, nodes[0].after, remedy):
+                recent = _trajectory(system, chosen, task, [_last_node(nodes), block], began)
+                nodes.append(block)
+                move(block.after.k - nodes[-2].after.k, partial(_energy_note, nodes[0], recent))
+                stop = None if until is None else first_crossing(recent, until)
+                if stop is not None:
+                    motion = _trajectory(system, chosen, task, nodes, began)
+                    return _cut(motion, len(motion) - len(recent) + stop[0] + 1, stop[1])
+                if block.failed is not None:
+                    raise _failure(_trajectory(system, chosen, task, nodes, began), block, on_failure)
+                if file and file.due():
+                    file.write(nodes)
+    except KeyboardInterrupt:
+        interrupted = True
+    if file and nodes[-1].after.k > done:
+        file.write(nodes)
+    motion = _trajectory(system, chosen, task, nodes, began, interrupted)
+    if jump := energy_jump(motion):
+        warnings.warn(f"{jump} scene can do: h = {task.h:g} is too large, try a smaller one", stacklevel=2)
+    return motion
 
 
-def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], began: float) -> Trajectory:
-    k = np.concatenate([block.k[: block.good] for block in nodes])
+def _start(system: System, chosen: Plan, task: Task) -> Block:
+    at = beginning(system, chosen.rule, task)
+    return Block(np.zeros(1, dtype=int), np.array([task.t0]), task.q0[None], task.p0[None], 0.0, at)
+
+
+def _blocks(system: System, rule: Rule, task: Task, at: Position, remedy: Remedy | None) -> Iterator[Block]:
+    """The run with its remedy: a block that failed is followed by one that goes around the failure."""
+    while True:
+        block = None
+        for block in run(system, rule, task, at):
+            yield block if remedy is None else replace(block, failed=None)
+        if remedy is None or block is None or block.failed is None:
+            return
+        around = remedy(system, rule, task, block.after)
+        yield around
+        if around.failed is not None:
+            return
+        at = around.after
+
+
+def _remedy(on_failure: str, task: Task) -> Remedy | None:
+    if on_failure == "raise":
+        return None
+    if on_failure != "subdivide":
+        raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
+    if task.u.shape[1] > 1:
+        raise InputError("on_failure='subdivide' needs controls that are constant on a step, (steps, k)")
+    from varint.stepping.subdivide import subdivided
+
+    return subdivided
+
+
+def _identity(system: System, chosen: Plan, task: Task, until: ca.SX | None, on_failure: str) -> dict[str, str]:
+    """What the bytes of this run depend on."""
+    s = system
+    stop = "" if until is None else ca.Function("until", [s.q, s.v, s.t, s.control, s.c], [until]).serialize()
+    return identity(
+        system, chosen.rule, q0=task.q0, p0=task.p0, t0=task.t0, h=task.h, steps=task.steps,
+        save_every=task.save_every, u=task.u, params=task.c, until=stop, on_failure=on_failure, plan=chosen.method,
+    )  # fmt: skip
+
+
+def _last_node(nodes: list[Block]) -> Block:
+    """The last saved node alone: the blocks of a long interval between two nodes have none."""
+    block = next(b for b in reversed(nodes) if len(b.k))
+    return replace(block, k=block.k[-1:], t=block.t[-1:], q=block.q[-1:], p=block.p[-1:], divided=())
+
+
+def _energy_note(start: Block, recent: Trajectory) -> str:
+    """Energy error of the last node for the progress bar; the energy where forces or time may change it."""
+    s = recent.system.structure
+    t, q, p = (np.concatenate([getattr(start, x)[:1], getattr(recent, x)[-1:]]) for x in "tqp")
+    first, last = replace(recent, t=t, q=q, p=p, k=np.array([0, recent.k[-1]])).energy
+    if s.forced or not s.autonomous or first == 0:
+        return f"H={last:.6g}"
+    return f"ΔH/|H|={(last - first) / abs(first):.1e}"
+
+
+def _trajectory(
+    system: System, chosen: Plan, task: Task, nodes: list[Block], began: float, interrupted: bool = False
+) -> Trajectory:
+    k, t, q, p = (np.concatenate([getattr(block, name) for block in nodes]) for name in "ktqp")
+    divided = tuple(d for block in nodes for d in block.divided)
     return Trajectory(
         system=system,
         rule=chosen.rule,
-        t=task.t0 + task.h * k,
-        q=np.concatenate([block.q for block in nodes]),
-        p=np.concatenate([block.p for block in nodes]),
+        t=t,
+        q=q,
+        p=p,
         h=task.h,
         k=k,
         u=task.u,
         c=task.c,
         functions=lambda: (step_function(system, chosen.rule), action_function(system, chosen.rule)),
+        events=divided,
         stats=MappingProxyType(
             {
                 "plan": str(chosen),
-                "steps": int(k[-1]),
+                "steps": int(nodes[-1].after.k),
                 "residual": max(block.residual for block in nodes),
+                "subdivided": len(divided),
+                "interrupted": interrupted,
                 "seconds": perf_counter() - began,
             }
         ),
     )
 
 
-def _cut(motion: Trajectory, k: int, t: float) -> Trajectory:
-    """The trajectory up to the node after k steps, and one more node at time t."""
-    kept = int(np.searchsorted(motion.k, k, side="right"))
+def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:
+    """The first `kept` nodes of the trajectory, and one more node at time t."""
     end = motion.at([t])
     times, q, p, steps = (np.concatenate([getattr(motion, name)[:kept], getattr(end, name)]) for name in "tqpk")
     return replace(motion, t=times, q=q, p=p, k=steps)
 
 
-def _failure(motion: Trajectory, block: Block, task: Task) -> ConvergenceError:
-    k, t = int(motion.k[-1]), float(motion.t[-1])
-    residual = block.failed
+def _failure(motion: Trajectory, block: Block, on_failure: str) -> ConvergenceError:
+    """The error of a step that failed; between two saved nodes it belongs to the steps after the last of them."""
+    at, residual = block.after, float("nan") if block.failed is None else block.failed
+    t = float(motion.t[0] + motion.h * (at.k - motion.k[0]))
     if np.isfinite(residual):
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
-        cure = "h is too large for this motion or the scene is close to singular: try a smaller h"
     else:
         what = "gave values that are not finite"
-        cure = "a collision, a square root or logarithm of a negative number, or h too large: try a smaller h"
+    tried = " (in 1024 parts, too)" if on_failure == "subdivide" else ""
+    hint = "" if tried else "; on_failure='subdivide' redoes such a step in smaller parts"
+    cause = likely_cause(motion)
     return ConvergenceError(
-        f"the step after t = {t:g} (step {k}) {what}; {cure}. Error.trajectory has the {len(motion)} nodes before it",
-        step=k, time=t, residual=residual, trajectory=motion,
+        f"the step after t = {t:g} (step {at.k}) {what}{tried}. Likely: {cause}{hint}. "
+        f"Error.trajectory has the {len(motion)} nodes before it",
+        step=at.k, time=t, residual=residual, trajectory=motion, cause=cause,
     )  # fmt: skip

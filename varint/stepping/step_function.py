@@ -86,7 +86,9 @@ def scale_function(system: System) -> ca.Function:
 
 
 SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
-UNKNOWN = 1e-100  # size of what is at rest with nothing to push it: below all units, so that Newton's method iterates on
+UNKNOWN = (
+    1e-100  # size of what is at rest with nothing to push it: below all units, so that Newton's method iterates on
+)
 
 
 @per_system
