@@ -15,16 +15,16 @@ LAYERS = [
     {"errors", "polynomials", "arrays", "progress", "files"},
     {"compositions", "structure"},
     {"rules", "system"},
-    {"legendre", "description"},
-    {"discrete", "noether", "assembly", "horizon", "manifold"},
+    {"manifold", "legendre", "description"},
+    {"discrete", "noether", "assembly", "horizon"},
     {"trajectory"},
-    {"stepping", "compiled", "projection", "boundary", "control"},
+    {"consistency", "stepping", "compiled", "projection", "boundary", "control"},
     {"ensembles", "diagnostics", "models", "archive"},
-    {"plot", "animate"},
+    {"plot", "plot_diagnostics", "animate"},
     {"__init__"},
 ]
 RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
-DRAWING = {"plot", "animate"}
+DRAWING = {"plot", "plot_diagnostics", "animate"}
 LONGEST = 250  # lines of code: without blank lines, comments and docstrings
 
 

@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
@@ -19,8 +20,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "System", "Trajectory",
-    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "models", "plan", "simulate",
-    "step_function", "time", "trapezoidal",
+    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "models", "plan", "project",
+    "simulate", "step_function", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use

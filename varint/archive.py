@@ -97,7 +97,7 @@ def load(path: Any) -> Trajectory:
         system=system,
         rule=rule,
         h=header["h"],
-        functions=lambda: (step_function(system, rule), action_function(system, rule)),
+        functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
         stats=MappingProxyType(header["stats"]),
         **arrays,
     )

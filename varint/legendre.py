@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from varint.manifold import tangent_function
 from varint.system import System, per_system
 
 MOST_ITERATIONS = 50  # of Newton's method for Lagrangians that are not quadratic in v
@@ -15,10 +16,15 @@ def velocity_function(system: System) -> ca.Function:
     """(q, p, t, c) → v, the inverse Legendre transform p = ∂L/∂v(q, v, t).
 
     For Lagrangians that are quadratic in v it is the linear solve M v = p − ∂L/∂v(q, 0, t); otherwise Newton's method;
-    for degenerate ones (M = 0) the Euler–Lagrange equations, linear in v, give it from q alone.
+    for degenerate ones (M = 0) the Euler–Lagrange equations, linear in v, give it from q alone. With constraints it is
+    the velocity on the manifold.
     """
     s, structure = system, system.structure
     p = ca.SX.sym("p", structure.n)
+    if structure.constraints or structure.nonholonomic:
+        sizes = (structure.n, structure.n, 1, s.c.numel())
+        inputs = [ca.MX.sym(name, size) for name, size in zip("qptc", sizes, strict=True)]
+        return ca.Function("velocity", inputs, [tangent_function(s)(*inputs)[0]])
     if structure.degenerate:
         twist = ca.jacobian(s.momentum, s.q) - ca.jacobian(s.momentum, s.q).T
         rest = ca.substitute(s.lagrangian, s.v, ca.SX.zeros(s.v.shape))

@@ -14,6 +14,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.errors import InputError
 from varint.legendre import velocity_function
+from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.system import System
@@ -52,11 +53,14 @@ class Trajectory:
     c : ndarray
         Parameter values, in the order of ``system.c``.
     functions : callable
-        () → (step function, action function) of the system and rule, built when first needed.
-    multipliers : ndarray (N + 1, m) or None
-        Physical multipliers λ of the constraints.
-    events : tuple
-        What happened on the way.
+        () → (step function, action function) of the system and rule, built when first needed; (scene) → those of a
+        scene that moves in one of the phases.
+    phases : tuple of Phase
+        Which rows and contacts held at one time or another; empty where all constraints held all the time.
+    phase : ndarray of int (N + 1,)
+        Index of the phase that begins or goes on at each node.
+    events : tuple of Event
+        What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
     """
@@ -70,8 +74,9 @@ class Trajectory:
     k: np.ndarray
     u: np.ndarray
     c: np.ndarray
-    functions: Callable[[], tuple[ca.Function, ca.Function]]
-    multipliers: np.ndarray | None = None
+    functions: Callable[..., tuple[ca.Function, ca.Function]]
+    phases: tuple[Phase, ...] = ()
+    phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
@@ -85,22 +90,52 @@ class Trajectory:
     def __getitem__(self, index: int | slice) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
         if isinstance(index, slice):
-            lam = self.multipliers
             return replace(
                 self,
                 t=self.t[index],
                 q=self.q[index],
                 p=self.p[index],
                 k=self.k[index],
-                multipliers=None if lam is None else lam[index],
+                phase=None if self.phase is None else self.phase[index],
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
     @cached_property
     def v(self) -> np.ndarray:
         """Velocities (N + 1, n), from the momenta by the inverse Legendre transform."""
-        velocity = velocity_function(self.system)
-        return over_columns(velocity, self.q, self.p, self.t[:, None], self.c)[0]
+        v = np.empty_like(self.q)
+        for nodes, phase in self._phases():
+            velocity = velocity_function(phase.scene(self.system))
+            v[nodes] = over_columns(velocity, self.q[nodes], self.p[nodes], self.t[nodes, None], self.c)[0]
+        return v
+
+    def _phases(self) -> list[tuple[np.ndarray, Phase]]:
+        """Nodes of each phase, and the phase."""
+        if self.phase is None:
+            return [(np.arange(len(self)), Phase(tuple(range(self.system.structure.constraints))))]
+        return [(np.flatnonzero(self.phase == i), self.phases[i]) for i in np.unique(self.phase)]
+
+    @cached_property
+    def multipliers(self) -> np.ndarray:
+        """Physical multipliers λ at every node, (N + 1, m): constraints, then non-holonomic rows, then contacts.
+
+        They follow from q and v at the node by the twice differentiated constraints, so they have the order of q and v
+        (Hairer & Wanner II, VII.1: the index-1 relation). Contacts that do not touch have λ = 0.
+        """
+        rows = self.system.structure
+        lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
+        u = self._u_at_nodes()
+        for nodes, phase in self._phases():
+            args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
+            lam[nodes] = multipliers_along(self.system, phase, *args)
+        return lam
+
+    @cached_property
+    def reaction_forces(self) -> np.ndarray:
+        """Forces Wᵀλ by which constraints and contacts hold the motion, in the coordinates q, (N + 1, n)."""
+        lam = self.multipliers
+        slope = over_columns(every_row_function(self.system), self.q, self.v, self.t[:, None], self.c)[1]
+        return np.einsum("ijk,ik->ij", slope.reshape(*self.q.shape, -1), lam)
 
     @property
     def duration(self) -> float:
@@ -154,12 +189,12 @@ class Trajectory:
         """Discrete action Σ L_d over all steps of the trajectory."""
         if len(self) < 2:
             return 0.0
-        _, action = self.functions()
         ahead = np.diff(self.t)
+        phase = None if self.phase is None else self.phase[:-1]
         sums = 0.0
-        for q, p, t, k, size in self._steps(self.q[:-1].copy(), self.p[:-1].copy(), self.t[:-1], self.k[:-1], ahead):
-            u = self._step_controls(k, size / self.h)
-            sums += over_columns(action, q, p, u, self.c, t[:, None], size[:, None])[0].sum()
+        q, p = self.q[:-1].copy(), self.p[:-1].copy()
+        for scene, arguments in self._steps(q, p, self.t[:-1], self.k[:-1], ahead, phase):
+            sums += over_columns(self._functions(scene)[1], *arguments)[0].sum()
         return float(sums)
 
     def at(self, t: Any) -> Any:
@@ -190,27 +225,36 @@ class Trajectory:
         node = np.clip(node, 0, len(self) - 1)
         ahead = times - self.t[node]
         q, p = self.q[node], self.p[node]
-        for _ in self._steps(q, p, self.t[node], self.k[node], ahead):
+        phase = None if self.phase is None else self.phase[node]
+        for _ in self._steps(q, p, self.t[node], self.k[node], ahead, phase):
             continue
         whole = np.floor(ahead / self.h + ROUNDING).astype(int)
-        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, multipliers=None, events=())
+        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=())
         return found[0] if np.ndim(t) == 0 else found
 
-    def _steps(self, q, p, t, k, ahead):
-        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's starts."""
-        step, _ = self.functions()
+    def _steps(self, q, p, t, k, ahead, phase):
+        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
         whole = np.floor(ahead / self.h + ROUNDING).astype(int)
+        phases = self.phases if phase is not None else (None,)
         for j in range(int(whole.max(initial=0)) + 1):
             left = ahead - j * self.h
-            active = left / self.h > ROUNDING
-            if not active.any():
+            going = left / self.h > ROUNDING
+            if not going.any():
                 return
-            size = np.where(j < whole, self.h, left)[active]
-            now, at = (t + j * self.h)[active], (k + j)[active]
-            yield q[active], p[active], now, at, size
-            u = self._step_controls(at, size / self.h)
-            q1, p1, _ = over_columns(step, q[active], p[active], u, self.c, now[:, None], size[:, None])
-            q[active], p[active] = q1, p1
+            for i, held in enumerate(phases):
+                active = going if phase is None else going & (phase == i)
+                if not active.any():
+                    continue
+                scene = self.system if held is None else held.scene(self.system)
+                size = np.where(j < whole, self.h, left)[active]
+                now, at = (t + j * self.h)[active], (k + j)[active]
+                u = self._step_controls(at, size / self.h)
+                arguments = q[active], p[active], u, self.c, now[:, None], size[:, None]
+                yield scene, arguments
+                q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
+
+    def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
+        return self.functions() if scene is self.system else self.functions(scene)
 
     def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
         """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length."""

@@ -48,7 +48,7 @@ class Checkpoint:
         arrays: dict[str, Any] = {
             name: np.concatenate([getattr(block, name) for block in nodes]) for name in ("k", "t", "q", "p")
         }
-        arrays |= {"x": at.x, "scale": at.scale}
+        arrays |= {"x": at.x, "scale": at.scale, "inertia": at.inertia}
         write_whole(self.path, lambda file: np.savez(file, header=np.array(json.dumps(header)), **arrays))
         self.last = perf_counter()
         self.cost = self.last - began
@@ -71,8 +71,9 @@ class Checkpoint:
                 if header["format"] != FORMAT:
                     raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
                 identity = header["identity"]
-                k, t, q, p, x, scale = (data[name] for name in ("k", "t", "q", "p", "x", "scale"))
-                after = Position(x, scale, int(header["k"]), int(header["largest"]))
+                k, t, q, p = (data[name] for name in ("k", "t", "q", "p"))
+                x, scale, inertia = (data[name] for name in ("x", "scale", "inertia"))
+                after = Position(x, scale, inertia, int(header["k"]), int(header["largest"]))
                 divided = tuple(Division(*d) for d in header["divided"])
                 residual = float(header["residual"])
         except Exception as error:  # torn and foreign files fail in many ways; all mean the same

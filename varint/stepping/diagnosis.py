@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -9,7 +10,6 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.discrete import constraint_function, point_function
-from varint.legendre import velocity_function
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
 
@@ -45,9 +45,12 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or len(motion) < 2:
         return None
     i = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
-    energy, kinetic = over_columns(_energies(motion.system), motion.q[i], motion.p[i], motion.t[i, None], motion.c)
+    phase = None if motion.phase is None else motion.phase[i]
+    some = replace(motion, t=motion.t[i], q=motion.q[i], p=motion.p[i], k=motion.k[i], phase=phase)
+    energy = over_columns(_energy_function(motion.system), some.q, some.v, some.t[:, None], some.c)[0]
+    kinetic = np.abs(np.einsum("ij,ij->i", some.p, some.v))
     change = np.abs(energy - energy[0])[:, 0]
-    largest = np.maximum.accumulate(np.abs(kinetic[:, 0]))
+    largest = np.maximum.accumulate(kinetic)
     wrong = ~(change <= np.maximum(GROSS * largest, NOTHING * np.abs(energy).max()))
     if not wrong.any():
         return None
@@ -56,13 +59,9 @@ def energy_jump(motion: Trajectory) -> Jump | None:
 
 
 @per_system
-def _energies(system: System) -> ca.Function:
-    """(q, p, t, c) → (H, p·v)."""
+def _energy_function(system: System) -> ca.Function:
     s = system
-    q, p, t, c = (ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, s.q, s.t, s.c), strict=True))
-    v = velocity_function(s)(q, p, t, c)
-    energy = ca.Function("energy", [s.q, s.v, s.t, s.c], [s.energy], {"cse": True})
-    return ca.Function("energies", [q, p, t, c], [ca.densify(energy(q, v, t, c)), ca.dot(p, v)])
+    return ca.Function("energy", [s.q, s.v, s.t, s.c], [ca.densify(s.energy)], {"cse": True})
 
 
 def likely_cause(motion: Trajectory) -> str:

@@ -11,8 +11,10 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import call
+from varint.consistency import check_start, independent_rows
 from varint.discrete import point_function
 from varint.errors import InputError
+from varint.manifold import Phase, tangent_function
 from varint.rules import Rule
 from varint.stepping.run import Task
 from varint.system import System, parameter_values, per_system
@@ -45,7 +47,28 @@ def initial_task(
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
-    return Task(q, p, t0, step, count, int(save_every), controls(system, rule, u, count), c, len(rule.nodes))
+    phase = None
+    if system.structure.constraints or system.structure.nonholonomic:
+        p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
+    u = controls(system, rule, u, count)
+    return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase)
+
+
+def _on_manifold(
+    system: System, q: np.ndarray, v: np.ndarray | None, p: np.ndarray, t0: float, c: np.ndarray
+) -> tuple[np.ndarray, Phase]:
+    """The momentum without its round-off across the constraints, and the rows that are solved."""
+    t = np.array([t0])
+    phase = Phase(independent_rows(system, q, np.zeros(len(q)) if v is None else v.ravel(), t0, c))
+    tangent = tangent_function(phase.scene(system))
+    along, change = call(tangent, q, p, t, c)
+    check_start(system, phase, q, along if v is None else v.ravel(), t0, c, "v0")
+    if v is None and np.abs(change).max() > 1e-9 * np.abs(p).max(initial=0.0):
+        raise InputError(
+            f"p0 is not the momentum of a motion along the constraints: it is off by {np.abs(change).max():.1e}; "
+            "give v0 instead, or p0 = ∂L/∂v of a v0 with G v0 + ∂g/∂t = 0"
+        )
+    return p + change, phase
 
 
 def time_grid(h: float | None, steps: int | None, duration: float | None) -> tuple[float, int]:
@@ -128,7 +151,7 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
             f"the Lagrangian's derivatives are not finite at the start, q0={q}, t0={t0:g}: a collision, a square root "
             "or logarithm of a negative number, or a parameter value; move the start or change the parameters"
         )
-    if not structure.degenerate and not structure.constraints:
+    if not (structure.degenerate or structure.constraints or structure.nonholonomic):
         _check_mass(mass.reshape(n, n), names)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from varint.discrete import require_explicit
 from varint.errors import InputError
 from varint.rules import Rule, composition, gauss, lobatto
+from varint.stepping.constrained import constrained_stepper
 from varint.stepping.explicit import explicit_stepper
 from varint.stepping.implicit import implicit_stepper
+from varint.stepping.rattle import eliminates_path, rattle_stepper
 from varint.stepping.stepper import Stepper
 from varint.system import System
 
@@ -48,6 +50,8 @@ def default_rule(system: System) -> Rule:
     s = system.structure
     if s.explicit:
         return composition("blanes-moan4")
+    if s.nonholonomic:
+        return lobatto(2) if s.constraints else gauss(1)
     if s.degenerate:
         return gauss(1)
     return lobatto(3) if s.constraints else gauss(2)
@@ -100,6 +104,21 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
         kept = ": controls jump from step to step" if s.controls else ", kept from step to step"
         runs: tuple[str, ...] = (f"{evaluations} force evaluation{'s' * (evaluations > 1)} a step{kept}",)
         return Plan(rule, "kick and drift", runs, tuple(skipped), explicit_stepper)
+    if s.constraints or s.nonholonomic:
+        if eliminates_path(system, rule):
+            runs = (
+                f"Newton's method for {s.constraints} multipliers, banded for chains (SHAKE)",
+                "projection of the momentum onto the hidden constraint at the end of the step (RATTLE)",
+                "1 force evaluation a step" + ("" if s.controls else ", kept from step to step"),
+            )
+            skipped.insert(0, "unknown positions: eliminated, L = ½ vᵀMv − V(q, t) with constant M")
+            return Plan(rule, "SHAKE and RATTLE", runs, tuple(skipped), rattle_stepper)
+        rows = s.constraints * rule.degree + s.nonholonomic
+        runs = (
+            f"Newton's method for {rule.degree} × {s.n} unknowns and {rows} multipliers, exact sparse Jacobian",
+            "projection of the momentum onto the hidden constraint at the end of the step",
+        )
+        return Plan(rule, "Newton's method with multipliers", runs, tuple(skipped), constrained_stepper)
     runs = (
         f"Newton's method for {rule.degree} × {s.n} unknowns, exact sparse Jacobian",
         "start values continued from the last step's polynomial",
@@ -112,8 +131,18 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
 def refuse_what_no_stepper_has(system: System, rule: Rule) -> None:
     """Combinations that no stepper can do, each with its reason and the way out."""
     s = system.structure
-    if s.constraints or s.nonholonomic or s.contacts:
-        raise InputError("scenes with constraints or contacts cannot be simulated yet")
+    if s.constraints and rule.points != rule.nodes:
+        raise InputError(
+            f"{rule} cannot carry constraints: its quadrature nodes are no control points, so multipliers would lose "
+            "their order; use lobatto(3) or another lobatto(s)"
+        )
+    if s.nonholonomic and rule.degree != 1:
+        raise InputError(
+            f"{rule} cannot carry non-holonomic constraints: they need a symmetric step of one piece (order 2); "
+            + ("use trapezoidal()" if s.constraints else "use midpoint() or trapezoidal()")
+        )
+    if s.contacts:
+        raise InputError("scenes with contacts cannot be simulated yet")
     if s.degenerate and rule != gauss(1):
         raise InputError(
             f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is unstable for it; "

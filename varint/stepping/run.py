@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from varint.arrays import call
+from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
-from varint.stepping.step_function import SMALLEST, scale_function
+from varint.stepping.step_function import SMALLEST, inertia_function, scale_function
 from varint.system import System, per_system
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
+LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
 MOST_STEPS_IN_BLOCK = 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the rule's `nodes`, parameters."""
+    """What the time loop needs: start, grid, controls (steps, r or 1, k) at the `nodes`, parameters; what holds."""
 
     q0: np.ndarray
     p0: np.ndarray
@@ -33,6 +35,7 @@ class Task:
     u: np.ndarray
     c: np.ndarray
     nodes: int
+    phase: Phase | None = None
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
@@ -44,12 +47,13 @@ class Task:
 class Position:
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
-    The stepper's state x, typical sizes, k steps taken, and how many nodes the next block may have (few after a
-    failure).
+    The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
+    next block may have (few after a failure).
     """
 
     x: np.ndarray
     scale: np.ndarray
+    inertia: np.ndarray
     k: int
     largest: int
 
@@ -103,7 +107,8 @@ def beginning(system: System, rule: Rule, task: Task) -> Position:
     scale = call(scale_function(system), task.q0, task.p0, t0, h, task.c)[0]
     stepper = plan(system, rule).build(system, rule)
     x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, task.c)[0]
-    return Position(x, scale, 0, LARGEST_BLOCK)
+    inertia = call(inertia_function(system), task.q0, task.p0, t0, task.c)[0]
+    return Position(x, scale, inertia, 0, _largest(x))
 
 
 def run(system: System, rule: Rule, task: Task, at: Position) -> Iterator[Block]:
@@ -117,7 +122,7 @@ def run(system: System, rule: Rule, task: Task, at: Position) -> Iterator[Block]
         states = call(function, at.x, task.controls(at.k, total), times, h, task.c, at.scale)[0].reshape(count, -1)
         good = int(good_nodes(states))
         worst = float(states[good - 1, -1]) if good else 0.0
-        after = _advanced(at, states[:good], n, task.h, every)
+        after = _advanced(at, states[:good], task.h, every)
         k = at.k + every * np.arange(1, good + 1)
         if good and not is_saved(int(k[-1]), task.steps, task.save_every):  # part of a long interval between nodes
             k = k[:0]
@@ -129,7 +134,7 @@ def run(system: System, rule: Rule, task: Task, at: Position) -> Iterator[Block]
         at = after
 
 
-def next_block(k: int, steps: int, every: int, largest: int = LARGEST_BLOCK) -> tuple[int, int]:
+def next_block(k: int, steps: int, every: int, largest: int) -> tuple[int, int]:
     """(nodes, steps between them) of the block after k steps: a power of ten of nodes, or of steps within an interval.
 
     It depends on the position alone, so a run that is taken up again has the blocks of the one that was not stopped.
@@ -151,13 +156,18 @@ def good_nodes(states: np.ndarray) -> np.ndarray:
     return np.where(good.all(axis=-1), states.shape[-2], np.argmin(good, axis=-1))
 
 
-def _advanced(at: Position, states: np.ndarray, n: int, h: float, every: int) -> Position:
+def _advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
     """The position after the solved states, (nodes, size)."""
     if not len(states):
-        return Position(at.x, at.scale, at.k, 1)
-    x, scale = states[-1].copy(), rescaled(at.scale, at.x, states, n, abs(h) * every)
+        return replace(at, largest=1)
+    x, k = states[-1].copy(), at.k + every * len(states)
     x[-1] = 0.0
-    return Position(x, scale, at.k + every * len(states), min(10 * at.largest, LARGEST_BLOCK))
+    return replace(at, x=x, scale=rescaled(at, states, abs(h) * every), k=k, largest=min(10 * at.largest, _largest(x)))
+
+
+def _largest(x: np.ndarray) -> int:
+    """Nodes of a block: fewer where a state is large."""
+    return LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
 
 
 def _power_of_ten(most: int) -> int:
@@ -172,13 +182,14 @@ def size(state: np.ndarray) -> float:
     return float(state[-1]) if np.isfinite(state).all() else float("nan")
 
 
-def rescaled(scale: np.ndarray, x: np.ndarray, states: np.ndarray, n: int, apart: float) -> np.ndarray:
-    """Typical sizes of velocities and momenta as the states (…, nodes, size) after x show; see `scale_function`."""
+def rescaled(at: Position, states: np.ndarray, apart: float) -> np.ndarray:
+    """Typical sizes of velocities and momenta as the states (…, nodes, size) after `at` show; see `scale_function`."""
+    n = at.inertia.shape[-1]
     q, p = states[..., :n], states[..., 2 * n : 3 * n]
-    path = np.concatenate([x[..., None, :n], q], axis=-2)
-    speeds = np.abs(np.diff(path, axis=-2)).max(axis=-2) / apart
-    new = np.concatenate([speeds, np.abs(p).max(axis=-2)], axis=-1)
-    new = np.maximum(new, 0.1 * scale)
-    root = np.sqrt(scale[..., n:] / scale[..., :n])  # of the inertia
-    least = SMALLEST * (new[..., :n] * root).max(axis=-1, keepdims=True)
-    return np.maximum(new, np.concatenate([least / root, least * root], axis=-1))
+    path = np.concatenate([at.x[..., None, :n], q], axis=-2)
+    v_size = np.maximum(np.abs(np.diff(path, axis=-2)).max(axis=-2) / apart, 0.1 * at.scale[..., :n])
+    p_size = np.maximum(np.abs(p).max(axis=-2), 0.1 * at.scale[..., n:])
+    root = np.sqrt(at.inertia)
+    least = SMALLEST * (v_size * root).max(axis=-1, keepdims=True)
+    v_size = np.maximum(v_size, least / root)
+    return np.concatenate([v_size, np.maximum(p_size, v_size * at.inertia)], axis=-1)

@@ -117,12 +117,13 @@ def simulate(
     file = (
         None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(system, chosen, task, until, on_failure))
     )
-    nodes = [(file and file.read()) or _start(system, chosen, task)]
+    scene = system if task.phase is None else task.phase.scene(system)
+    nodes = [(file and file.read()) or _start(scene, chosen, task)]
     done = nodes[0].after.k
     interrupted = False
     try:
         with progress_bar(task.steps, "step", progress, done) as move:
-            for block in _blocks(system, chosen.rule, task, nodes[0].after, remedy):
+            for block in _blocks(scene, chosen.rule, task, nodes[0].after, remedy):
                 recent = _trajectory(system, chosen, task, [_last_node(nodes), block], began)
                 nodes.append(block)
                 move(block.after.k - nodes[-2].after.k, partial(_energy_note, nodes[0], recent))
@@ -207,6 +208,7 @@ def _trajectory(
 ) -> Trajectory:
     k, t, q, p = (np.concatenate([getattr(block, name) for block in nodes]) for name in "ktqp")
     divided = tuple(d for block in nodes for d in block.divided)
+    phases = () if task.phase is None or task.phase.scene(system) is system else (task.phase,)
     return Trajectory(
         system=system,
         rule=chosen.rule,
@@ -217,7 +219,9 @@ def _trajectory(
         k=k,
         u=task.u,
         c=task.c,
-        functions=lambda: (step_function(system, chosen.rule), action_function(system, chosen.rule)),
+        functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
+        phases=phases,
+        phase=np.zeros(len(k), dtype=int) if phases else None,
         events=divided,
         stats=MappingProxyType(
             {
@@ -236,7 +240,8 @@ def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:
     """The first `kept` nodes of the trajectory, and one more node at time t."""
     end = motion.at([t])
     times, q, p, steps = (np.concatenate([getattr(motion, name)[:kept], getattr(end, name)]) for name in "tqpk")
-    return replace(motion, t=times, q=q, p=p, k=steps)
+    phase = None if motion.phase is None else np.concatenate([motion.phase[:kept], motion.phase[kept - 1 : kept]])
+    return replace(motion, t=times, q=q, p=p, k=steps, phase=phase)
 
 
 def _failure(motion: Trajectory, block: Block, on_failure: str) -> ConvergenceError:

@@ -50,7 +50,7 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
     saved = np.array([x for _, _, x in nodes]).reshape(len(nodes), len(x))
     return Block(
         np.array([i for i, _, _ in nodes], dtype=int), np.array([t for _, t, _ in nodes]), saved[:, :n],
-        saved[:, 2 * n : 3 * n], worst, Position(x, at.scale, k, 1), failed, tuple(divided),
+        saved[:, 2 * n : 3 * n], worst, replace(at, x=x, k=k, largest=1), failed, tuple(divided),
     )  # fmt: skip
 
 

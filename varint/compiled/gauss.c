@@ -1,0 +1,320 @@
+/* Gauss collocation with all stages in vectors, by fixed-point iteration.
+
+   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau and the scene's functions.
+   FORM 2: unknown L_i = h b_i G_i with accelerations G = g(Q, V, t, u);
+           Q_i = q + c_i h v + h sum_j M_ij L_j,  V_i = v + sum_j m_ij L_j;  q += h (v + sum (1 - c_j) L_j), v += sum L_j.
+   FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike.
+   m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
+   rounding error (tableau.py): no drift comes from the coefficients however long the run. */
+
+#define VECTORS ((STAGES + LANES - 1) / LANES)
+#if VECTORS * LANES != PADDED
+#error "the tableau is padded for another vector length"
+#endif
+#if FORM == 2
+#define ROWS N
+#else
+#define ROWS (2 * N)
+#endif
+#define UNROLL _Pragma("GCC unroll 16")
+#define EPS 0x1p-53
+#define FEW 6 /* so few coordinates stay in registers */
+
+#if N > FEW
+#define LARGE static __attribute__((noinline))
+#else
+#define LARGE INLINE
+#endif
+
+typedef struct {
+    int64_t steps, save_every, first, most; /* steps to take; index of the first; largest number of iterations a step */
+    double t0, h, level;                    /* level: wanted relative error of the stages, 0 for round-off */
+    const double *start, *c, *u;            /* q and p at a fresh start; parameters; controls of every step's nodes */
+    double *rows, *carry, *stats;           /* (q, p, v) of every saved node; carry[0] = 0: a fresh start */
+} Args;
+
+typedef double Block[VECTORS * LANES] __attribute__((aligned(64)));
+typedef V Unknowns[ROWS][VECTORS];
+
+/* What a run needs to go on as if it had not stopped. */
+typedef struct {
+    double steps_known, expected, h, rate, reserved[4];
+    double y[2 * N], rest[2 * N], scale[ROWS];
+    double x[2][ROWS][PADDED];
+} Carry;
+const int64_t carry_size = sizeof(Carry) / sizeof(double);
+
+INLINE V column(const double *m, int j, int k) { V y; memcpy(&y, m + j * PADDED + k * LANES, sizeof y); return y; }
+
+/* y_i += sum_j m_ij x_j, with the columns of m one after the other */
+INLINE void add_product(const double *m, const V *x, V *y) {
+    V odd[VECTORS];
+    for (int k = 0; k < VECTORS; k++) odd[k] = splat(0.0);
+    UNROLL for (int j = 0; j < STAGES; j++) {
+#if N > FEW && !SHUFFLE
+        V xj = splat(((const double *)x)[j]);
+#else
+        V xj = SPREAD(x[j / LANES], j % LANES);
+#endif
+        for (int k = 0; k < VECTORS; k++) {
+            if (j & 1) odd[k] += column(m, j, k) * xj;
+            else y[k] += column(m, j, k) * xj;
+        }
+    }
+    for (int k = 0; k < VECTORS; k++) y[k] += odd[k];
+}
+
+INLINE V folded(const V *x) {
+    V s = x[0];
+    for (int k = 1; k < VECTORS; k++) s += x[k];
+    return s;
+}
+
+INLINE V size_of(const V *x) {
+    V s = v_fabs(x[0]);
+    for (int k = 1; k < VECTORS; k++) s += v_fabs(x[k]);
+    return s;
+}
+
+/* value += increment, with the rounding error kept in rest */
+INLINE void compensated(double *value, double *rest, double increment) {
+    double y = increment + *rest, old = *value, s = old + y, part = s - old;
+    *rest = (old - (s - part)) + (y - part);
+    *value = s;
+}
+
+typedef struct { V t[VECTORS], u[NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* times, controls, h c, h b */
+
+/* The largest relative change of an iteration; row by row only where it no longer shrinks. */
+typedef struct { double scale[ROWS], inverse[ROWS], now, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
+
+/* Where the stages of a step are when all unknowns are zero. */
+INLINE void set_base(const double *y, const double *rest, const Nodes *at, V base[2 * N][VECTORS]) {
+    for (int d = 0; d < N; d++)
+        for (int k = 0; k < VECTORS; k++) {
+#if FORM == 2
+            base[d][k] = y[d] + (at->c[k] * y[N + d] + rest[d]);
+#else
+            base[d][k] = splat(y[d] + rest[d]);
+#endif
+            base[N + d][k] = splat(y[N + d] + rest[N + d]);
+        }
+}
+
+/* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x. */
+LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, const double *w, const double *m2,
+                     const double *m1, const Unknowns x, const double *m2_older, const double *m1_older,
+                     const Unknowns older, Unknowns fresh) {
+    V first[N][VECTORS], second[N][VECTORS];
+    for (int d = 0; d < N; d++) {
+        V f[VECTORS], s[VECTORS];
+        for (int k = 0; k < VECTORS; k++) f[k] = s[k] = splat(0.0);
+#if FORM == 2
+        add_product(m2, x[d], f);
+        if (older) add_product(m2_older, older[d], f);
+        for (int k = 0; k < VECTORS; k++) f[k] *= h;
+#if ON_VELOCITY
+        add_product(m1, x[d], s);
+        if (older) add_product(m1_older, older[d], s);
+#endif
+#else
+        add_product(m1, x[d], f), add_product(m1, x[N + d], s);
+        if (older) add_product(m1_older, older[d], f), add_product(m1_older, older[N + d], s);
+#endif
+        for (int k = 0; k < VECTORS; k++) first[d][k] = base[d][k] + f[k], second[d][k] = base[N + d][k] + s[k];
+    }
+    for (int k = 0; k < VECTORS; k++) {
+#if FORM == 2
+        rhs(&first[0][k], &second[0][k], &at->t[k], &at->u[0][k], w, &fresh[0][k]);
+#else
+        rhs(&first[0][k], &second[0][k], &at->t[k], &at->u[0][k], w, &fresh[0][k], &fresh[N][k]);
+#endif
+        for (int r = 0; r < ROWS; r++) fresh[r][k] *= at->b[k];
+    }
+}
+
+INLINE V change_of(const V *fresh, const V *x) {
+    V d = v_fabs(fresh[0] - x[0]);
+    for (int k = 1; k < VECTORS; k++) d = v_fmax(d, v_fabs(fresh[k] - x[k]));
+    return d;
+}
+
+/* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
+   2008)? For a row of cancelling terms that may lie far above its own size. */
+static __attribute__((noinline)) int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double level) {
+    int all = 1;
+    for (int r = 0; r < ROWS; r++) {
+        double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
+        if (now < 0.5 * c->best[r]) c->best[r] = now, c->idle[r] = 0;
+        else c->idle[r] += 1;
+        for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
+        int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= 0x1p-44 * size) ||
+                      (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most));
+        all &= settled;
+    }
+    return all;
+}
+
+/* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
+   level, or is there stagnation? Changes are relative to the size of their row. */
+INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double level) {
+    V worst = change_of(fresh[0], x[0]) * c->inverse[0];
+    for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
+    double now = largest(worst), before = c->now;
+    c->now = now;
+    if (!c->checks++) {
+        for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
+        c->rate = c->rate < 0.1 ? 0.1 : c->rate; /* that of the last step */
+    } else c->rate = now < before ? now / before + 0x1p-10 : 1.0;
+    if (now <= EPS || now * c->rate <= level) return 1;
+    return c->checks > 1 && !(now < 0.5 * before) && stagnates(fresh, x, c, level);
+}
+
+INLINE void set_scale(Change *c, const double *size, double fade) {
+    for (int r = 0; r < ROWS; r++) { /* an oscillating row keeps its size where it passes zero */
+        double faded = fade * c->scale[r];
+        c->scale[r] = size[r] > faded ? size[r] : faded;
+        c->inverse[r] = 1 / (c->scale[r] + 1e-300);
+    }
+}
+
+INLINE void save(double *row, const double *y, double t, const double *w) {
+    V q[N], z[N], out[N], time = splat(t);
+    for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(y[N + d]);
+#if FORM == 2
+    momentum(q, z, &time, w + RHS_W + VELOCITY_W, out);
+    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = lane(out[d], 0), row[2 * N + d] = y[N + d];
+#else
+    velocity(q, z, &time, w + RHS_W, out);
+    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = y[N + d], row[2 * N + d] = lane(out[d], 0);
+#endif
+}
+
+enum { DONE, NOT_CONVERGED, NOT_FINITE };
+
+int run(const Args *a) {
+    const int64_t steps = a->steps, first = a->first, most = a->most;
+    const double t0 = a->t0, h = a->h, level = a->level > 0x1p-56 ? a->level : 0x1p-56;
+    const double *u = a->u;
+    double *rows = a->rows, w[RHS_W + VELOCITY_W + MOMENTUM_W + 1], y[2 * N], rest[2 * N];
+    rhs_prepare(a->c, w);
+    velocity_prepare(a->c, w + RHS_W), momentum_prepare(a->c, w + RHS_W + VELOCITY_W);
+    Unknowns x, older;
+    Nodes at;
+    Change change;
+    int64_t known = 0, expected = 0, iterations = 0, largest_count = 0, done = 0, unsaved = 0;
+    int status = DONE;
+    double slowest = 0;
+    for (int k = 0; k < VECTORS; k++) at.c[k] = h * column(STAGE_C, 0, k), at.b[k] = h * column(STAGE_B, 0, k);
+
+    Carry *carry = (Carry *)a->carry;
+    if (carry->steps_known > 0 && carry->h == h) {
+        known = (int64_t)carry->steps_known, expected = (int64_t)carry->expected;
+        memcpy(y, carry->y, sizeof y), memcpy(rest, carry->rest, sizeof rest);
+        memcpy(x, carry->x[0], sizeof x), memcpy(older, carry->x[1], sizeof older);
+        for (int r = 0; r < ROWS; r++) change.scale[r] = 0;
+        set_scale(&change, carry->scale, 0);
+        change.rate = carry->rate;
+    } else {
+        for (int d = 0; d < N; d++) y[d] = a->start[d], y[N + d] = a->start[N + d], rest[d] = rest[N + d] = 0;
+#if FORM == 2
+        V q[N], z[N], out[N], time = splat(t0 + h * (double)first);
+        for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(y[N + d]);
+        velocity(q, z, &time, w + RHS_W, out);
+        for (int d = 0; d < N; d++) y[N + d] = lane(out[d], 0);
+#endif
+        for (int r = 0; r < ROWS; r++) change.scale[r] = 0;
+        change.rate = 1;
+        for (int r = 0; r < ROWS; r++)
+            for (int k = 0; k < VECTORS; k++) x[r][k] = older[r][k] = splat(0.0);
+    }
+
+    save(rows, y, t0 + h * (double)first, w);
+    if (!known) memcpy(rows, a->start, 2 * N * sizeof(double));
+    rows += 3 * N;
+
+    for (; done < steps; done++) {
+        const double t = t0 + h * (double)(first + done);
+        for (int k = 0; k < VECTORS; k++) at.t[k] = t + at.c[k];
+#if NU
+        for (int m = 0; m < NU; m++)
+            for (int i = 0; i < PADDED; i++) set_lane(&at.u[m][i / LANES], i % LANES, u[(i < STAGES ? i : STAGES - 1) * NU + m]);
+        u += STAGES * NU;
+#endif
+        Unknowns fresh, kept;
+        V base[2 * N][VECTORS];
+        set_base(y, rest, &at, base);
+        memcpy(kept, x, sizeof x);
+        int64_t count = 0;
+        for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
+            if (known > 1) evaluate(base, &at, h, w, START_M2, START_M1, x, START_OLDER_M2, START_OLDER_M1, older, fresh);
+            else if (known) evaluate(base, &at, h, w, START_ONE_M2, START_ONE_M1, x, 0, 0, 0, fresh);
+            else {
+                for (int r = 0; r < ROWS; r++)
+                    for (int k = 0; k < VECTORS; k++) x[r][k] = splat(0.0);
+                evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, fresh);
+            }
+            change.checks = 0;
+            count = 1;
+            int end = 0;
+            memcpy(x, fresh, sizeof x);
+            while (count < most && !end) {
+                if (++count + 1 < expected) { /* the last step needed more: no look at the change yet */
+                    evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, x);
+                    continue;
+                }
+                evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, fresh);
+                if (!known) {
+                    V sizes[ROWS];
+                    double size[ROWS];
+                    for (int r = 0; r < ROWS; r++) sizes[r] = size_of(fresh[r]);
+                    row_sums(sizes, ROWS, size), set_scale(&change, size, 0);
+                }
+                end = settled(fresh, x, &change, level);
+                memcpy(x, fresh, sizeof x);
+            }
+            iterations += count;
+            if (end) break;
+            if (!known) { status = NOT_CONVERGED; break; }
+            known = expected = 0;
+        }
+        if (status) break;
+        expected = count;
+        largest_count = count > largest_count ? count : largest_count;
+        memcpy(older, kept, sizeof x);
+        known += known < 2;
+        double old[2 * N], lost[2 * N], sums[3 * ROWS], zero = 0;
+        memcpy(old, y, sizeof y), memcpy(lost, rest, sizeof rest);
+        V rows_of[3 * ROWS];
+        for (int r = 0; r < ROWS; r++) rows_of[r] = folded(x[r]), rows_of[ROWS + r] = size_of(x[r]);
+#if FORM == 2
+        for (int d = 0; d < N; d++) {
+            V moved[VECTORS];
+            for (int k = 0; k < VECTORS; k++) moved[k] = column(STAGE_BETA, 0, k) * x[d][k];
+            rows_of[2 * N + d] = folded(moved);
+        }
+        row_sums(rows_of, 3 * N, sums);
+        for (int d = 0; d < N; d++) compensated(&y[d], &rest[d], h * (y[N + d] + sums[2 * N + d]));
+        for (int d = 0; d < N; d++) compensated(&y[N + d], &rest[N + d], sums[d]);
+        for (int d = 0; d < N; d++) sums[N + d] = fabs(y[N + d]) > sums[N + d] ? fabs(y[N + d]) : sums[N + d];
+#else
+        row_sums(rows_of, 2 * ROWS, sums);
+        for (int r = 0; r < ROWS; r++) compensated(&y[r], &rest[r], sums[r]);
+#endif
+        for (int d = 0; d < 2 * N; d++) zero += y[d] * 0.0; /* not zero as soon as one of them is not finite */
+        if (!(zero == 0)) { memcpy(y, old, sizeof y), memcpy(rest, lost, sizeof rest), status = NOT_FINITE; break; }
+        set_scale(&change, sums + ROWS, 0.9);
+        slowest = change.rate > slowest ? change.rate : slowest;
+        if (++unsaved == a->save_every)
+            unsaved = 0, save(rows, y, t0 + h * (double)(first + done + 1), w), rows += 3 * N;
+    }
+    save(a->stats + 6, y, t0 + h * (double)(first + done), w);
+    carry->steps_known = status ? 0 : (double)known, carry->expected = (double)expected, carry->h = h;
+    memcpy(carry->y, y, sizeof y), memcpy(carry->rest, rest, sizeof rest);
+    memcpy(carry->x[0], x, sizeof x), memcpy(carry->x[1], older, sizeof older);
+    for (int r = 0; r < ROWS; r++) carry->scale[r] = change.scale[r];
+    carry->rate = change.rate;
+    a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;
+    a->stats[4] = status ? change.now : 0, a->stats[5] = slowest;
+    return status;
+}

@@ -1,0 +1,93 @@
+"""Stage-parallel Gauss collocation: all stages of a step iterated at once in vector registers."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+
+from varint.compiled.cache import vector_length
+from varint.compiled.graph import NotCompilable
+from varint.compiled.kernel import Kernel, build, emitted
+from varint.compiled.mechanics import acceleration, force, velocity
+from varint.compiled.tableau import tableau_source
+from varint.rules import Rule
+from varint.system import System
+
+_KNOWN: WeakKeyDictionary[System, dict[tuple[str, int], Kernel]] = WeakKeyDictionary()
+
+
+def lanes_for(stages: int) -> tuple[int, int]:
+    """Vector length for so many stages and the number of lanes of all vectors together."""
+    lanes = vector_length()
+    while lanes // 2 >= stages:
+        lanes //= 2
+    return lanes, -(-stages // lanes) * lanes
+
+
+def gauss_form(system: System) -> int:
+    """2: unknown accelerations (separable, constant mass); 1: unknown velocities and forces; 0: not possible."""
+    s = system.structure
+    if s.constraints or s.nonholonomic or s.contacts or s.degenerate or not s.quadratic_kinetic:
+        return 0
+    return 2 if s.separable and s.constant_mass else 1
+
+
+def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
+    """The compiled fixed-point Gauss method of a regular scene without constraints.
+
+    ``Q_i = q + h Σ a_ij V_j, P_i = p + h Σ a_ij F_j``; for separable scenes with constant mass in second-order form,
+    ``Q_i = q + c_i h v + h² Σ (A²)_ij G_j`` with accelerations G, which converges twice as fast.
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule
+        From `gauss`.
+    form : int, optional
+        2 or 1 to choose the form; by default the scene decides.
+
+    Returns
+    -------
+    Kernel
+
+    Raises
+    ------
+    NotCompilable
+        If the scene has constraints or contacts, or its momentum is not linear in the velocities.
+    CompileError
+        If there is no compiler or no safe cache folder.
+    """
+    form = gauss_form(system) if form is None else form
+    if not form:
+        raise NotCompilable("the compiled Gauss method needs a regular scene without constraints, quadratic in velocities")
+    known = _KNOWN.setdefault(system, {})
+    if (rule.name, form) not in known:
+        known[rule.name, form] = _built(system, len(rule.nodes), form)
+    return known[rule.name, form]
+
+
+def _built(system: System, stages: int, form: int) -> Kernel:
+    lanes, padded = lanes_for(stages)
+    q, v, t, u = system.q, system.v, system.t, system.control
+    p = ca.SX.sym("p", v.numel())
+    speed = velocity(system, p)
+    if form == 2:
+        right = ([q, v, t, u], [acceleration(system)])
+    else:
+        right = ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])
+    functions = emitted(
+        system, str(padded // lanes), rhs=right, velocity=([q, p, t], [speed]), momentum=([q, v, t], [system.momentum])
+    )
+    on_velocity = int(form == 2 and system.structure.force_on_velocity)
+    defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity}
+    about = f"Gauss, {stages} stages in {padded // lanes} vector(s) of {lanes}, " + (
+        "unknown accelerations" if form == 2 else "unknown velocities and forces"
+    )
+    return build(about, system, stages, functions, defines, _tableau(stages, padded), "gauss.c")
+
+
+@lru_cache(maxsize=64)
+def _tableau(stages: int, padded: int) -> str:
+    return tableau_source(stages, padded)

@@ -1,0 +1,191 @@
+"""A compiled run loop and how it is called: one entry for every method."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from ctypes import addressof, c_char, c_char_p, c_int, c_int64
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.compiled.cache import library
+from varint.compiled.emit import Emitted, emit
+from varint.compiled.graph import NotCompilable
+from varint.system import System
+
+DONE, NOT_CONVERGED, NOT_FINITE = range(3)
+MOST_ITERATIONS = 60  # a scene that needs more contracts so poorly that Newton's method is cheaper
+MOST_OPERATIONS = 50_000  # of a right-hand side: more takes the compiler minutes
+_ARGUMENTS = struct.Struct("4q3d6P")
+_STATS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """A compiled run loop of one system and one rule.
+
+    Attributes
+    ----------
+    about : str
+        What runs, in words.
+    n, controls, nodes : int
+        Coordinates, controls, and control values (quadrature nodes or kicks) a step.
+    operations : int
+        Operations of one right-hand side.
+    """
+
+    about: str
+    n: int
+    controls: int
+    nodes: int
+    operations: int
+    entry: Callable[[bytes], int]
+    carry_size: int
+
+
+class Run(NamedTuple):
+    """What a kernel computed.
+
+    Attributes
+    ----------
+    rows : array (rows, 3, n)
+        q, p, v at the start and at every `save_every`-th node after it, up to where the run ended.
+    status : int
+        DONE, NOT_CONVERGED or NOT_FINITE; a failed run ends at node ``steps``, from which the next step was not possible.
+    steps, iterations, most_iterations : int
+        Steps done, right-hand sides of all stages, and most of them in one step (0 for explicit methods).
+    residual : float
+        Relative change of the unknowns where the iteration of a failed step ended.
+    contraction : float
+        Slowest ratio of two changes seen: near 1 the iteration hardly contracts and Newton's method is the better choice.
+    last : array (3n,)
+        q, p, v of the node where the run ended, saved or not.
+    carry : array
+        Hand it to the next call to go on as if the run had not stopped.
+    """
+
+    rows: np.ndarray
+    status: int
+    steps: int
+    iterations: int
+    most_iterations: int
+    residual: float
+    contraction: float
+    last: np.ndarray
+    carry: np.ndarray
+
+
+def run(
+    kernel: Kernel,
+    q0: np.ndarray,
+    p0: np.ndarray,
+    c: np.ndarray,
+    *,
+    t0: float,
+    h: float,
+    steps: int,
+    save_every: int = 1,
+    u: np.ndarray | None = None,
+    first: int = 0,
+    level: float = 0.0,
+    most: int = MOST_ITERATIONS,
+    carry: np.ndarray | None = None,
+) -> Run:
+    """Take `steps` steps from node `first` at the time t0 + first·h.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    q0, p0 : array (n,)
+        State at node `first`; not read when `carry` is given.
+    c : array
+        Parameter values in the order of `system.c`, float64 and contiguous.
+    t0, h : float
+        Time of node 0 and step.
+    steps, save_every, first : int
+        Steps to take, distance of the saved nodes, index of the first node.
+    u : array (steps, nodes, controls), optional
+        Controls at the nodes of these steps, float64 and contiguous.
+    level : float
+        Relative error of the stages at which iterations stop; 0: round-off.
+    most : int
+        Largest number of iterations a step.
+    carry : array, optional
+        `Run.carry` of the call that ended at node `first`.
+
+    Returns
+    -------
+    Run
+    """
+    n, many = kernel.n, c.size
+    stats = 2 * n + many
+    last = stats + _STATS
+    rows = last + 3 * n
+    kept = rows + 3 * n * (steps // save_every + 1)
+    block = np.empty(kept + kernel.carry_size)  # one block, so that its address is asked for once
+    block[:n] = q0
+    block[n : 2 * n] = p0
+    if many:
+        block[2 * n : stats] = c
+    if carry is None:
+        block[kept] = 0.0
+    else:
+        block[kept:] = carry
+    at = _address(block)
+    status = kernel.entry(
+        _ARGUMENTS.pack(
+            steps, save_every, first, most, t0, h, level, at, at + 16 * n, 0 if u is None else _address(u),
+            at + 8 * rows, at + 8 * kept, at + 8 * stats,
+        )  # fmt: skip
+    )
+    _, done, iterations, largest, residual, contraction = block[stats:last].tolist()
+    end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
+    table = block[rows:end].reshape(-1, 3, n)
+    return Run(table, status, int(done), int(iterations), int(largest), residual, contraction, block[last:rows], block[kept:])
+
+
+def _address(array: np.ndarray) -> int:
+    if not array.flags.writeable:
+        return array.ctypes.data
+    return addressof(c_char.from_buffer(array))  # a third of the time of ndarray.ctypes
+
+
+def text(name: str) -> str:
+    """A C file of this package."""
+    return (Path(__file__).parent / name).read_text()
+
+
+def build(about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, loop: str) -> Kernel:
+    """Compile the loop `loop` (a C file) around the emitted functions."""
+    heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
+    heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
+    if sum(f.roots for f in functions.values()) > FEW_ROOTS:
+        heads["MANY_ROOTS"] = 1
+    source = "".join(f"#define {key} {value}\n" for key, value in heads.items())
+    source += text("lanes.h") + data + "\n".join(f.source for f in functions.values()) + text(loop)
+    compiled = library(source)
+    entry = compiled.run
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    size = c_int64.in_dll(compiled, "carry_size").value
+    return Kernel(about, system.q.numel(), system.control.numel(), nodes, functions["rhs"].operations, entry, size)
+
+
+FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
+
+
+def emitted(system: System, stride: str = "1", **expressions: tuple[list[ca.SX], list[ca.SX]]) -> dict[str, Emitted]:
+    """C functions by name from (inputs, outputs); the parameters are appended to the inputs."""
+    result = {}
+    for name, (inputs, outputs) in expressions.items():
+        f = ca.Function(name, [*inputs, system.c], ca.cse([ca.densify(x) for x in outputs]))
+        if f.n_instructions() > MOST_OPERATIONS:
+            raise NotCompilable(
+                f"{name} has {f.n_instructions()} operations, more than the {MOST_OPERATIONS} that compile in reasonable "
+                'time; use backend="interpreted", or fewer coordinates'
+            )
+        result[name] = emit(name, f, stride if name == "rhs" else "1")
+    return result

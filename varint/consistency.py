@@ -1,0 +1,157 @@
+"""Is a start on the constraint manifold, are its rows independent, and does it determine a motion?"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from varint.errors import InputError
+from varint.manifold import Phase
+from varint.projection import OFF, onto, row_sizes, shape, velocity_gaps
+from varint.system import System
+
+RANK = 1e-9  # smallest singular value of the equilibrated rows of independent constraints
+STRAY = 1e-3  # how far to look for a better-conditioned neighbour of a configuration where rows are dependent
+SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix along the constraints, scaled to a unit diagonal
+
+
+def independent_rows(system: System, q: np.ndarray, v: np.ndarray, t: float, c: np.ndarray) -> tuple[int, ...]:
+    """Rows of the constraint that imply all of them; a warning where that is not every row.
+
+    Raises
+    ------
+    InputError
+        If rows are dependent here but not at neighbouring configurations: a singular configuration.
+    """
+    m = system.constraint.numel()
+    every = tuple(range(m))
+    slope, mass = (x for x in shape(system, q, v, t, c)[1:3])
+    slope = slope[:m]
+    rank, tied = _rank(slope, mass)
+    if rank == m:
+        return every
+    flat = [i for i in every if not np.abs(slope[i]).any()]
+    if flat or _rank_nearby(system, slope, q, v, t, c) > rank:
+        raise InputError(
+            f"the constraint rows {flat or tied} are dependent at the start q0={q} although they are not nearby: a "
+            "singular configuration (dead point, folded linkage, or a row that is a square), where the motion is not "
+            "determined; start elsewhere, or write the rows so that their gradients do not vanish"
+        )
+    keep = independent(slope, mass, every)
+    warnings.warn(
+        f"the constraint rows {tied} are redundant (rank {rank} of {m}): rows {list(keep)} are solved, the motion is "
+        "determined, the multipliers are not; those of least norm are reported",
+        stacklevel=5,
+    )
+    return keep
+
+
+def independent(slope: np.ndarray, mass: np.ndarray, candidates: Sequence[int]) -> tuple[int, ...]:
+    """The first candidates whose rows are independent of those before them."""
+    rows = _equilibrated(slope, mass)
+    basis: list[np.ndarray] = []
+    keep = []
+    for i in candidates:
+        rest = rows[i].copy()
+        for _ in range(2):  # twice is enough (Kahan, Parlett)
+            for b in basis:
+                rest -= b * (b @ rest)
+        size = np.linalg.norm(rest)
+        if size > 1e-7:
+            basis.append(rest / size)
+            keep.append(i)
+    return tuple(keep)
+
+
+def _equilibrated(slope: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Rows of unit length in the metric of the masses."""
+    size = np.sqrt(np.abs(np.diag(mass)))
+    rows = slope / np.where(size > 0, size, size.max() or 1.0)
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.where(length > 0, length, 1.0)
+
+
+def _rank(slope: np.ndarray, mass: np.ndarray) -> tuple[int, list[int]]:
+    """Rank of the rows, and the rows that a dependence ties together."""
+    rows = _equilibrated(slope, mass)
+    values = np.linalg.svd(rows, compute_uv=False)
+    if len(rows) <= rows.shape[1] and values.min(initial=1.0) > RANK * values.max(initial=0.0):
+        return len(rows), []
+    left, values, _ = np.linalg.svd(rows)
+    rank = int((values > RANK * max(values.max(initial=0.0), 1e-300)).sum())
+    part = np.abs(left[:, rank:]).max(axis=1, initial=0.0)
+    return rank, np.flatnonzero(part > 1e-6).tolist()
+
+
+def _rank_nearby(system: System, slope, q, v, t: float, c) -> int:
+    """Rank at a configuration of the manifold a little away."""
+    _, values, right = np.linalg.svd(slope)
+    free = right[int((values > RANK * values.max(initial=0.0)).sum()) :]
+    if not len(free):
+        return 0
+    away = np.random.default_rng(1).normal(size=len(free)) @ free
+    far = max(np.abs(q).max(initial=0.0), 1e-3)
+    try:
+        there = onto(system, q + STRAY * far * away / np.abs(away).max(), v, t, c)
+    except InputError:
+        return 0
+    m = system.constraint.numel()
+    _, steep, mass, _ = shape(system, there, v, t, c)
+    values = np.linalg.svd(_equilibrated(steep[:m], mass), compute_uv=False)
+    return int((values > 1e-7).sum())
+
+
+def check_start(system: System, phase: Phase, q, v, t: float, c, given: str) -> None:
+    """Is the start on the manifold, and does it determine a motion there?
+
+    Raises
+    ------
+    InputError
+        Naming the rows that are violated, by how much, and the projection that repairs it.
+    """
+    m = system.constraint.numel()
+    g, slope, mass, _ = shape(system, q, v, t, c)
+    g, slope = g[:m], slope[:m]
+    off = np.flatnonzero(~(np.abs(g) <= OFF * row_sizes(slope, q)))
+    if len(off):
+        raise InputError(
+            f"q0 violates the constraint rows {off.tolist()}: g = {g[off]}; "
+            "start from q0, v0 = varint.project(system, q0, v0)"
+        )
+    rows, w = velocity_gaps(system, q, v, t, c)
+    size = np.abs(w) @ np.abs(v) + np.abs(rows - w @ v)
+    fast = np.abs(v).max(initial=0.0)
+    off = np.flatnonzero(~(np.abs(rows) <= OFF * np.maximum(size, np.abs(w).sum(axis=1) * fast)))
+    if len(off):
+        what = [f"constraint[{i}]" if i < m else f"nonholonomic[{i - m}]" for i in off]
+        raise InputError(
+            f"{given} violates the velocity constraints of {what}: G v + ∂g/∂t = {rows[off]}; "
+            "start from q0, v0 = varint.project(system, q0, v0)"
+        )
+    w = np.delete(w, [i for i in range(m) if i not in phase.rows], axis=0)
+    rank, tied = _rank(w, mass) if len(w) > len(phase.rows) else (len(w), [])
+    if rank < len(w):
+        raise InputError(
+            f"the velocity constraints {tied} (constraint rows first, then non-holonomic ones) are dependent at the "
+            "start; leave out the rows that the others imply"
+        )
+    _check_inertia(system, mass, w)
+
+
+def _check_inertia(system: System, mass: np.ndarray, slope: np.ndarray) -> None:
+    size = np.sqrt(np.abs(np.diag(mass)))
+    size = np.where(size > 0, size, size.max() or 1.0)
+    scaled = mass / np.outer(size, size)
+    if np.linalg.eigvalsh(scaled).min() > SINGULAR:
+        return
+    free = np.linalg.qr((slope / size).T, mode="complete")[0][:, len(slope) :].T
+    values, vectors = np.linalg.eigh(free @ scaled @ free.T)
+    if len(values) and np.abs(values).min() <= SINGULAR:
+        part = np.abs(vectors[:, np.abs(values).argmin()] @ free)
+        weak = [name for name, x in zip(system.names, part, strict=True) if x > 0.1 * part.max()]
+        raise InputError(
+            f"the mass matrix ∂²L/∂v² is singular along the constraints at the start: (a combination of) {weak} may "
+            "move but has no inertia; add its kinetic energy, or a constraint that holds it"
+        )
