@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.noether import Symmetries, Symmetry, noether, symmetries
 from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
@@ -13,20 +14,21 @@ from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
-    from varint import models
+    from varint import diagnostics, models
     from varint.archive import load
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "System", "Trajectory",
-    "VarintError", "composition", "coordinates", "gauss", "load", "lobatto", "midpoint", "models", "plan", "project",
-    "simulate", "step_function", "time", "trapezoidal",
+    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries", "Symmetry",
+    "System", "Trajectory", "VarintError", "composition", "coordinates", "diagnostics", "gauss", "load", "lobatto",
+    "midpoint", "models", "noether", "plan", "project", "simulate", "step_function", "symmetries", "time",
+    "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
 _LATER = {"load": "varint.archive"}
-_LATER_MODULES = ("models",)
+_LATER_MODULES = ("diagnostics", "models")
 
 
 def __getattr__(name: str) -> Any:

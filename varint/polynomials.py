@@ -34,7 +34,7 @@ def lobatto_nodes(stages: int) -> list[Decimal]:
 def interpolatory_weights(nodes: list[Decimal]) -> tuple[float, ...]:
     """b_j = ∫ ℓ_j from 0 to 1 of the Lagrange polynomials through the nodes."""
     with localcontext(PRECISE):
-        return tuple(float(_value(_derivative(p, -1), Decimal(1))) for p in _lagrange(nodes))
+        return tuple(float(value(derivative(p, -1), Decimal(1))) for p in lagrange_polynomials(nodes))
 
 
 def rounded(nodes: list[Decimal]) -> tuple[float, ...]:
@@ -49,10 +49,10 @@ def lagrange_table(points: Sequence, at: Sequence, derivative: int = 0) -> np.nd
 
 
 @lru_cache(maxsize=256)
-def _table(points: tuple, at: tuple, derivative: int) -> np.ndarray:
+def _table(points: tuple, at: tuple, times: int) -> np.ndarray:
     with localcontext(PRECISE):
-        polynomials = [_derivative(p, derivative) for p in _lagrange([_decimal(x) for x in points])]
-        table = [[float(_value(p, _decimal(x))) for p in polynomials] for x in at]
+        polynomials = [derivative(p, times) for p in lagrange_polynomials([_decimal(x) for x in points])]
+        table = [[float(value(p, _decimal(x))) for p in polynomials] for x in at]
     result = np.array(table).reshape(len(at), len(points))
     result.flags.writeable = False
     return result
@@ -65,7 +65,7 @@ def _decimal(x) -> Decimal:
     return Decimal(x.numerator) / Decimal(x.denominator)
 
 
-def _lagrange(points: list[Decimal]) -> list[list[Decimal]]:
+def lagrange_polynomials(points: list[Decimal]) -> list[list[Decimal]]:
     """The Lagrange polynomials through the points."""
     polynomials = []
     for j, x_j in enumerate(points):
@@ -77,7 +77,7 @@ def _lagrange(points: list[Decimal]) -> list[list[Decimal]]:
     return polynomials
 
 
-def _derivative(p: list[Decimal], times: int) -> list[Decimal]:
+def derivative(p: list[Decimal], times: int) -> list[Decimal]:
     """The derivative of p, `times` over; −1: the antiderivative that vanishes at 0."""
     if times < 0:
         return [Decimal(0), *(a / (k + 1) for k, a in enumerate(p))]
@@ -86,11 +86,12 @@ def _derivative(p: list[Decimal], times: int) -> list[Decimal]:
     return p
 
 
-def _value(p: list[Decimal], x: Decimal) -> Decimal:
-    value = Decimal(0)
+def value(p: list[Decimal], x: Decimal) -> Decimal:
+    """p(x) by Horner's rule."""
+    result = Decimal(0)
     for a in reversed(p):
-        value = value * x + a
-    return value
+        result = result * x + a
+    return result
 
 
 def _legendre(degree: int) -> list[Fraction]:
@@ -106,12 +107,12 @@ def _legendre(degree: int) -> list[Fraction]:
 def _roots(coefficients: list[Fraction]) -> list[Decimal]:
     """Real simple roots on (−1, 1) mapped to (0, 1), polished by Newton's method in decimal arithmetic."""
     p = [Decimal(a.numerator) / Decimal(a.denominator) for a in coefficients]
-    slope = _derivative(p, 1)
+    slope = derivative(p, 1)
     roots = []
     for start in np.sort(np.polynomial.Polynomial([float(a) for a in coefficients]).roots().real):
         x = Decimal(float(start))
         for _ in range(6):  # each iteration doubles the digits: 12 → 50 takes three
-            x -= _value(p, x) / _value(slope, x)
+            x -= value(p, x) / value(slope, x)
         roots.append((1 + x) / 2)
     return roots
 

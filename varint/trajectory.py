@@ -22,6 +22,9 @@ from varint.system import System
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from varint.diagnostics.momentum import Conserved, MomentumMap
+    from varint.noether import Symmetry
+
 
 class State(NamedTuple):
     """One instant of a trajectory: t, and q, v, p of shape (n,)."""
@@ -187,15 +190,44 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
-        if len(self) < 2:
-            return 0.0
-        ahead = np.diff(self.t)
-        phase = None if self.phase is None else self.phase[:-1]
-        sums = 0.0
+        return float(self.sums(lambda scene: self._functions(scene)[1]).sum())
+
+    def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
+        """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
+        total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
         q, p = self.q[:-1].copy(), self.p[:-1].copy()
-        for scene, arguments in self._steps(q, p, self.t[:-1], self.k[:-1], ahead, phase):
-            sums += over_columns(self._functions(scene)[1], *arguments)[0].sum()
-        return float(sums)
+        phase = None if self.phase is None else self.phase[:-1]
+        for active, scene, arguments in self._steps(q, p, self.t[:-1], self.k[:-1], np.diff(self.t), phase):
+            total[active] += over_columns(integrand(scene), *arguments)[0]
+        return total
+
+    def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
+        """The conserved quantity J of a symmetry along the motion: values, drift, slope, and the balance with forces.
+
+        Parameters
+        ----------
+        symmetry : Symmetry
+            From `symmetries` or `noether`, of this trajectory's system.
+
+        Returns
+        -------
+        MomentumMap
+            With forces also the change that they must cause, J_N − J_0 = Σ (f⁻·ξ(q_k) + f⁺·ξ(q_{k+1})).
+
+        Raises
+        ------
+        InputError
+            If the symmetry is one of another system, or of other parameter values.
+        """
+        from varint.diagnostics.momentum import momentum_map
+
+        return momentum_map(self, symmetry)
+
+    def conserved(self) -> Conserved:
+        """Every symmetry of the Lagrangian at this run's parameter values, with its quantity's drift and slope."""
+        from varint.diagnostics.momentum import conserved
+
+        return conserved(self)
 
     def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
@@ -250,7 +282,7 @@ class Trajectory:
                 now, at = (t + j * self.h)[active], (k + j)[active]
                 u = self._step_controls(at, size / self.h)
                 arguments = q[active], p[active], u, self.c, now[:, None], size[:, None]
-                yield scene, arguments
+                yield active, scene, arguments
                 q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
 
     def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.discrete import constraint_function, point_function
+from varint.legendre import velocity_function
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
 
@@ -44,24 +45,30 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     s = motion.system.structure
     if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or len(motion) < 2:
         return None
-    i = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
-    phase = None if motion.phase is None else motion.phase[i]
-    some = replace(motion, t=motion.t[i], q=motion.q[i], p=motion.p[i], k=motion.k[i], phase=phase)
-    energy = over_columns(_energy_function(motion.system), some.q, some.v, some.t[:, None], some.c)[0]
-    kinetic = np.abs(np.einsum("ij,ij->i", some.p, some.v))
-    change = np.abs(energy - energy[0])[:, 0]
-    largest = np.maximum.accumulate(kinetic)
-    wrong = ~(change <= np.maximum(GROSS * largest, NOTHING * np.abs(energy).max()))
+    i = np.arange(SAMPLES) * (len(motion) - 1) // (SAMPLES - 1)
+    q, p, t = motion.q[i], motion.p[i], motion.t[i, None]
+    if motion.phase is None:
+        v = over_columns(velocity_function(motion.system), q, p, t, motion.c)[0]
+    else:
+        v = replace(motion, t=t[:, 0], q=q, p=p, k=motion.k[i], phase=motion.phase[i]).v
+    found = over_columns(_energy_function(motion.system), q, v, t, motion.c, np.array([motion.h]))
+    energy, moving, kicked = (x[:, 0] for x in found)
+    change = np.abs(energy - energy[0])
+    wrong = ~(change <= max(GROSS * moving.max(), GROSS * kicked[0], NOTHING * np.abs(energy).max()))
     if not wrong.any():
         return None
     k = int(np.argmax(wrong))
-    return Jump(float(motion.t[i[k]]), float(energy[0, 0]), float(energy[k, 0]))
+    return Jump(float(motion.t[i[k]]), float(energy[0]), float(energy[k]))
 
 
 @per_system
 def _energy_function(system: System) -> ca.Function:
-    s = system
-    return ca.Function("energy", [s.q, s.v, s.t, s.c], [ca.densify(s.energy)], {"cse": True})
+    """(q, v, t, c, h) → H, p·v, and what a step from rest makes of p·v."""
+    s, h = system, ca.SX.sym("h")
+    mass = ca.fabs(ca.diag(s.mass_matrix))
+    kicked = ca.if_else(mass > 0, (h * ca.gradient(s.lagrangian, s.q)) ** 2 / mass, 0)
+    outputs = [s.energy, ca.fabs(ca.dot(s.momentum, s.v)), ca.sum1(kicked)]
+    return ca.Function("energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True})
 
 
 def likely_cause(motion: Trajectory) -> str:

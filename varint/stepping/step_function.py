@@ -104,17 +104,35 @@ UNKNOWN = (
 
 
 @per_system
-def action_function(system: System, rule: Rule) -> ca.Function:
-    """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
-    stepper, one = plan(system, rule).build(system, rule), interval(system, rule)
-    inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), _sizes(one), strict=True)]
+def path_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, params, t, h) → increments Q_j − q0 of the control points of the step that starts there."""
+    stepper = plan(system, rule).build(system, rule)
+    sizes = (
+        system.structure.n,
+        system.structure.n,
+        system.structure.controls * len(rule.nodes),
+        system.c.numel(),
+        1,
+        1,
+    )
+    inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), sizes, strict=True)]
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
-    increments = stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))
-    value = ca.substitute(one.action, one.lam, 0 * one.lam)  # λ·g = 0 along the path
-    action = ca.Function("action", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], [value], {"cse": True})
-    return ca.Function("action", inputs, [action(q, increments, u, c, t, h)])
+    return ca.Function("path", inputs, [stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))])
 
 
-def _sizes(one: Interval) -> list[int]:
-    return [one.q0.numel(), one.q0.numel(), one.u.numel(), one.c.numel(), 1, 1]
+@per_system
+def action_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
+    one = interval(system, rule)
+    return along_step(system, rule, one, [one.action])
+
+
+def along_step(system: System, rule: Rule, one: Interval, outputs: list[ca.SX]) -> ca.Function:
+    """(q0, p0, u, params, t, h) → expressions of the step's interval, along the step that starts there."""
+    path = path_function(system, rule)
+    inputs = [ca.MX.sym(path.name_in(i), path.numel_in(i)) for i in range(path.n_in())]
+    q, _, u, c, t, h = inputs
+    outputs = ca.substitute(outputs, [one.lam], [ca.SX.zeros(*one.lam.shape)])  # constraints do no work: λ·g = 0
+    values = ca.Function("along", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], outputs, {"cse": True})
+    return ca.Function("along_step", inputs, ca.Function.call(values, [q, path(*inputs), u, c, t, h]))

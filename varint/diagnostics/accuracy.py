@@ -1,0 +1,322 @@
+"""Accuracy against steps and against run time: observed orders, plateaus, the cheapest rule for a wanted error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from varint.diagnostics.runs import Scene, march, scene
+from varint.diagnostics.structure import EPS
+from varint.diagnostics.verdict import mark
+from varint.discrete import point_function
+from varint.errors import ConvergenceError, InputError
+from varint.rules import Rule, gauss, lobatto
+from varint.system import System
+from varint.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LEVELS = (8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+ABOVE = 100.0  # times the floor: errors below mix with round-off
+TOLERANCE = 0.2  # of an observed order
+POINTS = 4  # finest ones that an order is fitted to
+FINEST_REFERENCE = 16_384
+COARSE = 0.1  # relative errors above say nothing of the order
+
+Reference = Trajectory | Callable[[float], tuple[Any, Any]] | tuple[Any, Any] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """Errors at the end of a run against the step.
+
+    Attributes
+    ----------
+    method : str
+    h : ndarray (k,)
+        Steps, coarse to fine.
+    q_error, p_error : ndarray (k,)
+        Errors relative to the sizes of q and p; NaN where a run failed.
+    q_order, p_order : float
+        Observed orders, from the finest points above the floor; NaN with fewer than three.
+    expected : float
+    floor : float
+        Accuracy of the reference, relative.
+    passed : bool or None
+        None if there are too few points to fit.
+    """
+
+    method: str
+    h: np.ndarray
+    q_error: np.ndarray
+    p_error: np.ndarray
+    q_order: float
+    p_order: float
+    expected: float
+    floor: float
+    passed: bool | None
+
+    @property
+    def plateau(self) -> float:
+        """Smallest error reached."""
+        return float(np.nanmin(np.maximum(self.q_error, self.p_error)))
+
+    def __str__(self) -> str:
+        if self.passed is None:
+            limits = f"{COARSE:g} and {ABOVE * self.floor:.0e}"
+            return f"{mark(None)} order: fewer than three steps have errors between {limits}"
+        return (
+            f"{mark(self.passed)} order {self.q_order:.2f} in q, {self.p_order:.2f} in p (expected {self.expected:g}); "
+            f"smallest error {self.plateau:.1e}"
+        )
+
+    def plot(self) -> Figure:
+        """Errors over the step, double logarithmic, with the expected slope."""
+        from varint import plot_diagnostics
+
+        return plot_diagnostics.convergence_figure(self)
+
+
+def convergence(
+    system: System,
+    method: Rule | ca.Function | None = None,
+    *,
+    q0: Any,
+    v0: Any = None,
+    p0: Any = None,
+    duration: float,
+    steps: Sequence[int] = LEVELS,
+    order: float | None = None,
+    reference: Reference = None,
+    params: Any = None,
+    t0: float = 0.0,
+    u: Any = None,
+) -> Convergence:
+    """Observed order: slope of log error over log h at the end of a run.
+
+    Parameters
+    ----------
+    system, method, q0, v0, p0, params, t0, u
+        As in `symplectic_defect`.
+    duration : float
+    steps : sequence of int
+        Numbers of steps.
+    order : float, optional
+        Expected order; needed for a step function.
+    reference : Trajectory, (q, p), or callable, optional
+        The solution at the end: a trajectory that ends there, its q and p, or ``q, v = exact(t)``. Default: made with
+        a rule of order 16, refined until nothing changes.
+
+    Returns
+    -------
+    Convergence
+        Passed if both orders are at least the expected one less 0.2 (linear scenes may super-converge).
+    """
+    start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    if order is None:
+        if not isinstance(start.method, Rule):
+            raise InputError("give order=, the order that this step function is expected to have")
+        order = start.method.order
+    q, p, floor = _end(start, duration, reference)
+    counts = np.array(sorted({int(k) for k in steps}))
+    errors = np.array([_error(start, duration, int(k), q, p) for k in counts])
+    orders = [_order(duration / counts, e, floor) for e in errors.T]
+    known = not np.isnan(orders).any()
+    good = bool(min(orders) >= order - TOLERANCE) if known else None
+    return Convergence(
+        start.name, duration / counts, errors[:, 0], errors[:, 1], orders[0], orders[1], order, floor, good
+    )  # fmt: skip
+
+
+def _order(h: np.ndarray, error: np.ndarray, floor: float) -> float:
+    usable = np.flatnonzero((error > ABOVE * floor) & (error < COARSE))[-POINTS:]
+    if len(usable) < 3:
+        return float("nan")
+    return float(np.polyfit(np.log(np.abs(h[usable])), np.log(error[usable]), 1)[0])
+
+
+def _error(start: Scene, duration: float, steps: int, q: np.ndarray, p: np.ndarray) -> tuple[float, float]:
+    """Errors of q and p at the end, relative to their sizes."""
+    try:
+        found_q, found_p, _ = march(start, duration / steps, steps)
+    except ConvergenceError:
+        return float("nan"), float("nan")
+    sizes = [
+        max(np.abs(x).max(), EPS) for x in (np.concatenate([found_q, q[None]]), np.concatenate([found_p, p[None]]))
+    ]
+    return float(np.abs(found_q[-1] - q).max() / sizes[0]), float(np.abs(found_p[-1] - p).max() / sizes[1])
+
+
+def _end(start: Scene, duration: float, reference: Reference) -> tuple[np.ndarray, np.ndarray, float]:
+    """q, p at the end and their relative accuracy."""
+    n = len(start.q)
+    if reference is None:
+        return tight(start, duration)
+    if isinstance(reference, Trajectory):
+        end = reference.at(start.t + duration)
+        return end.q, end.p, EPS
+    if callable(reference):
+        q, v = (np.asarray(x, dtype=float).reshape(n) for x in reference(start.t + duration))
+        p = np.array(point_function(start.system)(q, v, start.u, start.t + duration, start.c)[1]).ravel()
+        return q, p, EPS
+    try:
+        q, p = (np.asarray(x, dtype=float).reshape(n) for x in reference)
+    except (TypeError, ValueError):
+        raise InputError(f"reference must be a Trajectory, (q, p), or q, v = exact(t); got {reference!r}") from None
+    return q, p, EPS
+
+
+def tight(start: Scene, duration: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """q and p at the end by a rule of order 16 (14 with constraints), doubled until nothing changes; last change."""
+    rule = lobatto(8) if start.system.structure.constraints else gauss(8)
+    if start.system.structure.degenerate:
+        rule = gauss(1)
+    fine = replace(start, method=rule, rule=rule)
+    best: tuple[np.ndarray, np.ndarray, float] | None = None
+    q, p = None, None
+    steps = 32
+    while steps <= FINEST_REFERENCE:
+        try:
+            path_q, path_p, _ = march(fine, duration / steps, steps)
+        except ConvergenceError:
+            steps *= 2
+            continue
+        if q is not None:
+            sizes = np.abs(path_q).max(), np.abs(path_p).max()
+            change = max(
+                np.abs(path_q[-1] - q).max() / max(sizes[0], EPS), np.abs(path_p[-1] - p).max() / max(sizes[1], EPS)
+            )
+            if best is not None and change >= best[2] / 2 and best[2] < 1e-9:
+                return best
+            best = path_q[-1], path_p[-1], max(float(change), EPS)
+            if change < 4 * EPS:
+                return best
+        q, p = path_q[-1], path_p[-1]
+        steps *= 2
+    if best is None:
+        raise InputError("no reference solution was found: every step failed; give reference= or a shorter duration")
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class WorkPrecision:
+    """Run time against error of several rules.
+
+    Attributes
+    ----------
+    methods : tuple of str
+    steps : ndarray (k,)
+    seconds, error : ndarray (methods, k)
+        Best run time, and largest relative error of q and p at the end; NaN where a run failed.
+    floor : float
+        Accuracy of the reference.
+    """
+
+    methods: tuple[str, ...]
+    steps: np.ndarray
+    seconds: np.ndarray
+    error: np.ndarray
+    floor: float
+
+    def cost(self, method: int, error: float) -> float:
+        """Run time at which the method reaches the error, interpolated; infinite if it does not."""
+        good = np.isfinite(self.error[method]) & (self.error[method] > 0)
+        e, s = self.error[method][good], self.seconds[method][good]
+        reached = np.flatnonzero(e <= error)
+        if not len(reached):
+            return float("inf")
+        first = int(reached[0])
+        if first == 0 or e[first - 1] <= e[first]:
+            return float(s[first])
+        part = np.log(e[first - 1] / error) / np.log(e[first - 1] / e[first])
+        return float(np.exp(np.log(s[first - 1]) + part * np.log(s[first] / s[first - 1])))
+
+    def cheapest(self, error: float) -> str:
+        """The method that reaches the error in the least time.
+
+        Raises
+        ------
+        InputError
+            If none does.
+        """
+        costs = [self.cost(i, error) for i in range(len(self.methods))]
+        if not np.isfinite(costs).any():
+            raise InputError(f"no method reached an error of {error:g}; the smallest is {np.nanmin(self.error):.1e}")
+        return self.methods[int(np.argmin(costs))]
+
+    def __str__(self) -> str:
+        width = max(len(m) for m in self.methods)
+        lines = [f"{'method'.ljust(width)}  steps      error    seconds"]
+        for name, seconds, errors in zip(self.methods, self.seconds, self.error, strict=True):
+            for k, t, e in zip(self.steps, seconds, errors, strict=True):
+                lines.append(f"{name.ljust(width)}  {k:5d}  {e:9.1e}  {t:9.2e}")
+        smallest = np.nanmin(self.error)
+        for wanted in 10.0 ** np.arange(-3, -15, -3):
+            if smallest <= wanted:
+                lines.append(f"cheapest for an error of {wanted:.0e}: {self.cheapest(wanted)}")
+        return "\n".join(lines)
+
+    def plot(self) -> Figure:
+        """Run time over error, one line a method."""
+        from varint import plot_diagnostics
+
+        return plot_diagnostics.work_precision_figure(self)
+
+
+def work_precision(
+    system: System,
+    methods: Sequence[Rule | ca.Function],
+    *,
+    q0: Any,
+    v0: Any = None,
+    p0: Any = None,
+    duration: float,
+    steps: Sequence[int] = (32, 64, 128, 256, 512, 1024),
+    repeats: int = 3,
+    reference: Reference = None,
+    params: Any = None,
+    t0: float = 0.0,
+    u: Any = None,
+) -> WorkPrecision:
+    """Run time against error at the end, for several rules and step numbers on the same scene.
+
+    Parameters
+    ----------
+    system, q0, v0, p0, duration, reference, params, t0, u
+        As in `convergence`.
+    methods : sequence of Rule or Function
+    steps : sequence of int
+    repeats : int
+        Timed runs, after one that builds the functions; the fastest counts.
+
+    Returns
+    -------
+    WorkPrecision
+        Prints a table and the cheapest rule for round errors; ``.plot()``, ``.cheapest(error)``.
+    """
+    if isinstance(methods, (Rule, ca.Function)) or not methods:
+        raise InputError("methods must be a list of rules, such as [gauss(2), composition('blanes-moan4')]")
+    starts = [scene(system, m, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0) for m in methods]
+    q, p, floor = _end(starts[0], duration, reference)
+    counts = np.array(sorted({int(k) for k in steps}))
+    seconds, errors = np.empty((len(starts), len(counts))), np.empty((len(starts), len(counts)))
+    for i, start in enumerate(starts):
+        for j, count in enumerate(counts):
+            errors[i, j] = max(_error(start, duration, int(count), q, p))
+            seconds[i, j] = _fastest(start, duration, int(count), repeats) if np.isfinite(errors[i, j]) else np.nan
+    return WorkPrecision(tuple(s.name for s in starts), counts, seconds, errors, floor)
+
+
+def _fastest(start: Scene, duration: float, steps: int, repeats: int) -> float:
+    times = []
+    for _ in range(max(repeats, 1)):
+        began = perf_counter()
+        march(start, duration / steps, steps)
+        times.append(perf_counter() - began)
+    return min(times)

@@ -1,0 +1,234 @@
+"""What only many steps show: the slope of the energy, and how round-off grows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from varint.diagnostics.runs import Scene, march, scene
+from varint.diagnostics.structure import EPS, is_even
+from varint.diagnostics.verdict import mark
+from varint.rules import Rule
+from varint.system import System
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SIGNIFICANT = 5.0  # standard errors that a slope must have to be one
+ROUND_OFF = 30.0  # eps × √steps: a drift below it is round-off
+
+
+@dataclass(frozen=True, eq=False)
+class EnergySlope:
+    """Slope of windowed means of the energy.
+
+    Attributes
+    ----------
+    method : str
+    h : float
+    t, energy : ndarray (N + 1,)
+    centres, means : ndarray (windows,)
+        Times and weighted means of the windows.
+    slope, noise : float
+        Slope of the means over time and its standard error.
+    floor : float
+        Slope that round-off alone may cause.
+    passed : bool or None
+        None where the scene does not conserve energy.
+    """
+
+    method: str
+    h: float
+    t: np.ndarray
+    energy: np.ndarray
+    centres: np.ndarray
+    means: np.ndarray
+    slope: float
+    noise: float
+    floor: float
+    passed: bool | None
+
+    @property
+    def oscillation(self) -> float:
+        """Largest energy error."""
+        return float(np.abs(self.energy - self.energy[0]).max())
+
+    def __str__(self) -> str:
+        if self.passed is None:
+            return f"{mark(None)} energy is not conserved by this scene (forces, or L depends on time)"
+        what = "no drift of energy" if self.passed else "energy drifts"
+        return (
+            f"{mark(self.passed)} {what}: slope {self.slope:.1e} ± {self.noise:.1e} (round-off {self.floor:.1e}), "
+            f"oscillation {self.oscillation:.1e} over {len(self.t) - 1} steps"
+        )
+
+    def plot(self) -> Figure:
+        """Energy error over time with its windowed means."""
+        from varint import plot_diagnostics
+
+        return plot_diagnostics.energy_figure(self)
+
+
+def energy_slope(
+    system: System,
+    method: Rule | ca.Function | None = None,
+    *,
+    q0: Any,
+    v0: Any = None,
+    p0: Any = None,
+    h: float,
+    steps: int = 10_000,
+    windows: int = 20,
+    params: Any = None,
+    t0: float = 0.0,
+    u: Any = None,
+) -> EnergySlope:
+    """Slope of windowed means of H over a run, against its own noise.
+
+    The windows are weighted by a bump ∝ exp(−1/(x(1 − x))), which averages oscillations out far better than a box.
+
+    Parameters
+    ----------
+    system, method, q0, v0, p0, h, params, t0, u
+        As in `symplectic_defect`.
+    steps, windows : int
+
+    Returns
+    -------
+    EnergySlope
+        Passed if the slope is within five standard errors of zero, or below what round-off alone does.
+    """
+    start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    q, p, t = march(start, h, steps)
+    energy = start.energy(q, p, t)
+    centres, means = windowed(t, energy, windows)
+    x, y = centres - centres.mean(), means - means.mean()
+    slope = float(x @ y / (x @ x))
+    noise = float(np.sqrt(((y - slope * x) ** 2).sum() / (windows - 2) / (x @ x)))
+    size = np.abs(energy).max() + (np.abs(p) * np.abs(np.gradient(q, t, axis=0))).sum(axis=1).max()
+    floor = ROUND_OFF * EPS * np.sqrt(steps) * size / abs(t[-1] - t[0])
+    good = bool(np.isfinite(slope) and abs(slope) <= max(SIGNIFICANT * noise, floor))
+    passed = None if system.structure.forced or not system.structure.autonomous else good
+    return EnergySlope(start.name, h, t, energy, centres, means, slope, noise, float(floor), passed)
+
+
+def windowed(t: np.ndarray, values: np.ndarray, windows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and bump-weighted means of equal windows."""
+    length = len(t) // windows
+    x = (np.arange(length) + 0.5) / length
+    weight = np.exp(-1 / (x * (1 - x)))
+    weight /= weight.sum()
+    shape = (windows, length)
+    first = values[0]
+    means = first + (values[: windows * length] - first).reshape(shape) @ weight
+    return t[: windows * length].reshape(shape) @ weight, means
+
+
+@dataclass(frozen=True, eq=False)
+class RoundOff:
+    """Growth of round-off: error of runs there and back against their length.
+
+    Attributes
+    ----------
+    method : str
+    h : float
+    steps : ndarray (k,)
+    state, energy : ndarray (k,)
+        Root mean squares, over several starts, of the relative errors of (q, p) and of H on return.
+    exponent : float
+        e of the growth law of the energy error, ∝ steps**e: ½ random walk, 1 steady; more is systematic.
+    passed : bool
+    """
+
+    method: str
+    h: float
+    steps: np.ndarray
+    state: np.ndarray
+    energy: np.ndarray
+    exponent: float
+    passed: bool
+
+    def __str__(self) -> str:
+        what = "round-off" if self.passed else "errors beyond round-off"
+        return (
+            f"{mark(self.passed)} {what}: energy error {self.energy[-1]:.1e} after {self.steps[-1]} steps there and "
+            f"back, ∝ steps^{self.exponent:.2f}; state {self.state[-1]:.1e}"
+        )
+
+    def plot(self) -> Figure:
+        """Errors on return over the number of steps."""
+        from varint import plot_diagnostics
+
+        return plot_diagnostics.round_off_figure(self)
+
+
+FIRST_LEVEL = 30.0  # eps: energy error that a hundred steps there and back may leave, times √steps/10
+STEEPEST = 1.25  # exponent of the growth law: 1 and the scatter of its fit
+STARTS = 6
+NUDGE = 1e-3
+
+
+def round_off(
+    system: System,
+    method: Rule | ca.Function | None = None,
+    *,
+    q0: Any,
+    v0: Any = None,
+    p0: Any = None,
+    h: float,
+    steps: int = 3000,
+    params: Any = None,
+    t0: float = 0.0,
+    u: Any = None,
+) -> RoundOff:
+    """Growth law of round-off: error of N steps there and back, which a reversible method leaves to round-off alone.
+
+    Parameters
+    ----------
+    system, method, q0, v0, p0, h, params, t0, u
+        As in `symplectic_defect`.
+    steps : int
+        Longest run.
+
+    Returns
+    -------
+    RoundOff
+        Passed if the energy error grows no faster than steps^1.25 and starts at the level of round-off (Hairer, Lubich
+        & Wanner, VIII.5).
+    """
+    start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    levels = np.unique(np.geomspace(max(steps // 100, 10), steps, 6).astype(int))
+    rng, flip = np.random.default_rng(1), is_even(system)
+    state, energy = np.zeros((STARTS, len(levels))), np.zeros((STARTS, len(levels)))
+    starts = 1 if system.structure.constraints else STARTS
+    for i in range(starts):
+        factor = 1 + NUDGE * rng.uniform(-1, 1, len(start.q)) * (i > 0)
+        state[i], energy[i] = _there_and_back(start, h, levels, start.q * factor, flip)
+    mean_state, mean_energy = (np.sqrt((x[:starts] ** 2).mean(axis=0)) for x in (state, energy))
+    seen = np.maximum(mean_energy, EPS / 10)
+    exponent = float(np.polyfit(np.log(levels), np.log(seen), 1)[0])
+    level = FIRST_LEVEL * EPS * np.sqrt(levels[0] / 10)
+    good = bool(np.isfinite(seen).all() and seen[0] <= level and (exponent <= STEEPEST or seen[-1] <= level))
+    return RoundOff(start.name, h, levels, mean_state, mean_energy, exponent, good)
+
+
+def _there_and_back(start: Scene, h: float, levels: np.ndarray, q0: np.ndarray, flip: bool):
+    q, p, t = march(start, h, int(levels[-1]), q0, start.p)
+    size_q, size_p = np.abs(q).max(), np.abs(p).max()
+    size = (np.abs(p) * np.abs(np.gradient(q, t, axis=0))).sum(axis=1).max()
+    state, ends = [], []
+    for k in levels:
+        back_q, back_p, _ = march(
+            start, h if flip else -h, int(k), q[k], -p[k] if flip else p[k], start.t if flip else t[k]
+        )
+        end = back_q[-1], (-back_p[-1] if flip else back_p[-1])
+        ends.append(end)
+        state.append(
+            max(np.abs(end[0] - q0).max() / max(size_q, EPS), np.abs(end[1] - start.p).max() / max(size_p, EPS))
+        )
+    at = np.array([q0, *(x for x, _ in ends)]), np.array([start.p, *(x for _, x in ends)])
+    h_values = start.energy(*at, np.full(len(ends) + 1, start.t))
+    return np.array(state), np.abs(h_values[1:] - h_values[0]) / max(size, np.abs(h_values).max(), EPS)

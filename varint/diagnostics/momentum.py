@@ -1,0 +1,211 @@
+"""Momentum maps along a trajectory: drift and slope of what symmetries conserve, and the balance with forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.discrete import interval, point_function
+from varint.errors import InputError
+from varint.noether import Symmetry, symmetries
+from varint.rules import Rule
+from varint.stepping.step_function import along_step
+from varint.system import System
+from varint.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DRIFT = 1e-11  # relative drift of a quantity that the rule keeps exactly; round-off over 1e5 steps stays below
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MomentumMap:
+    """The quantity J of one symmetry along a trajectory.
+
+    Attributes
+    ----------
+    symmetry : Symmetry
+    rule : Rule
+    t, values : ndarray (N + 1,)
+        Times of the nodes and J there.
+    expected : ndarray (N + 1,) or None
+        J_0 plus what forces must have added, Σ (f⁻·ξ(q_k) + f⁺·ξ(q_{k+1})); J_0 where nothing breaks the symmetry;
+        None where constraints or contacts break it.
+    size : float
+        Largest sum of the absolute values of J's terms; drifts are relative to it.
+    """
+
+    symmetry: Symmetry
+    rule: Rule
+    t: np.ndarray
+    values: np.ndarray
+    expected: np.ndarray | None
+    size: float
+
+    @property
+    def change(self) -> float:
+        """J_N − J_0."""
+        return float(self.values[-1] - self.values[0])
+
+    @property
+    def expected_change(self) -> float | None:
+        """What J_N − J_0 must be."""
+        return None if self.expected is None else float(self.expected[-1] - self.expected[0])
+
+    @property
+    def error(self) -> np.ndarray:
+        """(J − expected J)/size at every node, or (J − J_0)/size where nothing is known."""
+        known = self.values[0] if self.expected is None else self.expected
+        return (self.values - known) / self.size
+
+    @property
+    def drift(self) -> float:
+        """Largest relative deviation of J from what it must be."""
+        return float(np.abs(self.error).max())
+
+    @property
+    def slope(self) -> float:
+        """Slope of the relative deviation over time, by least squares."""
+        if len(self.t) < 3:
+            return 0.0
+        t = self.t - self.t.mean()
+        return float(t @ self.error / (t @ t))
+
+    @property
+    def kept(self) -> str:
+        """What theory says of this rule: "exactly", "to order …", "broken by …"."""
+        return self.symmetry.kept_by(self.rule)
+
+    def __str__(self) -> str:
+        name = self.symmetry.name
+        if self.expected is None:
+            return f"{name}: {self.kept}; J changes by {self.change:.6g}"
+        if self.symmetry.conserved:
+            return f"{name}: J = {self.values[0]:.12g}, drift {self.drift:.1e}, slope {self.slope:.1e}; {self.kept}"
+        return (
+            f"{name}: {self.kept}; change of J expected {self.expected_change:.12g}, actual {self.change:.12g} "
+            f"(difference {self.drift:.1e} of the terms' size)"
+        )
+
+    __repr__ = __str__
+
+    def plot(self) -> Figure:
+        """J over time, and its deviation from what it must be."""
+        from varint import plot_diagnostics
+
+        return plot_diagnostics.momentum_maps_figure([self])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Conserved:
+    """All momentum maps of a trajectory; a table in print."""
+
+    items: tuple[MomentumMap, ...]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[MomentumMap]:
+        return iter(self.items)
+
+    def __getitem__(self, which: int | str) -> MomentumMap:
+        if not isinstance(which, str):
+            return self.items[which]
+        for item in self.items:
+            if item.symmetry.name == which:
+                return item
+        raise InputError(f"no symmetry is called {which!r}; there are {[m.symmetry.name for m in self.items]}")
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Name, J at the start, expected and actual change, drift and slope, what the rule keeps."""
+        table: list[tuple[str, ...]] = []
+        for m in self.items:
+            expected = "unknown" if m.expected is None else f"{m.expected_change:.6g}"
+            numbers = f"{m.values[0]:.9g}", expected, f"{m.change:.6g}", f"{m.drift:.1e}", f"{m.slope:.1e}"
+            table.append((m.symmetry.name, *numbers, m.kept))
+        return table
+
+    def __str__(self) -> str:
+        head = ("symmetry", "J at start", "expected change", "actual change", "drift", "slope", "kept")
+        table = [head, *self.rows()]
+        widths = [max(len(row[i]) for row in table) for i in range(len(head))]
+        lines = ["  ".join(x.ljust(w) for x, w in zip(row, widths, strict=True)).rstrip() for row in table]
+        return "\n".join([lines[0], "  ".join("─" * w for w in widths), *lines[1:]])
+
+    __repr__ = __str__
+
+    def plot(self) -> Figure:
+        """All quantities' deviations over time."""
+        from varint import plot_diagnostics
+
+        return plot_diagnostics.momentum_maps_figure(list(self.items))
+
+
+def momentum_map(motion: Trajectory, symmetry: Symmetry) -> MomentumMap:
+    """The quantity of `symmetry` along `motion`; see `Trajectory.momentum_map`."""
+    if not isinstance(symmetry, Symmetry):
+        raise InputError(f"momentum_map takes a Symmetry from symmetries(...) or noether(...), got {symmetry!r}")
+    if symmetry.system is not motion.system:
+        raise InputError("this symmetry is one of another system; find it with symmetries(trajectory.system)")
+    if symmetry.params is not None and not np.array_equal(symmetry.params, motion.c):
+        raise InputError(
+            "this symmetry holds at other parameter values only; use symmetries(system, params=trajectory.parameters)"
+        )
+    values, sizes = _quantity(motion, symmetry)
+    size = float(sizes.max())
+    return MomentumMap(symmetry, motion.rule, motion.t, values, _expected(motion, symmetry, values[0]), size or 1.0)
+
+
+def conserved(motion: Trajectory) -> Conserved:
+    """Momentum maps of all symmetries at the parameter values of `motion`; see `Trajectory.conserved`."""
+    s = motion.system
+    arguments: dict[str, Any] = {"params": motion.parameters}
+    try:
+        found = symmetries(s, motion.rule, **arguments)
+    except InputError:  # not defined near the origin: look around the motion
+        found = symmetries(s, motion.rule, near=motion.q[len(motion) // 2], **arguments)
+    return Conserved(tuple(momentum_map(motion, symmetry) for symmetry in found))
+
+
+def _quantity(motion: Trajectory, symmetry: Symmetry) -> tuple[np.ndarray, np.ndarray]:
+    """J and the size of its terms at every node, from the momenta themselves rather than through velocities."""
+    s = symmetry.system
+    p = ca.SX.sym("p", s.structure.n)
+    terms = [p * symmetry.xi, -symmetry.gauge]
+    if not symmetry.tau.is_zero():
+        terms += [symmetry.tau * p * s.v, -symmetry.tau * s.lagrangian]
+    parts = ca.densify(ca.vertcat(*terms))
+    f = ca.Function("quantity", [s.q, p, s.v, s.t, s.c], [ca.sum1(parts), ca.sum1(ca.fabs(parts))], {"cse": True})
+    v = motion.p if symmetry.tau.is_zero() else motion.v
+    values, sizes = over_columns(f, motion.q, motion.p, v, motion.t[:, None], motion.c)
+    return values[:, 0], sizes[:, 0]
+
+
+def _expected(motion: Trajectory, symmetry: Symmetry, start: float) -> np.ndarray | None:
+    if set(symmetry.broken_by) - {"force"}:
+        return None
+    if not symmetry.broken_by:
+        return np.full(len(motion), start)
+    work = motion.sums(lambda scene: _work(scene, motion.rule, symmetry))[:, 0]
+    return start + np.concatenate([[0.0], np.cumsum(work)])
+
+
+def _work(system: System, rule: Rule, symmetry: Symmetry) -> ca.Function:
+    """What forces add to J in a step, Σ_j f_j·ξ(Q_j) = h Σ_i b_i F_i·ξ(q(c_i h)) for affine ξ.
+
+    Eliminating the inner control points turns the sum over j into f⁻·ξ(q_k) + f⁺·ξ(q_{k+1}).
+    """
+    one, s = interval(system, rule), system
+    along = ca.Function("along", [s.q, s.v, s.t, s.c], [ca.densify(symmetry.xi + symmetry.tau * s.v)])
+    work = ca.SX(0)
+    for i, b in enumerate(rule.weights):
+        q, v, t = one.q_nodes[:, i], one.v_nodes[:, i], one.t_nodes[i]
+        force = point_function(s)(q, v, one.u[:, i], t, one.c)[3]
+        work += one.h * b * ca.dot(force, along(q, v, t, one.c))
+    return along_step(system, rule, one, [work])

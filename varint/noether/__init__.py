@@ -1,0 +1,227 @@
+"""Noether's theorem for the user's own Lagrangian: its symmetries, what they conserve, and what keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError
+from varint.noether.basis import generators
+from varint.noether.gauge import quadratic_gauge
+from varint.noether.naming import groups_of, name_of
+from varint.noether.sampling import Region
+from varint.noether.symmetry import Symmetry
+from varint.noether.table import Symmetries
+from varint.noether.verify import TOLERANCE, broken_by, residual
+from varint.rules import Rule
+from varint.system import System, parameter_values
+
+__all__ = ["Symmetries", "Symmetry", "noether", "symmetries"]
+
+MOST_COORDINATES = 40  # with a matrix A of unknowns each; above, one matrix for all particles
+SEED = 1918  # of the random points; the year of Noether's theorem
+
+
+def symmetries(
+    system: System, rule: Rule | None = None, *, params: Mapping[str, Any] | None = None, near: Any = None
+) -> Symmetries:
+    """All affine point symmetries ξ = A q + b + c t of L, δL = dK/dt with K at most quadratic in q, and time shifts.
+
+    Each conserves ``J = p·ξ + τ H − K``, unless forces, constraints or contacts break it.
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Say in the table what this rule keeps; default: what rules keep in general.
+    params : dict, optional
+        Search at these parameter values (``{}``: at the defaults), where a symmetry may hold that is lost for others.
+        Default: symmetries for all parameter values.
+    near : array (n,), optional
+        Coordinates around which the Lagrangian is defined, for scenes that are not defined near the origin.
+
+    Returns
+    -------
+    Symmetries
+        A sequence of `Symmetry` that prints as a table.
+
+    Raises
+    ------
+    InputError
+        If the Lagrangian is not finite at random points (give `near`), or its terms differ too much in size.
+
+    Notes
+    -----
+    What follows from the others is not listed: with total momentum P and boost P t − M X the angular momentum X × P of
+    the centre of mass is conserved on its own.
+
+    Affine point symmetries only: neither the Runge–Lenz vector (no point symmetry) nor symmetries with generators such
+    as cos(ωt) are found; `noether` checks any generator ξ(q, t). With more than 40 coordinates A is looked for only
+    among the matrices that act alike on all particles, told by coordinate names such as x1, y1, x2, y2.
+
+    References
+    ----------
+    Olver, Applications of Lie Groups to Differential Equations, §4.4, 5.3.
+
+    Examples
+    --------
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("x", "y")
+    >>> B = vi.Parameters(B=1.0)
+    >>> charge = vi.System(q, v, (v.T @ v + B.B * (q[0] * v[1] - q[1] * v[0])) / 2, params=B)
+    >>> [s.name for s in vi.symmetries(charge)]
+    ['time translation', 'magnetic translation along x', 'magnetic translation along y', 'rotation about z']
+    """
+    _require_rule(rule)
+    region = _region(system, params, near)
+    rng = np.random.default_rng(SEED)
+    groups = groups_of(system, MOST_COORDINATES)
+    basis = generators(region, groups, rng)
+    found = sorted((_built(region, groups, vector, rng) for vector in basis.vectors), key=_order)
+    notes = []
+    if basis.dependent:
+        notes.append(
+            f"{basis.dependent} more conserve functions of these quantities: rotations of the centre of mass alone"
+        )
+    if basis.unrecognised:
+        notes.append(f"{basis.unrecognised} more, coefficients no monomials of the parameters: give params={{}}")
+    if region.c is None and system.c.numel():
+        here = generators(Region(system, system.default_vector, region.near), groups, rng)
+        if here.dimension > basis.dimension:
+            notes.append(f"{here.dimension - basis.dimension} more at the default parameters: give params={{}}")
+    return Symmetries(tuple(found), rule, "\n".join(notes))
+
+
+def noether(
+    system: System,
+    xi: Any,
+    gauge: Any = 0,
+    *,
+    tau: float = 0,
+    name: str | None = None,
+    params: Mapping[str, Any] | None = None,
+    near: Any = None,
+) -> Symmetry:
+    """A user's own generator ξ(q, t), verified: δL = ∂L/∂q·ξ + ∂L/∂v·ξ̇ = dK/dt; conserved is ``J = p·ξ − K``.
+
+    Parameters
+    ----------
+    system : System
+    xi : SX (n,)
+        Generator, any function of q, t and the parameters, also nonlinear.
+    gauge : SX
+        K(q, t), where L changes by a total derivative.
+    tau : float
+        Rate of a shift of time that goes with it, q → q + s (ξ + τ v); then δL − d(τL)/dt = dK/dt and
+        ``J = p·ξ + τ H − K``.
+    name : str, optional
+    params : dict, optional
+        Parameter values at which to verify; default: all.
+    near : array (n,), optional
+        Coordinates around which the Lagrangian is defined.
+
+    Returns
+    -------
+    Symmetry
+
+    Raises
+    ------
+    InputError
+        If it is no symmetry of L: with the residual, and the gauge term that would make it one if there is one.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("r", "phi")
+    >>> kepler = vi.System(q, v, (v[0] ** 2 + q[0] ** 2 * v[1] ** 2) / 2 + 1 / q[0])
+    >>> vi.noether(kepler, [0, 1])
+    Symmetry(cyclic coordinate phi: ∂phi)
+    """
+    region = _region(system, params, near)
+    field = _field("the generator xi", xi, system, system.structure.n)
+    gauge = _field("the gauge term", gauge, system, 1)
+    shift = ca.SX(float(tau))
+    rng = np.random.default_rng(SEED)
+    left, where = residual(region, field, shift, gauge, rng)
+    if left > TOLERANCE:
+        raise InputError(_refusal(region, field, shift, gauge, left, where, rng))
+    return _symmetry(region, field, shift, gauge, name, rng)
+
+
+def _refusal(region: Region, xi: ca.SX, tau: ca.SX, gauge: ca.SX, left: float, where, rng) -> str:
+    at = ", ".join(f"{x}={y:.3g}" for x, y in zip(region.system.names[:4], where.q[0], strict=False))
+    text = f"no symmetry of the Lagrangian: δL − dK/dt is {left:.1e} of the size of its terms at {at}"
+    other = quadratic_gauge(region, xi, tau, rng)
+    if residual(region, xi, tau, other, rng)[0] <= TOLERANCE:
+        return f"{text}; with gauge={other} it is one"
+    return f"{text} (a symmetry leaves less than {TOLERANCE:g}); check signs, or give the gauge term K with δL = dK/dt"
+
+
+def _built(region: Region, groups, vector: list, rng) -> Symmetry:
+    """The symmetry with the coefficients (τ, A by groups, b, c)."""
+    s, n = region.system, region.system.structure.n
+    tau, entries, shift, boost = ca.SX(vector[0]), vector[1 : -2 * n], vector[-2 * n : -n], vector[-n:]
+    xi = ca.SX.zeros(n)
+    for (i, j), x in zip(groups, entries, strict=True):
+        if not ca.SX(x).is_zero():
+            for a, b in zip(i.tolist(), j.tolist(), strict=True):
+                xi[a] += x * s.q[b]
+    xi += ca.vertcat(*shift) + ca.vertcat(*boost) * s.t
+    gauge = quadratic_gauge(region, xi, tau, rng)
+    left, _ = residual(region, xi, tau, gauge, rng)
+    if left > TOLERANCE:
+        raise InputError(
+            f"a generator found in the null space fails at fresh points (residual {left:.1e} of its terms): the "
+            "Lagrangian's terms differ too much in size; choose units in which they are comparable"
+        )
+    return _symmetry(region, xi, tau, gauge, None, rng)
+
+
+def _symmetry(region: Region, xi: ca.SX, tau: ca.SX, gauge: ca.SX, name: str | None, rng) -> Symmetry:
+    s = region.system
+    broken = broken_by(region, xi, tau, rng)
+    return Symmetry(s, name or name_of(s, xi, tau, gauge), xi, tau, gauge, broken, region.c if s.c.numel() else None)
+
+
+def _order(symmetry: Symmetry) -> int:
+    """Time, translations, rotations, boosts, others."""
+    words = ("time translation", "translation", "cyclic", "rotation", "boost")
+    return next((i for i, word in enumerate(words) if word in symmetry.name), len(words))
+
+
+def _region(system: System, params: Mapping[str, Any] | None, near: Any) -> Region:
+    if not isinstance(system, System):
+        raise InputError(f"symmetries are those of a varint System, got {type(system).__name__}")
+    if near is not None:
+        near = np.asarray(near, dtype=float).reshape(-1)
+        if near.shape != (system.structure.n,) or not np.isfinite(near).all():
+            raise InputError(f"near must be {system.structure.n} finite numbers, one for each of {list(system.names)}")
+    return Region(system, None if params is None else parameter_values(system, params), near)
+
+
+def _require_rule(rule: Any) -> None:
+    if rule is not None and not isinstance(rule, Rule):
+        raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
+
+
+def _field(what: str, value: Any, system: System, size: int) -> ca.SX:
+    """An expression of q, t and the parameters with `size` components."""
+    try:
+        value = ca.vertcat(*value) if isinstance(value, (list, tuple)) else ca.SX(value)
+        value = ca.densify(ca.SX(value))
+    except (TypeError, NotImplementedError, RuntimeError):
+        raise InputError(f"{what} must be an expression of q, t and the parameters, got {value!r}") from None
+    if value.shape != (size, 1):
+        raise InputError(f"{what} has shape {value.shape}; it must have ({size}, 1)")
+    known = {x.element_hash() for x in ca.symvar(ca.vertcat(system.q, system.t, system.c))}
+    strange = sorted(x.name() for x in ca.symvar(value) if x.element_hash() not in known)
+    if strange:
+        raise InputError(
+            f"{what} depends on {strange}; a point symmetry is a function of {list(system.names)}, t and the "
+            "parameters (generators with velocities, as that of the Runge–Lenz vector, are no point symmetries)"
+        )
+    return value

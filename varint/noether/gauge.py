@@ -1,0 +1,82 @@
+"""The gauge term K of a symmetry, δL = dK/dt, from exact derivatives of δL."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.noether.basis import as_monomial
+from varint.noether.sampling import Region, at_points, random_parameters, sampled
+from varint.noether.verify import TOLERANCE, residual, variation
+
+ZERO = 1e-10  # of the largest coefficient
+
+
+def quadratic_gauge(region: Region, xi: ca.SX, tau: ca.SX, rng: np.random.Generator) -> ca.SX:
+    """K = (k + k' t)·q + ½ qᵀ(S + S' t) q + α t + β t² with δL = dK/dt, if there is one of this form; verify it.
+
+    As δL = ∂K/∂t + v·∂K/∂q, its velocity gradient is ∂K/∂q; its Taylor polynomial gives the coefficients.
+    """
+    s = region.system
+    if residual(region, xi, tau, ca.SX(0), rng)[0] <= TOLERANCE:
+        return ca.SX(0)
+    change = variation(s, xi, tau)
+    slope = ca.gradient(change, s.v)
+    curve = ca.jacobian(slope, s.q)
+    taylor = [slope, ca.jacobian(slope, s.t), curve, _by_time(curve, s.t), change, ca.jacobian(change, s.t)]
+    origin = _expansion_point(region, taylor, rng)
+    n = s.structure.n
+    where = ca.vertcat(s.q, s.v, s.t)
+    at = ca.vertcat(ca.SX(ca.DM(origin)), ca.SX.zeros(n + 1))
+    taylor = ca.substitute(taylor, [where], [at])
+    q0 = ca.DM(origin)
+    k, k_t, curve, curve_t, rest, rest_t = taylor
+    k, k_t = k - ca.mtimes(curve, q0), k_t - ca.mtimes(curve_t, q0)
+    rest = rest - ca.dot(k_t, q0) - ca.dot(q0, ca.mtimes(curve_t, q0)) / 2
+    k, k_t, curve, curve_t = _tidied(region, [k, k_t, curve, curve_t], rng)
+    q, t = s.q, s.t
+    gauge = ca.dot(k + k_t * t, q) + ca.dot(q, ca.mtimes(curve + curve_t * t, q)) / 2
+    if residual(region, xi, tau, gauge, rng)[0] <= TOLERANCE:
+        return gauge
+    rest, rest_t = _tidied(region, [rest, rest_t], rng)
+    return gauge + rest * t + rest_t * t**2 / 2
+
+
+def _by_time(matrix: ca.SX, t: ca.SX) -> ca.SX:
+    return ca.reshape(ca.jacobian(ca.vec(matrix), t), *matrix.shape)
+
+
+def _expansion_point(region: Region, taylor: list[ca.SX], rng) -> np.ndarray:
+    """The origin where everything is finite there (it reads best), otherwise a random point."""
+    s = region.system
+    function = at_points(s, "taylor", taylor)
+    points, _ = sampled(region, function, 4, rng)
+    nowhere = np.zeros_like(points.q)
+    values = over_columns(function, nowhere, nowhere, points.a, points.u, np.zeros_like(points.t), points.c)
+    if all(np.isfinite(x).all() for x in values):
+        return nowhere[0]
+    for q in np.round(points.q, 2):
+        start = np.tile(q, (len(points), 1))
+        values = over_columns(function, start, nowhere, points.a, points.u, np.zeros_like(points.t), points.c)
+        if all(np.isfinite(x).all() for x in values):
+            return q
+    return points.q[0]
+
+
+def _tidied(region: Region, coefficients: list[ca.SX], rng) -> list[ca.SX]:
+    """Coefficients that vanish or are numbers for all parameter values as such; the others as they are."""
+    s = region.system
+    c = random_parameters(s, rng, s.c.numel() + 4) if region.c is None else region.c[None]
+    function = ca.Function("coefficients", [s.c], [ca.densify(x) for x in coefficients])
+    values = over_columns(function, c)
+    scale = max(np.abs(x).max(initial=0.0) for x in values)
+    tidy = []
+    for expression, table in zip(coefficients, values, strict=True):
+        new = ca.SX(*expression.shape)
+        for i in np.flatnonzero(np.abs(table).max(axis=0) > ZERO * scale):
+            row, col = int(i) % expression.shape[0], int(i) // expression.shape[0]
+            known = as_monomial(table[:, i], c, s.c)
+            new[row, col] = expression[row, col] if known is None else known
+        tidy.append(new)
+    return tidy
