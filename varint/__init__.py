@@ -16,18 +16,24 @@ from varint.trajectory import State, Trajectory
 if TYPE_CHECKING:
     from varint import diagnostics, models
     from varint.archive import load
+    from varint.ensembles.ensemble import ensemble
+    from varint.ensembles.result import Ensemble
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries", "Symmetry",
-    "System", "Trajectory", "VarintError", "composition", "coordinates", "diagnostics", "gauss", "load", "lobatto",
-    "midpoint", "models", "noether", "plan", "project", "simulate", "step_function", "symmetries", "time",
-    "trapezoidal",
+    "ConvergenceError", "Ensemble", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries",
+    "Symmetry", "System", "Trajectory", "VarintError", "composition", "coordinates", "diagnostics", "ensemble", "gauss",
+    "load", "lobatto", "midpoint", "models", "noether", "plan", "project", "simulate", "step_function", "symmetries",
+    "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
-_LATER = {"load": "varint.archive"}
+_LATER = {
+    "Ensemble": "varint.ensembles.result",
+    "ensemble": "varint.ensembles.ensemble",
+    "load": "varint.archive",
+}
 _LATER_MODULES = ("diagnostics", "models")
 
 

@@ -49,17 +49,17 @@ def save(trajectory: Trajectory, path: Any) -> None:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def load(path: Any) -> Trajectory:
+def load(path: Any) -> Any:
     """The trajectory in the file ``path``, with its system: `value`, `at`, `energy` and plots work as before.
 
     Parameters
     ----------
     path : path
-        A file written by `Trajectory.save`.
+        A file written by `Trajectory.save`, or the folder ``store=`` of an ensemble.
 
     Returns
     -------
-    Trajectory
+    Trajectory or Ensemble
 
     Raises
     ------
@@ -78,6 +78,10 @@ def load(path: Any) -> Trajectory:
     >>> bool((again.q == fall.q).all()), again.rule == fall.rule
     (True, True)
     """
+    if Path(path).is_dir():
+        from varint.ensembles.ensemble import load_ensemble
+
+        return load_ensemble(path)
     path = _file(path)
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.arrays import call
+from varint.arrays import call, over_columns
 from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
@@ -103,12 +103,20 @@ def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
 
 def beginning(system: System, rule: Rule, task: Task) -> Position:
     """The position before the first step."""
-    h, t0 = np.array([task.h]), np.array([task.t0])
-    scale = call(scale_function(system), task.q0, task.p0, t0, h, task.c)[0]
+    u = task.controls(0, 1).reshape(1, -1)
+    one = beginning_rows(system, rule, task.q0[None], task.p0[None], u, task.t0, np.array([task.h]), task.c[None])
+    return replace(one, x=one.x[0], scale=one.scale[0], inertia=one.inertia[0])
+
+
+def beginning_rows(
+    system: System, rule: Rule, q0: np.ndarray, p0: np.ndarray, u: np.ndarray, t0: float, h: np.ndarray, c: np.ndarray
+) -> Position:
+    """The positions of several motions before the first step; arrays have the motions first."""
+    t = np.full((len(q0), 1), t0)
     stepper = plan(system, rule).build(system, rule)
-    x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, task.c)[0]
-    inertia = call(inertia_function(system), task.q0, task.p0, t0, task.c)[0]
-    return Position(x, scale, inertia, 0, _largest(x))
+    x = over_columns(stepper.start, q0, p0, u, t, h, c)[0]
+    scale = over_columns(scale_function(system), q0, p0, t, h, c)[0]
+    return Position(x, scale, over_columns(inertia_function(system), q0, p0, t, c)[0], 0, largest_block(x[0]))
 
 
 def run(system: System, rule: Rule, task: Task, at: Position) -> Iterator[Block]:
@@ -162,10 +170,12 @@ def _advanced(at: Position, states: np.ndarray, h: float, every: int) -> Positio
         return replace(at, largest=1)
     x, k = states[-1].copy(), at.k + every * len(states)
     x[-1] = 0.0
-    return replace(at, x=x, scale=rescaled(at, states, abs(h) * every), k=k, largest=min(10 * at.largest, _largest(x)))
+    return replace(
+        at, x=x, scale=rescaled(at, states, abs(h) * every), k=k, largest=min(10 * at.largest, largest_block(x))
+    )
 
 
-def _largest(x: np.ndarray) -> int:
+def largest_block(x: np.ndarray) -> int:
     """Nodes of a block: fewer where a state is large."""
     return LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
 

@@ -132,7 +132,8 @@ def simulate(
                     motion = _trajectory(system, chosen, task, nodes, began)
                     return _cut(motion, len(motion) - len(recent) + stop[0] + 1, stop[1])
                 if block.failed is not None:
-                    raise _failure(_trajectory(system, chosen, task, nodes, began), block, on_failure)
+                    motion = _trajectory(system, chosen, task, nodes, began)
+                    raise failure(motion, block.after.k, block.failed, on_failure)
                 if file and file.due():
                     file.write(nodes)
     except KeyboardInterrupt:
@@ -244,10 +245,9 @@ def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:
     return replace(motion, t=times, q=q, p=p, k=steps, phase=phase)
 
 
-def _failure(motion: Trajectory, block: Block, on_failure: str) -> ConvergenceError:
+def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> ConvergenceError:
     """The error of a step that failed; between two saved nodes it belongs to the steps after the last of them."""
-    at, residual = block.after, float("nan") if block.failed is None else block.failed
-    t = float(motion.t[0] + motion.h * (at.k - motion.k[0]))
+    t = float(motion.t[0] + motion.h * (step - motion.k[0]))
     if np.isfinite(residual):
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
     else:
@@ -256,7 +256,7 @@ def _failure(motion: Trajectory, block: Block, on_failure: str) -> ConvergenceEr
     hint = "" if tried else "; on_failure='subdivide' redoes such a step in smaller parts"
     cause = likely_cause(motion)
     return ConvergenceError(
-        f"the step after t = {t:g} (step {at.k}) {what}{tried}. Likely: {cause}{hint}. "
+        f"the step after t = {t:g} (step {step}) {what}{tried}. Likely: {cause}{hint}. "
         f"Error.trajectory has the {len(motion)} nodes before it",
-        step=at.k, time=t, residual=residual, trajectory=motion, cause=cause,
+        step=step, time=t, residual=residual, trajectory=motion, cause=cause,
     )  # fmt: skip
