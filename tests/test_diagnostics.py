@@ -73,6 +73,36 @@ def test_coupled_scenes_pass_their_self_test(system, rule, start):
     assert result.passed, str(result)
 
 
+def spherical() -> vi.System:
+    """A spherical pendulum in Cartesian coordinates."""
+    q, v = vi.coordinates("x", "y", "z")
+    return vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[2], constraint=ca.sumsqr(q) - 1)
+
+
+ON_SPHERE = dict(q0=[0.6, 0, -0.8], v0=[0, 1.0, 0])
+
+
+@pytest.mark.parametrize("rule", [vi.lobatto(2), vi.lobatto(3), vi.lobatto(4)], ids=str)
+def test_constrained_scenes_pass_with_the_two_form_on_the_manifold(rule):
+    result = d.self_test(spherical(), rule, h=0.02, steps=1000, **ON_SPHERE)
+    assert result.passed, str(result)
+    assert result.symplectic.worst < 1e-13 and result.constraints.passed
+    assert result.conserved["rotation about z"].drift < 1e-13
+    assert result.convergence.q_order == pytest.approx(rule.order, abs=0.15)
+
+
+def test_a_step_that_leaves_the_constraint_is_seen():
+    system = spherical()
+    exact = vi.step_function(system, vi.lobatto(2))
+    inputs = [ca.MX.sym(exact.name_in(i), *exact.size_in(i)) for i in range(6)]
+    q1, p1, *rest = exact.call(inputs)
+    sloppy = ca.Function("sloppy", inputs, [q1 * (1 + 1e-9), p1, rest[0]])
+    drift = d.constraint_drift(system, sloppy, h=0.02, steps=20, **ON_SPHERE)
+    assert drift.passed is False and drift.position > 1e-9
+    assert d.constraint_drift(system, vi.lobatto(2), h=0.02, steps=500, **ON_SPHERE).passed
+    assert d.constraint_drift(pendulum(), vi.gauss(2), h=0.1, **START).passed is None
+
+
 def test_forces_excuse_symplecticity_and_energy_but_not_order_and_round_off():
     result = d.self_test(driven_damped(), vi.gauss(2), q0=[0.3, 0.1], v0=[0.2, 0.4], h=0.05, steps=300)
     assert result.symplectic.passed is None and result.symplectic.worst > 1e-6

@@ -16,7 +16,7 @@ LAYERS = [
     {"compositions", "structure"},
     {"rules", "system"},
     {"manifold", "legendre", "description"},
-    {"discrete", "noether", "assembly", "horizon"},
+    {"discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
     {"consistency", "stepping", "compiled", "projection", "boundary", "control"},
     {"ensembles", "diagnostics", "models", "archive"},

@@ -12,11 +12,13 @@ import numpy as np
 
 from varint.description import describe, revive, rule_of
 from varint.errors import InputError, VarintError
+from varint.manifold import Phase
 from varint.stepping.step_function import action_function, step_function
-from varint.trajectory import Trajectory
+from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
 ARRAYS = ("t", "q", "p", "k", "u", "c")
+OPTIONAL = ("phase", "closure")
 
 
 def save(trajectory: Trajectory, path: Any) -> None:
@@ -39,9 +41,11 @@ def save(trajectory: Trajectory, path: Any) -> None:
         "h": trajectory.h,
         "rule": asdict(trajectory.rule),
         "system": describe(trajectory.system),
-        "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
+        "phases": [asdict(phase) for phase in trajectory.phases],
+        "events": [asdict(event) for event in trajectory.events],
+        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
     }
-    arrays = {name: getattr(trajectory, name) for name in ARRAYS}
+    arrays = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL) if getattr(trajectory, name) is not None}
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -88,7 +92,7 @@ def load(path: Any) -> Any:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
-            arrays = {name: data[name] for name in ARRAYS}
+            arrays = {name: data[name] for name in (*ARRAYS, *(x for x in OPTIONAL if x in data))}
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except InputError:
@@ -102,6 +106,8 @@ def load(path: Any) -> Any:
         rule=rule,
         h=header["h"],
         functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
+        phases=tuple(Phase(**{k: tuple(v) for k, v in phase.items()}) for phase in header["phases"]),
+        events=tuple(Event(**event) for event in header["events"]),
         stats=MappingProxyType(header["stats"]),
         **arrays,
     )
@@ -134,3 +140,7 @@ def _plain(parameters: dict[str, np.ndarray]) -> dict[str, Any]:
 def _file(path: Any) -> Path:
     path = Path(path)
     return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+
+
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, (str, int, float))

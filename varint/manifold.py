@@ -59,7 +59,7 @@ def tangent_function(system: System) -> ca.Function:
     rest = 0 * s.v
     start = [ca.substitute(x, s.v, rest) for x in (s.momentum, s.mass_matrix, rows)]
     kkt = ca.Function("kkt", [s.q, p, s.t, s.c], [*_saddle(start[1], slope, p - start[0], -start[2])], {"cse": True})
-    pull = ca.Function("pull", [s.q, s.t, s.c, mu], [ca.mtimes(slope.T, mu)])
+    pull = ca.Function("pull", [s.q, s.t, s.c, mu], [ca.densify(ca.mtimes(slope.T, mu))])
     q, p, t, c = (ca.MX.sym(name, size) for name, size in zip("qptc", (n, n, 1, s.c.numel()), strict=True))
     found = _solved(kkt(q, p, t, c))
     if not s.structure.quadratic_kinetic:

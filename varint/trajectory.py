@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from varint.diagnostics.momentum import Conserved, MomentumMap
-    from varint.noether import Symmetry
+    from varint.symmetry import Symmetry
 
 
 class State(NamedTuple):
@@ -33,6 +33,33 @@ class State(NamedTuple):
     q: np.ndarray
     v: np.ndarray
     p: np.ndarray
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened between nodes.
+
+    Attributes
+    ----------
+    time : float
+        When, located with the accuracy of the rule.
+    kind : str
+        ``"impact"`` (a contact bounces), ``"stop"`` (a contact closes and holds), ``"detachment"`` (it lets go), or
+        the user's name of the expression that crossed zero.
+    contact : int or None
+        Index of the contact.
+    impulse : float
+        Normal impulse Λ of the contact: p changes by Λ ∂gap/∂q (and what constraints add).
+    energy_before, energy_after : float
+        Energy on both sides.
+    """
+
+    time: float
+    kind: str
+    contact: int | None
+    impulse: float
+    energy_before: float
+    energy_after: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,6 +93,11 @@ class Trajectory:
         What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    solution : ControlSolution, Contacts or None
+        What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
+        path of least action leans on its bounds.
+    closure : ndarray (n, n + 1) or None
+        [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
     """
 
     system: System
@@ -82,6 +114,8 @@ class Trajectory:
     phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    solution: Any = None
+    closure: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -100,6 +134,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
+                closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
@@ -236,6 +271,39 @@ class Trajectory:
 
         return conserved(self)
 
+    @cached_property
+    def morse_index(self) -> int:
+        """Number of independent variations with fixed ends that lower the action: 0 for a path of least action.
+
+        A path that was found closed is varied among closed paths, and shifts and turns of the whole do not count.
+
+        Raises
+        ------
+        InputError
+            If the scene has forces (no action is stationary then) or not every step was kept.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.morse_index(self)
+
+    @cached_property
+    def conjugate_times(self) -> np.ndarray:
+        """Times conjugate to the start, where ∂q(t)/∂p(0) is singular, located with the rule's accuracy, (count,).
+
+        Raises
+        ------
+        InputError
+            As for `morse_index`.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.conjugate_times(self)
+
+    @property
+    def is_minimum(self) -> bool:
+        """Whether no variation with fixed ends lowers the action to second order: Morse index 0."""
+        return self.morse_index == 0
+
     def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
 
@@ -256,7 +324,7 @@ class Trajectory:
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
-        slack = ROUNDING * max(abs(low), abs(high), abs(self.h))
+        slack = self._rounding * abs(self.h)
         if not ((times >= low - slack) & (times <= high + slack)).all():
             raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
         direction = 1.0 if self.h > 0 else -1.0
@@ -267,17 +335,17 @@ class Trajectory:
         phase = None if self.phase is None else self.phase[node]
         for _ in self._steps(q, p, self.t[node], self.k[node], ahead, phase):
             continue
-        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
-        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=())
+        whole = np.floor(ahead / self.h + self._rounding).astype(int)
+        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=(), closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
     def _steps(self, q, p, t, k, ahead, phase):
         """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
-        whole = np.floor(ahead / self.h + ROUNDING).astype(int)
+        whole = np.floor(ahead / self.h + self._rounding).astype(int)
         phases = self.phases if phase is not None else (None,)
         for j in range(int(whole.max(initial=0)) + 1):
             left = ahead - j * self.h
-            going = left / self.h > ROUNDING
+            going = left / self.h > self._rounding
             if not going.any():
                 return
             for i, held in enumerate(phases):
@@ -292,6 +360,11 @@ class Trajectory:
                 yield active, scene, arguments
                 q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
 
+    @cached_property
+    def _rounding(self) -> float:
+        """Of a step: a time this close to a node is the node. It is the round-off of the times themselves."""
+        return ROUNDING * max(np.abs(self.t).max(), abs(self.h)) / abs(self.h)
+
     def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
         return self.functions() if scene is self.system else self.functions(scene)
 
@@ -304,7 +377,7 @@ class Trajectory:
         if u.shape[1] == 1:
             return np.repeat(u, r, axis=1).reshape(count, -1)
         nodes = np.array(self.rule.nodes)
-        short = fraction < 1 - ROUNDING
+        short = fraction < 1 - self._rounding
         tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
         u = u.copy()
         u[short] = tables @ u[short]
@@ -340,7 +413,7 @@ class Trajectory:
         return to_xarray(self)
 
 
-ROUNDING = 1e-9  # of a step: a time this close to a node is the node
+ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
 
 
 def _as_expression(expression: Any, system: System) -> ca.SX:

@@ -70,7 +70,8 @@ def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> N
     """Scenes whose start or phases differ from member to member."""
     for i in range(len(members)):
         try:
-            motion, failed = simulate(system, rule, progress=False, **arguments_of(system, members, i)), -1.0
+            given = arguments_of(system, members, i)
+            motion, failed = simulate(system, rule, progress=False, backend="interpreted", **given), -1.0
         except ConvergenceError as error:
             motion, failed = error.trajectory, error.residual if np.isfinite(error.residual) else np.inf
             chunk.step[i] = error.step

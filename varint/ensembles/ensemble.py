@@ -38,7 +38,7 @@ def ensemble(
     store: Any = None,
     progress: bool | None = None,
 ) -> Ensemble:
-    """Motions from many starts, parameters or controls: each is bit for bit what `simulate` makes of it.
+    """Motions from many starts, parameters or controls: each is bit for bit what `simulate` makes of it, interpreted.
 
     D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 for every member. Starts, parameters and controls may have a leading
     axis of members; what has none is the same for all.

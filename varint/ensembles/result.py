@@ -17,9 +17,9 @@ from varint.ensembles.members import Members, arguments_of
 from varint.errors import ConvergenceError, InputError
 from varint.legendre import velocity_function
 from varint.rules import Rule
+from varint.stepping.diagnosis import failure
 from varint.stepping.initial import controls
 from varint.stepping.plan import plan
-from varint.stepping.simulate import failure
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Trajectory

@@ -10,7 +10,9 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.discrete import constraint_function, point_function
+from varint.errors import ConvergenceError
 from varint.legendre import velocity_function
+from varint.stepping.run import RESIDUAL_LIMIT
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
 
@@ -21,6 +23,23 @@ LOOKED_AT = 20  # nodes before the failure
 STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
 FAST = 0.5  # h ω above which the step may be too large
 WEAK = 1e-6  # smallest eigenvalue of a scaled mass matrix, or singular value of constraints, that is nearly zero
+
+
+def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> ConvergenceError:
+    """The error of a step that failed; between two saved nodes it belongs to the steps after the last of them."""
+    t = float(motion.t[0] + motion.h * (step - motion.k[0]))
+    if np.isfinite(residual):
+        what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
+    else:
+        what = "gave values that are not finite"
+    tried = " (in 1024 parts, too)" if on_failure == "subdivide" else ""
+    hint = "" if tried else "; on_failure='subdivide' redoes such a step in smaller parts"
+    cause = likely_cause(motion)
+    return ConvergenceError(
+        f"the step after t = {t:g} (step {step}) {what}{tried}. Likely: {cause}{hint}. "
+        f"Error.trajectory has the {len(motion)} nodes before it",
+        step=step, time=t, residual=residual, trajectory=motion, cause=cause,
+    )  # fmt: skip
 
 
 class Jump(NamedTuple):
@@ -43,7 +62,7 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     limit of stability is finite for long: nothing else tells.
     """
     s = motion.system.structure
-    if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or len(motion) < 2:
+    if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
         return None
     i = np.arange(SAMPLES) * (len(motion) - 1) // (SAMPLES - 1)
     q, p, t = motion.q[i], motion.p[i], motion.t[i, None]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -15,6 +14,7 @@ from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, inertia_function, scale_function
 from varint.system import System, per_system
+from varint.trajectory import Event
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
@@ -36,6 +36,7 @@ class Task:
     c: np.ndarray
     nodes: int
     phase: Phase | None = None
+    first: int = 0
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
@@ -48,7 +49,7 @@ class Position:
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
-    next block may have (few after a failure).
+    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along.
     """
 
     x: np.ndarray
@@ -56,32 +57,29 @@ class Position:
     inertia: np.ndarray
     k: int
     largest: int
+    carry: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some saved nodes: whole steps k before them, times, coordinates, momenta.
+    """Some saved nodes: step counts k, coordinates, momenta.
 
-    All are solved, `residual` is the worst among them, and the run goes on from `after`. Where the next step is not
-    solved, `failed` is its residual (NaN where its values are not finite); it is None otherwise.
+    The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one. Scenes
+    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them;
+    compiled runs also count their iterations. The run goes on from `after`, where it can be taken up again.
     """
 
     k: np.ndarray
-    t: np.ndarray
     q: np.ndarray
     p: np.ndarray
     residual: float
-    after: Position
-    failed: float | None = None
-    divided: tuple[Division, ...] = ()
-
-
-class Division(NamedTuple):
-    """A step that failed and was done in `parts` equal parts instead."""
-
-    step: int
-    time: float
-    parts: int
+    good: int
+    failed: float = 0.0
+    t: np.ndarray | None = None
+    phase: Phase | None = None
+    events: tuple[Event, ...] = ()
+    iterations: int = 0
+    after: Position | None = None
 
 
 @per_system
@@ -103,9 +101,9 @@ def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
 
 def beginning(system: System, rule: Rule, task: Task) -> Position:
     """The position before the first step."""
-    u = task.controls(0, 1).reshape(1, -1)
-    one = beginning_rows(system, rule, task.q0[None], task.p0[None], u, task.t0, np.array([task.h]), task.c[None])
-    return replace(one, x=one.x[0], scale=one.scale[0], inertia=one.inertia[0])
+    u, t = task.controls(task.first, 1).reshape(1, -1), task.t0 + task.h * task.first
+    one = beginning_rows(system, rule, task.q0[None], task.p0[None], u, t, np.array([task.h]), task.c[None])
+    return replace(one, x=one.x[0], scale=one.scale[0], inertia=one.inertia[0], k=task.first)
 
 
 def beginning_rows(
@@ -119,9 +117,10 @@ def beginning_rows(
     return Position(x, scale, over_columns(inertia_function(system), q0, p0, t, c)[0], 0, largest_block(x[0]))
 
 
-def run(system: System, rule: Rule, task: Task, at: Position) -> Iterator[Block]:
-    """The run from a position on, block after block; it ends with the first block that failed."""
+def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> Iterator[Block]:
+    """The run from a position on, block after block; it ends with the first block that is not wholly good."""
     n, h = system.structure.n, np.array([task.h])
+    at = beginning(system, rule, task) if at is None else at
     while at.k < task.steps:
         count, every = next_block(at.k, task.steps, task.save_every, at.largest)
         total = count * every
@@ -131,13 +130,13 @@ def run(system: System, rule: Rule, task: Task, at: Position) -> Iterator[Block]
         good = int(good_nodes(states))
         worst = float(states[good - 1, -1]) if good else 0.0
         after = _advanced(at, states[:good], task.h, every)
-        k = at.k + every * np.arange(1, good + 1)
-        if good and not is_saved(int(k[-1]), task.steps, task.save_every):  # part of a long interval between nodes
-            k = k[:0]
-        q, p = states[: len(k), :n], states[: len(k), 2 * n : 3 * n]
-        failed = None if good == count else size(states[good])
-        yield Block(k, task.t0 + task.h * k, q, p, worst, after, failed)
-        if failed is not None:
+        k = at.k + every * np.arange(1, count + 1)
+        if good == count and not is_saved(int(k[-1]), task.steps, task.save_every):  # within a long interval
+            k, states = k[:0], states[:0]
+        q, p = states[:good, :n], states[:good, 2 * n : 3 * n]
+        failed = 0.0 if good == count else size(states[good])
+        yield Block(k, q, p, worst, len(q), failed, after=after)
+        if good < count:
             return
         at = after
 

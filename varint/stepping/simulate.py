@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from varint.description import identity
-from varint.errors import ConvergenceError, InputError
+from varint.errors import InputError
+from varint.manifold import Phase
 from varint.progress import progress_bar
 from varint.rules import Rule
-from varint.stepping.checkpoint import Checkpoint
-from varint.stepping.diagnosis import energy_jump, likely_cause
-from varint.stepping.events import first_crossing
+from varint.stepping.backend import blocks_of, kernel_for
+from varint.stepping.checkpoint import Checkpoint, checkpoint_of
+from varint.stepping.diagnosis import energy_jump, failure
+from varint.stepping.events import crossings, logged, watched
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import Plan, plan
-from varint.stepping.run import RESIDUAL_LIMIT, Block, Position, Task, beginning, run
+from varint.stepping.run import Block, Task
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
-from varint.trajectory import Trajectory
+from varint.trajectory import Event, Trajectory
 
-Remedy = Callable[[System, Rule, Task, Position], Block]
+if TYPE_CHECKING:
+    from varint.compiled.kernel import Kernel
 
 
 def simulate(
@@ -45,8 +46,10 @@ def simulate(
     u: Any = None,
     params: Mapping[str, Any] | None = None,
     save_every: int = 1,
-    until: ca.SX | None = None,
+    until: ca.SX | tuple[ca.SX, int] | None = None,
+    events: Mapping[str, Any] | None = None,
     progress: bool | None = None,
+    backend: str = "auto",
     checkpoint: Any = None,
     on_failure: str = "raise",
 ) -> Trajectory:
@@ -71,19 +74,23 @@ def simulate(
         Parameter values that differ from the defaults.
     save_every : int
         Keep every so many steps (the last step is always kept).
-    until : SX, optional
+    until : SX or (SX, int), optional
         Stop where this expression of q, v, t and the parameters crosses zero; the last node is the crossing, located
-        with the rule's own accuracy.
+        with the rule's own accuracy. With a direction: +1 only where it rises, -1 only where it falls.
+    events : dict of SX or (SX, int), optional
+        Log where these expressions cross zero: `Trajectory.events` has a record with the time and the name of each.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
+    backend : {"auto", "compiled", "interpreted"}
+        Whether the run's inner loop is compiled C. By default it is where the run is long enough to repay the compiler.
     checkpoint : path, optional
         Write the run to this file every second or so. The same call goes on from there after a crash, a kill or Ctrl-C,
         and ends with the same bytes as a run that was not stopped; after the end it returns the whole run at once.
         One run a file, one process a run.
-    on_failure : str
-        ``"raise"``, or ``"subdivide"``: redo a step that cannot be solved in 2, 4, … 1024 parts. They become nodes, and
-        `Trajectory.events` has a `Division` for it. The step changes there, so a symplectic rule loses its long-time
-        guarantees locally: for a rare close approach, not for a step that is too large everywhere.
+    on_failure : {"raise", "subdivide"}
+        ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts (interpreted). They become nodes, and
+        `Trajectory.events` tells of it. The step changes there, so a symplectic rule loses its long-time guarantees
+        locally: for a rare close approach, not for a step that is too large everywhere.
 
     Returns
     -------
@@ -108,128 +115,137 @@ def simulate(
     ((1001, 1), True)
     """
     began = perf_counter()
+    stops = None if until is None else watched("until", until)
+    watches = [watched(name, wanted) for name, wanted in (events or {}).items()]
+    noted: list[Event] = []
     chosen = plan(system, rule)
     task = initial_task(
         system, chosen.rule,
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
-    remedy = _remedy(on_failure, task)
-    file = (
-        None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(system, chosen, task, until, on_failure))
-    )
-    scene = system if task.phase is None else task.phase.scene(system)
-    nodes = [(file and file.read()) or _start(scene, chosen, task)]
-    done = nodes[0].after.k
-    interrupted = False
+    file = None
+    if checkpoint is not None:
+        words = dict(until=repr(until), events=repr(events), backend=backend, on_failure=on_failure)
+        file = checkpoint_of(checkpoint, system, chosen.rule, task, **words)
+    nodes, blocks, kernel = _course(system, chosen, task, backend, on_failure, file)
+    done, interrupted = int(nodes[0].k[-1]), False
     try:
         with progress_bar(task.steps, "step", progress, done) as move:
-            for block in _blocks(scene, chosen.rule, task, nodes[0].after, remedy):
-                recent = _trajectory(system, chosen, task, [_last_node(nodes), block], began)
+            for block in blocks:
+                last = _last_node(nodes)
                 nodes.append(block)
-                move(block.after.k - nodes[-2].after.k, partial(_energy_note, nodes[0], recent))
-                stop = None if until is None else first_crossing(recent, until)
-                if stop is not None:
-                    motion = _trajectory(system, chosen, task, nodes, began)
-                    return _cut(motion, len(motion) - len(recent) + stop[0] + 1, stop[1])
-                if block.failed is not None:
-                    motion = _trajectory(system, chosen, task, nodes, began)
-                    raise failure(motion, block.after.k, block.failed, on_failure)
+                stop = []
+                if watches or stops:
+                    recent = _trajectory(system, chosen, task, [last, block], began, [])
+                    noted += [event for watch in watches for event in logged(recent, watch)]
+                    stop = crossings(recent, stops)[:1] if stops else []
+                if stop or block.good < len(block.k):
+                    motion = _trajectory(system, chosen, task, nodes, began, noted, kernel)
+                    if stop:
+                        return _cut(motion, len(motion) - len(recent) + stop[0][0] + 1, stop[0][1])
+                    raise failure(motion, _failed_step(block), block.failed, on_failure)
+                if block.good:
+                    note = partial(_energy_note, system, chosen, task, nodes[0], block)
+                    move(int(block.k[block.good - 1] - last.k[-1]), note)
                 if file and file.due():
-                    file.write(nodes)
+                    file.write(task.t0, task.h, nodes, noted)
     except KeyboardInterrupt:
         interrupted = True
-    if file and nodes[-1].after.k > done:
-        file.write(nodes)
-    motion = _trajectory(system, chosen, task, nodes, began, interrupted)
+    if file and len(nodes) > 1:
+        file.write(task.t0, task.h, nodes, noted)
+    motion = _trajectory(system, chosen, task, nodes, began, noted, kernel, interrupted)
     if jump := energy_jump(motion):
         warnings.warn(f"{jump} scene can do: h = {task.h:g} is too large, try a smaller one", stacklevel=2)
     return motion
 
 
-def _start(system: System, chosen: Plan, task: Task) -> Block:
-    at = beginning(system, chosen.rule, task)
-    return Block(np.zeros(1, dtype=int), np.array([task.t0]), task.q0[None], task.p0[None], 0.0, at)
-
-
-def _blocks(system: System, rule: Rule, task: Task, at: Position, remedy: Remedy | None) -> Iterator[Block]:
-    """The run with its remedy: a block that failed is followed by one that goes around the failure."""
-    while True:
-        block = None
-        for block in run(system, rule, task, at):
-            yield block if remedy is None else replace(block, failed=None)
-        if remedy is None or block is None or block.failed is None:
-            return
-        around = remedy(system, rule, task, block.after)
-        yield around
-        if around.failed is not None:
-            return
-        at = around.after
-
-
-def _remedy(on_failure: str, task: Task) -> Remedy | None:
-    if on_failure == "raise":
-        return None
-    if on_failure != "subdivide":
+def _course(
+    system: System, chosen: Plan, task: Task, backend: str, on_failure: str, file: Checkpoint | None
+) -> tuple[list[Block], Iterator[Block], Kernel | None]:
+    """What there is of the run, the blocks that follow, and the compiled loop that makes them if one does."""
+    if on_failure not in ("raise", "subdivide"):
         raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
-    if task.u.shape[1] > 1:
-        raise InputError("on_failure='subdivide' needs controls that are constant on a step, (steps, k)")
-    from varint.stepping.subdivide import subdivided
+    if on_failure == "subdivide":
+        if system.structure.contacts or task.u.shape[1] > 1 or backend == "compiled":
+            raise InputError(
+                "on_failure='subdivide' is for scenes without contacts, controls that are constant on a step "
+                "(steps, k), and the interpreted backend"
+            )
+        backend = "interpreted"
+    if system.structure.contacts:
+        from varint.stepping.contact_run import contact_run
 
-    return subdivided
+        contacts = contact_run(system, chosen.rule, task)
+        return [next(contacts)], contacts, None
+    scene = system if task.phase is None else task.phase.scene(system)
+    kernel = kernel_for(scene, chosen.rule, task, backend)
+    nodes = [(file and file.read()) or Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
+    if on_failure == "subdivide":
+        from varint.stepping.subdivide import around_failures
 
-
-def _identity(system: System, chosen: Plan, task: Task, until: ca.SX | None, on_failure: str) -> dict[str, str]:
-    """What the bytes of this run depend on."""
-    s = system
-    stop = "" if until is None else ca.Function("until", [s.q, s.v, s.t, s.control, s.c], [until]).serialize()
-    return identity(
-        system, chosen.rule, q0=task.q0, p0=task.p0, t0=task.t0, h=task.h, steps=task.steps,
-        save_every=task.save_every, u=task.u, params=task.c, until=stop, on_failure=on_failure, plan=chosen.method,
-    )  # fmt: skip
+        return nodes, around_failures(scene, chosen.rule, task, nodes[0].after), None
+    return nodes, blocks_of(scene, chosen.rule, task, kernel, nodes[0].after), kernel
 
 
 def _last_node(nodes: list[Block]) -> Block:
     """The last saved node alone: the blocks of a long interval between two nodes have none."""
-    block = next(b for b in reversed(nodes) if len(b.k))
-    return replace(block, k=block.k[-1:], t=block.t[-1:], q=block.q[-1:], p=block.p[-1:], divided=())
+    block = next(b for b in reversed(nodes) if b.good)
+    i = block.good - 1
+    t = None if block.t is None else block.t[i:]
+    return replace(block, k=block.k[i : i + 1], q=block.q[i:], p=block.p[i:], t=t, good=1, events=(), iterations=0)
 
 
-def _energy_note(start: Block, recent: Trajectory) -> str:
+def _failed_step(block: Block) -> int:
+    """Index of the first step that is not known to be solved."""
+    if block.after is not None:
+        return block.after.k
+    return int(block.k[block.good - 1]) if block.good else int(block.k[0]) - 1
+
+
+def _energy_note(system: System, chosen: Plan, task: Task, first: Block, last: Block) -> str:
     """Energy error of the last node for the progress bar; the energy where forces or time may change it."""
-    s = recent.system.structure
-    t, q, p = (np.concatenate([getattr(start, x)[:1], getattr(recent, x)[-1:]]) for x in "tqp")
-    first, last = replace(recent, t=t, q=q, p=p, k=np.array([0, recent.k[-1]])).energy
-    if s.forced or not s.autonomous or first == 0:
-        return f"H={last:.6g}"
-    return f"ΔH/|H|={(last - first) / abs(first):.1e}"
+    ends = _trajectory(system, chosen, task, [_last_node([block]) for block in (first, last)], 0.0, [])
+    before, after = ends.energy
+    s = system.structure
+    if s.forced or not s.autonomous or before == 0:
+        return f"H={after:.6g}"
+    return f"ΔH/|H|={(after - before) / abs(before):.1e}"
 
 
 def _trajectory(
-    system: System, chosen: Plan, task: Task, nodes: list[Block], began: float, interrupted: bool = False
+    system: System,
+    chosen: Plan,
+    task: Task,
+    nodes: list[Block],
+    began: float,
+    noted: list[Event],
+    kernel: Kernel | None = None,
+    interrupted: bool = False,
 ) -> Trajectory:
-    k, t, q, p = (np.concatenate([getattr(block, name) for block in nodes]) for name in "ktqp")
-    divided = tuple(d for block in nodes for d in block.divided)
-    phases = () if task.phase is None or task.phase.scene(system) is system else (task.phase,)
+    k = np.concatenate([block.k[: block.good] for block in nodes])
+    phases, phase = _phases(system, task, nodes)
+    happened = [*noted, *(event for block in nodes for event in block.events)]
     return Trajectory(
         system=system,
         rule=chosen.rule,
-        t=t,
-        q=q,
-        p=p,
+        t=np.concatenate([task.t0 + task.h * b.k[: b.good] if b.t is None else b.t for b in nodes]),
+        q=np.concatenate([block.q for block in nodes]),
+        p=np.concatenate([block.p for block in nodes]),
         h=task.h,
         k=k,
         u=task.u,
         c=task.c,
         functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
         phases=phases,
-        phase=np.zeros(len(k), dtype=int) if phases else None,
-        events=divided,
+        phase=phase,
+        events=tuple(sorted(happened, key=lambda event: event.time * np.sign(task.h))),
         stats=MappingProxyType(
             {
-                "plan": str(chosen),
-                "steps": int(nodes[-1].after.k),
+                "plan": chosen,
+                "backend": "interpreted" if kernel is None else f"compiled: {kernel.about}",
+                "steps": int(k[-1]),
+                "iterations": sum(block.iterations for block in nodes),
                 "residual": max(block.residual for block in nodes),
-                "subdivided": len(divided),
                 "interrupted": interrupted,
                 "seconds": perf_counter() - began,
             }
@@ -237,26 +253,19 @@ def _trajectory(
     )
 
 
+def _phases(system: System, task: Task, nodes: list[Block]) -> tuple[tuple[Phase, ...], np.ndarray | None]:
+    """The phases that occurred, and the one of each node; nothing where all constraints held all the time."""
+    each = [block.phase or task.phase for block in nodes]
+    if not system.structure.contacts and (each[0] is None or each[0].scene(system) is system):
+        return (), None
+    phases = tuple(dict.fromkeys(phase for phase in each if phase is not None))
+    return phases, np.concatenate([np.full(b.good, phases.index(p)) for b, p in zip(nodes, each, strict=True)])
+
+
 def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:
-    """The first `kept` nodes of the trajectory, and one more node at time t."""
+    """The first `kept` nodes of the trajectory, and one more at time t."""
     end = motion.at([t])
     times, q, p, steps = (np.concatenate([getattr(motion, name)[:kept], getattr(end, name)]) for name in "tqpk")
     phase = None if motion.phase is None else np.concatenate([motion.phase[:kept], motion.phase[kept - 1 : kept]])
-    return replace(motion, t=times, q=q, p=p, k=steps, phase=phase)
-
-
-def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> ConvergenceError:
-    """The error of a step that failed; between two saved nodes it belongs to the steps after the last of them."""
-    t = float(motion.t[0] + motion.h * (step - motion.k[0]))
-    if np.isfinite(residual):
-        what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
-    else:
-        what = "gave values that are not finite"
-    tried = " (in 1024 parts, too)" if on_failure == "subdivide" else ""
-    hint = "" if tried else "; on_failure='subdivide' redoes such a step in smaller parts"
-    cause = likely_cause(motion)
-    return ConvergenceError(
-        f"the step after t = {t:g} (step {step}) {what}{tried}. Likely: {cause}{hint}. "
-        f"Error.trajectory has the {len(motion)} nodes before it",
-        step=step, time=t, residual=residual, trajectory=motion, cause=cause,
-    )  # fmt: skip
+    before = tuple(event for event in motion.events if (t - event.time) * motion.h >= 0)
+    return replace(motion, t=times, q=q, p=p, k=steps, phase=phase, events=before)

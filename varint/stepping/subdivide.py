@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from varint.arrays import call
+from varint.discrete import energy_function
+from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.plan import plan
-from varint.stepping.run import Block, Division, Position, Task, good_nodes, is_saved, size
+from varint.stepping.run import Block, Position, Task, good_nodes, is_saved, run, size
 from varint.system import System
+from varint.trajectory import Event
 
 MOST_PARTS = 1024  # of a step: what still fails then is a singularity, not a step that is too large
+
+
+def around_failures(system: System, rule: Rule, task: Task, at: Position | None) -> Iterator[Block]:
+    """The run, each block that failed followed by one that goes around the failure."""
+    while True:
+        block = None
+        for block in run(system, rule, task, at):
+            yield replace(block, k=block.k[: block.good])
+        if block is None or block.after is None or block.after.k == task.steps:
+            return
+        around = subdivided(system, rule, task, block.after)
+        yield around
+        if around.good < len(around.k):
+            return
+        at = around.after
 
 
 def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
@@ -23,8 +42,8 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
     """
     n, end = system.structure.n, min((at.k // task.save_every + 1) * task.save_every, task.steps)
     nodes: list[tuple[int, float, np.ndarray]] = []  # whole steps, time, state
-    divided: list[Division] = []
-    x, k, worst, failed = at.x, at.k, 0.0, None
+    divided: list[Event] = []
+    x, k, worst, failed = at.x, at.k, 0.0, 0.0
     while k < end:
         states, parts = _one_step(system, rule, task, k, x, at.scale), 1
         good = good_nodes(states) == len(states)
@@ -37,9 +56,11 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
             break
         t = task.t0 + task.h * (k + np.arange(1, parts + 1) / parts)
         if parts > 1:
-            divided.append(Division(k, float(task.t0 + task.h * k), parts))
+            began = float(task.t0 + task.h * k)
+            energies = [_energy(system, time, state, task.c) for time, state in ((began, x), (t[-1], states[-1]))]
+            divided.append(Event(began, f"divided in {parts}", None, 0.0, *energies))
             if not is_saved(k, task.steps, task.save_every) and (not nodes or nodes[-1][0] < k):
-                nodes.append((k, task.t0 + task.h * k, x))
+                nodes.append((k, began, x))
             nodes += [(k, float(t[j]), states[j]) for j in range(parts - 1)]
         k += 1
         worst = max(worst, float(states[:, -1].max()))
@@ -48,10 +69,18 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
         if parts > 1 or is_saved(k, task.steps, task.save_every):
             nodes.append((k, task.t0 + task.h * k, x))
     saved = np.array([x for _, _, x in nodes]).reshape(len(nodes), len(x))
+    counts = [i for i, _, _ in nodes] + ([k + 1] if k < end else [])
     return Block(
-        np.array([i for i, _, _ in nodes], dtype=int), np.array([t for _, t, _ in nodes]), saved[:, :n],
-        saved[:, 2 * n : 3 * n], worst, replace(at, x=x, k=k, largest=1), failed, tuple(divided),
+        np.array(counts, dtype=int), saved[:, :n], saved[:, 2 * n : 3 * n], worst, len(nodes), failed,
+        np.array([t for _, t, _ in nodes]), None, tuple(divided), 0, replace(at, x=x, k=k, largest=1),
     )  # fmt: skip
+
+
+def _energy(system: System, t: float, x: np.ndarray, c: np.ndarray) -> float:
+    n = system.structure.n
+    q, p, time = x[:n].copy(), x[2 * n : 3 * n].copy(), np.array([t])
+    v = call(velocity_function(system), q, p, time, c)[0]
+    return float(call(energy_function(system), q, v, time, c)[0][0])
 
 
 def _one_step(system: System, rule: Rule, task: Task, k: int, x: np.ndarray, scale: np.ndarray) -> np.ndarray:
