@@ -212,11 +212,18 @@ class Trajectory:
         InputError
             If the expression has symbols that the system does not know.
         """
+        return self.evaluated(self.function_of(expression))
+
+    def function_of(self, expression: Any) -> ca.Function:
+        """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
         s = self.system
-        expression = _as_expression(expression, s)
-        f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
-        flat = over_columns(f, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
-        rows, columns = expression.shape
+        expression = ca.densify(_as_expression(expression, s))
+        return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
+
+    def evaluated(self, function: ca.Function) -> np.ndarray:
+        """Values at every node of what `function_of` returned."""
+        flat = over_columns(function, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
+        rows, columns = function.size_out(0)
         if columns == 1:
             return flat[:, 0] if rows == 1 else flat
         return flat.reshape(len(self), columns, rows).transpose(0, 2, 1)
