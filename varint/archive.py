@@ -12,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, VarintError
+from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.step_function import action_function, step_function
 from varint.system import Parameters, System
-from varint.trajectory import Trajectory
+from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
 ARRAYS = ("t", "q", "p", "k", "u", "c")
@@ -42,9 +43,13 @@ def save(trajectory: Trajectory, path: Any) -> None:
         "sizes": None if trajectory.sizes is None else trajectory.sizes.tolist(),
         "rule": asdict(trajectory.rule),
         "system": describe(trajectory.system),
+        "phases": [asdict(phase) for phase in trajectory.phases],
+        "events": [asdict(event) for event in trajectory.events],
         "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
     }
     arrays = {name: getattr(trajectory, name) for name in ARRAYS}
+    if trajectory.phase is not None:
+        arrays["phase"] = trajectory.phase
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -87,7 +92,7 @@ def load(path: Any) -> Trajectory:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
-            arrays = {name: data[name] for name in ARRAYS}
+            arrays = {name: data[name] for name in (*ARRAYS, "phase") if name in data or name in ARRAYS}
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except InputError:
@@ -103,6 +108,8 @@ def load(path: Any) -> Trajectory:
         h=header["h"],
         sizes=None if header.get("sizes") is None else np.array(header["sizes"]),
         functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
+        phases=tuple(Phase(**{k: tuple(v) for k, v in phase.items()}) for phase in header["phases"]),
+        events=tuple(Event(**event) for event in header["events"]),
         stats=MappingProxyType(header["stats"]),
         **arrays,
     )

@@ -140,6 +140,18 @@ def check_start(system: System, phase: Phase, q, v, t: float, c, given: str) -> 
     _check_inertia(system, mass, w)
 
 
+def check_gaps(system: System, q: np.ndarray, t: float, c: np.ndarray) -> None:
+    """Refuse a start inside a contact."""
+    m = system.constraint.numel()
+    gap, slope = (x[m:] for x in shape(system, q, np.zeros(len(q)), t, c)[:2])
+    inside = np.flatnonzero(~(gap >= -OFF * row_sizes(slope, q)))
+    if len(inside):
+        raise InputError(
+            f"q0 violates the contacts {inside.tolist()}: gap = {gap[inside]}, but gaps are not negative; "
+            "move the start, or change the sign of the gap if it was meant the other way"
+        )
+
+
 def _check_inertia(system: System, mass: np.ndarray, slope: np.ndarray) -> None:
     size = np.sqrt(np.abs(np.diag(mass)))
     size = np.where(size > 0, size, size.max() or 1.0)

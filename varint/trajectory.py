@@ -36,6 +36,33 @@ class State(NamedTuple):
     p: np.ndarray
 
 
+@dataclass(frozen=True)
+class Event:
+    """Something that happened between nodes.
+
+    Attributes
+    ----------
+    time : float
+        When, located with the accuracy of the rule.
+    kind : str
+        ``"impact"`` (a contact bounces), ``"stop"`` (a contact closes and holds), ``"detachment"`` (it lets go), or
+        the user's name of the expression that crossed zero.
+    contact : int or None
+        Index of the contact.
+    impulse : float
+        Normal impulse Λ of the contact: p changes by Λ ∂gap/∂q (and what constraints add).
+    energy_before, energy_after : float
+        Energy on both sides.
+    """
+
+    time: float
+    kind: str
+    contact: int | None
+    impulse: float
+    energy_before: float
+    energy_after: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A motion at its nodes; arrays have time first.
@@ -255,7 +282,7 @@ class Trajectory:
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
-        slack = ROUNDING * max(abs(low), abs(high), abs(self.h))
+        slack = self._rounding * abs(self.h)
         if not ((times >= low - slack) & (times <= high + slack)).all():
             raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
         direction = 1.0 if self.h > 0 else -1.0
@@ -287,10 +314,11 @@ class Trajectory:
         first, done = k.copy(), np.zeros(len(t))
         while True:
             left, full = ahead - done, self._size(k)
-            going = left / full > ROUNDING
+            slack = self._rounding * np.abs(self.h / full)
+            going = left / full > slack
             if not going.any():
                 return
-            whole = going & (left / full > 1 - ROUNDING)
+            whole = going & (left / full > 1 - slack)
             size = np.where(whole, full, left)
             for i, held in enumerate(phases):
                 active = going if phase is None else going & (phase == i)
@@ -305,6 +333,11 @@ class Trajectory:
             done = np.where(whole, (k - first) * self.h if self.sizes is None else done + size, done)
             done = np.where(going & ~whole, ahead, done)
 
+    @cached_property
+    def _rounding(self) -> float:
+        """Of a step: a time this close to a node is the node. It is the round-off of the times themselves."""
+        return ROUNDING * max(np.abs(self.t).max(), abs(self.h)) / abs(self.h)
+
     def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
         return self.functions() if scene is self.system else self.functions(scene)
 
@@ -317,7 +350,7 @@ class Trajectory:
         if u.shape[1] == 1:
             return np.repeat(u, r, axis=1).reshape(count, -1)
         nodes = np.array(self.rule.nodes)
-        short = fraction < 1 - ROUNDING
+        short = fraction < 1 - self._rounding
         tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
         u = u.copy()
         u[short] = tables @ u[short]
@@ -388,7 +421,7 @@ class Trajectory:
         return to_xarray(self)
 
 
-ROUNDING = 1e-9  # of a step: a time this close to a node is the node
+ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
 
 
 def _as_expression(expression: Any, system: System) -> ca.SX:

@@ -1,7 +1,7 @@
 """Compiles C source to a shared object once and keeps it in the user's cache folder.
 
-A file is keyed by its source, the compiler, the flags and the processor; it is written under a temporary name and moved
-into place, so that processes running at the same time are safe. Nothing is loaded that somebody else could have written.
+A file is keyed by its source, the compiler, the flags and the processor; it is written under a temporary name and
+moved into place, so that processes running at the same time are safe. Nothing is loaded that others could have written.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SLOWEST_COMPILATION = 600  # seconds
 
 
 class CompileError(VarintError, RuntimeError):
-    """There is no C compiler, it refused, or the cache folder is not safe; the interpreted backend needs none of them."""
+    """No C compiler, or it refused, or the cache folder is not safe; the interpreted backend needs none of them."""
 
 
 @lru_cache(maxsize=1)
@@ -63,7 +63,8 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
     except OSError:
         return f"{platform.machine()} {platform.processor()} {platform.platform()}"
-    return platform.machine() + "".join(x for x in lines if x.split(":")[0].strip() in ("model name", "flags", "Features"))
+    wanted = ("model name", "flags", "Features")
+    return platform.machine() + "".join(x for x in lines if x.split(":")[0].strip() in wanted)
 
 
 def vector_length() -> int:
@@ -99,22 +100,20 @@ def _refuse_foreign(path: Path) -> None:
 def library(source: str) -> ctypes.CDLL:
     """The compiled source, from memory, from the cache folder, or compiled now."""
     key = hashlib.sha256(f"{machine()}\n{source}".encode()).hexdigest()[:40]
-    path = cache_folder() / f"{key}.so"
-    if path.exists():
+    folder = cache_folder()
+    for path in folder.glob(f"{key}-*.so"):
         _refuse_foreign(path)
-        try:
+        if path.name == f"{key}-{path.stat().st_size}.so":  # else it was cut short, for example by a full disk
             return ctypes.CDLL(str(path))
-        except OSError:  # a file that was cut short, for example by a full disk
-            pass
-    _compile(source, path)
-    return ctypes.CDLL(str(path))
+        path.unlink(missing_ok=True)
+    return ctypes.CDLL(str(_compiled(source, folder, key)))
 
 
-def _compile(source: str, path: Path) -> None:
+def _compiled(source: str, folder: Path, key: str) -> Path:
     command = compiler()
     assert command is not None
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix="build-") as folder:
-        text, result = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
+    with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as place:
+        text, result = Path(place) / "kernel.c", Path(place) / "kernel.so"
         text.write_text(source)
         for libraries in LIBRARIES:
             line = [*command, *FLAGS, *SHARED, str(text), "-o", str(result), *libraries]
@@ -123,11 +122,14 @@ def _compile(source: str, path: Path) -> None:
             except (OSError, subprocess.TimeoutExpired) as error:
                 raise CompileError(f"the C compiler {command[0]} could not be run: {error}") from None
             if done.returncode == 0 and _loads(result):
-                os.chmod(result, 0o700)
+                result.chmod(0o700)
+                path = folder / f"{key}-{result.stat().st_size}.so"
                 os.replace(result, path)
-                return
-    message = "\n".join(x for x in done.stderr.splitlines() if "error" in x)[:500]
-    raise CompileError(f'the C compiler {" ".join(command)} refused the generated code; use backend="interpreted"\n{message}')
+                return path
+    errors = "\n".join(x for x in done.stderr.splitlines() if "error" in x)[:500]
+    raise CompileError(
+        f'the C compiler {" ".join(command)} refused the generated code; use backend="interpreted"\n{errors}'
+    )
 
 
 def _loads(path: Path) -> bool:

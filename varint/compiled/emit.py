@@ -88,9 +88,15 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(f.n_out())]
-    source = "\n    ".join([f"INLINE void {name}_prepare(const double *c, double *w) {{", "(void)c, (void)w;", *prepare])
+    source = "\n    ".join(
+        [f"INLINE void {name}_prepare(const double *c, double *w) {{", "(void)c, (void)w;", *prepare]
+    )
     unused = " ".join(f"(void)i{k};" for k in range(last))
-    source += "\n}\n" + "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body]) + "\n}\n"
+    source += (
+        "\n}\n"
+        + "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body])
+        + "\n}\n"
+    )
     roots = sum(1 for i in live if graph.nodes[i][0] in ("rsqrt", "sqrt") and not uniform[i])
     return Emitted(source, len(kept), len(body), roots)
 

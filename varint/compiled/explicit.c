@@ -23,10 +23,13 @@ INLINE void compensated(double *value, double *rest, double increment) {
     *value = s;
 }
 
-INLINE void save(double *row, const double *q, const double *p, double t, const double *w) {
+/* q, p, v of a node; not in line, so that a node is rounded alike wherever it is saved */
+static __attribute__((noinline)) void save(double *row, const double *q, const double *p, const double *rest_p, double pending,
+                                           const double *force, double t, const double *w) {
     double v[N];
-    velocity(q, p, &t, w, v);
-    for (int d = 0; d < N; d++) row[d] = q[d], row[N + d] = p[d], row[2 * N + d] = v[d];
+    for (int d = 0; d < N; d++) row[d] = q[d], row[N + d] = p[d] + (rest_p[d] + pending * force[d]);
+    velocity(q, row + N, &t, w, v);
+    for (int d = 0; d < N; d++) row[2 * N + d] = v[d];
 }
 
 enum { DONE, NOT_CONVERGED, NOT_FINITE };
@@ -36,7 +39,7 @@ int run(const Args *a) {
     const double t0 = a->t0, h = a->h;
     const double *u = a->u;
     double *rows = a->rows, w[RHS_W + VELOCITY_W + 1];
-    double q[N], p[N], rest_q[N], rest_p[N], force[N], pending = 0, node_p[N], hk[KICKS], hd[KICKS];
+    double q[N], p[N], rest_q[N], rest_p[N], force[N], pending = 0, hk[KICKS], hd[KICKS];
     rhs_prepare(a->c, w), velocity_prepare(a->c, w + RHS_W);
     const double *const node = w + RHS_W;
     for (int i = 0; i < KICKS; i++) hk[i] = h * KICK[i], hd[i] = i < KICKS - 1 ? h * DRIFT[i] : 0;
@@ -45,14 +48,13 @@ int run(const Args *a) {
         memcpy(q, carry->q, sizeof q), memcpy(p, carry->p, sizeof p), memcpy(force, carry->force, sizeof force);
         memcpy(rest_q, carry->rest_q, sizeof q), memcpy(rest_p, carry->rest_p, sizeof p);
         pending = hk[KICKS - 1];
-        for (int d = 0; d < N; d++) node_p[d] = p[d] + (rest_p[d] + pending * force[d]);
     } else {
         double t = t0 + h * (double)first;
-        memcpy(q, a->start, sizeof q), memcpy(p, a->start + N, sizeof p), memcpy(node_p, p, sizeof p);
+        memcpy(q, a->start, sizeof q), memcpy(p, a->start + N, sizeof p);
         for (int d = 0; d < N; d++) rest_q[d] = rest_p[d] = 0;
         rhs(q, &t, u, w, force);
     }
-    save(rows, q, node_p, t0 + h * (double)first, node), rows += 3 * N;
+    save(rows, q, p, rest_p, pending, force, t0 + h * (double)first, node), rows += 3 * N;
     int status = DONE;
     int64_t done = 0, unsaved = 0;
     double last_q[N], last_p[N], last_f[N];
@@ -81,13 +83,11 @@ int run(const Args *a) {
         pending = hk[KICKS - 1];
         if (++unsaved == a->save_every) {
             unsaved = 0;
-            for (int d = 0; d < N; d++) node_p[d] = p[d] + (rest_p[d] + pending * force[d]);
-            save(rows, q, node_p, t0 + h * (double)(first + done + 1), node), rows += 3 * N;
+            save(rows, q, p, rest_p, pending, force, t0 + h * (double)(first + done + 1), node), rows += 3 * N;
         }
     }
     if (status) memcpy(q, last_q, sizeof q), memcpy(p, last_p, sizeof p), memcpy(force, last_f, sizeof force);
-    for (int d = 0; d < N; d++) node_p[d] = p[d] + (rest_p[d] + pending * force[d]);
-    save(a->stats + 6, q, node_p, t0 + h * (double)(first + done), node);
+    save(a->stats + 6, q, p, rest_p, pending, force, t0 + h * (double)(first + done), node);
     carry->started = status ? 0 : 1, carry->h = h;
     memcpy(carry->q, q, sizeof q), memcpy(carry->p, p, sizeof p), memcpy(carry->force, force, sizeof force);
     memcpy(carry->rest_q, rest_q, sizeof q), memcpy(carry->rest_p, rest_p, sizeof p);

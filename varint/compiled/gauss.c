@@ -1,8 +1,9 @@
 /* Gauss collocation with all stages in vectors, by fixed-point iteration.
 
    Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau and the scene's functions.
-   FORM 2: unknown L_i = h b_i G_i with accelerations G = g(Q, V, t, u);
-           Q_i = q + c_i h v + h sum_j M_ij L_j,  V_i = v + sum_j m_ij L_j;  q += h (v + sum (1 - c_j) L_j), v += sum L_j.
+   FORM 2: unknown L_i = h^2 b_i G_i with accelerations G = g(Q, V, t, u);
+           Q_i = q + c_i w + sum_j M_ij L_j,  h V_i = w + sum_j m_ij L_j;  q += w + sum (1 - c_j) L_j, w += sum L_j
+           with w = h v, which leaves constants only that need no rounding.
    FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike.
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run. */
@@ -18,7 +19,6 @@
 #endif
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
-#define FEW 6 /* so few coordinates stay in registers */
 
 #if N > FEW
 #define LARGE static __attribute__((noinline))
@@ -44,24 +44,31 @@ typedef struct {
 } Carry;
 const int64_t carry_size = sizeof(Carry) / sizeof(double);
 
-INLINE V column(const double *m, int j, int k) { V y; memcpy(&y, m + j * PADDED + k * LANES, sizeof y); return y; }
+INLINE V entry(const double *m, int index) { V y; memcpy(&y, m + index * LANES, sizeof y); return y; }
 
-/* y_i += sum_j m_ij x_j, with the columns of m one after the other */
+/* y_i += sum_j m_ij x_j. By diagonals, m holds for every turn r of the lanes what multiplies x turned by r: no lane need
+   be spread over a register. By columns, m holds its columns one after the other. */
 INLINE void add_product(const double *m, const V *x, V *y) {
-    V odd[VECTORS];
-    for (int k = 0; k < VECTORS; k++) odd[k] = splat(0.0);
+    V parts[VECTORS][4];
+    for (int k = 0; k < VECTORS; k++) parts[k][0] = y[k], parts[k][1] = parts[k][2] = parts[k][3] = splat(0.0);
+#if DIAGONALS
+    for (int l = 0; l < VECTORS; l++) {
+        V turned[LANES];
+        turned_lanes(x[l], turned);
+        UNROLL for (int r = 0; r < LANES; r++)
+            for (int k = 0; k < VECTORS; k++) parts[k][r & 3] += entry(m, (l * LANES + r) * VECTORS + k) * turned[r];
+    }
+#else
     UNROLL for (int j = 0; j < STAGES; j++) {
-#if N > FEW && !SHUFFLE
+#if N > FEW
         V xj = splat(((const double *)x)[j]);
 #else
         V xj = SPREAD(x[j / LANES], j % LANES);
 #endif
-        for (int k = 0; k < VECTORS; k++) {
-            if (j & 1) odd[k] += column(m, j, k) * xj;
-            else y[k] += column(m, j, k) * xj;
-        }
+        for (int k = 0; k < VECTORS; k++) parts[k][j & 1] += entry(m, j * VECTORS + k) * xj;
     }
-    for (int k = 0; k < VECTORS; k++) y[k] += odd[k];
+#endif
+    for (int k = 0; k < VECTORS; k++) y[k] = (parts[k][0] + parts[k][1]) + (parts[k][2] + parts[k][3]);
 }
 
 INLINE V folded(const V *x) {
@@ -93,7 +100,7 @@ INLINE void set_base(const double *y, const double *rest, const Nodes *at, V bas
     for (int d = 0; d < N; d++)
         for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
-            base[d][k] = y[d] + (at->c[k] * y[N + d] + rest[d]);
+            base[d][k] = y[d] + (entry(STAGE_C, k) * y[N + d] + rest[d]);
 #else
             base[d][k] = splat(y[d] + rest[d]);
 #endif
@@ -101,27 +108,26 @@ INLINE void set_base(const double *y, const double *rest, const Nodes *at, V bas
         }
 }
 
-/* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x. */
+/* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
+   With FORM 2 another h: the unknowns are lengths. */
 LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, const double *w, const double *m2,
                      const double *m1, const Unknowns x, const double *m2_older, const double *m1_older,
                      const Unknowns older, Unknowns fresh) {
     V first[N][VECTORS], second[N][VECTORS];
     for (int d = 0; d < N; d++) {
-        V f[VECTORS], s[VECTORS];
-        for (int k = 0; k < VECTORS; k++) f[k] = s[k] = splat(0.0);
+        for (int k = 0; k < VECTORS; k++) first[d][k] = base[d][k], second[d][k] = base[N + d][k];
 #if FORM == 2
-        add_product(m2, x[d], f);
-        if (older) add_product(m2_older, older[d], f);
-        for (int k = 0; k < VECTORS; k++) f[k] *= h;
+        add_product(m2, x[d], first[d]);
+        if (older) add_product(m2_older, older[d], first[d]);
 #if ON_VELOCITY
-        add_product(m1, x[d], s);
-        if (older) add_product(m1_older, older[d], s);
+        add_product(m1, x[d], second[d]);
+        if (older) add_product(m1_older, older[d], second[d]);
+        for (int k = 0; k < VECTORS; k++) second[d][k] *= 1 / h;
 #endif
 #else
-        add_product(m1, x[d], f), add_product(m1, x[N + d], s);
-        if (older) add_product(m1_older, older[d], f), add_product(m1_older, older[N + d], s);
+        add_product(m1, x[d], first[d]), add_product(m1, x[N + d], second[d]);
+        if (older) add_product(m1_older, older[d], first[d]), add_product(m1_older, older[N + d], second[d]);
 #endif
-        for (int k = 0; k < VECTORS; k++) first[d][k] = base[d][k] + f[k], second[d][k] = base[N + d][k] + s[k];
     }
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
@@ -161,13 +167,16 @@ INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double lev
     V worst = change_of(fresh[0], x[0]) * c->inverse[0];
     for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
     double now = largest(worst), before = c->now;
-    c->now = now;
+    int done = now <= EPS;
     if (!c->checks++) {
         for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
-        c->rate = c->rate < 0.1 ? 0.1 : c->rate; /* that of the last step */
-    } else c->rate = now < before ? now / before + 0x1p-10 : 1.0;
-    if (now <= EPS || now * c->rate <= level) return 1;
-    return c->checks > 1 && !(now < 0.5 * before) && stagnates(fresh, x, c, level);
+        done |= now * c->rate <= level; /* the rate of the last step */
+    } else {
+        done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(fresh, x, c, level));
+        if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0;
+    }
+    c->now = now;
+    return done;
 }
 
 INLINE void set_scale(Change *c, const double *size, double fade) {
@@ -178,12 +187,12 @@ INLINE void set_scale(Change *c, const double *size, double fade) {
     }
 }
 
-INLINE void save(double *row, const double *y, double t, const double *w) {
+INLINE void save(double *row, const double *y, double t, double h, const double *w) {
     V q[N], z[N], out[N], time = splat(t);
-    for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(y[N + d]);
+    for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(FORM == 2 ? y[N + d] / h : y[N + d]);
 #if FORM == 2
     momentum(q, z, &time, w + RHS_W + VELOCITY_W, out);
-    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = lane(out[d], 0), row[2 * N + d] = y[N + d];
+    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = lane(out[d], 0), row[2 * N + d] = lane(z[d], 0);
 #else
     velocity(q, z, &time, w + RHS_W, out);
     for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = y[N + d], row[2 * N + d] = lane(out[d], 0);
@@ -205,7 +214,8 @@ int run(const Args *a) {
     int64_t known = 0, expected = 0, iterations = 0, largest_count = 0, done = 0, unsaved = 0;
     int status = DONE;
     double slowest = 0;
-    for (int k = 0; k < VECTORS; k++) at.c[k] = h * column(STAGE_C, 0, k), at.b[k] = h * column(STAGE_B, 0, k);
+    const double scale_b = FORM == 2 ? h * h : h;
+    for (int k = 0; k < VECTORS; k++) at.c[k] = h * entry(STAGE_C, k), at.b[k] = scale_b * entry(STAGE_B, k);
 
     Carry *carry = (Carry *)a->carry;
     if (carry->steps_known > 0 && carry->h == h) {
@@ -221,7 +231,7 @@ int run(const Args *a) {
         V q[N], z[N], out[N], time = splat(t0 + h * (double)first);
         for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(y[N + d]);
         velocity(q, z, &time, w + RHS_W, out);
-        for (int d = 0; d < N; d++) y[N + d] = lane(out[d], 0);
+        for (int d = 0; d < N; d++) y[N + d] = h * lane(out[d], 0);
 #endif
         for (int r = 0; r < ROWS; r++) change.scale[r] = 0;
         change.rate = 1;
@@ -229,7 +239,7 @@ int run(const Args *a) {
             for (int k = 0; k < VECTORS; k++) x[r][k] = older[r][k] = splat(0.0);
     }
 
-    save(rows, y, t0 + h * (double)first, w);
+    save(rows, y, t0 + h * (double)first, h, w);
     if (!known) memcpy(rows, a->start, 2 * N * sizeof(double));
     rows += 3 * N;
 
@@ -290,13 +300,16 @@ int run(const Args *a) {
 #if FORM == 2
         for (int d = 0; d < N; d++) {
             V moved[VECTORS];
-            for (int k = 0; k < VECTORS; k++) moved[k] = column(STAGE_BETA, 0, k) * x[d][k];
+            for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * x[d][k];
             rows_of[2 * N + d] = folded(moved);
         }
         row_sums(rows_of, 3 * N, sums);
-        for (int d = 0; d < N; d++) compensated(&y[d], &rest[d], h * (y[N + d] + sums[2 * N + d]));
+        for (int d = 0; d < N; d++) compensated(&y[d], &rest[d], y[N + d] + (sums[2 * N + d] + rest[N + d]));
         for (int d = 0; d < N; d++) compensated(&y[N + d], &rest[N + d], sums[d]);
-        for (int d = 0; d < N; d++) sums[N + d] = fabs(y[N + d]) > sums[N + d] ? fabs(y[N + d]) : sums[N + d];
+        for (int d = 0; d < N; d++) {
+            double path = fabs(y[N + d]);
+            sums[N + d] = path > sums[N + d] ? path : sums[N + d];
+        }
 #else
         row_sums(rows_of, 2 * ROWS, sums);
         for (int r = 0; r < ROWS; r++) compensated(&y[r], &rest[r], sums[r]);
@@ -306,9 +319,9 @@ int run(const Args *a) {
         set_scale(&change, sums + ROWS, 0.9);
         slowest = change.rate > slowest ? change.rate : slowest;
         if (++unsaved == a->save_every)
-            unsaved = 0, save(rows, y, t0 + h * (double)(first + done + 1), w), rows += 3 * N;
+            unsaved = 0, save(rows, y, t0 + h * (double)(first + done + 1), h, w), rows += 3 * N;
     }
-    save(a->stats + 6, y, t0 + h * (double)(first + done), w);
+    save(a->stats + 6, y, t0 + h * (double)(first + done), h, w);
     carry->steps_known = status ? 0 : (double)known, carry->expected = (double)expected, carry->h = h;
     memcpy(carry->y, y, sizeof y), memcpy(carry->rest, rest, sizeof rest);
     memcpy(carry->x[0], x, sizeof x), memcpy(carry->x[1], older, sizeof older);

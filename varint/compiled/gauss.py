@@ -15,6 +15,7 @@ from varint.compiled.tableau import tableau_source
 from varint.rules import Rule
 from varint.system import System
 
+FEW = 6  # so many coordinates stay in registers
 _KNOWN: WeakKeyDictionary[System, dict[tuple[str, int], Kernel]] = WeakKeyDictionary()
 
 
@@ -61,7 +62,9 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
     """
     form = gauss_form(system) if form is None else form
     if not form:
-        raise NotCompilable("the compiled Gauss method needs a regular scene without constraints, quadratic in velocities")
+        raise NotCompilable(
+            "the compiled Gauss method needs a regular scene without constraints, quadratic in velocities"
+        )
     known = _KNOWN.setdefault(system, {})
     if (rule.name, form) not in known:
         known[rule.name, form] = _built(system, len(rule.nodes), form)
@@ -81,13 +84,14 @@ def _built(system: System, stages: int, form: int) -> Kernel:
         system, str(padded // lanes), rhs=right, velocity=([q, p, t], [speed]), momentum=([q, v, t], [system.momentum])
     )
     on_velocity = int(form == 2 and system.structure.force_on_velocity)
-    defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity}
+    defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW}
     about = f"Gauss, {stages} stages in {padded // lanes} vector(s) of {lanes}, " + (
         "unknown accelerations" if form == 2 else "unknown velocities and forces"
     )
-    return build(about, system, stages, functions, defines, _tableau(stages, padded), "gauss.c")
+    diagonals = q.numel() <= FEW and 4 * stages > 3 * padded
+    return build(about, system, stages, functions, defines, _tableau(stages, lanes, diagonals), "gauss.c")
 
 
 @lru_cache(maxsize=64)
-def _tableau(stages: int, padded: int) -> str:
-    return tableau_source(stages, padded)
+def _tableau(stages: int, lanes: int, diagonals: bool) -> str:
+    return tableau_source(stages, lanes, diagonals)

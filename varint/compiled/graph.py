@@ -23,14 +23,12 @@ class NotCompilable(VarintError):
     """The scene uses something that the compiled backend cannot express; the interpreted one can."""
 
 
-_OPERATIONS = {
-    getattr(ca, f"OP_{name.upper()}"): name
-    for name in (
-        "add sub mul div neg exp log pow constpow sqrt sq twice sin cos tan asin acos atan lt le eq ne not and or floor "
-        "ceil fmod fabs sign copysign if_else_zero erf fmin fmax inv sinh cosh tanh asinh acosh atanh atan2 assign lift "
-        "log1p expm1 hypot remainder"
-    ).split()
-}
+_NAMES = """
+    add sub mul div neg exp log pow constpow sqrt sq twice sin cos tan asin acos atan lt le eq ne not and or floor ceil
+    fmod fabs sign copysign if_else_zero erf fmin fmax inv sinh cosh tanh asinh acosh atanh atan2 assign lift log1p
+    expm1 hypot remainder
+"""
+_OPERATIONS = {getattr(ca, f"OP_{name.upper()}"): name for name in _NAMES.split()}
 _COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
 Term = tuple[float, int]  # factor × node
 Sum = tuple[Term, ...]
@@ -250,7 +248,7 @@ def _added(graph: Graph, terms: list[Term]) -> int:
     first, *others = sorted(terms, key=lambda term: (term[0] != 1.0, term[0] != -1.0, term[0] < 0))
     total = _single(graph, first)
     for c, a in others:
-        total = graph.node("sub", total, _single(graph, (-c, a))) if c < 0 else graph.node("add", total, _single(graph, (c, a)))
+        total = graph.node("sub" if c < 0 else "add", total, _single(graph, (abs(c), a)))
     return total
 
 
@@ -289,7 +287,7 @@ def _quotient(graph: Graph, plan: _Divisions, sums: dict[int, Sum], top: int, bo
     if base is None and factor:
         return _scaled(sums[top], 1 / factor)
     kind = plan.reciprocal.get(base) if base is not None and factor and exponent > 0 else None
-    if kind is None:
+    if base is None or kind is None:
         (c, a), (d, b) = _term(graph, sums[top]), _term(graph, sums[bottom])
         if not d or _is_one(graph, b):
             return ((1.0, graph.node("div", _node(graph, sums[top]), _node(graph, sums[bottom]))),)

@@ -19,6 +19,7 @@ from varint.system import System
 
 DONE, NOT_CONVERGED, NOT_FINITE = range(3)
 MOST_ITERATIONS = 60  # a scene that needs more contracts so poorly that Newton's method is cheaper
+FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
 MOST_OPERATIONS = 50_000  # of a right-hand side: more takes the compiler minutes
 _ARGUMENTS = struct.Struct("4q3d6P")
 _STATS = 6
@@ -55,13 +56,13 @@ class Run(NamedTuple):
     rows : array (rows, 3, n)
         q, p, v at the start and at every `save_every`-th node after it, up to where the run ended.
     status : int
-        DONE, NOT_CONVERGED or NOT_FINITE; a failed run ends at node ``steps``, from which the next step was not possible.
+        DONE, NOT_CONVERGED or NOT_FINITE; a failed run ends at node ``steps``, whose step was not possible.
     steps, iterations, most_iterations : int
         Steps done, right-hand sides of all stages, and most of them in one step (0 for explicit methods).
     residual : float
         Relative change of the unknowns where the iteration of a failed step ended.
     contraction : float
-        Slowest ratio of two changes seen: near 1 the iteration hardly contracts and Newton's method is the better choice.
+        Slowest ratio of two changes seen: near 1 the iteration hardly contracts and Newton's method is better.
     last : array (3n,)
         q, p, v of the node where the run ended, saved or not.
     carry : array
@@ -136,22 +137,22 @@ def run(
     else:
         block[kept:] = carry
     at = _address(block)
+    controls = 0 if u is None else _address(u)
+    results = at + 8 * rows, at + 8 * kept, at + 8 * stats
     status = kernel.entry(
-        _ARGUMENTS.pack(
-            steps, save_every, first, most, t0, h, level, at, at + 16 * n, 0 if u is None else _address(u),
-            at + 8 * rows, at + 8 * kept, at + 8 * stats,
-        )  # fmt: skip
+        _ARGUMENTS.pack(steps, save_every, first, most, t0, h, level, at, at + 16 * n, controls, *results)
     )
     _, done, iterations, largest, residual, contraction = block[stats:last].tolist()
     end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
     table = block[rows:end].reshape(-1, 3, n)
-    return Run(table, status, int(done), int(iterations), int(largest), residual, contraction, block[last:rows], block[kept:])
+    counts = int(done), int(iterations), int(largest)
+    return Run(table, status, *counts, residual, contraction, block[last:rows], block[kept:])
 
 
 def _address(array: np.ndarray) -> int:
     if not array.flags.writeable:
         return array.ctypes.data
-    return addressof(c_char.from_buffer(array))  # a third of the time of ndarray.ctypes
+    return addressof(c_char.from_buffer(array.data))  # a third of the time of ndarray.ctypes
 
 
 def text(name: str) -> str:
@@ -159,7 +160,9 @@ def text(name: str) -> str:
     return (Path(__file__).parent / name).read_text()
 
 
-def build(about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, loop: str) -> Kernel:
+def build(
+    about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, loop: str
+) -> Kernel:
     """Compile the loop `loop` (a C file) around the emitted functions."""
     heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
@@ -174,9 +177,6 @@ def build(about: str, system: System, nodes: int, functions: dict[str, Emitted],
     return Kernel(about, system.q.numel(), system.control.numel(), nodes, functions["rhs"].operations, entry, size)
 
 
-FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
-
-
 def emitted(system: System, stride: str = "1", **expressions: tuple[list[ca.SX], list[ca.SX]]) -> dict[str, Emitted]:
     """C functions by name from (inputs, outputs); the parameters are appended to the inputs."""
     result = {}
@@ -184,8 +184,8 @@ def emitted(system: System, stride: str = "1", **expressions: tuple[list[ca.SX],
         f = ca.Function(name, [*inputs, system.c], ca.cse([ca.densify(x) for x in outputs]))
         if f.n_instructions() > MOST_OPERATIONS:
             raise NotCompilable(
-                f"{name} has {f.n_instructions()} operations, more than the {MOST_OPERATIONS} that compile in reasonable "
-                'time; use backend="interpreted", or fewer coordinates'
+                f"{name} has {f.n_instructions()} operations; {MOST_OPERATIONS} compile in reasonable time; use "
+                'backend="interpreted", or fewer coordinates'
             )
         result[name] = emit(name, f, stride if name == "rhs" else "1")
     return result

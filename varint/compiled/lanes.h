@@ -78,6 +78,26 @@ INLINE double largest(V x) { double m = lane(x, 0); for (int i = 1; i < LANES; i
 INLINE int within(V x, double bound) { int y = 1; for (int i = 0; i < LANES; i++) y &= fabs(lane(x, i)) <= bound; return y; }
 #endif
 
+/* turned[r] = x with lane i taken from lane i ^ r */
+#if LANES == 8 && defined(__AVX512F__)
+#define BLOCKS(x, order) (V)_mm512_shuffle_f64x2((__m512d)(x), (__m512d)(x), order)
+#define NEIGHBOURS(x) (V)_mm512_permute_pd((__m512d)(x), 0x55)
+INLINE void turned_lanes(V x, V *turned) {
+    turned[0] = x, turned[2] = BLOCKS(x, 0xb1), turned[4] = BLOCKS(x, 0x4e), turned[6] = BLOCKS(x, 0x1b);
+    for (int r = 0; r < 8; r += 2) turned[r + 1] = NEIGHBOURS(turned[r]);
+}
+#elif LANES == 4 && defined(__AVX__)
+INLINE void turned_lanes(V x, V *turned) {
+    turned[0] = x, turned[2] = (V)_mm256_permute2f128_pd((__m256d)x, (__m256d)x, 1);
+    for (int r = 0; r < 4; r += 2) turned[r + 1] = (V)_mm256_permute_pd((__m256d)turned[r], 5);
+}
+#else
+INLINE void turned_lanes(V x, V *turned) {
+    for (int r = 0; r < LANES; r++)
+        for (int i = 0; i < LANES; i++) set_lane(&turned[r], i, lane(x, i ^ r));
+}
+#endif
+
 /* The sums over the lanes of `count` vectors, LANES of them at a time by a tree of shuffles. */
 #if LANES > 1
 #if defined(__clang__)

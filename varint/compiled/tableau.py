@@ -16,50 +16,71 @@ import numpy as np
 from varint.polynomials import PRECISE, derivative, gauss_nodes, lagrange_polynomials, value
 
 Matrix = list[list[Decimal]]
-EXTRA_DEGREE = {1: 1, 2: 2, 3: 2, 4: 3, 5: 3, 6: 4, 7: 4, 8: 4}  # of the start polynomial through two steps, over s − 1
+EXTRA_DEGREE = 4  # of the start polynomial fitted to two steps, over s − 1; more only amplifies what is not smooth
 
 
 @lru_cache(maxsize=64)
-def gauss_tableau(stages: int, padded: int) -> dict[str, np.ndarray]:
-    """The constants by their names in gauss.c; matrices as columns of `padded` lanes, (columns, padded)."""
+def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
+    """The constants by their names in gauss.c: vectors (1, s), matrices (s, s)."""
     with localcontext(PRECISE):
         c = gauss_nodes(stages)
         integrals = [derivative(p, -1) for p in lagrange_polynomials(c)]
-        a = [[value(p, x) for p in integrals] for x in c]
-        b = [value(p, Decimal(1)) for p in integrals]
+        *a, b = [[value(p, x) for p in integrals] for x in [*c, Decimal(1)]]
         m1 = _over(a, b)
         m2 = _over(_times(a, a), b)
         one = _weighted(_continuation(c, c, stages - 1), b)
         both = [x - 1 for x in c] + c
-        two = _weighted(_continuation(both, c, stages - 1 + int(__import__('os').environ.get('XD',4))), b)
+        two = _weighted(_continuation(both, c, min(stages - 1 + EXTRA_DEGREE, 2 * stages - 1)), b)
         older, last = [row[:stages] for row in two], [row[stages:] for row in two]
         nodes = _rounded_nodes(c)
         tables = {
             "STAGE_C": [nodes],
             "STAGE_B": [[float(x) for x in b]],
             "STAGE_BETA": [[1.0 - x for x in nodes]],
-            "STAGE_M1": _columns(_rounded_first(m1)),
-            "STAGE_M2": _columns(_rounded_second(m2, nodes)),
+            "STAGE_M1": _rounded_first(m1),
+            "STAGE_M2": _rounded_second(m2, nodes),
         }
         for order, m in (("M1", m1), ("M2", m2)):
             for name, start in (("START", last), ("START_OLDER", older), ("START_ONE", one)):
-                tables[f"{name}_{order}"] = _columns([[float(x) for x in row] for row in _times(m, start)])
-    padding = {name: np.array([[*row, *[row[-1]] * (padded - stages)] for row in rows]) for name, rows in tables.items()}
-    padding["STAGE_B"][:, stages:] = 0.0
-    return padding
+                tables[f"{name}_{order}"] = [[float(x) for x in row] for row in _times(m, start)]
+    return {name: np.array(rows) for name, rows in tables.items()}
 
 
-def tableau_source(stages: int, padded: int) -> str:
-    """The constants as C arrays."""
-    lines = [f"#define STAGES {stages}", f"#define PADDED {padded}"]
-    for name, table in gauss_tableau(stages, padded).items():
+def tableau_source(stages: int, lanes: int, diagonals: bool) -> str:
+    """The constants as C arrays over vectors of so many lanes.
+
+    Lanes beyond the stages repeat the last row, with weight 0. By diagonals a matrix becomes, for each block of
+    lanes × lanes and each r < lanes, the entries (i, i XOR r); otherwise its columns.
+    """
+    vectors = -(-stages // lanes)
+    padded = vectors * lanes
+    lines = [f"#define STAGES {stages}", f"#define PADDED {padded}", f"#define DIAGONALS {int(diagonals)}"]
+    for name, table in gauss_tableau(stages).items():
+        if table.shape[0] == stages:
+            full = np.zeros((padded, padded))
+            full[:stages, :stages] = table
+            full[stages:, :stages] = table[-1]
+            table = _diagonals(full, lanes) if diagonals else full.T[:stages]
+        else:
+            last = 0.0 if name == "STAGE_B" else table[0, -1]
+            table = np.append(table, np.full((1, padded - stages), last), axis=1)
         numbers = ", ".join(float(x).hex() for x in table.ravel())
         lines.append(f"static const double {name}[] __attribute__((aligned(64), unused)) = {{{numbers}}};")
     return "\n".join(lines) + "\n"
 
 
+def _diagonals(matrix: np.ndarray, lanes: int) -> np.ndarray:
+    """Entries (i, i XOR r) of each block of columns, r after r."""
+    i = np.arange(len(matrix))
+    rows = [matrix[i, block + (i % lanes ^ r)] for block in range(0, len(matrix), lanes) for r in range(lanes)]
+    return np.array(rows)
+
+
 def _times(x: Matrix, y: Matrix) -> Matrix:
-    return [[sum((p * q for p, q in zip(row, column, strict=True)), Decimal(0)) for column in zip(*y, strict=True)] for row in x]
+    return [
+        [sum((p * q for p, q in zip(row, column, strict=True)), Decimal(0)) for column in zip(*y, strict=True)]
+        for row in x
+    ]
 
 
 def _over(m: Matrix, b: list[Decimal]) -> Matrix:
@@ -69,10 +90,6 @@ def _over(m: Matrix, b: list[Decimal]) -> Matrix:
 def _weighted(m: Matrix, b: list[Decimal]) -> Matrix:
     """The same map between values times weights: b_i m_ij / b_j, the columns running through the stages repeatedly."""
     return [[b_i * x / b[j % len(b)] for j, x in enumerate(row)] for b_i, row in zip(b, m, strict=True)]
-
-
-def _columns(rows: list[list[float]]) -> list[list[float]]:
-    return [list(column) for column in zip(*rows, strict=True)]
 
 
 def _continuation(known: list[Decimal], c: list[Decimal], degree: int) -> Matrix:

@@ -69,7 +69,8 @@ class Convergence:
 
     def __str__(self) -> str:
         if self.passed is None:
-            return f"{mark(None)} order: fewer than three steps have errors between {COARSE:g} and {ABOVE * self.floor:.0e}"
+            limits = f"{COARSE:g} and {ABOVE * self.floor:.0e}"
+            return f"{mark(None)} order: fewer than three steps have errors between {limits}"
         return (
             f"{mark(self.passed)} order {self.q_order:.2f} in q, {self.p_order:.2f} in p (expected {self.expected:g}); "
             f"smallest error {self.plateau:.1e}"
@@ -172,7 +173,7 @@ def _end(start: Scene, duration: float, reference: Reference) -> tuple[np.ndarra
 
 
 def tight(start: Scene, duration: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """q and p at the end by a rule of order 16 (14 with constraints), doubled until nothing changes; the last change."""
+    """q and p at the end by a rule of order 16 (14 with constraints), doubled until nothing changes; last change."""
     rule = lobatto(8) if start.system.structure.constraints else gauss(8)
     if start.system.structure.degenerate:
         rule = gauss(1)

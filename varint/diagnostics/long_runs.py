@@ -17,7 +17,9 @@ from varint.system import System
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIGNIFICANT = 5.0  # standard errors that a slope must have to be one
+SIGNIFICANT = 15.0  # standard errors of a slope: chaotic motions reach 9, RK4 and Euler have hundreds and more
+NEGLIGIBLE = 1e-3  # of the oscillation, over the whole run: what windows leave of it
+PARTS = 4  # windows that fit into the run side by side: long ones average oscillations out
 ROUND_OFF = 30.0  # eps × √steps: a drift below it is round-off
 
 
@@ -88,7 +90,8 @@ def energy_slope(
 ) -> EnergySlope:
     """Slope of windowed means of H over a run, against its own noise.
 
-    The windows are weighted by a bump ∝ exp(−1/(x(1 − x))), which averages oscillations out far better than a box.
+    The windows, a quarter of the run long and overlapping, are weighted by a bump ∝ exp(−1/(x(1 − x))), which averages
+    oscillations out far better than a box.
 
     Parameters
     ----------
@@ -99,7 +102,7 @@ def energy_slope(
     Returns
     -------
     EnergySlope
-        Passed if the slope is within five standard errors of zero, or below what round-off alone does.
+        Passed if the slope is within its noise, or negligible against the oscillation, or what round-off alone does.
     """
     start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
     q, p, t = march(start, h, steps)
@@ -107,26 +110,27 @@ def energy_slope(
     centres, means = windowed(t, energy, windows)
     x, y = centres - centres.mean(), means - means.mean()
     slope = float(x @ y / (x @ x))
-    noise = float(np.sqrt(((y - slope * x) ** 2).sum() / (windows - 2) / (x @ x)))
+    overlap = max(windows / PARTS, 1.0)
+    noise = float(np.sqrt(((y - slope * x) ** 2).sum() * overlap / (windows - 2) / (x @ x)))
     size = np.abs(energy).max() + (np.abs(p) * np.abs(np.gradient(q, t, axis=0))).sum(axis=1).max()
     floor = ROUND_OFF * EPS * np.sqrt(steps) * size / abs(t[-1] - t[0])
-    good = bool(np.isfinite(slope) and abs(slope) <= max(SIGNIFICANT * noise, floor))
-    s = system.structure
-    return EnergySlope(
-        start.name, h, t, energy, centres, means, slope, noise, float(floor), None if s.forced or not s.autonomous else good
-    )  # fmt: skip
+    around = np.ptp(energy - slope * (t - t[0]))
+    least = max(SIGNIFICANT * noise, NEGLIGIBLE * around / abs(t[-1] - t[0]), floor)
+    good = bool(np.isfinite(slope) and abs(slope) <= least)
+    passed = None if system.structure.forced or not system.structure.autonomous else good
+    return EnergySlope(start.name, h, t, energy, centres, means, slope, noise, float(floor), passed)
 
 
 def windowed(t: np.ndarray, values: np.ndarray, windows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and bump-weighted means of equal windows."""
-    length = len(t) // windows
+    """Centres and bump-weighted means of overlapping windows, a quarter of the run long each."""
+    length = max(len(t) // PARTS, 2)
     x = (np.arange(length) + 0.5) / length
     weight = np.exp(-1 / (x * (1 - x)))
     weight /= weight.sum()
-    shape = (windows, length)
+    starts = np.linspace(0, len(t) - length, windows).astype(int)
     first = values[0]
-    means = first + (values[: windows * length] - first).reshape(shape) @ weight
-    return t[: windows * length].reshape(shape) @ weight, means
+    means = np.array([(values[i : i + length] - first) @ weight for i in starts]) + first
+    return np.array([t[i : i + length] @ weight for i in starts]), means
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +190,7 @@ def round_off(
     t0: float = 0.0,
     u: Any = None,
 ) -> RoundOff:
-    """Growth law of round-off: the error of N steps there and back, which a reversible method leaves to round-off alone.
+    """Growth law of round-off: error of N steps there and back, which a reversible method leaves to round-off alone.
 
     Parameters
     ----------

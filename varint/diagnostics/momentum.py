@@ -124,7 +124,7 @@ class Conserved:
 
     def rows(self) -> list[tuple[str, ...]]:
         """Name, J at the start, expected and actual change, drift and slope, what the rule keeps."""
-        table = []
+        table: list[tuple[str, ...]] = []
         for m in self.items:
             expected = "unknown" if m.expected is None else f"{m.expected_change:.6g}"
             numbers = f"{m.values[0]:.9g}", expected, f"{m.change:.6g}", f"{m.drift:.1e}", f"{m.slope:.1e}"

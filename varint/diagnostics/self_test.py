@@ -86,7 +86,7 @@ def self_test(
     t0: float = 0.0,
     u: Any = None,
 ) -> SelfTest:
-    """All diagnostics on the user's scene: order, symplecticity, reversibility, energy, round-off, constraints, momenta.
+    """All diagnostics on the user's scene: order, structure, energy, round-off, constraints, momentum maps.
 
     Parameters
     ----------

@@ -221,7 +221,7 @@ def reversibility_defect(
 
 
 def is_even(system: System) -> bool:
-    """Whether time runs backwards when v is flipped: L and F are even in v and free of t (checked by structure of L)."""
+    """Whether flipping v runs time backwards: no forces, L free of t and even in v at random points."""
     s = system.structure
     if not s.autonomous or s.forced:
         return False
@@ -275,7 +275,8 @@ class ConstraintDrift:
     def __str__(self) -> str:
         if self.passed is None:
             return f"{mark(None)} no constraints"
-        return f"{mark(self.passed)} constraints: |g| ≤ {self.position:.1e}, |G v| ≤ {self.velocity:.1e} in {self.steps} steps"
+        sizes = f"|g| ≤ {self.position:.1e}, |G v| ≤ {self.velocity:.1e}"
+        return f"{mark(self.passed)} constraints: {sizes} in {self.steps} steps"
 
 
 def constraint_drift(

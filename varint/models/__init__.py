@@ -6,6 +6,15 @@ start. ``catalogue`` holds all of them by name.
 
 from varint.models.central import apsidal_angle, central_force, kepler, radial_motion, radial_period, rosette
 from varint.models.chains import fpu_chain, fpu_stiff_energies, toda_chain
+from varint.models.constrained import (
+    atwood,
+    chain_rods,
+    double_atwood,
+    pendulum_cartesian,
+    spherical_pendulum_cartesian,
+    turning_wire,
+)
+from varint.models.contacts import bouncing_ball, falling_ladder, slack_string, slide_off_sphere
 from varint.models.control import (
     ControlModel,
     brachistochrone,
@@ -42,6 +51,7 @@ from varint.models.fields import (
     oscillating_field,
     uniform_fields,
 )
+from varint.models.linkages import andrews_mechanism, four_bar, slider_crank
 from varint.models.model import Model
 from varint.models.oscillators import coupled_oscillators, henon_heiles, isotropic_oscillator
 from varint.models.particles import (
@@ -64,7 +74,9 @@ from varint.models.pendulums import (
     sliding_support_period,
     spherical_pendulum,
 )
+from varint.models.quaternions import body_omega, free_body_quaternion, heavy_top_quaternion, quaternion_rate, rotation
 from varint.models.robots import acrobot, cart_pole, two_link_arm
+from varint.models.rolling import chaplygin_sleigh, knife_edge, rolling_disc
 from varint.models.rotating import foucault_pendulum, rotating_frame, turntable
 from varint.models.sliding import block_on_wedge, rotating_hoop, rotating_hoop_period, rotating_wire, swinging_atwood
 from varint.models.tops import body_rates, euler_rates, free_rigid_body, heavy_rigid_body, heavy_top
@@ -84,6 +96,10 @@ catalogue = {
         free_rigid_body, heavy_rigid_body, heavy_top,
         cart_pole, acrobot, two_link_arm,
         lotka_volterra, guiding_centre,
+        pendulum_cartesian, spherical_pendulum_cartesian, atwood, double_atwood, chain_rods, turning_wire,
+        free_body_quaternion, heavy_top_quaternion, slider_crank, four_bar, andrews_mechanism,
+        falling_ladder, bouncing_ball, slide_off_sphere, slack_string,
+        knife_edge, chaplygin_sleigh, rolling_disc,
     )
 }  # fmt: skip
 
@@ -96,8 +112,8 @@ control_catalogue = {
 }  # fmt: skip
 
 __all__ = [
-    "FIGURE_EIGHT_PERIOD", "ControlModel", "Model", "apsidal_angle", "body_rates", "catalogue", "charged_particle",
-    "control_catalogue", "euler_rates", "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs",
-    "pendulum_period", "radial_period", "rotating_hoop_period", "sliding_support_period", *catalogue,
-    *control_catalogue,
+    "ControlModel", "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue",
+    "charged_particle", "control_catalogue", "euler_rates", "fpu_stiff_energies", "inverse_distance_period",
+    "kapitza_frequency", "pairs", "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period",
+    "rotation", "sliding_support_period", *catalogue, *control_catalogue,
 ]  # fmt: skip

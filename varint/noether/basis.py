@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import combinations
 
 import casadi as ca
 import numpy as np
@@ -14,10 +15,11 @@ from varint.noether.naming import particles
 from varint.noether.sampling import Region, random_parameters, sampled
 from varint.noether.search import Pairs, euler_function, euler_rows, gauge_rows, null_space
 
-SMALL = 1e-7  # coefficients below it are rounding errors of the null space
+SMALL = 1e-6  # coefficients below it are rounding errors of the null space
 SIMPLE = ((6, 1e-7), (1000, 1e-9))  # denominators, and how close to such a fraction a coefficient is that fraction
 CLOSE = 1e-8  # values this close are the same; what is made of them is verified afterwards
 HOLDS = 1e-7  # residual, relative to its terms, of a generator that is a symmetry; verified more sharply afterwards
+MOST_IN_PRODUCTS = 12  # parameters, for sums of products of two
 MOST_PARAMETERS = 30  # one null space is needed for each when coefficients depend on them
 
 
@@ -49,8 +51,9 @@ def generators(region: Region, groups: Sequence[Pairs], rng: np.random.Generator
     fixed = region.c is not None or not s.c.numel()
     values = region.c[None] if region.c is not None else random_parameters(s, rng, s.c.numel() + 4)
     here = Region(s, values[0], region.near)
-    rows, pivots = reduced(*null_space(here, groups, rng), order)
-    turns, kept, dependent = listed(here, groups, rows, particles(s.names), rng)
+    basis, size = null_space(here, groups, rng)
+    rows, pivots = reduced(basis, size, order)
+    turns, kept, dependent = listed(here, groups, rows, size, particles(s.names), rng)
     found: list[list] = [[simple(x) for x in row] for row in turns]
     constant = np.ones(len(kept), dtype=bool) if fixed else _hold_everywhere(region, groups, rows[kept], rng)
     found += [[simple(x) for x in row] for row in rows[kept[constant]]]
@@ -109,14 +112,14 @@ def simple(x: float) -> float:
     """x, or the simple fraction that it is up to rounding: the simpler, the more rounding is allowed."""
     for denominator, close in SIMPLE:
         fraction = float(Fraction(float(x)).limit_denominator(denominator))
-        if abs(fraction - x) <= close * max(1.0, abs(x)):
+        if abs(fraction - x) <= close * abs(x):
             return fraction
     return float(x)
 
 
 def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float | None:
     """The function f c_1^{e_1} c_2^{e_2} … with values y at the parameters c, exponents multiples of ½; or None."""
-    if np.ptp(y) <= CLOSE * max(1.0, np.abs(y).max()):
+    if np.ptp(y) <= CLOSE * np.abs(y).max():
         return simple(float(y.mean()))
     used = np.ptp(c, axis=0) > 0
     if (y == 0).any() or not (c[:, used] != 0).all():
@@ -135,6 +138,32 @@ def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float |
         if e:
             product *= symbol ** (int(e) if e == int(e) else float(e))
     return product
+
+
+def products(symbols: ca.SX) -> list[tuple[int, ...]]:
+    """Parameters and products of two, by number; none where there are too many."""
+    n = symbols.numel()
+    return [(i,) for i in range(n)] + list(combinations(range(n), 2)) if n <= MOST_IN_PRODUCTS else []
+
+
+def as_products(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | None:
+    """The sum of parameters and products of two with simple coefficients that has the values y; or None."""
+    terms = products(symbols)
+    if len(y) <= len(terms) or not terms:
+        return None
+    table = np.array([[np.prod(row[list(term)]) for term in terms] for row in c])
+    size = np.abs(table).max(axis=0)
+    size[size == 0] = 1.0
+    found = np.linalg.lstsq(table / size, y, rcond=None)[0]
+    found[np.abs(found) < CLOSE * np.abs(found).max()] = 0.0
+    factors = np.array([simple(x) for x in found / size])
+    if np.abs(table @ factors - y).max() > CLOSE * np.abs(y).max():
+        return None
+    return sum((ca.SX(f) * _product(symbols, term) for f, term in zip(factors, terms, strict=True) if f), ca.SX(0))
+
+
+def _product(symbols: ca.SX, term: tuple[int, ...]) -> ca.SX:
+    return symbols[term[0]] if len(term) == 1 else symbols[term[0]] * symbols[term[1]]
 
 
 def _hold_everywhere(region: Region, groups: Sequence[Pairs], rows: np.ndarray, rng) -> np.ndarray:

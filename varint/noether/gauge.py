@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.noether.basis import as_monomial
+from varint.noether.basis import as_monomial, as_products, products
 from varint.noether.sampling import Region, at_points, random_parameters, sampled
 from varint.noether.verify import TOLERANCE, residual, variation
 
@@ -67,18 +67,19 @@ def _expansion_point(region: Region, taylor: list[ca.SX], rng) -> np.ndarray:
 def _tidied(region: Region, coefficients: list[ca.SX], rng) -> list[ca.SX]:
     """Coefficients that vanish or are numbers for all parameter values as such; the others as they are."""
     s = region.system
-    c = random_parameters(s, rng, s.c.numel() + 4) if region.c is None else region.c[None]
+    count = s.c.numel() + 4 + len(products(s.c))
+    c = random_parameters(s, rng, count) if region.c is None else region.c[None]
     function = ca.Function("coefficients", [s.c], [ca.densify(x) for x in coefficients])
     values = over_columns(function, c)
     scale = max(np.abs(x).max(initial=0.0) for x in values)
     tidy = []
     for expression, table in zip(coefficients, values, strict=True):
         new = ca.SX(*expression.shape)
-        for i, column in enumerate(table.T):
-            row, col = i % expression.shape[0], i // expression.shape[0]
-            if np.abs(column).max() <= ZERO * scale:
-                continue
-            known = as_monomial(column, c, s.c)
+        for i in np.flatnonzero(np.abs(table).max(axis=0) > ZERO * scale):
+            row, col = int(i) % expression.shape[0], int(i) // expression.shape[0]
+            known = as_monomial(table[:, i], c, s.c)
+            if known is None:
+                known = as_products(table[:, i], c, s.c)
             new[row, col] = expression[row, col] if known is None else known
         tidy.append(new)
     return tidy

@@ -15,19 +15,23 @@ from varint.noether.naming import Particles
 from varint.noether.sampling import Region, sampled
 from varint.noether.search import Pairs, euler_function
 
-SAME = 1e-6  # relative: a vector this close to the null space, which has rounding errors, lies in it
+SAME = 1e-5  # relative: a vector this close to the null space, which has rounding errors, lies in it
 
 
 def listed(
-    region: Region, groups: Sequence[Pairs], rows: np.ndarray, bodies: Particles, rng
+    region: Region, groups: Sequence[Pairs], rows: np.ndarray, size: np.ndarray, bodies: Particles, rng
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """(rotations of all particles alike, numbers of the other rows to list, how many rows follow from the others)."""
+    """(rotations of all particles alike, numbers of the other rows to list, how many rows follow from the others).
+
+    Subspaces are compared in the units `size` of the unknowns, in which they are of like size.
+    """
     n = region.system.structure.n
-    turns = _inside(rows, _rotations(groups, n, bodies))
     linear = np.abs(rows[:, 1 : -2 * n]).max(axis=1, initial=0.0) > 0
-    known = [*turns]
-    if len(bodies.index) > 1 and len(groups) == n * n:
-        known += [*_inside(rows, _products(region, rows[~linear], n, rng))]
+    several = len(bodies.index) > 1 and len(groups) == n * n
+    products = _products(region, rows[~linear], n, rng) if several else []
+    rows = rows / size
+    turns = _inside(rows, [x / size for x in _rotations(groups, n, bodies)])
+    known = [*turns, *_inside(rows, [x / size for x in products])]
     kept = [int(i) for i in np.flatnonzero(~linear)]
     span = _orthonormal(np.array(known).reshape(len(known), rows.shape[1]))
     for i in np.flatnonzero(linear):
@@ -36,7 +40,7 @@ def listed(
         if np.linalg.norm(rest) > SAME * np.linalg.norm(rows[i]):
             kept.append(int(i))
             span = np.vstack([span, rest / np.linalg.norm(rest)])
-    return turns, np.array(sorted(kept), dtype=int), len(rows) - len(kept) - len(turns)
+    return turns * size, np.array(sorted(kept), dtype=int), len(rows) - len(kept) - len(turns)
 
 
 def _rotations(groups: Sequence[Pairs], n: int, bodies: Particles) -> list[np.ndarray]:

@@ -105,7 +105,7 @@ class Symmetry:
             return f"broken by {', '.join(self.broken_by)}"
         if not self.tau.is_zero():
             s = self.system.structure
-            exact = self.gauge.is_zero() and self.xi.nnz() == 0 and s.linear and s.autonomous and is_gauss(rule)
+            exact = self.gauge.is_zero() and self.xi.is_zero() and s.linear and s.autonomous and is_gauss(rule)
         else:
             degree = max(rule.degree, 1)  # a composition's path is straight between kicks
             exact = self._is_affine(degree) and self._gauge_degree(degree) <= exactness(rule)

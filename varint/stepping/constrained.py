@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete import Interval, interval
+from varint.discrete import Interval, constraint_function, interval
 from varint.legendre import velocity_function
 from varint.manifold import rows_function, tangent_function
 from varint.rules import Rule
@@ -20,6 +20,7 @@ from varint.system import System, per_system
 
 # Round-off in g moves a path by 1e-16 |q| times the condition of the rows (N² for a chain). Newton is quadratic: a last
 # correction of LAST_CORRECTION times this part of |q| leaves far less than that.
+QUIET = 1e-3  # of the largest momentum, compared by energy: its round-off stays below 1e-12
 CORRECTION_FLOOR = 1e-2
 # |g| is judged against what a change of q by this part of |q| would make of it (RESIDUAL_LIMIT times it: 1e-12).
 GAP_FLOOR = 1e-2
@@ -53,10 +54,12 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     unit = ca.Function("units", [sizes], [y_size])(size)
     found = solve(guess / unit, q0, p0, u, t, h, c, size) * unit
     moved = ca.Function("mean_velocities", [y], [ca.vec(z)])(found)
-    advance = _advance(one, rule, y, z, p, sizes, left, total, row_size)
+    slope = constraint_function(system)(one.q0, one.t, one.c)[1]
+    pulls = ca.fabs(one.h) / d * ca.mtimes(ca.fabs(slope).T, ca.sum2(ca.fabs(lam))) if m else 0
+    advance = _advance(one, rule, y, z, p, sizes, left, total, row_size, pulls)
     q1, cq1, gain, ahead, worst = advance(x, found, u, t, h, c, size, s)
     _, pull = tangent_function(system)(q1, p0 + gain, t + h, c)
-    p1, cp1 = sum_function(n)(p0, carry, gain + pull)
+    p1, cp1 = sum_function(n)(p0, carry, gain + pull, h)
     inputs = [x, u, t, h, c, s]
     step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, worst)])
     start = _start(system, rule, one, y.numel())
@@ -113,13 +116,16 @@ def size_function(system: System) -> ca.Function:
     return ca.Function("sizes", [s.q, s.t, h, s.c, scale], [ca.densify(sizes)], options)
 
 
-def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size) -> ca.Function:
+def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size, pulls) -> ca.Function:
     """(x, y, …) → q and its carry, the momentum gain before projection, the next start values, the worst residual."""
     n, d = z.shape
     scale = ca.SX.sym("scale", 2 * n)
     inputs = [y, one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes, scale]
-    # reactions set coordinates in motion that were at rest when the scales were taken: count what is there now
-    moving = scale[n:] + ca.fabs(p) + ca.fabs(total)
+    # reactions set coordinates in motion that were at rest when the scales were taken, and hold massless ones at p = 0:
+    # count what is there now
+    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + pulls
+    root = ca.sqrt(scale[n:] / scale[:n])  # of the inertia: what rests carries the round-off of what moves
+    moving = ca.fmax(moving, QUIET * ca.norm_inf(moving / root) * root)
     rest = ca.vertsplit(row_size, [0, n * d, left.numel()])[1]
     remains = ca.densify(left / ca.vertcat(ca.repmat(moving, d, 1), rest))
     check = ca.Function("check", inputs, [remains, total], {"cse": True})
@@ -128,16 +134,16 @@ def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size) -
     ahead = ca.vertcat(ca.vec(ca.mtimes(z, ca.DM(rule.extrapolation).T)), y[n * d :])
     with verbatim():
         remains, gain = check(y, q, *inputs[2:])
-        q1, cq1 = compensated(q, cq, one.h * z[:, -1])
+        q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
         outputs = [q1, cq1, gain, ahead, ca.fmax(worst, ca.norm_inf(remains))]
         return ca.Function("advance", [x, y, *inputs[3:]], outputs)
 
 
 def sum_function(n: int) -> ca.Function:
     """Compensated p + gain."""
-    p, carry, gain = (ca.SX.sym(name, n) for name in ("p", "carry", "gain"))
+    p, carry, gain, h = (ca.SX.sym(name, k) for name, k in (("p", n), ("carry", n), ("gain", n), ("h", 1)))
     with verbatim():
-        return ca.Function("gained", [p, carry, gain], list(compensated(p, carry, gain)))
+        return ca.Function("gained", [p, carry, gain, h], list(compensated(p, carry, gain, h)))
 
 
 def _start(system: System, rule: Rule, one: Interval, unknowns: int) -> ca.Function:

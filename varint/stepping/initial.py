@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import call
-from varint.consistency import check_start, independent_rows
+from varint.consistency import check_gaps, check_start, independent_rows
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.manifold import Phase, tangent_function
@@ -48,6 +48,8 @@ def initial_task(
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
     phase = None
+    if system.structure.contacts:
+        check_gaps(system, q, t0, c)
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
     u = controls(system, rule, u, count)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from varint.discrete import require_explicit
 from varint.errors import InputError
+from varint.manifold import Phase
 from varint.rules import Rule, composition, gauss, lobatto
 from varint.stepping.constrained import constrained_stepper
 from varint.stepping.explicit import explicit_stepper
@@ -54,7 +55,7 @@ def default_rule(system: System) -> Rule:
         return lobatto(2) if s.constraints else gauss(1)
     if s.degenerate:
         return gauss(1)
-    return lobatto(3) if s.constraints else gauss(2)
+    return lobatto(3) if s.constraints or s.contacts else gauss(2)
 
 
 def plan(system: System, rule: Rule | None = None) -> Plan:
@@ -92,6 +93,10 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
         raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
     s = system.structure
     refuse_what_no_stepper_has(system, rule)
+    if s.contacts:
+        free = plan(Phase(tuple(range(s.constraints))).scene(system), rule)
+        watch = "a look at gaps and contact multipliers after every block of steps; sub-steps where one changes sign"
+        return replace(free, method=f"{free.method}, contacts watched", runs=(*free.runs, watch), build=_not_one_step)
     skipped = []
     if s.autonomous:
         skipped.append("time: the scene is autonomous")
@@ -128,6 +133,13 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
     return Plan(rule, "Newton's method", runs, tuple(skipped), implicit_stepper)
 
 
+def _not_one_step(system: System, rule: Rule) -> Stepper:
+    raise InputError(
+        "a scene with contacts has no step of its own, for what holds changes; take the scene without contact=, or "
+        "simulate()"
+    )
+
+
 def refuse_what_no_stepper_has(system: System, rule: Rule) -> None:
     """Combinations that no stepper can do, each with its reason and the way out."""
     s = system.structure
@@ -141,8 +153,15 @@ def refuse_what_no_stepper_has(system: System, rule: Rule) -> None:
             f"{rule} cannot carry non-holonomic constraints: they need a symmetric step of one piece (order 2); "
             + ("use trapezoidal()" if s.constraints else "use midpoint() or trapezoidal()")
         )
-    if s.contacts:
-        raise InputError("scenes with contacts cannot be simulated yet")
+    if s.contacts and rule.points != rule.nodes:
+        raise InputError(
+            f"{rule} cannot carry contacts: a contact that holds is a constraint, whose multiplier needs Lobatto "
+            "points; use lobatto(3) or another lobatto(s)"
+        )
+    if s.contacts and not s.quadratic_kinetic:
+        raise InputError(
+            "contacts need a Lagrangian that is quadratic in the velocities: the law of impact is M Δv = Λ ∂gap/∂q"
+        )
     if s.degenerate and rule != gauss(1):
         raise InputError(
             f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is unstable for it; "

@@ -51,7 +51,7 @@ def rattle_stepper(system: System, rule: Rule) -> Stepper:
     q1, cq1, gain, increment, gap = travel(lam, q0, cq0, p0, force, t, h, c, size)
     after = kick(q1, u1, t + h, c)
     gain = gain + h / 2 * after
-    p1, cp1 = sum_function(n)(p0, cp0, gain + project(q1, p0 + gain, t + h, c))
+    p1, cp1 = sum_function(n)(p0, cp0, gain + project(q1, p0 + gain, t + h, c), h)
     inputs = [x, u, t, h, c, scale]
     step = ca.Function("rattle", inputs, [ca.vertcat(q1, cq1, p1, cp1, after, lam, ca.fmax(worst, gap))])
     return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), solve)
@@ -71,7 +71,7 @@ def _shake(system: System) -> tuple[ca.Function, ca.Function]:
     equations = ca.Function("gaps", [lam, *arguments], [ca.substitute(gap, lam, lam * lam_size)], {"cse": True})
     solve = newton("newton", equations)
     with verbatim():
-        q1, cq1 = compensated(q, cq, increment)
+        q1, cq1 = compensated(q, cq, increment, h)
         outputs = [q1, cq1, gain, increment, ca.norm_inf(gap)]
         return solve, ca.Function("travel", [lam, q, cq, p, force, t, h, s.c, sizes], outputs)
 

@@ -14,6 +14,7 @@ from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, scale_function
 from varint.system import System, per_system
+from varint.trajectory import Event
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
@@ -35,6 +36,7 @@ class Task:
     c: np.ndarray
     nodes: int
     phase: Phase | None = None
+    first: int = 0
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
@@ -46,7 +48,8 @@ class Task:
 class Block:
     """Some saved nodes: step counts k, coordinates, momenta.
 
-    The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one.
+    The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one. Scenes
+    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them.
     """
 
     k: np.ndarray
@@ -55,6 +58,9 @@ class Block:
     residual: float
     good: int
     failed: float = 0.0
+    t: np.ndarray | None = None
+    phase: Phase | None = None
+    events: tuple[Event, ...] = ()
 
 
 @per_system
@@ -78,14 +84,13 @@ def run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
     """The run, block after block; it ends with the first block that is not wholly good."""
     stepper = plan(system, rule).build(system, rule)
     n, h, c = system.structure.n, np.array([task.h]), task.c
-    t0 = np.array([task.t0])
+    t0 = np.array([task.t0 + task.h * task.first])
     typical = np.abs(task.u).max(axis=(0, 1), initial=0.0)
     scale = call(scale_function(system), task.q0, task.p0, typical, t0, h, c)[0]
-    x = call(stepper.start, task.q0, task.p0, task.controls(0, 1), t0, h, c)[0]
-    k = 0
-    for count, every in _grid(
-        task.steps, task.save_every, LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
-    ):
+    x = call(stepper.start, task.q0, task.p0, task.controls(task.first, 1), t0, h, c)[0]
+    k = task.first
+    largest = LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
+    for count, every in _grid(task.steps - task.first, task.save_every, largest):
         total = count * every
         times = task.t0 + task.h * np.arange(k, k + total)
         function = _rollout(system, rule, count, every)

@@ -12,15 +12,17 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import ConvergenceError
+from varint.manifold import Phase
 from varint.progress import progress_bar
 from varint.rules import Rule
-from varint.stepping.events import first_crossing
+from varint.stepping.contact_run import contact_run
+from varint.stepping.events import crossings, logged, watched
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import Plan, plan
 from varint.stepping.run import RESIDUAL_LIMIT, Block, Task, run
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
-from varint.trajectory import Trajectory
+from varint.trajectory import Event, Trajectory
 
 
 def simulate(
@@ -37,7 +39,8 @@ def simulate(
     u: Any = None,
     params: Mapping[str, Any] | None = None,
     save_every: int = 1,
-    until: ca.SX | None = None,
+    until: ca.SX | tuple[ca.SX, int] | None = None,
+    events: Mapping[str, Any] | None = None,
     progress: bool | None = None,
 ) -> Trajectory:
     """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete Euler–Lagrange).
@@ -61,9 +64,11 @@ def simulate(
         Parameter values that differ from the defaults.
     save_every : int
         Keep every so many steps (the last step is always kept).
-    until : SX, optional
+    until : SX or (SX, int), optional
         Stop where this expression of q, v, t and the parameters crosses zero; the last node is the crossing, located
-        with the rule's own accuracy.
+        with the rule's own accuracy. With a direction: +1 only where it rises, -1 only where it falls.
+    events : dict of SX or (SX, int), optional
+        Log where these expressions cross zero: `Trajectory.events` has a record with the time and the name of each.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
 
@@ -89,33 +94,46 @@ def simulate(
     ((1001, 1), True)
     """
     began = perf_counter()
+    stops = None if until is None else watched("until", until)
+    watches = [watched(name, wanted) for name, wanted in (events or {}).items()]
+    noted: list[Event] = []
     chosen = plan(system, rule)
     task = initial_task(
         system, chosen.rule,
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
-    nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
-    scene = system if task.phase is None else task.phase.scene(system)
+    if system.structure.contacts:
+        blocks = contact_run(system, chosen.rule, task)
+        nodes = [next(blocks)]
+    else:
+        scene = system if task.phase is None else task.phase.scene(system)
+        blocks = run(scene, chosen.rule, task)
+        nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
     with progress_bar(task.steps, "step", progress) as count:
-        for block in run(scene, chosen.rule, task):
-            recent = _trajectory(system, chosen, task, [nodes[-1], block], began)
+        for block in blocks:
+            recent = _trajectory(system, chosen, task, [nodes[-1], block], began, [])[nodes[-1].good - 1 :]
             nodes.append(block)
             count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
-            stop = None if until is None else first_crossing(recent, until)
-            if stop is not None:
-                return _cut(_trajectory(system, chosen, task, nodes, began), int(recent.k[stop[0]]), stop[1])
-            if block.good < len(block.k):
-                raise _failure(_trajectory(system, chosen, task, nodes, began), block, task)
-    return _trajectory(system, chosen, task, nodes, began)
+            noted += [event for watch in watches for event in logged(recent, watch)]
+            stop = crossings(recent, stops)[:1] if stops else []
+            if stop or block.good < len(block.k):
+                motion = _trajectory(system, chosen, task, nodes, began, noted)
+                if stop:
+                    return _cut(motion, len(motion) - len(recent) + stop[0][0] + 1, stop[0][1])
+                raise _failure(motion, block, task)
+    return _trajectory(system, chosen, task, nodes, began, noted)
 
 
-def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], began: float) -> Trajectory:
+def _trajectory(
+    system: System, chosen: Plan, task: Task, nodes: list[Block], began: float, noted: list[Event]
+) -> Trajectory:
     k = np.concatenate([block.k[: block.good] for block in nodes])
-    phases = () if task.phase is None or task.phase.scene(system) is system else (task.phase,)
+    phases, phase = _phases(system, task, nodes)
+    happened = [*noted, *(event for block in nodes for event in block.events)]
     return Trajectory(
         system=system,
         rule=chosen.rule,
-        t=task.t0 + task.h * k,
+        t=np.concatenate([task.t0 + task.h * b.k[: b.good] if b.t is None else b.t for b in nodes]),
         q=np.concatenate([block.q for block in nodes]),
         p=np.concatenate([block.p for block in nodes]),
         h=task.h,
@@ -124,7 +142,8 @@ def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], be
         c=task.c,
         functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
         phases=phases,
-        phase=np.zeros(len(k), dtype=int) if phases else None,
+        phase=phase,
+        events=tuple(sorted(happened, key=lambda event: event.time * np.sign(task.h))),
         stats=MappingProxyType(
             {
                 "plan": str(chosen),
@@ -136,12 +155,22 @@ def _trajectory(system: System, chosen: Plan, task: Task, nodes: list[Block], be
     )
 
 
-def _cut(motion: Trajectory, k: int, t: float) -> Trajectory:
-    """The trajectory up to the node after k steps, and one more node at time t."""
-    kept = int(np.searchsorted(motion.k, k, side="right"))
+def _phases(system: System, task: Task, nodes: list[Block]) -> tuple[tuple[Phase, ...], np.ndarray | None]:
+    """The phases that occurred, and the one of each node; nothing where all constraints held all the time."""
+    each = [block.phase or task.phase for block in nodes]
+    if not system.structure.contacts and (each[0] is None or each[0].scene(system) is system):
+        return (), None
+    phases = tuple(dict.fromkeys(phase for phase in each if phase is not None))
+    return phases, np.concatenate([np.full(b.good, phases.index(p)) for b, p in zip(nodes, each, strict=True)])
+
+
+def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:
+    """The first `kept` nodes of the trajectory, and one more at time t."""
     end = motion.at([t])
     times, q, p, steps = (np.concatenate([getattr(motion, name)[:kept], getattr(end, name)]) for name in "tqpk")
-    return replace(motion, t=times, q=q, p=p, k=steps)
+    phase = None if motion.phase is None else np.concatenate([motion.phase[:kept], motion.phase[kept - 1 : kept]])
+    before = tuple(event for event in motion.events if (t - event.time) * motion.h >= 0)
+    return replace(motion, t=times, q=q, p=p, k=steps, phase=phase, events=before)
 
 
 def _failure(motion: Trajectory, block: Block, task: Task) -> ConvergenceError:

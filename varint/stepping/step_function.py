@@ -93,9 +93,7 @@ def scale_function(system: System) -> ca.Function:
 
 
 SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
-UNKNOWN = (
-    1e-100  # size of what is at rest with nothing to push it: below all units, so that Newton's method iterates on
-)
+UNKNOWN = 1e-100  # of what rests with nothing to push it: below all units, so that Newton's method iterates on
 
 
 @per_system

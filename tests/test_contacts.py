@@ -1,0 +1,251 @@
+"""Unilateral contacts: impacts, detachment, rest, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+
+REFERENCE = json.loads((Path(__file__).parent / "reference" / "a.json").read_text())
+G = 9.81
+
+
+def ball(restitution: float = 1.0) -> vi.System:
+    q, v = vi.coordinates("y")
+    return vi.System(q, v, v**2 / 2 - G * q, contact=q, restitution=restitution)
+
+
+def disc_on_table(gravity: float = 0.0, restitution=1.0) -> vi.System:
+    """A point in the box 0 ≤ x ≤ 1, 0 ≤ y."""
+    q, v = vi.coordinates("x", "y")
+    walls = ca.vertcat(q[0], 1 - q[0], q[1])
+    return vi.System(q, v, ca.sumsqr(v) / 2 - gravity * q[1], contact=walls, restitution=restitution)
+
+
+def times(motion, kind=None):
+    return np.array([event.time for event in motion.events if kind in (None, event.kind)])
+
+
+def ladder(params) -> vi.System:
+    q, v = vi.coordinates("x", "y", "theta")
+    m, length, g = params["m"], params["L"], params["g"]
+    lagrangian = m * ca.sumsqr(v[:2]) / 2 + m * length**2 / 12 * v[2] ** 2 / 2 - m * g * q[1]
+    wall, floor = q[0] - length / 2 * ca.cos(q[2]), q[1] - length / 2 * ca.sin(q[2])
+    return vi.System(q, v, lagrangian, contact=ca.vertcat(wall, floor, q[2]))
+
+
+@pytest.mark.parametrize("name", ["A07_ladder_60deg", "A07_ladder_89deg"])
+def test_the_falling_ladder_leaves_the_wall_slides_and_stops_as_it_must(name):
+    entry = REFERENCE[name]
+    params, exact, start = entry["params"], entry["reference"], entry["initial"]["theta"]
+    m, length, g = params["m"], params["L"], params["g"]
+    q0 = [length / 2 * np.cos(start), length / 2 * np.sin(start), start]
+    motion = vi.simulate(
+        ladder(params), vi.lobatto(4), q0=q0, v0=[0, 0, 0], h=0.01, duration=round(1.1 * entry["times"][-1], 1)
+    )
+    leaves, stops = motion.events
+    assert (leaves.kind, leaves.contact, stops.kind, stops.contact) == ("detachment", 0, "stop", 2)
+    assert abs(leaves.time - exact["T_detach"]) <= 1e-10 and abs(stops.time - exact["T_impact"]) <= 1e-10
+    at = motion.at(leaves.time)
+    assert abs(at.q[2] - exact["theta_detach"]) <= 1e-10 and abs(at.v[2] - exact["thetadot_detach"]) <= 1e-10
+    inertia = m * length**2 / 3
+    sine, cosine = np.sin(motion.q[:, 2]), np.cos(motion.q[:, 2])
+    push = m**2 * g * length**2 / (4 * inertia) * (3 * sine - 2 * np.sin(start))
+    weight = m * g * (m * length**2 / 12) / inertia
+    leaning = motion.t < leaves.time
+    np.testing.assert_allclose(motion.multipliers[leaning, 0], (push * cosine)[leaning], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(motion.multipliers[leaning, 1], (weight + push * sine)[leaning], rtol=0, atol=1e-8)
+    free = (motion.t > leaves.time) & (motion.t < stops.time)
+    assert (motion.multipliers[free, 0] == 0).all()
+    np.testing.assert_allclose(motion.v[free, 0], exact["vx_cm_after_detach"], rtol=1e-9)
+    np.testing.assert_allclose(motion.energy[motion.t < stops.time], exact["energy"], rtol=1e-9)
+    for time, state, (wall, floor) in zip(entry["times"][:-1], exact["state"], exact["reactions"], strict=False):
+        there = motion.at([time])
+        theta, thetadot, x, y, vx, vy = state
+        np.testing.assert_allclose(np.hstack([there.q[0], there.v[0]]), [x, y, theta, vx, vy, thetadot], atol=1e-8)
+        np.testing.assert_allclose(there.multipliers[0, :2], [wall, floor], atol=1e-7)
+    assert abs(motion.q[-1, 2]) <= 1e-12 and abs(motion.v[-1, 2]) <= 1e-12
+
+
+def test_an_elastic_ball_bounces_at_the_exact_times_and_keeps_its_energy_without_slope():
+    motion = vi.simulate(ball(), vi.lobatto(3), q0=1.0, v0=0.0, h=0.05, duration=500.0)
+    first = np.sqrt(2 / G)
+    np.testing.assert_allclose(times(motion), first * (1 + 2 * np.arange(len(motion.events))), rtol=1e-12)
+    assert len(motion.events) > 500 and motion.q.min() > -1e-14
+    energies = np.array([event.energy_after for event in motion.events])
+    x = np.arange(len(energies)) - (len(energies) - 1) / 2
+    slope = x @ energies / (x @ x)
+    assert abs(slope * len(energies)) <= 1e-11 and np.abs(energies - G).max() <= 1e-11
+
+
+@pytest.mark.long
+def test_the_energy_of_an_elastic_ball_has_no_slope_over_1e4_impacts():
+    motion = vi.simulate(ball(), vi.lobatto(3), q0=1.0, v0=0.0, h=0.3, duration=9033.0)
+    assert len(motion.events) > 10_000
+    energies = np.array([event.energy_after for event in motion.events])[:10_000]
+    assert np.abs(energies - G).max() <= 1e-10
+    windows, x = energies.reshape(100, 100).mean(axis=1), np.arange(100) - 49.5
+    slope = x @ windows / (x @ x)
+    noise = np.std(windows - windows.mean() - slope * x) / np.sqrt(x @ x)
+    assert abs(slope) <= 4 * noise + 1e-15
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.8])
+def test_a_lossy_ball_comes_to_rest_at_the_closed_form_time_after_infinitely_many_bounces(restitution):
+    motion = vi.simulate(ball(restitution), vi.lobatto(3), q0=1.0, v0=0.0, h=0.05, duration=6.0)
+    first = np.sqrt(2 / G)
+    last = motion.events[-1]
+    assert last.kind == "stop" and all(event.kind == "impact" for event in motion.events[:-1])
+    assert abs(last.time - first * (1 + restitution) / (1 - restitution)) <= 1e-9
+    gained = [event.energy_after / event.energy_before for event in motion.events[:10]]
+    np.testing.assert_allclose(gained, restitution**2, rtol=1e-9)
+    after = motion.t > last.time + 0.1
+    assert np.abs(motion.q[after]).max() <= 1e-15 and np.abs(motion.v[after]).max() <= 1e-12
+    np.testing.assert_allclose(motion.multipliers[after, 0], G, rtol=1e-12)
+
+
+def test_impulses_are_the_change_of_normal_momentum():
+    motion = vi.simulate(ball(0.6), q0=1.0, v0=0.0, h=0.05, duration=0.6)
+    (hit,) = motion.events
+    assert abs(hit.impulse - 1.6 * np.sqrt(2 * G)) <= 1e-12
+    assert abs(hit.energy_before - G) <= 1e-12 and abs(hit.energy_after - 0.36 * G) <= 1e-12
+
+
+def test_several_impacts_in_one_step_are_found_in_their_order():
+    motion = vi.simulate(disc_on_table(), q0=[0.5, 0.1], v0=[3.0, -0.7], h=1.0, steps=2)
+    walls = (0.5 + np.arange(6)) / 3
+    floor = 0.1 / 0.7
+    exact = np.sort(np.append(walls[walls < 2], floor))
+    np.testing.assert_allclose(times(motion), exact, rtol=0, atol=1e-14)
+    assert [event.contact for event in motion.events] == [2, 1, 0, 1, 0, 1, 0]
+    np.testing.assert_allclose(motion.energy, motion.energy[0], rtol=1e-14)
+    assert (np.diff(motion.t) > 0).all() and motion.t[-1] == 2.0
+
+
+def test_a_corner_reflects_both_velocities_at_once():
+    motion = vi.simulate(disc_on_table(), q0=[0.5, 0.5], v0=[-1.0, -1.0], h=0.3, steps=3)
+    assert [event.time for event in motion.events] == [0.5, 0.5]
+    np.testing.assert_allclose(motion.v[-1], [1, 1], rtol=1e-14)
+    np.testing.assert_allclose(motion.q[-1], [0.4, 0.4], atol=1e-14)
+
+
+def test_a_graze_between_two_nodes_is_an_impact():
+    """The gap is positive at both ends of the step and negative between."""
+    q, v = vi.coordinates("x", "y")
+    hill = vi.System(q, v, ca.sumsqr(v) / 2, contact=ca.sumsqr(q) - 1, restitution=1.0)
+    motion = vi.simulate(hill, q0=[-2.0, 0.98], v0=[1.0, 0.0], h=4.0, steps=1)
+    (hit,) = motion.events
+    assert abs(hit.time - (2 - np.sqrt(1 - 0.98**2))) <= 1e-12
+    assert motion.v[-1, 1] > 0
+
+
+def test_a_particle_slides_off_a_sphere_at_the_angle_of_the_textbook():
+    exact = REFERENCE["A12_sphere_detach_rest_0p2"]["reference"]
+    q, v = vi.coordinates("x", "y")
+    sphere = vi.System(q, v, ca.sumsqr(v) / 2 - G * q[1], contact=ca.vertcat(ca.sqrt(ca.sumsqr(q)) - 1, q[1] + 1))
+    motion = vi.simulate(sphere, vi.lobatto(4), q0=[np.sin(0.2), np.cos(0.2)], v0=[0, 0], h=0.01, duration=1.11)
+    leaves, lands = motion.events
+    assert (leaves.kind, lands.kind, lands.contact) == ("detachment", "stop", 1)
+    assert abs(leaves.time - exact["T_detach"]) <= 1e-10 and abs(lands.time - exact["T_floor"]) <= 1e-10
+    there = motion.at(leaves.time)
+    np.testing.assert_allclose(np.hstack([there.q, there.v]), exact["xy_v_detach"], atol=1e-9)
+    assert abs(motion.at(lands.time).q[0] - exact["x_floor"]) <= 1e-9
+
+
+def test_a_string_goes_slack_where_its_tension_vanishes_and_is_caught_again():
+    entry = REFERENCE["A05_pendulum_slack"]
+    q, v = vi.coordinates("x", "y")
+    string = vi.System(q, v, ca.sumsqr(v) / 2 - G * q[1], contact=1 - ca.sqrt(ca.sumsqr(q)))
+    speed = np.sqrt(entry["params"]["thetadot0_squared"])
+    motion = vi.simulate(string, vi.lobatto(4), q0=[0, -1], v0=[speed, 0], h=0.01, duration=1.5)
+    assert motion.events[0].kind == "detachment" and motion.events[1].kind == "stop"
+    assert abs(motion.events[0].time - entry["reference"]["t_slack"]) <= 1e-10
+    assert motion.value(1 - ca.sumsqr(q)).min() >= -1e-12
+    assert (motion.multipliers >= -1e-9).all()
+
+
+def test_contacts_that_are_one_too_many_share_the_weight():
+    """A beam on three legs of one line: two would do; the reactions of least norm carry it."""
+    q, v = vi.coordinates("y", "tilt")
+    legs = ca.vertcat(*(q[0] + s * ca.sin(q[1]) for s in (-1.0, 0.0, 1.0)))
+    beam = vi.System(q, v, (v[0] ** 2 + v[1] ** 2 / 3) / 2 - G * q[0], contact=legs)
+    motion = vi.simulate(beam, q0=[0.0, 0.0], v0=[0.0, 0.0], h=0.01, steps=50)
+    assert not motion.events and np.abs(motion.q).max() <= 1e-14
+    np.testing.assert_allclose(motion.multipliers, G / 3, rtol=1e-10)
+    np.testing.assert_allclose(motion.reaction_forces, np.broadcast_to([G, 0], (51, 2)), atol=1e-10)
+
+
+def test_a_plastic_landing_with_a_contact_already_closed_keeps_both():
+    motion = vi.simulate(disc_on_table(G, 0.0), q0=[0.5, 0.0], v0=[1.0, 0.0], h=0.01, steps=100)
+    (hit,) = motion.events
+    assert (hit.contact, abs(hit.time - 0.5) <= 1e-12) == (1, True)
+    np.testing.assert_allclose(motion.q[-1], [1.0, 0.0], atol=1e-14)
+    np.testing.assert_allclose(motion.multipliers[-1], [0, 0, G], atol=1e-12)
+
+
+def test_dense_output_and_slices_follow_the_motion_through_events():
+    motion = vi.simulate(ball(0.5), q0=1.0, v0=0.0, h=0.05, duration=3.0)
+    t1, speed = np.sqrt(2 / G), np.sqrt(2 * G) / 2
+    between = t1 + np.array([0.01, 0.2, 0.4])
+    np.testing.assert_allclose(
+        motion.at(between).q[:, 0], speed * (between - t1) - G / 2 * (between - t1) ** 2, atol=1e-12
+    )
+    late = motion[len(motion) // 2 :]
+    np.testing.assert_allclose(late.multipliers, motion.multipliers[len(motion) // 2 :])
+    thin = vi.simulate(ball(0.5), q0=1.0, v0=0.0, h=0.05, duration=3.0, save_every=7)
+    assert len(thin) < len(motion) and thin.events == motion.events
+    np.testing.assert_allclose(thin.q[-1], motion.q[-1], atol=1e-14)
+
+
+def test_contacts_hold_together_with_constraints():
+    """A pendulum between two stops, one below the other's height."""
+    q, v = vi.coordinates("x", "y")
+    swing = vi.System(
+        q, v, ca.sumsqr(v) / 2 - G * q[1], constraint=ca.sumsqr(q) - 1, contact=0.3 - q[0], restitution=1.0
+    )  # fmt: skip
+    motion = vi.simulate(swing, vi.lobatto(4), q0=[-0.6, -0.8], v0=[0, 0], h=0.01, steps=400)
+    assert len(motion.events) >= 3 and motion.q[:, 0].max() <= 0.3 + 1e-12
+    np.testing.assert_allclose(motion.energy, motion.energy[0], rtol=1e-10)
+    np.testing.assert_allclose(np.hypot(*motion.q.T), 1, atol=1e-13)
+    speeds = [motion.at(event.time).v for event in motion.events]
+    assert np.ptp([np.hypot(*speed) for speed in speeds]) <= 1e-9
+
+
+def test_a_start_inside_a_contact_is_refused():
+    with pytest.raises(vi.InputError, match=r"q0 violates the contacts \[0\]: gap = \[-0\.1\]"):
+        vi.simulate(ball(), q0=-0.1, v0=0.0, h=0.01, steps=1)
+
+
+def test_a_start_that_runs_into_a_contact_begins_with_the_impact():
+    motion = vi.simulate(ball(0.5), q0=0.0, v0=-2.0, h=0.01, steps=3)
+    (hit,) = motion.events
+    assert hit.time == 0 and abs(hit.impulse - 3.0) <= 1e-14 and motion.v[0, 0] == 1.0
+
+
+def test_rules_that_cannot_carry_a_contact_are_refused():
+    with pytest.raises(vi.InputError, match=r"gauss\(2\) cannot carry contacts.*lobatto\(3\)"):
+        vi.simulate(ball(), vi.gauss(2), q0=1.0, v0=0.0, h=0.01, steps=1)
+    q, v = vi.coordinates("y")
+    fast = vi.System(q, v, -ca.sqrt(1 - v**2), contact=q)
+    with pytest.raises(vi.InputError, match="quadratic in the velocities"):
+        vi.simulate(fast, q0=1.0, v0=0.0, h=0.01, steps=1)
+    with pytest.raises(vi.InputError, match="no step of its own"):
+        vi.step_function(ball())
+
+
+def test_the_plan_says_that_contacts_are_watched():
+    assert "contacts watched" in str(vi.plan(ball()))
+
+
+def test_a_run_with_impacts_comes_back_from_disk_as_it_was(tmp_path):
+    motion = vi.simulate(ball(0.5), q0=1.0, v0=0.0, h=0.05, duration=2.0)
+    motion.save(tmp_path / "ball.npz")
+    again = vi.load(tmp_path / "ball.npz")
+    assert again.events == motion.events and again.phases == motion.phases
+    np.testing.assert_array_equal(again.multipliers, motion.multipliers)
+    np.testing.assert_array_equal(again.at(0.71).q, motion.at(0.71).q)
