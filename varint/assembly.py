@@ -115,6 +115,41 @@ def assembled(elements: Sequence[Element], unknowns: int, constants: int, rows: 
     )  # fmt: skip
 
 
+def equations(elements: Sequence[Element], unknowns: int, constants: int) -> tuple[ca.Function, ca.Function]:
+    """The rows alone, for Newton's method: no cost, no second derivatives.
+
+    Parameters
+    ----------
+    elements : sequence of Element
+    unknowns, constants : int
+        Sizes of x and p; there are as many rows as unknowns.
+
+    Returns
+    -------
+    rows : Function
+        (x, p) → g.
+    linearised : Function
+        (x, p) → (g, ∂g/∂x), sparse.
+    """
+    x, p = ca.MX.sym("x", unknowns), ca.MX.sym("p", constants)
+    values, both, slopes = [], [], []
+    for i, element in enumerate(elements):
+        inputs, rows = [element.variables, element.constants], ca.densify(element.rows)
+        slope = ca.jacobian(rows, element.variables)
+        value = ca.Function(f"element{i}_rows", inputs, [rows], {"cse": True})
+        linear = ca.Function(f"element{i}_linear", inputs, [rows, slope], {"cse": True})
+        gathered = _gathered(x, element.x), _gathered(p, element.p)
+        values.append((value.map(len(element.x))(*gathered), element.g))
+        shares, slope_shares = linear.map(len(element.x))(*gathered)
+        both.append((shares, element.g))
+        slopes.append((slope_shares, *_places(slope.sparsity(), element.g, element.x)))
+    matrix = _matrix(slopes, (unknowns, unknowns))
+    return (
+        ca.Function("rows", [x, p], [_column(values, unknowns)]),
+        ca.Function("linearised", [x, p], [_column(both, unknowns), matrix]),
+    )
+
+
 def scaled(program: Program, x_scale: np.ndarray, f_scale: float, g_scale: np.ndarray) -> Program:
     """The program in x̂ = x / x_scale with f · f_scale and g · g_scale."""
     rows, unknowns = program.jacobian.size1_out(1), program.jacobian.size2_out(1)

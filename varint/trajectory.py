@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from varint.control.solution import ControlSolution, Costates
     from varint.diagnostics.momentum import Conserved, MomentumMap
-    from varint.noether import Symmetry
+    from varint.symmetry import Symmetry
 
 
 class State(NamedTuple):
@@ -96,8 +96,11 @@ class Trajectory:
         Plan, worst residual, iterations, timings.
     sizes : ndarray (steps,) or None
         Size of every step, where they are not all `h`.
-    solution : ControlSolution or None
-        What an optimal control has beside its motion: cost, costates, active bounds, the solver's way.
+    solution : ControlSolution, Contacts or None
+        What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
+        path of least action leans on its bounds.
+    closure : ndarray (n, n + 1) or None
+        [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
     """
 
     system: System
@@ -115,7 +118,8 @@ class Trajectory:
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     sizes: np.ndarray | None = None
-    solution: ControlSolution | None = None
+    solution: Any = None
+    closure: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -134,6 +138,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
+                closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
@@ -262,6 +267,39 @@ class Trajectory:
 
         return conserved(self)
 
+    @cached_property
+    def morse_index(self) -> int:
+        """Number of independent variations with fixed ends that lower the action: 0 for a path of least action.
+
+        A path that was found closed is varied among closed paths, and shifts and turns of the whole do not count.
+
+        Raises
+        ------
+        InputError
+            If the scene has forces (no action is stationary then) or not every step was kept.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.morse_index(self)
+
+    @cached_property
+    def conjugate_times(self) -> np.ndarray:
+        """Times conjugate to the start, where ∂q(t)/∂p(0) is singular, located with the rule's accuracy, (count,).
+
+        Raises
+        ------
+        InputError
+            As for `morse_index`.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.conjugate_times(self)
+
+    @property
+    def is_minimum(self) -> bool:
+        """Whether no variation with fixed ends lowers the action to second order: Morse index 0."""
+        return self.morse_index == 0
+
     def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
 
@@ -293,7 +331,7 @@ class Trajectory:
         phase = None if self.phase is None else self.phase[node]
         for _ in self._steps(q, p, start, k, ahead, phase):
             continue
-        found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None)
+        found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
     def _states(self, index: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -398,7 +436,9 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        if self.solution is None:
+        from varint.control.solution import ControlSolution
+
+        if not isinstance(self.solution, ControlSolution):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 

@@ -17,9 +17,9 @@ from varint.models.constrained import (
 from varint.models.contacts import bouncing_ball, falling_ladder, slack_string, slide_off_sphere
 from varint.models.control import (
     ControlModel,
-    brachistochrone,
     falling_cat,
     fastest_transfer,
+    fastest_wire,
     free_floating_robot,
     orbit_transfer,
     overhead_crane,
@@ -64,6 +64,7 @@ from varint.models.particles import (
     spring_cluster,
     two_body,
 )
+from varint.models.paths import brachistochrone, catenary, cycloid, great_circle, spheroid_geodesic, torus_geodesic
 from varint.models.pendulums import (
     chain_pendulum,
     double_pendulum,
@@ -95,6 +96,7 @@ catalogue = {
         uniform_fields, magnetic_mirror, inverse_distance_field, oscillating_field, growing_field,
         free_rigid_body, heavy_rigid_body, heavy_top,
         cart_pole, acrobot, two_link_arm,
+        great_circle, torus_geodesic, spheroid_geodesic, brachistochrone, catenary,
         lotka_volterra, guiding_centre,
         pendulum_cartesian, spherical_pendulum_cartesian, atwood, double_atwood, chain_rods, turning_wire,
         free_body_quaternion, heavy_top_quaternion, slider_crank, four_bar, andrews_mechanism,
@@ -107,13 +109,13 @@ control_catalogue = {
     factory.__name__: factory
     for factory in (
         rest_to_rest, fastest_transfer, swing_up_cart_pole, swing_up_pendulum, swing_up_acrobot, overhead_crane,
-        brachistochrone, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
+        fastest_wire, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
     )
 }  # fmt: skip
 
 __all__ = [
     "ControlModel", "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue",
-    "charged_particle", "control_catalogue", "euler_rates", "fpu_stiff_energies", "inverse_distance_period",
+    "charged_particle", "control_catalogue", "cycloid", "euler_rates", "fpu_stiff_energies", "inverse_distance_period",
     "kapitza_frequency", "pairs", "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period",
     "rotation", "sliding_support_period", *catalogue, *control_catalogue,
 ]  # fmt: skip
