@@ -15,7 +15,7 @@ LAYERS = [
     {"errors", "polynomials", "arrays", "progress"},
     {"compositions", "structure"},
     {"rules", "system"},
-    {"manifold", "legendre"},
+    {"manifold", "legendre", "expressions"},
     {"discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
     {"consistency", "stepping", "compiled", "projection", "boundary", "control"},

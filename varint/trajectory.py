@@ -13,6 +13,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.errors import InputError
+from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.polynomials import lagrange_values
@@ -213,7 +214,7 @@ class Trajectory:
             If the expression has symbols that the system does not know.
         """
         s = self.system
-        expression = _as_expression(expression, s)
+        expression = in_own_symbols(expression, s)
         f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
         flat = over_columns(f, self.q, self.v, self.t[:, None], self._u_at_nodes(), self.c)[0]
         rows, columns = expression.shape
@@ -462,20 +463,3 @@ class Trajectory:
 
 
 ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
-
-
-def _as_expression(expression: Any, system: System) -> ca.SX:
-    """The expression in the system's own symbols, matched by name."""
-    if isinstance(expression, ca.MX):
-        raise InputError("the expression is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.SX(expression)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
-    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
-    used = ca.symvar(expression)
-    unknown = sorted(x.name() for x in used if x.name() not in own)
-    if unknown:
-        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
-    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
-    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))
