@@ -15,7 +15,7 @@ LAYERS = [
     {"errors", "polynomials", "arrays", "progress", "files"},
     {"compositions", "structure"},
     {"rules", "system"},
-    {"manifold", "legendre", "description"},
+    {"manifold", "legendre", "description", "expressions"},
     {"between", "discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
     {"consistency", "stepping", "compiled", "projection", "boundary", "control"},

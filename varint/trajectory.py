@@ -14,6 +14,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
+from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.rules import Rule
@@ -217,7 +218,7 @@ class Trajectory:
     def function_of(self, expression: Any) -> ca.Function:
         """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
         s = self.system
-        expression = ca.densify(_as_expression(expression, s))
+        expression = ca.densify(in_own_symbols(expression, s))
         return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
 
     def evaluated(self, function: ca.Function) -> np.ndarray:
@@ -361,7 +362,9 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        if self.solution is None:
+        from varint.control.solution import ControlSolution
+
+        if not isinstance(self.solution, ControlSolution):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 
@@ -382,20 +385,3 @@ class Trajectory:
         from varint.archive import to_xarray
 
         return to_xarray(self)
-
-
-def _as_expression(expression: Any, system: System) -> ca.SX:
-    """The expression in the system's own symbols, matched by name."""
-    if isinstance(expression, ca.MX):
-        raise InputError("the expression is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.SX(expression)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
-    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
-    used = ca.symvar(expression)
-    unknown = sorted(x.name() for x in used if x.name() not in own)
-    if unknown:
-        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
-    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
-    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))
