@@ -12,11 +12,10 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
+from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
-from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
-from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.system import System
 
@@ -95,13 +94,13 @@ class Trajectory:
         What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
-    sizes : ndarray (steps,) or None
-        Size of every step, where they are not all `h`.
     solution : ControlSolution, Contacts or None
         What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
         path of least action leans on its bounds.
     closure : ndarray (n, n + 1) or None
         [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
+    sizes : ndarray (steps,) or None
+        Size of every step, where they are not all `h`.
     """
 
     system: System
@@ -118,9 +117,9 @@ class Trajectory:
     phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
-    sizes: np.ndarray | None = None
     solution: Any = None
     closure: np.ndarray | None = None
+    sizes: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -167,7 +166,7 @@ class Trajectory:
         """
         rows = self.system.structure
         lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
-        u = self._u_at_nodes()
+        u = controls_at_nodes(self)
         for nodes, phase in self._phases():
             args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
             lam[nodes] = multipliers_along(self.system, phase, *args)
@@ -213,11 +212,18 @@ class Trajectory:
         InputError
             If the expression has symbols that the system does not know.
         """
+        return self.evaluated(self.function_of(expression))
+
+    def function_of(self, expression: Any) -> ca.Function:
+        """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
         s = self.system
-        expression = in_own_symbols(expression, s)
-        f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
-        flat = over_columns(f, self.q, self.v, self.t[:, None], self._u_at_nodes(), self.c)[0]
-        rows, columns = expression.shape
+        expression = ca.densify(_as_expression(expression, s))
+        return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
+
+    def evaluated(self, function: ca.Function) -> np.ndarray:
+        """Values at every node of what `function_of` returned."""
+        flat = over_columns(function, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
+        rows, columns = function.size_out(0)
         if columns == 1:
             return flat[:, 0] if rows == 1 else flat
         return flat.reshape(len(self), columns, rows).transpose(0, 2, 1)
@@ -230,14 +236,14 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
-        return float(self.sums(lambda scene: self._functions(scene)[1]).sum())
+        return float(self.sums(lambda scene: functions_of(self, scene)[1]).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
         total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
-        phase = None if self.phase is None else self.phase[:-1]
-        for active, scene, arguments in self._steps(*self._states(slice(-1)), np.diff(self.t), phase):
-            total[active] += over_columns(integrand(scene), *arguments)[0]
+        if len(self) > 1:
+            for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
+                total[active] += over_columns(integrand(scene), *arguments)[0]
         return total
 
     def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
@@ -320,91 +326,9 @@ class Trajectory:
             If a time lies outside the trajectory.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
-        slack = self._rounding * abs(self.h)
-        if not ((times >= low - slack) & (times <= high + slack)).all():
-            raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
-        direction = 1.0 if self.h > 0 else -1.0
-        node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
-        node = np.clip(node, 0, len(self) - 1)
-        ahead = times - self.t[node]
-        q, p, start, k = self._states(node)
-        phase = None if self.phase is None else self.phase[node]
-        for _ in self._steps(q, p, start, k, ahead, phase):
-            continue
+        q, p, k, phase = states_at(self, times)
         found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
         return found[0] if np.ndim(t) == 0 else found
-
-    def _states(self, index: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Copies of q, p, t, k at the given nodes."""
-        q, p, t, k = (x[index].copy() for x in (self.q, self.p, self.t, self.k))
-        return q, p, t, k
-
-    def _size(self, k: np.ndarray) -> np.ndarray:
-        """Sizes of the steps k."""
-        return np.full(len(k), self.h) if self.sizes is None else self.sizes[np.clip(k, 0, len(self.sizes) - 1)]
-
-    def _steps(self, q, p, t, k, ahead, phase):
-        """Advance the states and step counts in place by `ahead`: whole steps, then a shorter one.
-
-        Yields each round's steps.
-        """
-        phases = self.phases if phase is not None else (None,)
-        first, done = k.copy(), np.zeros(len(t))
-        while True:
-            left, full = ahead - done, self._size(k)
-            slack = self._rounding * np.abs(self.h / full)
-            going = left / full > slack
-            if not going.any():
-                return
-            whole = going & (left / full > 1 - slack)
-            size = np.where(whole, full, left)
-            for i, held in enumerate(phases):
-                active = going if phase is None else going & (phase == i)
-                if not active.any():
-                    continue
-                scene = self.system if held is None else held.scene(self.system)
-                u = self._step_controls(k[active], (size / full)[active])
-                arguments = q[active], p[active], u, self.c, (t + done)[active][:, None], size[active][:, None]
-                yield active, scene, arguments
-                q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
-            k += whole
-            done = np.where(whole, (k - first) * self.h if self.sizes is None else done + size, done)
-            done = np.where(going & ~whole, ahead, done)
-
-    @cached_property
-    def _rounding(self) -> float:
-        """Of a step: a time this close to a node is the node. It is the round-off of the times themselves."""
-        return ROUNDING * max(np.abs(self.t).max(), abs(self.h)) / abs(self.h)
-
-    def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
-        return self.functions() if scene is self.system else self.functions(scene)
-
-    def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-        """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length."""
-        count, r = len(steps), len(self.rule.nodes)
-        if not self.system.structure.controls:
-            return np.empty((count, 0))
-        u = self.u[np.clip(steps, 0, len(self.u) - 1)]
-        if u.shape[1] == 1:
-            return np.repeat(u, r, axis=1).reshape(count, -1)
-        nodes = np.array(self.rule.nodes)
-        short = fraction < 1 - self._rounding
-        tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
-        u = u.copy()
-        u[short] = tables @ u[short]
-        return u.reshape(count, -1)
-
-    def _u_at_nodes(self) -> np.ndarray:
-        controls = self.system.structure.controls
-        if not controls:
-            return np.empty((len(self), 0))
-        last = self.k >= len(self.u)
-        u = self.u[np.minimum(self.k, len(self.u) - 1)]
-        if u.shape[1] == 1:
-            return u[:, 0]
-        ends = lagrange_values(np.array(self.rule.nodes), np.array([0.0, 1.0]))
-        return np.einsum("ki,kij->kj", ends[last.astype(int)], u)
 
     @property
     def cost(self) -> float:
@@ -437,9 +361,7 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        from varint.control.solution import ControlSolution
-
-        if not isinstance(self.solution, ControlSolution):
+        if self.solution is None:
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 
@@ -462,4 +384,18 @@ class Trajectory:
         return to_xarray(self)
 
 
-ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
+def _as_expression(expression: Any, system: System) -> ca.SX:
+    """The expression in the system's own symbols, matched by name."""
+    if isinstance(expression, ca.MX):
+        raise InputError("the expression is an MX; write it with the system's SX symbols")
+    try:
+        expression = ca.SX(expression)
+    except (NotImplementedError, TypeError, RuntimeError):
+        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
+    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
+    used = ca.symvar(expression)
+    unknown = sorted(x.name() for x in used if x.name() not in own)
+    if unknown:
+        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
+    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
+    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))

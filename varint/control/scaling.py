@@ -35,7 +35,7 @@ class Scales:
 def scales(problem: Problem, x: np.ndarray) -> Scales:
     """Scales from the start values, the bounds and the derivatives at the start."""
     size, factor = np.ones(problem.unknowns), np.ones(len(problem.g_low))
-    if not problem.legs:  # a program that is no optimal control: nothing is known of its units
+    if not problem.legs:  # a path of least action: its curvature grows with the steps and says nothing of its size
         return Scales(size, 1.0, factor)
     rows, columns, values = _absolute(problem.program.jacobian(x, problem.p)[1])
     for one in problem.legs:
