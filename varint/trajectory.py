@@ -361,7 +361,7 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        if self.solution is None:
+        if not hasattr(self.solution, "costates"):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 
