@@ -14,7 +14,6 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
-from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.rules import Rule
@@ -362,9 +361,7 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        from varint.control.solution import ControlSolution
-
-        if not isinstance(self.solution, ControlSolution):
+        if not hasattr(self.solution, "costates"):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 
