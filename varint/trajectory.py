@@ -214,11 +214,18 @@ class Trajectory:
         InputError
             If the expression has symbols that the system does not know.
         """
+        return self.evaluated(self.function_of(expression))
+
+    def function_of(self, expression: Any) -> ca.Function:
+        """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
         s = self.system
-        expression = _as_expression(expression, s)
-        f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
-        flat = over_columns(f, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
-        rows, columns = expression.shape
+        expression = ca.densify(in_own_symbols(expression, s))
+        return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
+
+    def evaluated(self, function: ca.Function) -> np.ndarray:
+        """Values at every node of what `function_of` returned."""
+        flat = over_columns(function, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
+        rows, columns = function.size_out(0)
         if columns == 1:
             return flat[:, 0] if rows == 1 else flat
         return flat.reshape(len(self), columns, rows).transpose(0, 2, 1)
@@ -356,7 +363,7 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        if self.solution is None:
+        if not hasattr(self.solution, "costates"):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 
@@ -415,20 +422,3 @@ class Trajectory:
         from varint.archive import to_xarray
 
         return to_xarray(self)
-
-
-def _as_expression(expression: Any, system: System) -> ca.SX:
-    """The expression in the system's own symbols, matched by name."""
-    if isinstance(expression, ca.MX):
-        raise InputError("the expression is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.SX(expression)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
-    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
-    used = ca.symvar(expression)
-    unknown = sorted(x.name() for x in used if x.name() not in own)
-    if unknown:
-        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
-    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
-    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))

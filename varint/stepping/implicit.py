@@ -7,7 +7,7 @@ import casadi as ca
 from varint.discrete import Interval, interval
 from varint.legendre import velocity_function
 from varint.rules import Rule
-from varint.stepping.stepper import Stepper, compensated, verbatim
+from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
 
 # Newton's corrections are quadratic: one of 1e-9 (relative), applied, leaves an error at the round-off level.
@@ -62,14 +62,13 @@ def _finish(system: System, one: Interval, rule: Rule, z, p, scale, residual, to
     x = ca.vertcat(q, cq, p, carry, guess, worst)
     ahead = ca.mtimes(z, ca.DM(rule.extrapolation).T)
     against = ca.fmax(scale[n:], _roundable(system, one, q, z[:, -1], p))
-    with verbatim():
-        left, gained = gain(z, p, q, one.u, one.t, one.h, one.c)
-        q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
-        p1, cp1 = compensated(p, carry, gained, one.h)
-        size = ca.norm_inf(ca.vec(left / ca.repmat(against, 1, d)))
-        after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead), ca.fmax(worst, size))
-        inputs = [x, ca.vec(z), ca.vec(one.u), one.t, one.h, one.c, scale]
-        return ca.Function("finish", inputs, [after])
+    left, gained = gain(z, p, q, one.u, one.t, one.h, one.c)
+    q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
+    p1, cp1 = compensated(p, carry, gained, one.h)
+    size = ca.norm_inf(ca.vec(left / ca.repmat(against, 1, d)))
+    after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead), ca.fmax(worst, size))
+    inputs = [x, ca.vec(z), ca.vec(one.u), one.t, one.h, one.c, scale]
+    return ca.Function("finish", inputs, [after])
 
 
 def _roundable(system: System, one: Interval, q: ca.SX, v: ca.SX, p: ca.SX) -> ca.SX:

@@ -13,11 +13,12 @@ from varint.compiled.graph import NotCompilable
 from varint.compiled.kernel import DONE, NOT_CONVERGED, Kernel
 from varint.compiled.kernel import run as compiled_run
 from varint.rules import MOST_STAGES, Rule, gauss
-from varint.stepping.run import Block, Task, run
+from varint.stepping.run import Block, Position, Task, run
 from varint.system import System
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
+NOTHING = np.empty(0)
 
 
 def kernel_of(system: System, rule: Rule) -> Kernel:
@@ -32,12 +33,14 @@ def kernel_of(system: System, rule: Rule) -> Kernel:
     )
 
 
-def native_blocks(system: System, rule: Rule, task: Task, kernel: Kernel) -> Iterator[Block]:
+def native_blocks(
+    system: System, rule: Rule, task: Task, kernel: Kernel, at: Position | None = None
+) -> Iterator[Block]:
     """The compiled run block by block; Newton's method takes over where fixed-point iteration fails."""
-    k, carry = task.first, None
-    q, p = task.q0, task.p0
+    k, carry = (task.first, None) if at is None else (at.k, at.carry)
+    q, p = (task.q0, task.p0) if at is None else np.split(at.x, 2)
     c = np.ascontiguousarray(task.c)
-    for steps, every in _pieces(task.steps - task.first, task.save_every):
+    for steps, every in _pieces(task.steps - k, task.save_every):
         u = task.controls(k, steps) if kernel.controls else None
         part = compiled_run(
             kernel, q, p, c, t0=task.t0, h=task.h, steps=steps, save_every=every, u=u, first=k, carry=carry
@@ -49,7 +52,9 @@ def native_blocks(system: System, rule: Rule, task: Task, kernel: Kernel) -> Ite
         if wanted:
             failed = 0.0 if part.status == DONE else float("nan")
             counts = k + every * np.arange(1, wanted + 1)
-            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations)
+            last = Position(part.last[: 2 * kernel.n].copy(), NOTHING, NOTHING, k + part.steps, 0, part.carry)
+            after = last if part.status == DONE else None
+            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after)
         if part.status == NOT_CONVERGED:
             q, p = part.rows[-1, :2]
             yield from run(system, rule, replace(task, q0=q.copy(), p0=p.copy(), first=k + every * good))
