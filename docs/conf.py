@@ -10,7 +10,7 @@ import varint  # noqa: E402  (only findable now)
 
 project = "varint"
 author = "the varint authors"
-copyright = "2025, the varint authors"
+copyright = "2026, the varint authors"
 release = version = varint.__version__
 
 extensions = [
@@ -19,6 +19,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
+    "sphinx-mathjax-offline",  # formulas without a network
     "docstrings",
     "executed",
     "generated",

@@ -37,7 +37,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "ConvergenceError", "Ensemble", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "Sketch",
-    "SolverError", "State", "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "closed_loop",
+    "SolverError", "State", "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives",
+    "closed_loop",
     "composition", "coordinates", "diagnostics", "ensemble", "free", "gauss", "geodesic", "least_action", "load",
     "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases",
     "paths", "plan", "project", "refine", "simulate", "start_momentum", "step_function", "symmetries", "time",

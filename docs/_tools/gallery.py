@@ -27,6 +27,7 @@ class Example:
 
     name: str
     title: str
+    lead: str
     claim: str
     source: str
     code: str
@@ -38,7 +39,8 @@ def example(path: Path) -> Example:
     text = code.split('"""')[1]
     parts = dict(re.findall(r"^(Claim|Source|Run): (.*?)(?=^(?:Claim|Source|Run): |\Z)", text, re.M | re.S))
     words = {name: " ".join(part.split()) for name, part in parts.items()}
-    return Example(path.stem, text.split("\n")[0].strip().rstrip("."), words["Claim"], words["Source"], code)
+    title, _, lead = text.split("\n")[0].strip().rstrip(".").partition(": ")
+    return Example(path.stem, title, lead, words["Claim"], words["Source"], code)
 
 
 def chapters() -> dict[str, list[str]]:
@@ -104,9 +106,10 @@ def _run(name: str, folder: Path) -> str:
 def _page(it: Example, printed: str) -> str:
     lagrangian = next((names[it.name] for names in CHAPTERS.values() if it.name in names), "")
     formula = f"$$\n{lagrangian}\n$$\n\n" if lagrangian else ""
+    lead = f"{it.lead[:1].upper()}{it.lead[1:]}.\n\n" if it.lead else ""
     alt = it.claim.replace('"', "'").replace("\\", "")
     return (
-        f"# {it.title}\n\n{formula}**Claim.** {it.claim}\n\n*Source:* {it.source}\n\n"
+        f"# {it.title}\n\n{lead}{formula}**Claim.** {it.claim}\n\n*Source:* {it.source}\n\n"
         f"```{{figure}} {it.name}.png\n:alt: {alt}\n:class: gallery\n"
         f":target: ../_images/{it.name}.png\n\n{it.title}.\n```\n\n"
         f"## What it prints\n\n```text\n{printed.rstrip()}\n```\n\n"

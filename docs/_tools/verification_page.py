@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from gallery import package_state, write_if_changed
@@ -11,18 +12,44 @@ import varint as vi
 HERE = Path(__file__).resolve().parent
 LIMITS = HERE.parent / "known_limits.md"
 
-SCENES: dict[str, list[vi.Rule]] = {  # every family of rules on nonlinear scenes: linear ones super-converge
-    "double_pendulum": [vi.gauss(s) for s in (1, 2, 3, 4)] + [vi.lobatto(s) for s in (2, 3, 4)],
-    "henon_heiles": [vi.composition(name) for name in ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")],
-    "uniform_fields": [vi.gauss(2), vi.lobatto(3)],
-    "pendulum_cartesian": [vi.lobatto(s) for s in (2, 3, 4)],
-    "heavy_top_quaternion": [vi.lobatto(3)],
-}
-STEPS = {
-    "double_pendulum": 0.05,
-    "henon_heiles": 0.4,
-    "uniform_fields": 0.1,
-}  # where an order can be seen above round-off
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene, and the rules that are measured on it."""
+
+    title: str
+    model: vi.models.Model
+    h: float
+    rules: tuple[vi.Rule, ...]
+
+
+SCENES = (  # every family of rules on nonlinear scenes: linear ones super-converge; at steps where an order shows
+    Scene(
+        "Double pendulum",
+        vi.models.double_pendulum(),
+        0.05,
+        (*(vi.gauss(s) for s in (1, 2, 3, 4)), *(vi.lobatto(s) for s in (2, 3, 4))),
+    ),
+    Scene(
+        "Hénon–Heiles",
+        vi.models.henon_heiles(),
+        0.4,
+        tuple(vi.composition(name) for name in ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")),
+    ),
+    Scene(
+        "Charge in uniform fields",
+        vi.models.uniform_fields(v0=(0.5, 0.1, 0.2)),
+        0.1,
+        (vi.gauss(2), vi.lobatto(3)),
+    ),
+    Scene(
+        "Pendulum in Cartesian coordinates",
+        vi.models.pendulum_cartesian(),
+        0.01,
+        tuple(vi.lobatto(s) for s in (2, 3, 4)),
+    ),
+    Scene("Heavy top by unit quaternion", vi.models.heavy_top_quaternion(), 0.01, (vi.lobatto(3),)),
+)
 LONG = 2000
 
 
@@ -31,7 +58,7 @@ def write(path: Path) -> None:
     mark = f"<!-- {package_state()} -->"
     if path.exists() and mark in path.read_text(encoding="utf-8"):
         return
-    tables = "\n\n".join(_table(name, rules) for name, rules in SCENES.items())
+    tables = "\n\n".join(_table(scene) for scene in SCENES)
     text = f"""{mark}
 # Verification
 
@@ -58,17 +85,15 @@ or, for a ready model, by `python -m varint check pendulum`.
     write_if_changed(path, text)
 
 
-def _table(name: str, rules: list[vi.Rule]) -> str:
-    model = vi.models.catalogue[name]()
+def _table(scene: Scene) -> str:
+    model = scene.model
     lines = [
-        f"## {name.replace('_', ' ').capitalize()}\n\n{model.claim} ({model.source})\n",
+        f"## {scene.title}\n\n{model.claim} ({model.source})\n",
         "| rule | order | q | p | symplectic defect | energy | momenta | there and back | g, G v |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    for rule in rules:
-        test = vi.diagnostics.self_test(
-            model.system, rule, q0=model.q0, v0=model.v0, h=STEPS.get(name, model.h), steps=LONG
-        )
+    for rule in scene.rules:
+        test = vi.diagnostics.self_test(model.system, rule, q0=model.q0, v0=model.v0, h=scene.h, steps=LONG)
         kept = [m.drift for m in test.conserved if m.expected is not None and m.symmetry.tau.is_zero()]
         drifts = {True: "no drift", False: "**drifts**", None: "work is done"}[test.energy.passed]
         rows = test.constraints
