@@ -1,0 +1,338 @@
+/* Newton's method on the equations of a step, from extrapolated start values, with compensated updates of q and p.
+
+   Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
+   tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
+   nonzeros of the Jacobian, which go to the places `AT` of a band matrix of BELOW and ABOVE diagonals. LINEAR: the
+   equations are linear, the matrix is factorised once and `equations` is their residual at y = 0. KICKED: half kicks stand
+   before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
+   velocities too where HIDDEN_SPEED is set. */
+#include <stdlib.h>
+
+#define WINDOW 1024 /* steps between two looks at the typical sizes */
+#define RESIZED 16  /* steps between two looks at the sizes that change with the place */
+
+typedef struct {
+    int64_t steps, save_every, first, most; /* steps to take; index of the first; largest number of iterations a step */
+    double t0, h, level;
+    const double *start, *c, *u;  /* q and p at a fresh start; parameters; controls of every step's nodes */
+    double *rows, *carry, *stats; /* (q, p, v) of every saved node; carry[0] = 0: a fresh start */
+} Args;
+
+/* What a run needs to go on as if it had not stopped; at a fresh start the caller fills scale and speed. */
+typedef struct {
+    double started, scale[2 * N], speed[N], sizes[SIZES + 1], h, known, age, q[N], p[N], rest_q[N], rest_p[N];
+    double force[N], seen[2 * N], y[HISTORY][Y];
+} Carry;
+const int64_t carry_size = sizeof(Carry) / sizeof(double);
+
+#define LARGE static __attribute__((noinline))
+#define EQUATIONS_AT 0
+#define FINISH_AT (EQUATIONS_AT + EQUATIONS_W)
+#define UNITS_AT (FINISH_AT + FINISH_W)
+#define SPEED_AT (UNITS_AT + UNITS_W)
+#define KICK_AT (SPEED_AT + SPEED_W)
+#define SIZED_AT (KICK_AT + KICK_W)
+#define HIDDEN_AT (SIZED_AT + SIZED_W)
+#define PULLED_AT (HIDDEN_AT + HIDDEN_W)
+#define CONSTANTS_AT (PULLED_AT + PULLED_W)
+#define ALL_W (CONSTANTS_AT + CONSTANTS_W + 1)
+
+/* value += increment, with the rounding error kept in rest */
+INLINE void compensated(double *value, double *rest, double increment) {
+    double y = increment + *rest, old = *value, s = old + y, part = s - old;
+    *rest = (old - (s - part)) + (y - part);
+    *value = s;
+}
+
+/* Band matrices: element (i, j) at i (W - 1) + below + j with W = 2 below + above + 1, room for row exchanges. */
+#define BAND(n, below, above) ((n) * (2 * (below) + (above) + 1))
+
+INLINE int last_of(int c, int reach, int n) { return c + reach < n - 1 ? c + reach : n - 1; }
+
+/* LU with row exchanges, in place; multipliers stay below the diagonal. */
+INLINE void factorise(const int n, const int below, const int above, double *a, int *pivots) {
+    const int width = 2 * below + above;
+    for (int c = 0; c < n; c++) {
+        double *const row = a + c * width + below;
+        const int down = last_of(c, below, n), right = last_of(c, below + above, n);
+        int best = c;
+        for (int r = c + 1; r <= down; r++)
+            if (fabs(a[r * width + below + c]) > fabs(a[best * width + below + c])) best = r;
+        pivots[c] = best;
+        if (best != c) {
+            double *const other = a + best * width + below;
+            for (int j = c; j <= right; j++) { double x = row[j]; row[j] = other[j], other[j] = x; }
+        }
+        const double inverse = 1 / row[c];
+        row[c] = inverse;
+        for (int r = c + 1; r <= down; r++) {
+            double *const other = a + r * width + below;
+            const double f = other[c] *= inverse;
+            if (f != 0)
+                for (int j = c + 1; j <= right; j++) other[j] -= f * row[j];
+        }
+    }
+}
+
+INLINE void substitute(const int n, const int below, const int above, const double *a, const int *pivots, double *b) {
+    const int width = 2 * below + above;
+    for (int c = 0; c < n; c++) {
+        const double x = b[pivots[c]];
+        b[pivots[c]] = b[c], b[c] = x;
+        const int down = last_of(c, below, n);
+        for (int r = c + 1; r <= down; r++) b[r] -= a[r * width + below + c] * x;
+    }
+    for (int c = n - 1; c >= 0; c--) {
+        const double *const row = a + c * width + below;
+        const int right = last_of(c, below + above, n);
+        double x = b[c];
+        for (int j = c + 1; j <= right; j++) x -= row[j] * b[j];
+        b[c] = x * row[c];
+    }
+}
+
+
+#if !CLOSED
+/* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
+LARGE void corrected(const double *jacobian, double *matrix, double *b) {
+    int pivots[Y];
+    memset(matrix, 0, BAND(Y, BELOW, ABOVE) * sizeof(double));
+    for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
+    factorise(Y, BELOW, ABOVE, matrix, pivots);
+    substitute(Y, BELOW, ABOVE, matrix, pivots, b);
+}
+#endif
+
+enum { DONE, NOT_CONVERGED, NOT_FINITE };
+
+/* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. */
+INLINE int solved(double *y, const double *q, const double *p, const double *u, double t, const double *w,
+                  const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
+    for (int i = 0; i < most; i++) {
+        double b[Y], worst = 0;
+        *count += 1;
+#if LINEAR && CLOSED
+        equations(q, p, &t, u, w + EQUATIONS_AT, y);
+        return 1;
+#elif LINEAR
+        equations(q, p, &t, u, w + EQUATIONS_AT, b);
+        substitute(Y, BELOW, ABOVE, matrix, pivots, b);
+        for (int k = 0; k < Y; k++) y[PERM[k]] = -b[k];
+        return 1;
+#elif CLOSED
+        equations(y, q, p, &t, u, w + EQUATIONS_AT, b);
+#else
+        double jacobian[NONZEROS];
+        equations(y, q, p, &t, u, w + EQUATIONS_AT, b, jacobian);
+        corrected(jacobian, matrix, b);
+#endif
+        for (int k = 0; k < Y; k++) {
+            const double size = fabs(b[k]) * inverse[k];
+            worst = size > worst ? size : worst;
+            y[PERM[k]] -= b[k];
+        }
+        if (worst <= LAST_CORRECTION) return 1; /* a correction that is not a number ends it too, and shows in the residual */
+    }
+    return 0;
+}
+
+#if HELD
+/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
+LARGE void projected(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
+    double jacobian[HIDDEN_NONZEROS], b[H];
+    int pivots[H];
+    hidden(q, p, &t, w + HIDDEN_AT, b, jacobian);
+    memset(matrix, 0, BAND(H, HIDDEN_BELOW, HIDDEN_ABOVE) * sizeof(double));
+    for (int i = 0; i < HIDDEN_NONZEROS; i++) matrix[HIDDEN_PLACES[i]] = jacobian[i];
+    factorise(H, HIDDEN_BELOW, HIDDEN_ABOVE, matrix, pivots);
+    substitute(H, HIDDEN_BELOW, HIDDEN_ABOVE, matrix, pivots, b);
+    for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
+}
+#endif
+
+/* Start values of `rows` × `columns` unknowns of a step, from `offset` on: continued from `known` steps by the table. */
+INLINE void continued(const double *table, int known, int rows, int columns, int offset, double *const *y, double *next) {
+    table += columns * columns * (known * (known - 1) / 2);
+    for (int j = 0; j < columns; j++) {
+        double *const to = next + offset + j * rows;
+        for (int i = 0; i < rows; i++) to[i] = 0;
+        for (int s = 0; s < known; s++)
+            for (int k = 0; k < columns; k++) {
+                const double factor = table[(j * known + s) * columns + k], *const from = y[s] + offset + k * rows;
+                for (int i = 0; i < rows; i++) to[i] += factor * from[i];
+            }
+    }
+}
+
+/* Velocities, multipliers and those of non-holonomic rows continued; without a step behind, the velocity at the start. */
+INLINE void guess(int known, double *const *y, const double *speed, double *next) {
+    if (known) {
+        continued(AHEAD_VELOCITIES, known, PATH, DEGREE, 0, y, next);
+        continued(AHEAD_MULTIPLIERS, known, MULTIPLIERS, DEGREE, PATH * DEGREE, y, next);
+        continued(AHEAD_ROWS, known, ROWS, 1, (PATH + MULTIPLIERS) * DEGREE, y, next);
+    } else {
+        for (int i = 0; i < Y; i++) next[i] = i < PATH * DEGREE ? POINTS[i / N] * speed[i % N] : 0;
+    }
+}
+
+LARGE void save(double *row, const double *q, const double *p, double t, const double *w, double *matrix) {
+    memcpy(row, q, N * sizeof(double)), memcpy(row + N, p, N * sizeof(double));
+#if HELD && HIDDEN_SPEED
+    double x[H];
+    projected(q, p, t, w, matrix, x);
+    speed(x, q, &t, w + SPEED_AT, row + 2 * N);
+#else
+    speed(q, p, &t, w + SPEED_AT, row + 2 * N);
+#endif
+}
+
+/* What depends on parameters, step and sizes alone. */
+LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
+    equations_prepare(k, w + EQUATIONS_AT), finish_prepare(k, w + FINISH_AT), units_prepare(k, w + UNITS_AT);
+    speed_prepare(k, w + SPEED_AT);
+#if KICKED
+    kick_prepare(k, w + KICK_AT);
+#endif
+#if HELD
+    sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT), pulled_prepare(k, w + PULLED_AT);
+#endif
+    double size[Y];
+    units(w + UNITS_AT, size);
+    for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
+#if LINEAR && !CLOSED
+    double jacobian[NONZEROS];
+    constants_prepare(k, w + CONSTANTS_AT), constants(w + CONSTANTS_AT, jacobian);
+    memset(matrix, 0, BAND(Y, BELOW, ABOVE) * sizeof(double));
+    for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
+    factorise(Y, BELOW, ABOVE, matrix, pivots);
+#endif
+}
+
+/* New typical sizes from what the last steps showed. */
+LARGE void rescale(double *scale, double *seen) {
+    double root[N], most = 0;
+    for (int d = 0; d < N; d++) {
+        root[d] = sqrt(scale[N + d] / scale[d]); /* of the inertia */
+        scale[d] = fmax(seen[d], 0.1 * scale[d]), scale[N + d] = fmax(seen[N + d], 0.1 * scale[N + d]);
+        most = fmax(most, scale[d] * root[d]);
+        seen[d] = seen[N + d] = 0;
+    }
+    for (int d = 0; d < N; d++) {
+        scale[d] = fmax(scale[d], SMALLEST * most / root[d]);
+        scale[N + d] = fmax(scale[N + d], SMALLEST * most * root[d]);
+    }
+}
+
+int run(const Args *a) {
+    const int64_t steps = a->steps, first = a->first;
+    const int most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
+    const double t0 = a->t0, h = a->h;
+    const double *u = a->u;
+    double *rows = a->rows, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
+    double *const scale = k + C + 1, *const sizes = scale + 2 * N;
+    int pivots[Y];
+    Carry *const state = (Carry *)a->carry;
+    double *const q = state->q, *const p = state->p, *const seen = state->seen;
+    int64_t iterations = 0, largest_count = 0, done = 0, unsaved = 0;
+    int status = DONE;
+    double left = 0;
+#if !CLOSED || HELD
+    matrix = malloc(MATRIX_SIZE * sizeof(double));
+    if (!matrix) return NOT_FINITE;
+#endif
+    memcpy(k, a->c, C * sizeof(double)), k[C] = h;
+    if (!(state->started == 1 && state->h == h)) {
+        memcpy(q, a->start, N * sizeof(double)), memcpy(p, a->start + N, N * sizeof(double));
+        memset(state->rest_q, 0, sizeof state->rest_q), memset(state->rest_p, 0, sizeof state->rest_p);
+        memset(seen, 0, sizeof state->seen), state->known = state->age = 0;
+    }
+    memcpy(scale, state->scale, sizeof state->scale), memcpy(sizes, state->sizes, SIZES * sizeof(double));
+    prepare(k, w, inverse, matrix, pivots);
+#if KICKED
+    if (!(state->started == 1 && state->h == h)) {
+        const double t = t0 + h * (double)first;
+        kick(q, &t, u, w + KICK_AT, state->force);
+    }
+#endif
+    double *y[HISTORY + 1], unknowns[HISTORY + 1][Y]; /* y[0] is the step at hand, y[s] that of s steps ago */
+    for (int s = 0; s <= HISTORY; s++) y[s] = unknowns[s];
+    for (int s = 0; s < HISTORY; s++) memcpy(y[s + 1], state->y[s], sizeof state->y[s]);
+    save(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
+
+    for (; done < steps; done++) {
+        const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
+        const double *p_start = p;
+        double increment[N], gain[N], remains[Y];
+#if HELD
+        if ((int64_t)state->age % RESIZED == 0) {
+            sized(q, &t, w + SIZED_AT, sizes);
+            prepare(k, w, inverse, matrix, pivots);
+        }
+#endif
+#if KICKED
+        double kicked[N], force[N];
+        if (NU) kick(q, &t, u, w + KICK_AT, force);
+        else memcpy(force, state->force, sizeof force);
+        for (int d = 0; d < N; d++) kicked[d] = p[d] + 0.5 * h * force[d];
+        p_start = kicked;
+#endif
+        int64_t count = 0;
+        for (;;) { /* once more from the last step alone where the continued start is too far */
+            const int known = (int)state->known;
+            guess(known, y + 1, state->speed, y[0]);
+            const int converged = solved(y[0], q, p_start, u, t, w, inverse, most, matrix, pivots, &count);
+            finish(y[0], q, p_start, &t, u, w + FINISH_AT, increment, gain, remains);
+            left = 0;
+            for (int i = 0; i < Y; i++) left = fabs(remains[i]) <= left ? left : fabs(remains[i]);
+            status = converged && left <= RESIDUAL_LIMIT ? DONE : left == left && left < INFINITY ? NOT_CONVERGED : NOT_FINITE;
+            if (!status || known < 2) break;
+            state->known = 1;
+        }
+        iterations += count;
+        largest_count = count > largest_count ? count : largest_count;
+        if (status) break;
+        double q1[N], p1[N], rest_q[N], rest_p[N], zero = 0;
+        for (int d = 0; d < N; d++) q1[d] = q[d], rest_q[d] = state->rest_q[d], compensated(&q1[d], &rest_q[d], increment[d]);
+#if KICKED
+        double after[N];
+        kick(q1, &end, u + (NODES - 1) * NU, w + KICK_AT, after);
+        for (int d = 0; d < N; d++) gain[d] += 0.5 * h * (force[d] + after[d]);
+#endif
+#if HELD
+        double reached[N], x[H], pull[N];
+        for (int d = 0; d < N; d++) reached[d] = p[d] + gain[d];
+        projected(q1, reached, end, w, matrix, x);
+        pulled(x, q1, reached, &end, w + PULLED_AT, pull);
+        for (int d = 0; d < N; d++) gain[d] += pull[d];
+#endif
+        for (int d = 0; d < N; d++) {
+            p1[d] = p[d], rest_p[d] = state->rest_p[d], compensated(&p1[d], &rest_p[d], gain[d]);
+            zero += q1[d] * 0.0 + p1[d] * 0.0; /* not zero as soon as one of them is not finite */
+        }
+        if (!(zero == 0)) { status = NOT_FINITE; break; }
+        for (int d = 0; d < N; d++) {
+            const double v = fabs(increment[d] / h), m = fabs(p1[d]);
+            seen[d] = v > seen[d] ? v : seen[d], seen[N + d] = m > seen[N + d] ? m : seen[N + d];
+            q[d] = q1[d], p[d] = p1[d], state->rest_q[d] = rest_q[d], state->rest_p[d] = rest_p[d];
+        }
+#if KICKED
+        memcpy(state->force, after, sizeof after);
+#endif
+        double *const oldest = y[HISTORY];
+        for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
+        y[0] = oldest;
+        state->known += state->known < HISTORY;
+        state->age += 1;
+        if ((int64_t)state->age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);
+        u += NODES * NU;
+        if (++unsaved == a->save_every) unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
+    }
+    save(a->stats + 6, q, p, t0 + h * (double)(first + done), w, matrix);
+    state->started = !status, state->h = h;
+    memcpy(state->scale, scale, sizeof state->scale), memcpy(state->sizes, sizes, SIZES * sizeof(double));
+    for (int s = 0; s < HISTORY; s++) memcpy(state->y[s], y[s + 1], sizeof state->y[s]);
+    free(matrix);
+    a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;
+    a->stats[4] = status ? left : 0, a->stats[5] = 0;
+    return status;
+}
