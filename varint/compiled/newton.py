@@ -19,7 +19,7 @@ from varint.compiled.mechanics import velocity
 from varint.legendre import velocity_function
 from varint.manifold import hidden_functions as tangent_parts
 from varint.rules import Rule
-from varint.stepping.constrained import constrained_equations, size_function
+from varint.stepping.constrained import constrained_equations, size_expressions
 from varint.stepping.equations import Equations
 from varint.stepping.explicit import kick_function
 from varint.stepping.implicit import LAST_CORRECTION, MOST_ITERATIONS, implicit_equations
@@ -142,7 +142,7 @@ def _projection(system: System, e: Equations, eliminates: bool) -> _Projection:
     order = band(matrix.sparsity())
     x = ca.SX.sym("x", right.numel())
     scaled = size * x
-    sized = size_function(s)(s.q, s.t, e.h, s.c, e.scale)
+    sized = size_expressions(s)(s.q, s.t, e.h, s.c, e.scale)
     functions: Functions = {
         "hidden": ([s.q, p, s.t], [right[order.order.tolist()], matrix.nz[:]]),
         "sized": ([s.q, s.t], [sized]),

@@ -105,10 +105,19 @@ def _equations(system: System, one: Interval, z, lam, nu, p) -> tuple[ca.SX, ca.
 
 @per_system
 def size_function(system: System) -> ca.Function:
+    """`size_expressions` with derivatives defined to be zero, for steps that are differentiated."""
+    sizes = size_expressions(system)
+    inputs = sizes.sx_in()
+    options = {"is_diff_out": [False], "never_inline": True, "cse": True}
+    return ca.Function("sizes", inputs, sizes.call(inputs), options)
+
+
+@per_system
+def size_expressions(system: System) -> ca.Function:
     """(q, t, h, c, scale) → sizes of mean velocities, multipliers, momenta and of the residuals of the rows W v + w.
 
     A multiplier's size makes h Wᵀλ a momentum of the scene's size. They make the equations dimensionless and decide
-    when Newton's method stops; their derivatives are defined to be zero.
+    when Newton's method stops.
     """
     s = system
     n, m = s.q.numel(), s.constraint.numel()
@@ -125,8 +134,7 @@ def size_function(system: System) -> ca.Function:
     slow = ca.sqrt(ca.sum2(ca.mtimes(slope, ca.diag(v_size)) ** 2)) + TINY
     g_size, slow = ca.vertsplit(g_size, [0, m, g_size.numel()])[0], ca.vertsplit(slow, [0, m, slow.numel()])[1]
     sizes = ca.vertcat(v_size + floor, lam_size, strong, g_size, slow)
-    options = {"is_diff_out": [False], "never_inline": True, "cse": True}
-    return ca.Function("sizes", [s.q, s.t, h, s.c, scale], [ca.densify(sizes)], options)
+    return ca.Function("sizes", [s.q, s.t, h, s.c, scale], [ca.densify(sizes)], {"cse": True})
 
 
 def _advance(e: Equations, rule: Rule) -> ca.Function:
