@@ -18,8 +18,6 @@ class Band:
         Row (and column) order[i] comes i-th.
     below, above : int
         Diagonals below and above the main one.
-    nonzeros : array
-        The nonzeros in the order of `places`, as indices into the nonzeros of the matrix.
     places : array
         i (2 below + above) + below + j for element (i, j): rows with room for exchanges.
     """
@@ -31,8 +29,8 @@ class Band:
 
     @property
     def size(self) -> int:
-        """Numbers that the band with its room for row exchanges takes."""
-        return len(self.order) * (2 * self.below + self.above + 1)
+        """Numbers that the band takes, with its room for row exchanges and the zeros behind its end."""
+        return (len(self.order) + self.below + 1) * (2 * self.below + self.above + 1)
 
 
 def band(pattern: ca.Sparsity) -> Band:

@@ -44,53 +44,53 @@ INLINE void compensated(double *value, double *rest, double increment) {
     *value = s;
 }
 
-/* Band matrices: element (i, j) at i (W - 1) + below + j with W = 2 below + above + 1, room for row exchanges. */
-#define BAND(n, below, above) ((n) * (2 * (below) + (above) + 1))
+/* Band matrices: element (i, j) at i (W - 1) + below + j with W = 2 below + above + 1, room for row exchanges. Rows and
+   columns of zeros behind the last ones let all inner loops run over as many elements. */
+#define BAND(n, below, above) (((n) + (below) + 1) * (2 * (below) + (above) + 1))
 
-INLINE int last_of(int c, int reach, int n) { return c + reach < n - 1 ? c + reach : n - 1; }
-
-/* LU with row exchanges, in place; multipliers stay below the diagonal. */
+/* LU with row exchanges, in place; multipliers stay below the diagonal, reciprocals on it. */
 INLINE void factorise(const int n, const int below, const int above, double *a, int *pivots) {
     const int width = 2 * below + above;
     for (int c = 0; c < n; c++) {
-        double *const row = a + c * width + below;
-        const int down = last_of(c, below, n), right = last_of(c, below + above, n);
-        int best = c;
-        for (int r = c + 1; r <= down; r++)
-            if (fabs(a[r * width + below + c]) > fabs(a[best * width + below + c])) best = r;
-        pivots[c] = best;
-        if (best != c) {
-            double *const other = a + best * width + below;
-            for (int j = c; j <= right; j++) { double x = row[j]; row[j] = other[j], other[j] = x; }
+        double *const row = a + c * (width + 1) + below;
+        int best = 0;
+        double most = fabs(row[0]);
+        for (int r = 1; r <= below; r++) {
+            const double size = fabs(row[r * width]);
+            if (size > most) most = size, best = r;
         }
-        const double inverse = 1 / row[c];
-        row[c] = inverse;
-        for (int r = c + 1; r <= down; r++) {
-            double *const other = a + r * width + below;
-            const double f = other[c] *= inverse;
-            if (f != 0)
-                for (int j = c + 1; j <= right; j++) other[j] -= f * row[j];
+        pivots[c] = c + best;
+        if (best)
+            for (int j = 0; j <= below + above; j++) {
+                double *const other = row + best * width + j, x = row[j];
+                row[j] = *other, *other = x;
+            }
+        const double inverse = row[0] = 1 / row[0];
+        for (int r = 1; r <= below; r++) {
+            double *const other = row + r * width;
+            if (other[0] != 0) {
+                const double f = other[0] *= inverse;
+                for (int j = 1; j <= below + above; j++) other[j] -= f * row[j];
+            }
         }
     }
 }
 
+/* b has room for below + above zeros behind its end. */
 INLINE void substitute(const int n, const int below, const int above, const double *a, const int *pivots, double *b) {
     const int width = 2 * below + above;
     for (int c = 0; c < n; c++) {
-        const double x = b[pivots[c]];
+        const double *const row = a + c * (width + 1) + below, x = b[pivots[c]];
         b[pivots[c]] = b[c], b[c] = x;
-        const int down = last_of(c, below, n);
-        for (int r = c + 1; r <= down; r++) b[r] -= a[r * width + below + c] * x;
+        for (int r = 1; r <= below; r++) b[c + r] -= row[r * width] * x;
     }
     for (int c = n - 1; c >= 0; c--) {
-        const double *const row = a + c * width + below;
-        const int right = last_of(c, below + above, n);
+        const double *const row = a + c * (width + 1) + below;
         double x = b[c];
-        for (int j = c + 1; j <= right; j++) x -= row[j] * b[j];
-        b[c] = x * row[c];
+        for (int j = 1; j <= below + above; j++) x -= row[j] * b[c + j];
+        b[c] = x * row[0];
     }
 }
-
 
 #if !CLOSED
 /* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
@@ -109,7 +109,7 @@ enum { DONE, NOT_CONVERGED, NOT_FINITE };
 INLINE int solved(double *y, const double *q, const double *p, const double *u, double t, const double *w,
                   const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
     for (int i = 0; i < most; i++) {
-        double b[Y], worst = 0;
+        double b[Y + BELOW + ABOVE] = {0}, worst = 0;
         *count += 1;
 #if LINEAR && CLOSED
         equations(q, p, &t, u, w + EQUATIONS_AT, y);
@@ -139,7 +139,7 @@ INLINE int solved(double *y, const double *q, const double *p, const double *u, 
 #if HELD
 /* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
 LARGE void projected(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
-    double jacobian[HIDDEN_NONZEROS], b[H];
+    double jacobian[HIDDEN_NONZEROS], b[H + HIDDEN_BELOW + HIDDEN_ABOVE] = {0};
     int pivots[H];
     hidden(q, p, &t, w + HIDDEN_AT, b, jacobian);
     memset(matrix, 0, BAND(H, HIDDEN_BELOW, HIDDEN_ABOVE) * sizeof(double));
