@@ -20,6 +20,7 @@ from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
 ARRAYS = ("t", "q", "p", "k", "u", "c")
+OPTIONAL = ("phase", "closure")
 
 
 def save(trajectory: Trajectory, path: Any) -> None:
@@ -44,11 +45,9 @@ def save(trajectory: Trajectory, path: Any) -> None:
         "system": describe(trajectory.system),
         "phases": [asdict(phase) for phase in trajectory.phases],
         "events": [asdict(event) for event in trajectory.events],
-        "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
+        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
     }
-    arrays = {name: getattr(trajectory, name) for name in ARRAYS}
-    if trajectory.phase is not None:
-        arrays["phase"] = trajectory.phase
+    arrays = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL) if getattr(trajectory, name) is not None}
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -91,7 +90,7 @@ def load(path: Any) -> Trajectory:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
-            arrays = {name: data[name] for name in (*ARRAYS, "phase") if name in data or name in ARRAYS}
+            arrays = {name: data[name] for name in (*ARRAYS, *(x for x in OPTIONAL if x in data))}
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except InputError:
@@ -169,3 +168,7 @@ def _plain(parameters: dict[str, np.ndarray]) -> dict[str, Any]:
 def _file(path: Any) -> Path:
     path = Path(path)
     return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+
+
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, (str, int, float))

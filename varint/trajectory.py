@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from varint.diagnostics.momentum import Conserved, MomentumMap
-    from varint.noether import Symmetry
+    from varint.symmetry import Symmetry
 
 
 class State(NamedTuple):
@@ -93,6 +93,11 @@ class Trajectory:
         What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    solution : ControlSolution, Contacts or None
+        What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
+        path of least action leans on its bounds.
+    closure : ndarray (n, n + 1) or None
+        [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
     """
 
     system: System
@@ -109,6 +114,8 @@ class Trajectory:
     phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    solution: Any = None
+    closure: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -127,6 +134,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
+                closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
@@ -256,6 +264,39 @@ class Trajectory:
 
         return conserved(self)
 
+    @cached_property
+    def morse_index(self) -> int:
+        """Number of independent variations with fixed ends that lower the action: 0 for a path of least action.
+
+        A path that was found closed is varied among closed paths, and shifts and turns of the whole do not count.
+
+        Raises
+        ------
+        InputError
+            If the scene has forces (no action is stationary then) or not every step was kept.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.morse_index(self)
+
+    @cached_property
+    def conjugate_times(self) -> np.ndarray:
+        """Times conjugate to the start, where ∂q(t)/∂p(0) is singular, located with the rule's accuracy, (count,).
+
+        Raises
+        ------
+        InputError
+            As for `morse_index`.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.conjugate_times(self)
+
+    @property
+    def is_minimum(self) -> bool:
+        """Whether no variation with fixed ends lowers the action to second order: Morse index 0."""
+        return self.morse_index == 0
+
     def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
 
@@ -288,7 +329,7 @@ class Trajectory:
         for _ in self._steps(q, p, self.t[node], self.k[node], ahead, phase):
             continue
         whole = np.floor(ahead / self.h + self._rounding).astype(int)
-        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=())
+        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=(), closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
     def _steps(self, q, p, t, k, ahead, phase):
