@@ -34,8 +34,8 @@ const int64_t carry_size = sizeof(Carry) / sizeof(double);
 #define SIZED_AT (KICK_AT + KICK_W)
 #define HIDDEN_AT (SIZED_AT + SIZED_W)
 #define PULLED_AT (HIDDEN_AT + HIDDEN_W)
-#define CONSTANTS_AT (PULLED_AT + PULLED_W)
-#define ALL_W (CONSTANTS_AT + CONSTANTS_W + 1)
+#define SLOPE_AT (PULLED_AT + PULLED_W)
+#define ALL_W (SLOPE_AT + SLOPE_W + 1)
 
 /* value += increment, with the rounding error kept in rest */
 INLINE void compensated(double *value, double *rest, double increment) {
@@ -201,7 +201,7 @@ LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, 
     for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
 #if LINEAR && !CLOSED
     double jacobian[NONZEROS];
-    constants_prepare(k, w + CONSTANTS_AT), constants(w + CONSTANTS_AT, jacobian);
+    slope_prepare(k, w + SLOPE_AT), slope(w + SLOPE_AT, jacobian);
     memset(matrix, 0, BAND(Y, BELOW, ABOVE) * sizeof(double));
     for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
     factorise(Y, BELOW, ABOVE, matrix, pivots);

@@ -121,7 +121,7 @@ def _solve(e: Equations, linear: bool) -> _Solve:
         return _Solve({"equations": (inputs, outputs)}, order, closed, linear)
     left = left[order.order.tolist()]
     if linear:
-        return _Solve({"equations": (inputs, [left]), "constants": ([], [matrix.nz[:]])}, order, closed, linear)
+        return _Solve({"equations": (inputs, [left]), "slope": ([], [matrix.nz[:]])}, order, closed, linear)
     return _Solve({"equations": (inputs, [left, matrix.nz[:]])}, order, closed, linear)
 
 
@@ -170,7 +170,7 @@ def _described(
         "NONZEROS": len(solve.band.places), "LAST_CORRECTION": LAST_CORRECTION, "MOST_ITERATIONS": MOST_ITERATIONS,
         "RESIDUAL_LIMIT": RESIDUAL_LIMIT, "SMALLEST": SMALLEST,
     }  # fmt: skip
-    for name in ("kick", "sized", "hidden", "pulled", "constants"):
+    for name in ("kick", "sized", "hidden", "pulled", "slope"):
         defines[f"{name.upper()}_W"] = 0
     tables = {"PERM": solve.band.order, "AT": solve.band.places}
     if projection:
