@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+VECTOR = 8  # numbers that are worked on together
+NARROW = 10  # bands up to this reach are worked on one by one
+
 
 @dataclass(frozen=True)
 class Band:
@@ -19,18 +22,21 @@ class Band:
     below, above : int
         Diagonals below and above the main one.
     places : array
-        i (2 below + above) + below + j for element (i, j): rows with room for exchanges.
+        i (below + reach) + below + j for element (i, j).
+    reach : int
+        Elements right of the diagonal that a row has room for: below + above for row exchanges, in whole vectors.
     """
 
     order: np.ndarray
     below: int
     above: int
     places: np.ndarray
+    reach: int
 
     @property
     def size(self) -> int:
         """Numbers that the band takes, with its room for row exchanges and the zeros behind its end."""
-        return (len(self.order) + self.below + 1) * (2 * self.below + self.above + 1)
+        return (len(self.order) + self.below + 1) * (self.below + self.reach + 1)
 
 
 def band(pattern: ca.Sparsity) -> Band:
@@ -41,7 +47,10 @@ def band(pattern: ca.Sparsity) -> Band:
     place[order] = np.arange(len(order))
     i, j = place[rows], place[columns]
     below, above = int(max((i - j).max(initial=0), 0)), int(max((j - i).max(initial=0), 0))
-    return Band(order, below, above, i * (2 * below + above) + below + j)
+    reach = below + above
+    if reach > NARROW:
+        reach = -(-reach // VECTOR) * VECTOR
+    return Band(order, below, above, i * (below + reach) + below + j, reach)
 
 
 def _cuthill_mckee(n: int, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
    Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
-   nonzeros of the Jacobian, which go to the places `AT` of a band matrix of BELOW and ABOVE diagonals. LINEAR: the
+   nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
    equations are linear, the matrix is factorised once and `equations` is their residual at y = 0. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. */
@@ -44,50 +44,66 @@ INLINE void compensated(double *value, double *rest, double increment) {
     *value = s;
 }
 
-/* Band matrices: element (i, j) at i (W - 1) + below + j with W = 2 below + above + 1, room for row exchanges. Rows and
-   columns of zeros behind the last ones let all inner loops run over as many elements. */
-#define BAND(n, below, above) (((n) + (below) + 1) * (2 * (below) + (above) + 1))
+/* Band matrices: element (i, j) at i (below + reach) + below + j, where row exchanges need a reach of below + above; it is
+   rounded up to whole chunks, whose zeros stay zeros. Rows of zeros follow the last one. */
+typedef double Chunk __attribute__((vector_size(64), aligned(8), may_alias));
+#define IN_CHUNKS(reach) ((reach) % 8 == 0)
+#define AT_CHUNK(x, j) (*(Chunk *)((x) + (j)))
+
+INLINE int least(int a, int b) { return a < b ? a : b; }
 
 /* LU with row exchanges, in place; multipliers stay below the diagonal, reciprocals on it. */
-INLINE void factorise(const int n, const int below, const int above, double *a, int *pivots) {
-    const int width = 2 * below + above;
+INLINE void factorise(const int n, const int below, const int reach, double *a, int *pivots) {
+    const int width = below + reach;
     for (int c = 0; c < n; c++) {
         double *const row = a + c * (width + 1) + below;
+        const int down = least(below, n - 1 - c), right = least(reach, n - 1 - c);
         int best = 0;
         double most = fabs(row[0]);
-        for (int r = 1; r <= below; r++) {
+        for (int r = 1; r <= down; r++) {
             const double size = fabs(row[r * width]);
             if (size > most) most = size, best = r;
         }
         pivots[c] = c + best;
         if (best)
-            for (int j = 0; j <= below + above; j++) {
+            for (int j = 0; j <= right; j++) {
                 double *const other = row + best * width + j, x = row[j];
                 row[j] = *other, *other = x;
             }
         const double inverse = row[0] = 1 / row[0];
-        for (int r = 1; r <= below; r++) {
+        for (int r = 1; r <= down; r++) {
             double *const other = row + r * width;
             if (other[0] != 0) {
                 const double f = other[0] *= inverse;
-                for (int j = 1; j <= below + above; j++) other[j] -= f * row[j];
+                if (IN_CHUNKS(reach))
+                    for (int j = 1; j <= right; j += 8) AT_CHUNK(other, j) -= f * AT_CHUNK(row, j);
+                else
+                    for (int j = 1; j <= reach; j++) other[j] -= f * row[j];
             }
         }
     }
 }
 
-/* b has room for below + above zeros behind its end. */
-INLINE void substitute(const int n, const int below, const int above, const double *a, const int *pivots, double *b) {
-    const int width = 2 * below + above;
+/* b has room for `reach` zeros behind its end. */
+INLINE void substitute(const int n, const int below, const int reach, const double *a, const int *pivots, double *b) {
+    const int width = below + reach;
     for (int c = 0; c < n; c++) {
         const double *const row = a + c * (width + 1) + below, x = b[pivots[c]];
+        const int down = least(below, n - 1 - c);
         b[pivots[c]] = b[c], b[c] = x;
-        for (int r = 1; r <= below; r++) b[c + r] -= row[r * width] * x;
+        for (int r = 1; r <= down; r++) b[c + r] -= row[r * width] * x;
     }
     for (int c = n - 1; c >= 0; c--) {
         const double *const row = a + c * (width + 1) + below;
+        const int right = least(reach, n - 1 - c);
         double x = b[c];
-        for (int j = 1; j <= below + above; j++) x -= row[j] * b[c + j];
+        if (IN_CHUNKS(reach)) {
+            Chunk parts = {0};
+            for (int j = 1; j <= right; j += 8) parts += AT_CHUNK(row, j) * AT_CHUNK(b + c, j);
+            x -= ((parts[0] + parts[1]) + (parts[2] + parts[3])) + ((parts[4] + parts[5]) + (parts[6] + parts[7]));
+        } else {
+            for (int j = 1; j <= reach; j++) x -= row[j] * b[c + j];
+        }
         b[c] = x * row[0];
     }
 }
@@ -96,10 +112,10 @@ INLINE void substitute(const int n, const int below, const int above, const doub
 /* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
 LARGE void corrected(const double *jacobian, double *matrix, double *b) {
     int pivots[Y];
-    memset(matrix, 0, BAND(Y, BELOW, ABOVE) * sizeof(double));
+    memset(matrix, 0, BAND_SIZE * sizeof(double));
     for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
-    factorise(Y, BELOW, ABOVE, matrix, pivots);
-    substitute(Y, BELOW, ABOVE, matrix, pivots, b);
+    factorise(Y, BELOW, REACH, matrix, pivots);
+    substitute(Y, BELOW, REACH, matrix, pivots, b);
 }
 #endif
 
@@ -109,14 +125,14 @@ enum { DONE, NOT_CONVERGED, NOT_FINITE };
 INLINE int solved(double *y, const double *q, const double *p, const double *u, double t, const double *w,
                   const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
     for (int i = 0; i < most; i++) {
-        double b[Y + BELOW + ABOVE] = {0}, worst = 0;
+        double b[Y + REACH] = {0}, worst = 0;
         *count += 1;
 #if LINEAR && CLOSED
         equations(q, p, &t, u, w + EQUATIONS_AT, y);
         return 1;
 #elif LINEAR
         equations(q, p, &t, u, w + EQUATIONS_AT, b);
-        substitute(Y, BELOW, ABOVE, matrix, pivots, b);
+        substitute(Y, BELOW, REACH, matrix, pivots, b);
         for (int k = 0; k < Y; k++) y[PERM[k]] = -b[k];
         return 1;
 #elif CLOSED
@@ -139,13 +155,13 @@ INLINE int solved(double *y, const double *q, const double *p, const double *u, 
 #if HELD
 /* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
 LARGE void projected(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
-    double jacobian[HIDDEN_NONZEROS], b[H + HIDDEN_BELOW + HIDDEN_ABOVE] = {0};
+    double jacobian[HIDDEN_NONZEROS], b[H + HIDDEN_REACH] = {0};
     int pivots[H];
     hidden(q, p, &t, w + HIDDEN_AT, b, jacobian);
-    memset(matrix, 0, BAND(H, HIDDEN_BELOW, HIDDEN_ABOVE) * sizeof(double));
+    memset(matrix, 0, HIDDEN_SIZE * sizeof(double));
     for (int i = 0; i < HIDDEN_NONZEROS; i++) matrix[HIDDEN_PLACES[i]] = jacobian[i];
-    factorise(H, HIDDEN_BELOW, HIDDEN_ABOVE, matrix, pivots);
-    substitute(H, HIDDEN_BELOW, HIDDEN_ABOVE, matrix, pivots, b);
+    factorise(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots);
+    substitute(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots, b);
     for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
 }
 #endif
@@ -202,9 +218,9 @@ LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, 
 #if LINEAR && !CLOSED
     double jacobian[NONZEROS];
     slope_prepare(k, w + SLOPE_AT), slope(w + SLOPE_AT, jacobian);
-    memset(matrix, 0, BAND(Y, BELOW, ABOVE) * sizeof(double));
+    memset(matrix, 0, BAND_SIZE * sizeof(double));
     for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
-    factorise(Y, BELOW, ABOVE, matrix, pivots);
+    factorise(Y, BELOW, REACH, matrix, pivots);
 #endif
 }
 

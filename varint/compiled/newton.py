@@ -117,7 +117,7 @@ def _solve(e: Equations, linear: bool) -> _Solve:
     if closed:
         correction = ca.mtimes(ca.inv_minor(ca.densify(matrix)), left)
         outputs = [-correction] if linear else [correction]
-        order = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int))
+        order = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
         return _Solve({"equations": (inputs, outputs)}, order, closed, linear)
     left = left[order.order.tolist()]
     if linear:
@@ -166,7 +166,7 @@ def _described(
         "LANES": 1, "NODES": len(rule.nodes), "Y": e.y.numel(), "C": e.c.numel(), "SIZES": e.sizes.numel(),
         "HISTORY": history, "DEGREE": degree, "PATH": 0 if eliminates else s.n, "MULTIPLIERS": s.constraints,
         "ROWS": s.nonholonomic, "CLOSED": int(solve.closed), "LINEAR": int(solve.linear), "KICKED": int(eliminates),
-        "HELD": int(projection is not None), "BELOW": solve.band.below, "ABOVE": solve.band.above,
+        "HELD": int(projection is not None), "BELOW": solve.band.below, "REACH": solve.band.reach, "BAND_SIZE": size,
         "NONZEROS": len(solve.band.places), "LAST_CORRECTION": LAST_CORRECTION, "MOST_ITERATIONS": MOST_ITERATIONS,
         "RESIDUAL_LIMIT": RESIDUAL_LIMIT, "SMALLEST": SMALLEST,
     }  # fmt: skip
@@ -175,8 +175,8 @@ def _described(
     tables = {"PERM": solve.band.order, "AT": solve.band.places}
     if projection:
         order = projection.band
-        defines |= {"H": len(order.order), "HIDDEN_BELOW": order.below, "HIDDEN_ABOVE": order.above}
-        defines |= {"HIDDEN_NONZEROS": len(order.places), "HIDDEN_SPEED": int(projection.speed)}
+        defines |= {"H": len(order.order), "HIDDEN_BELOW": order.below, "HIDDEN_REACH": order.reach}
+        defines |= {"HIDDEN_NONZEROS": len(order.places), "HIDDEN_SPEED": int(projection.speed), "HIDDEN_SIZE": order.size}
         tables |= {"HIDDEN_PERM": order.order, "HIDDEN_PLACES": order.places}
         size = max(size, order.size)
     defines["MATRIX_SIZE"] = size
