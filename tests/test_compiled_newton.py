@@ -190,3 +190,21 @@ def test_blocks_that_nothing_couples_do_not_widen_the_band():
     scattered = np.random.default_rng(1).permutation(60).tolist()
     found = band(ca.DM.ones(pattern)[scattered, scattered].sparsity())
     assert (found.below, found.above) == (2, 2)
+
+
+@needs_compiler
+def test_simulate_hands_over_to_newtons_method_where_fixed_point_iteration_fails():
+    model = vi.models.fpu_chain(omega=50.0)
+    options = dict(q0=model.q0, v0=model.v0, h=0.1, steps=150)
+    motion = vi.simulate(model.system, vi.gauss(4), backend="compiled", **options)
+    slow = vi.simulate(model.system, vi.gauss(4), backend="interpreted", **options)
+    assert motion.stats["iterations"] < 5 * 150
+    assert np.abs(motion.q - slow.q).max() < 1e-12
+
+
+@needs_compiler
+def test_simulate_compiled_gives_the_multipliers_of_the_interpreted_run():
+    model = vi.models.chain_rods(4)
+    options = dict(q0=model.q0, v0=model.v0, h=1e-3, steps=200)
+    compiled_run, slow = (vi.simulate(model.system, backend=b, **options) for b in ("compiled", "interpreted"))
+    assert np.abs(compiled_run.multipliers - slow.multipliers).max() < 1e-10 * np.abs(slow.multipliers).max()

@@ -38,7 +38,7 @@ class Kernel:
     operations : int
         Operations of one right-hand side, or of the equations of a step.
     opening : callable or None
-        (q0, p0, t, h, c) → what the loop must be told besides at a fresh start.
+        (q0, p0, u, t, h, c) → what the loop must be told besides at a fresh start.
     """
 
     about: str
@@ -138,7 +138,7 @@ def run(
     if carry is None:
         block[kept] = 0.0
         if kernel.opening:
-            told = kernel.opening(q0, p0, t0 + h * first, h, c)
+            told = kernel.opening(q0, p0, u, t0 + h * first, h, c)
             block[kept + 1 : kept + 1 + told.size] = told
     else:
         block[kept:] = carry

@@ -229,12 +229,16 @@ def _lagrange(at: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _opening(system: System):
-    """(q0, p0, t, h, c) → typical sizes and velocity at a fresh start."""
+    """(q0, p0, u, t, h, c) → typical sizes and velocity at a fresh start; u of all steps."""
+    controls = system.control.numel()
 
-    def told(q0: np.ndarray, p0: np.ndarray, t: float, h: float, c: np.ndarray) -> np.ndarray:
+    def told(
+        q0: np.ndarray, p0: np.ndarray, u: np.ndarray | None, t: float, h: float, c: np.ndarray
+    ) -> np.ndarray:
         at, size = np.array([t]), np.array([h])
         q, p = np.ascontiguousarray(q0, dtype=float), np.ascontiguousarray(p0, dtype=float)
-        scale = call(scale_function(system), q, p, at, size, c)[0]
+        typical = np.zeros(controls) if u is None else np.abs(u).reshape(-1, controls).max(axis=0)
+        scale = call(scale_function(system), q, p, typical, at, size, c)[0]
         return np.concatenate([scale, call(velocity_function(system), q, p, at, c)[0]])
 
     return told
