@@ -8,7 +8,6 @@ from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoida
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
-from varint.stepping.two_point import start_momentum
 from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from varint.geodesics import geodesic
     from varint.horizon import free
     from varint.projection import project
+    from varint.stepping.two_point import start_momentum
     from varint.symmetry import Symmetries, Symmetry, noether, symmetries
 
 __version__ = "0.1.0"
@@ -66,6 +66,7 @@ _LATER = {
     "paths": "varint.boundary.families",
     "project": "varint.projection",
     "refine": "varint.control.refine",
+    "start_momentum": "varint.stepping.two_point",
     "symmetries": "varint.symmetry",
 }
 _LATER_MODULES = ("diagnostics", "models")

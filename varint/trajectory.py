@@ -14,6 +14,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
+from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.rules import Rule
