@@ -9,7 +9,6 @@ from varint.sketch import Sketch
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
-from varint.stepping.two_point import start_momentum
 from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from varint.geodesics import geodesic
     from varint.horizon import free
     from varint.projection import project
+    from varint.stepping.two_point import start_momentum
     from varint.symmetry import Symmetries, Symmetry, noether, symmetries
 
 __version__ = "0.1.0"
@@ -68,6 +68,7 @@ _LATER = {
     "paths": "varint.boundary.families",
     "project": "varint.projection",
     "refine": "varint.control.refine",
+    "start_momentum": "varint.stepping.two_point",
     "symmetries": "varint.symmetry",
 }
 _LATER_MODULES = ("diagnostics", "models")
