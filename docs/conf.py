@@ -19,7 +19,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
-    "sphinx-mathjax-offline",  # formulas without a network
+    "formulas",
     "docstrings",
     "executed",
     "generated",
@@ -40,5 +40,6 @@ autodoc_typehints = "none"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 nitpicky = False  # types in docstrings are words: "SX (n,)"
+mathjax_path = "mathjax/tex-chtml.js"
 default_role = "py:obj"
 suppress_warnings = ["ref.python"]  # "steps" in a shape such as (steps, k) is no reference

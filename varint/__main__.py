@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,12 @@ import numpy as np
 import varint as vi
 from varint.models import Model
 
-FAMILIES = {"gauss": vi.gauss, "lobatto": vi.lobatto, "midpoint": vi.midpoint, "trapezoidal": vi.trapezoidal}
+FAMILIES: dict[str, Callable[..., vi.Rule]] = {
+    "gauss": vi.gauss,
+    "lobatto": vi.lobatto,
+    "midpoint": vi.midpoint,
+    "trapezoidal": vi.trapezoidal,
+}
 EXPLICIT = ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")  # of all compositions those worth comparing first
 STEPS = (64, 128, 256, 512, 1024)
 

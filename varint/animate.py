@@ -53,7 +53,7 @@ def trajectory_animation(
     axes = fig.add_subplot(projection="3d") if sketch.dimensions == 3 else fig.add_subplot()
     _frame(axes, [*frames.values(), *trail.values()])
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(sketch.marks)}
-    empty = [[]] * sketch.dimensions
+    empty: list[list[float]] = [[]] * sketch.dimensions
     trails = {
         name: axes.plot(*empty, lw=1, alpha=0.6, color=colours.get(name, COLOURS[0]))[0] for name in sketch.traces
     }
@@ -81,7 +81,7 @@ def trajectory_animation(
         film.save(target, writer=writer, dpi=DPI)
         plt.close(fig)
     else:
-        film._draw_was_started = True  # shown or saved later by whoever asked: no warning if it is neither
+        film._draw_was_started = True  # type: ignore[attr-defined]  # shown or saved later by whoever asked: no warning if it is neither
     return film
 
 
@@ -109,16 +109,18 @@ def _writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, 
     if path is None:
         return None, 1 / fps
     kind = path.suffix.lower()
+    rate: Any = fps  # annotated as int, but any number does
     if kind == ".gif":
         ticks = max(round(1 / (fps * GIF_TICK)), 2)  # viewers slow down what is shorter
         # the writer cuts milliseconds off: half of one more keeps 29.99… from becoming 29, and then 20
-        return animation.PillowWriter(fps=1 / (ticks * GIF_TICK + 5e-4)), ticks * GIF_TICK
+        rate = 1 / (ticks * GIF_TICK + 5e-4)
+        return animation.PillowWriter(fps=rate), ticks * GIF_TICK
     if kind == ".html":
-        return animation.HTMLWriter(fps=fps, embed_frames=True), 1 / fps
+        return animation.HTMLWriter(fps=rate, embed_frames=True), 1 / fps
     if kind == ".mp4":
         if not animation.FFMpegWriter.isAvailable():
             raise InputError("mp4 needs the program ffmpeg, which is not installed; write a .gif or .html instead")
-        return animation.FFMpegWriter(fps=fps, extra_args=["-pix_fmt", "yuv420p"]), 1 / fps
+        return animation.FFMpegWriter(fps=rate, extra_args=["-pix_fmt", "yuv420p"]), 1 / fps
     raise InputError(f"{path} is no film: give a name that ends in .gif, .mp4 or .html")
 
 

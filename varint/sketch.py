@@ -45,7 +45,7 @@ class Sketch:
     points: Mapping[str, Any]
     rods: Sequence[tuple[str, str]] = ()
     traces: Sequence[str] = ()
-    marks: Sequence[str] | None = None
+    marks: Any = None
 
     def __post_init__(self) -> None:
         if not self.points:

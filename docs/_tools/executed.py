@@ -13,6 +13,7 @@ from sphinx.util import logging
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 LOG = logging.getLogger(__name__)
+WIDE = 105  # characters
 
 
 class Execute(SphinxTransform):
@@ -42,7 +43,9 @@ class Execute(SphinxTransform):
     def _insert(self, block: nodes.literal_block, result) -> None:
         parent, at = block.parent, block.parent.index(block) + 1
         if result.text.strip():
-            text = nodes.literal_block(result.text, result.text.rstrip(), classes=["output"])
+            wide = any(len(line) > WIDE for line in result.text.splitlines())
+            kind = ["output", "wrapped"] if wide and "──" not in result.text else ["output"]  # tables stay in columns
+            text = nodes.literal_block(result.text, result.text.rstrip(), classes=kind)
             text["language"] = "text"
             parent.insert(at, text)
             at += 1

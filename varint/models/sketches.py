@@ -11,7 +11,7 @@ from varint.errors import InputError
 from varint.models.model import Model
 from varint.models.quaternions import rotation
 from varint.sketch import Sketch, cartesian
-from varint.system import System
+from varint.system import Parameters, System
 
 
 def sketch(model: Model) -> Sketch:
@@ -43,6 +43,11 @@ def sketch(model: Model) -> Sketch:
     return found
 
 
+def _given(s: System) -> Parameters:
+    assert s.params is not None  # every model has its quantities as parameters
+    return s.params
+
+
 def _arm(angle: ca.SX, length: ca.SX | float = 1.0) -> ca.SX:
     """From the pin of a pendulum to its bob, the angle from the downward vertical."""
     return length * ca.vertcat(ca.sin(angle), -ca.cos(angle))
@@ -61,13 +66,13 @@ def _hung(pin: ca.SX | list, bob: ca.SX) -> Sketch:
 
 
 def _pendulum(s: System) -> Sketch:
-    return _hung([0, 0], _arm(s.q, s.params.length))
+    return _hung([0, 0], _arm(s.q, _given(s).length))
 
 
 def _shaken(x: Callable, y: Callable) -> Callable[[System], Sketch]:
     def draw(s: System) -> Sketch:
-        pin = ca.vertcat(x(s.params, s.t), y(s.params, s.t))
-        return _hung(pin, pin + _arm(s.q, s.params.length))
+        pin = ca.vertcat(x(_given(s), s.t), y(_given(s), s.t))
+        return _hung(pin, pin + _arm(s.q, _given(s).length))
 
     return draw
 
@@ -75,7 +80,7 @@ def _shaken(x: Callable, y: Callable) -> Callable[[System], Sketch]:
 def _links(s: System) -> Sketch:
     place, points = ca.SX.zeros(2), {"pin": ca.SX.zeros(2)}
     for i in range(s.q.numel()):
-        place = place + _arm(s.q[i], s.params.length[i])
+        place = place + _arm(s.q[i], _given(s).length[i])
         points[str(i + 1)] = place
     return Sketch(points, rods=list(pairwise(points)), traces=[str(s.q.numel())])
 
@@ -86,23 +91,23 @@ def _chain(s: System) -> Sketch:
 
 
 def _two_joints(s: System) -> Sketch:
-    elbow = _arm(s.q[0], s.params.length[0])
-    points = {"shoulder": [0, 0], "elbow": elbow, "hand": elbow + _arm(s.q[0] + s.q[1], s.params.length[1])}
+    elbow = _arm(s.q[0], _given(s).length[0])
+    points = {"shoulder": [0, 0], "elbow": elbow, "hand": elbow + _arm(s.q[0] + s.q[1], _given(s).length[1])}
     return Sketch(points, rods=list(pairwise(points)), traces=["hand"])
 
 
 def _on_cart(s: System) -> Sketch:
-    return _hung(ca.vertcat(s.q[0], 0), ca.vertcat(s.q[0], 0) + _arm(s.q[1], s.params.length))
+    return _hung(ca.vertcat(s.q[0], 0), ca.vertcat(s.q[0], 0) + _arm(s.q[1], _given(s).length))
 
 
 def _spherical(s: System) -> Sketch:
     down = _axis(s.q[0], s.q[1])
-    return _hung([0, 0, 0], s.params.length * ca.vertcat(down[:2], -down[2]))
+    return _hung([0, 0, 0], _given(s).length * ca.vertcat(down[:2], -down[2]))
 
 
 def _hoop(s: System) -> Sketch:
-    bead = s.params.R * ca.vertcat(
-        ca.sin(s.q) * ca.cos(s.params.Omega * s.t), ca.sin(s.q) * ca.sin(s.params.Omega * s.t), -ca.cos(s.q)
+    bead = _given(s).R * ca.vertcat(
+        ca.sin(s.q) * ca.cos(_given(s).Omega * s.t), ca.sin(s.q) * ca.sin(_given(s).Omega * s.t), -ca.cos(s.q)
     )
     return Sketch({"centre": [0, 0, 0], "bead": bead}, traces=["bead"])
 
@@ -116,7 +121,7 @@ def _swinging_atwood(s: System) -> Sketch:
 
 
 def _ladder(s: System) -> Sketch:
-    half = s.params.length / 2 * ca.vertcat(-ca.cos(s.q[2]), ca.sin(s.q[2]))
+    half = _given(s).length / 2 * ca.vertcat(-ca.cos(s.q[2]), ca.sin(s.q[2]))
     points = {"wall": s.q[:2] + half, "foot": s.q[:2] - half, "centre": s.q[:2]}
     return Sketch(points, rods=[("wall", "foot")], traces=["centre"])
 
@@ -168,7 +173,7 @@ def _planet(s: System) -> Sketch:
 
 _SKETCHES: dict[str, Callable[[System], Sketch]] = {
     "pendulum": _pendulum,
-    "inclined_axis": lambda s: _hung([0, 0], _arm(s.q, s.params.distance)),
+    "inclined_axis": lambda s: _hung([0, 0], _arm(s.q, _given(s).distance)),
     "driven_pendulum": _pendulum,
     "horizontal_pivot": _shaken(lambda c, t: c.amplitude * ca.cos(c.Omega * t), lambda c, t: 0),
     "kapitza_pendulum": _shaken(lambda c, t: 0, lambda c, t: c.amplitude * ca.cos(c.Omega * t)),
