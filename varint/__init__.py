@@ -8,6 +8,7 @@ from varint.noether import Symmetries, Symmetry, noether, symmetries
 from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
+from varint.stepping.rescaled import close_encounters
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
 from varint.system import Parameters, System, coordinates, time
@@ -20,10 +21,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries", "Symmetry",
-    "System", "Trajectory", "VarintError", "composition", "coordinates", "diagnostics", "gauss", "load", "lobatto",
-    "midpoint", "models", "noether", "plan", "project", "simulate", "step_function", "symmetries", "time",
-    "trapezoidal",
+    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries",
+    "Symmetry", "System", "Trajectory", "VarintError", "close_encounters", "composition", "coordinates",
+    "diagnostics", "gauss", "load", "lobatto", "midpoint", "models", "noether", "plan", "project", "simulate",
+    "step_function", "symmetries", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use

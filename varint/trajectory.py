@@ -93,6 +93,8 @@ class Trajectory:
         What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    fictitious : Trajectory or None
+        The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
     """
 
     system: System
@@ -109,6 +111,7 @@ class Trajectory:
     phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    fictitious: Trajectory | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -117,9 +120,9 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
-        if isinstance(index, slice):
+        if isinstance(index, (slice, np.ndarray)):
             return replace(
                 self,
                 t=self.t[index],
@@ -127,6 +130,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
+                fictitious=None if self.fictitious is None else self.fictitious[index],
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
@@ -201,7 +205,7 @@ class Trajectory:
             If the expression has symbols that the system does not know.
         """
         s = self.system
-        expression = _as_expression(expression, s)
+        expression = own_symbols(expression, s, "the expression")
         f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
         flat = over_columns(f, self.q, self.v, self.t[:, None], self._u_at_nodes(), self.c)[0]
         rows, columns = expression.shape
@@ -217,10 +221,14 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
+        if self.fictitious is not None:  # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
+            return self.fictitious.action - float(self.fictitious.c[-2:].sum()) * self.duration
         return float(self.sums(lambda scene: self._functions(scene)[1]).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
+        if self.fictitious is not None:
+            raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
         total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
         q, p = self.q[:-1].copy(), self.p[:-1].copy()
         phase = None if self.phase is None else self.phase[:-1]
@@ -279,17 +287,24 @@ class Trajectory:
         slack = self._rounding * abs(self.h)
         if not ((times >= low - slack) & (times <= high + slack)).all():
             raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
-        direction = 1.0 if self.h > 0 else -1.0
-        node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
-        node = np.clip(node, 0, len(self) - 1)
-        ahead = times - self.t[node]
-        q, p = self.q[node], self.p[node]
-        phase = None if self.phase is None else self.phase[node]
-        for _ in self._steps(q, p, self.t[node], self.k[node], ahead, phase):
+        if self.fictitious is not None:
+            from varint.stepping.rescaled import at_times
+
+            found = at_times(self, times)
+        else:
+            direction = 1.0 if self.h > 0 else -1.0
+            node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
+            found = self[np.clip(node, 0, len(self) - 1)].advanced(times)
+        return found[0] if np.ndim(t) == 0 else found
+
+    def advanced(self, times: np.ndarray) -> Trajectory:
+        """Every node carried on to a later time of its own, by steps of the same rule; nodes in no order."""
+        ahead = times - self.t
+        q, p = self.q.copy(), self.p.copy()
+        for _ in self._steps(q, p, self.t, self.k, ahead, self.phase):
             continue
         whole = np.floor(ahead / self.h + self._rounding).astype(int)
-        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=())
-        return found[0] if np.ndim(t) == 0 else found
+        return replace(self, t=times, q=q, p=p, k=self.k + whole, events=())
 
     def _steps(self, q, p, t, k, ahead, phase):
         """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
@@ -368,18 +383,18 @@ class Trajectory:
 ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
 
 
-def _as_expression(expression: Any, system: System) -> ca.SX:
+def own_symbols(expression: Any, system: System, what: str) -> ca.SX:
     """The expression in the system's own symbols, matched by name."""
     if isinstance(expression, ca.MX):
-        raise InputError("the expression is an MX; write it with the system's SX symbols")
+        raise InputError(f"{what} is an MX; write it with the system's SX symbols")
     try:
         expression = ca.SX(expression)
     except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
+        raise InputError(f"{what} must be a CasADi SX expression, got {type(expression).__name__}") from None
     own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
     used = ca.symvar(expression)
     unknown = sorted(x.name() for x in used if x.name() not in own)
     if unknown:
-        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
+        raise InputError(f"unknown symbols {unknown} in {what}; known: {sorted(own)}")
     foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
     return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))

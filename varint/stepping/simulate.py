@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import ConvergenceError
+from varint.errors import ConvergenceError, InputError
 from varint.manifold import Phase
 from varint.progress import progress_bar
 from varint.rules import Rule
@@ -19,6 +19,7 @@ from varint.stepping.contact_run import contact_run
 from varint.stepping.events import crossings, logged, watched
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import Plan, plan
+from varint.stepping.rescaled import rescaled_motion
 from varint.stepping.run import RESIDUAL_LIMIT, Block, Task, run
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
@@ -41,6 +42,7 @@ def simulate(
     save_every: int = 1,
     until: ca.SX | tuple[ca.SX, int] | None = None,
     events: Mapping[str, Any] | None = None,
+    time_scale: ca.SX | None = None,
     progress: bool | None = None,
 ) -> Trajectory:
     """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete Euler–Lagrange).
@@ -69,6 +71,10 @@ def simulate(
         with the rule's own accuracy. With a direction: +1 only where it rises, -1 only where it falls.
     events : dict of SX or (SX, int), optional
         Log where these expressions cross zero: `Trajectory.events` has a record with the time and the name of each.
+    time_scale : SX, optional
+        σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ, dt = σ(q) dτ, the
+        nodes' ``t`` are physical times, and `duration` is physical too (the last step ends there). Give h and either
+        steps or duration; see `close_encounters`.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
 
@@ -93,6 +99,13 @@ def simulate(
     >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
     ((1001, 1), True)
     """
+    if time_scale is not None:
+        if u is not None:
+            raise InputError("time_scale takes no controls u: they change the energy that it is built on")
+        return rescaled_motion(
+            simulate, system, rule, time_scale, q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0,
+            params=params, save_every=save_every, until=until, events=events, options={"progress": progress},
+        )  # fmt: skip
     began = perf_counter()
     stops = None if until is None else watched("until", until)
     watches = [watched(name, wanted) for name, wanted in (events or {}).items()]
