@@ -16,7 +16,7 @@ LAYERS = [
     {"compositions", "structure"},
     {"rules", "system"},
     {"manifold", "legendre"},
-    {"discrete", "noether", "assembly", "horizon"},
+    {"discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
     {"consistency", "stepping", "compiled", "projection", "boundary", "control"},
     {"ensemble", "diagnostics", "models", "archive"},

@@ -4,8 +4,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
-from varint.noether import Symmetries, Symmetry, noether, symmetries
-from varint.projection import project
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
 from varint.stepping.rescaled import close_encounters
@@ -17,18 +15,54 @@ from varint.trajectory import State, Trajectory
 if TYPE_CHECKING:
     from varint import diagnostics, models
     from varint.archive import load
+    from varint.boundary.derivatives import action_derivatives
+    from varint.boundary.families import paths
+    from varint.boundary.least_action import least_action
+    from varint.control.links import Link
+    from varint.control.lqr import lqr
+    from varint.control.mpc import closed_loop, mpc
+    from varint.control.multistart import multistart
+    from varint.control.optimal import optimal_control, optimal_phases
+    from varint.control.phase import Phase
+    from varint.control.refine import refine
+    from varint.geodesics import geodesic
+    from varint.horizon import free
+    from varint.projection import project
+    from varint.symmetry import Symmetries, Symmetry, noether, symmetries
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Parameters", "Plan", "Rule", "SolverError", "State", "Symmetries",
-    "Symmetry", "System", "Trajectory", "VarintError", "close_encounters", "composition", "coordinates",
-    "diagnostics", "gauss", "load", "lobatto", "midpoint", "models", "noether", "plan", "project", "simulate",
-    "step_function", "symmetries", "time", "trapezoidal",
+    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State",
+    "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "close_encounters",
+    "closed_loop", "composition", "coordinates", "diagnostics", "free", "gauss", "geodesic", "least_action", "load",
+    "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases",
+    "paths", "plan", "project", "refine", "simulate", "step_function", "symmetries", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
-_LATER = {"load": "varint.archive"}
+_LATER = {
+    "Link": "varint.control.links",
+    "Phase": "varint.control.phase",
+    "Symmetries": "varint.symmetry",
+    "Symmetry": "varint.symmetry",
+    "action_derivatives": "varint.boundary.derivatives",
+    "closed_loop": "varint.control.mpc",
+    "free": "varint.horizon",
+    "geodesic": "varint.geodesics",
+    "least_action": "varint.boundary.least_action",
+    "load": "varint.archive",
+    "lqr": "varint.control.lqr",
+    "mpc": "varint.control.mpc",
+    "multistart": "varint.control.multistart",
+    "noether": "varint.symmetry",
+    "optimal_control": "varint.control.optimal",
+    "optimal_phases": "varint.control.optimal",
+    "paths": "varint.boundary.families",
+    "project": "varint.projection",
+    "refine": "varint.control.refine",
+    "symmetries": "varint.symmetry",
+}
 _LATER_MODULES = ("diagnostics", "models")
 
 

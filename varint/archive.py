@@ -21,6 +21,7 @@ from varint.trajectory import Event, Trajectory
 FORMAT = "varint trajectory 1"
 INNER = "fictitious_"  # before the names of arrays in fictitious time
 ARRAYS = ("t", "q", "p", "k", "u", "c")
+OPTIONAL = ("phase", "closure")
 
 
 def save(trajectory: Trajectory, path: Any) -> None:
@@ -107,12 +108,10 @@ def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
         "system": describe(trajectory.system),
         "phases": [asdict(phase) for phase in trajectory.phases],
         "events": [asdict(event) for event in trajectory.events],
-        "stats": {k: v for k, v in trajectory.stats.items() if isinstance(v, (str, int, float))},
+        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
     }
-    arrays = {name: getattr(trajectory, name) for name in ARRAYS}
-    if trajectory.phase is not None:
-        arrays["phase"] = trajectory.phase
-    return header, arrays
+    held = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL)}
+    return header, {name: value for name, value in held.items() if value is not None}
 
 
 def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> Trajectory:
@@ -187,3 +186,7 @@ def _plain(parameters: dict[str, np.ndarray]) -> dict[str, Any]:
 def _file(path: Any) -> Path:
     path = Path(path)
     return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+
+
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, (str, int, float))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from varint.diagnostics.momentum import Conserved, MomentumMap
-    from varint.noether import Symmetry
+    from varint.symmetry import Symmetry
 
 
 class State(NamedTuple):
@@ -95,6 +95,11 @@ class Trajectory:
         Plan, worst residual, iterations, timings.
     fictitious : Trajectory or None
         The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
+    solution : ControlSolution, Contacts or None
+        What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
+        path of least action leans on its bounds.
+    closure : ndarray (n, n + 1) or None
+        [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
     """
 
     system: System
@@ -112,6 +117,8 @@ class Trajectory:
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     fictitious: Trajectory | None = None
+    solution: Any = None
+    closure: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -131,6 +138,7 @@ class Trajectory:
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
                 fictitious=None if self.fictitious is None else self.fictitious[index],
+                closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
@@ -264,6 +272,39 @@ class Trajectory:
 
         return conserved(self)
 
+    @cached_property
+    def morse_index(self) -> int:
+        """Number of independent variations with fixed ends that lower the action: 0 for a path of least action.
+
+        A path that was found closed is varied among closed paths, and shifts and turns of the whole do not count.
+
+        Raises
+        ------
+        InputError
+            If the scene has forces (no action is stationary then) or not every step was kept.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.morse_index(self)
+
+    @cached_property
+    def conjugate_times(self) -> np.ndarray:
+        """Times conjugate to the start, where ∂q(t)/∂p(0) is singular, located with the rule's accuracy, (count,).
+
+        Raises
+        ------
+        InputError
+            As for `morse_index`.
+        """
+        from varint.boundary import second_variation
+
+        return second_variation.conjugate_times(self)
+
+    @property
+    def is_minimum(self) -> bool:
+        """Whether no variation with fixed ends lowers the action to second order: Morse index 0."""
+        return self.morse_index == 0
+
     def at(self, t: Any) -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each time.
 
@@ -304,7 +345,7 @@ class Trajectory:
         for _ in self._steps(q, p, self.t, self.k, ahead, self.phase):
             continue
         whole = np.floor(ahead / self.h + self._rounding).astype(int)
-        return replace(self, t=times, q=q, p=p, k=self.k + whole, events=())
+        return replace(self, t=times, q=q, p=p, k=self.k + whole, events=(), closure=None)
 
     def _steps(self, q, p, t, k, ahead, phase):
         """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""

@@ -12,9 +12,9 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.discrete import interval, point_function
 from varint.errors import InputError
-from varint.noether import Symmetry, symmetries
 from varint.rules import Rule
 from varint.stepping.step_function import along_step
+from varint.symmetry import Symmetry, symmetries
 from varint.system import System
 from varint.trajectory import Trajectory
 

@@ -49,6 +49,7 @@ from varint.models.particles import (
     spring_cluster,
     two_body,
 )
+from varint.models.paths import brachistochrone, catenary, cycloid, great_circle, spheroid_geodesic, torus_geodesic
 from varint.models.pendulums import (
     chain_pendulum,
     double_pendulum,
@@ -80,6 +81,7 @@ catalogue = {
         uniform_fields, magnetic_mirror, inverse_distance_field, oscillating_field, growing_field,
         free_rigid_body, heavy_rigid_body, heavy_top,
         cart_pole, acrobot, two_link_arm,
+        great_circle, torus_geodesic, spheroid_geodesic, brachistochrone, catenary,
         lotka_volterra, guiding_centre,
         pendulum_cartesian, spherical_pendulum_cartesian, atwood, double_atwood, chain_rods, turning_wire,
         free_body_quaternion, heavy_top_quaternion, slider_crank, four_bar, andrews_mechanism,
@@ -90,6 +92,7 @@ catalogue = {
 
 __all__ = [
     "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue", "charged_particle",
-    "euler_rates", "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs", "pendulum_period",
-    "quaternion_rate", "radial_period", "rotating_hoop_period", "rotation", "sliding_support_period", *catalogue,
+    "cycloid", "euler_rates", "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs",
+    "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period", "rotation",
+    "sliding_support_period", *catalogue,
 ]  # fmt: skip

@@ -56,7 +56,7 @@ def free_body_quaternion(
     return Model(
         name="free_body_quaternion", system=system, q0=q0, v0=quaternion_rate(q0, omega0),
         duration=20.0, h=0.02,
-        claim="The angular momentum in space is kept to round-off in all three components; ω follows Euler's equations.",
+        claim="All three components of the angular momentum in space stay to round-off; ω follows Euler's equations.",
         source="Landau & Lifshitz, Mechanics, §37; Betsch & Siebert, Int. J. Numer. Meth. Engng 79 (2009).",
         invariants=energy(system) | {"angular momentum": spin},
     )  # fmt: skip

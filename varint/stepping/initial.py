@@ -20,6 +20,7 @@ from varint.stepping.run import Task
 from varint.system import System, parameter_values, per_system
 
 WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
+REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -154,16 +155,27 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
             "or logarithm of a negative number, or a parameter value; move the start or change the parameters"
         )
     if not (structure.degenerate or structure.constraints or structure.nonholonomic):
-        _check_mass(mass.reshape(n, n), names)
+        _check_mass(system, mass.reshape(n, n), c)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
 
 
-def _check_mass(mass: np.ndarray, names: tuple[str, ...]) -> None:
+@per_system
+def _regular_at(system: System) -> set[bytes]:
+    """Parameter values for which a constant mass matrix has been found regular."""
+    return set()
+
+
+def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
+    names, known, key = system.names, _regular_at(system), c.tobytes()
+    if key in known:
+        return
     size = np.sqrt(np.abs(np.diag(mass)))
     scaled = mass / np.outer(np.where(size > 0, size, 1), np.where(size > 0, size, 1))
     values, vectors = np.linalg.eigh(scaled)
     smallest = np.argmin(np.abs(values))
     if abs(values[smallest]) > SINGULAR:
+        if system.structure.constant_mass and len(known) < REMEMBERED:
+            known.add(key)
         return
     part = np.abs(vectors[:, smallest])
     weak = [name for name, x in zip(names, part, strict=True) if x > 0.1 * part.max()]

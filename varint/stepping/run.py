@@ -49,7 +49,8 @@ class Block:
     """Some saved nodes: step counts k, coordinates, momenta.
 
     The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one. Scenes
-    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them.
+    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them;
+    compiled runs also count their iterations.
     """
 
     k: np.ndarray
@@ -61,6 +62,7 @@ class Block:
     t: np.ndarray | None = None
     phase: Phase | None = None
     events: tuple[Event, ...] = ()
+    iterations: int = 0
 
 
 @per_system

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -15,15 +15,18 @@ from varint.errors import ConvergenceError, InputError
 from varint.manifold import Phase
 from varint.progress import progress_bar
 from varint.rules import Rule
-from varint.stepping.contact_run import contact_run
+from varint.stepping.backend import blocks_of, kernel_for
 from varint.stepping.events import crossings, logged, watched
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import Plan, plan
 from varint.stepping.rescaled import rescaled_motion
-from varint.stepping.run import RESIDUAL_LIMIT, Block, Task, run
+from varint.stepping.run import RESIDUAL_LIMIT, Block, Task
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Event, Trajectory
+
+if TYPE_CHECKING:
+    from varint.compiled.kernel import Kernel
 
 
 def simulate(
@@ -44,6 +47,7 @@ def simulate(
     events: Mapping[str, Any] | None = None,
     time_scale: ca.SX | None = None,
     progress: bool | None = None,
+    backend: str = "auto",
 ) -> Trajectory:
     """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete Euler–Lagrange).
 
@@ -77,6 +81,8 @@ def simulate(
         steps or duration; see `close_encounters`.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
+    backend : {"auto", "compiled", "interpreted"}
+        Whether the run's inner loop is compiled C. By default it is where the run is long enough to repay the compiler.
 
     Returns
     -------
@@ -104,7 +110,8 @@ def simulate(
             raise InputError("time_scale takes no controls u: they change the energy that it is built on")
         return rescaled_motion(
             simulate, system, rule, time_scale, q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0,
-            params=params, save_every=save_every, until=until, events=events, options={"progress": progress},
+            params=params, save_every=save_every, until=until, events=events,
+            options={"progress": progress, "backend": backend},
         )  # fmt: skip
     began = perf_counter()
     stops = None if until is None else watched("until", until)
@@ -116,29 +123,40 @@ def simulate(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
     if system.structure.contacts:
-        blocks = contact_run(system, chosen.rule, task)
+        from varint.stepping.contact_run import contact_run
+
+        kernel, blocks = None, contact_run(system, chosen.rule, task)
         nodes = [next(blocks)]
     else:
         scene = system if task.phase is None else task.phase.scene(system)
-        blocks = run(scene, chosen.rule, task)
+        kernel = kernel_for(scene, chosen.rule, task, backend)
+        blocks = blocks_of(scene, chosen.rule, task, kernel)
         nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
     with progress_bar(task.steps, "step", progress) as count:
         for block in blocks:
-            recent = _trajectory(system, chosen, task, [nodes[-1], block], began, [])[nodes[-1].good - 1 :]
             nodes.append(block)
             count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
-            noted += [event for watch in watches for event in logged(recent, watch)]
-            stop = crossings(recent, stops)[:1] if stops else []
+            stop = []
+            if watches or stops:
+                recent = _trajectory(system, chosen, task, nodes[-2:], began, [])[nodes[-2].good - 1 :]
+                noted += [event for watch in watches for event in logged(recent, watch)]
+                stop = crossings(recent, stops)[:1] if stops else []
             if stop or block.good < len(block.k):
-                motion = _trajectory(system, chosen, task, nodes, began, noted)
+                motion = _trajectory(system, chosen, task, nodes, began, noted, kernel)
                 if stop:
                     return _cut(motion, len(motion) - len(recent) + stop[0][0] + 1, stop[0][1])
                 raise _failure(motion, block, task)
-    return _trajectory(system, chosen, task, nodes, began, noted)
+    return _trajectory(system, chosen, task, nodes, began, noted, kernel)
 
 
 def _trajectory(
-    system: System, chosen: Plan, task: Task, nodes: list[Block], began: float, noted: list[Event]
+    system: System,
+    chosen: Plan,
+    task: Task,
+    nodes: list[Block],
+    began: float,
+    noted: list[Event],
+    kernel: Kernel | None = None,
 ) -> Trajectory:
     k = np.concatenate([block.k[: block.good] for block in nodes])
     phases, phase = _phases(system, task, nodes)
@@ -159,8 +177,10 @@ def _trajectory(
         events=tuple(sorted(happened, key=lambda event: event.time * np.sign(task.h))),
         stats=MappingProxyType(
             {
-                "plan": str(chosen),
+                "plan": chosen,
+                "backend": "interpreted" if kernel is None else f"compiled: {kernel.about}",
                 "steps": int(k[-1]),
+                "iterations": sum(block.iterations for block in nodes),
                 "residual": max(block.residual for block in nodes),
                 "seconds": perf_counter() - began,
             }

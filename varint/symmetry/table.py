@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from html import escape
 
 from varint.errors import InputError
-from varint.noether.symmetry import Symmetry
 from varint.rules import Rule
+from varint.symmetry.symmetry import Symmetry
 
 WIDEST = 44  # characters of a column
 

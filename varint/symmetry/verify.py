@@ -7,7 +7,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.errors import InputError
-from varint.noether.sampling import Points, Region, at_points, sampled
+from varint.symmetry.sampling import Points, Region, at_points, sampled
 from varint.system import System
 
 CHECKS = 40  # fresh random points

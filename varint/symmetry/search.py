@@ -17,7 +17,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.errors import InputError
-from varint.noether.sampling import Points, Region, at_points, draw, sampled
+from varint.symmetry.sampling import Points, Region, at_points, draw, sampled
 from varint.system import System, per_system
 
 NULL = 1e-9  # singular values below this part of the largest one count as zero …

@@ -9,14 +9,14 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.noether.basis import generators
-from varint.noether.gauge import quadratic_gauge
-from varint.noether.naming import groups_of, name_of
-from varint.noether.sampling import Region
-from varint.noether.symmetry import Symmetry
-from varint.noether.table import Symmetries
-from varint.noether.verify import TOLERANCE, broken_by, residual
 from varint.rules import Rule
+from varint.symmetry.basis import generators
+from varint.symmetry.gauge import quadratic_gauge
+from varint.symmetry.naming import groups_of, name_of
+from varint.symmetry.sampling import Region
+from varint.symmetry.symmetry import Symmetry
+from varint.symmetry.table import Symmetries
+from varint.symmetry.verify import TOLERANCE, broken_by, residual
 from varint.system import System, parameter_values
 
 __all__ = ["Symmetries", "Symmetry", "noether", "symmetries"]

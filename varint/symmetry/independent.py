@@ -11,9 +11,9 @@ from itertools import combinations
 
 import numpy as np
 
-from varint.noether.naming import Particles
-from varint.noether.sampling import Region, sampled
-from varint.noether.search import Pairs, euler_function
+from varint.symmetry.naming import Particles
+from varint.symmetry.sampling import Region, sampled
+from varint.symmetry.search import Pairs, euler_function
 
 SAME = 1e-5  # relative: a vector this close to the null space, which has rounding errors, lies in it
 

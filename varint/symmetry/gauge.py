@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.noether.basis import as_monomial, as_products, products
-from varint.noether.sampling import Region, at_points, random_parameters, sampled
-from varint.noether.verify import TOLERANCE, residual, variation
+from varint.symmetry.basis import as_monomial, as_products, products
+from varint.symmetry.sampling import Region, at_points, random_parameters, sampled
+from varint.symmetry.verify import TOLERANCE, residual, variation
 
 ZERO = 1e-10  # of the largest coefficient
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from varint.noether.search import Pairs
+from varint.symmetry.search import Pairs
 from varint.system import System
 
 AXES = "xyz"

@@ -10,10 +10,10 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from varint.noether.independent import listed
-from varint.noether.naming import particles
-from varint.noether.sampling import Region, random_parameters, sampled
-from varint.noether.search import Pairs, euler_function, euler_rows, gauge_rows, null_space
+from varint.symmetry.independent import listed
+from varint.symmetry.naming import particles
+from varint.symmetry.sampling import Region, random_parameters, sampled
+from varint.symmetry.search import Pairs, euler_function, euler_rows, gauge_rows, null_space
 
 SMALL = 1e-6  # coefficients below it are rounding errors of the null space
 SIMPLE = ((6, 1e-7), (1000, 1e-9))  # denominators, and how close to such a fraction a coefficient is that fraction

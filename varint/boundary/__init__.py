@@ -1,0 +1,1 @@
+"""Boundary value problems: paths of stationary action between end points."""

@@ -1,0 +1,100 @@
+"""The path between the nodes of a trajectory: inner control points and multipliers, found again from q and p."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.boundary.stationary import interval_rows, point_times
+from varint.errors import InputError
+from varint.legendre import velocity_function
+from varint.rules import Rule
+from varint.system import System, per_system
+from varint.trajectory import Trajectory
+
+LAST_CORRECTION = 1e-9
+MOST_ITERATIONS = 30
+ROUNDING = 1e-6  # of a step
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalPaths:
+    """Increments (B, d, n), multipliers (B, d + 1, m) and curvature ∂(e_j, h b_j g_j)/∂(Q_i, λ_i), (B, L, L)."""
+
+    increments: np.ndarray
+    multipliers: np.ndarray
+    curvature: np.ndarray
+
+
+def require_every_step(trajectory: Trajectory) -> None:
+    """Refuse trajectories whose nodes are not all one step apart."""
+    if len(trajectory) > 1 and (np.diff(trajectory.k) == 1).all():
+        steps = np.diff(trajectory.t) / trajectory.h
+        if np.abs(steps - 1).max() <= ROUNDING and not trajectory.events:
+            return
+    raise InputError(
+        "this needs every step of the motion at its full length: save_every=1, no times of at(), no event in between"
+    )
+
+
+@per_system
+def curvature_function(system: System, rule: Rule) -> ca.Function:
+    """Arguments of `interval_rows` → (rows, ∂rows/∂(Q_j, λ_j)), symmetric where there are no forces."""
+    kernel = interval_rows(system, rule)
+    inputs = [ca.SX.sym(f"a{i}", kernel.numel_in(i)) for i in range(kernel.n_in())]
+    n, m = system.structure.n, system.structure.constraints
+    d = inputs[1].numel() // n
+    rows, _ = kernel(*inputs)
+    ahead = ca.jacobian(rows, inputs[1])
+    start = ca.jacobian(rows, inputs[0]) - sum(ahead[:, j * n : (j + 1) * n] for j in range(d))
+    by_point = [start, *(ahead[:, j * n : (j + 1) * n] for j in range(d))]
+    by_lam = ca.jacobian(rows, inputs[2])
+    columns = [x for j in range(d + 1) for x in (by_point[j], by_lam[:, j * m : (j + 1) * m])]
+    return ca.Function("curvature", inputs, [rows, ca.densify(ca.horzcat(*columns))], {"cse": True})
+
+
+def interval_paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.ndarray | None) -> IntervalPaths:
+    """The paths that leave the nodes k and last for the times `size`.
+
+    `ends` are the nodes where they arrive, whose momenta give the last multipliers; None where these do not matter.
+    """
+    system, rule = trajectory.system, trajectory.rule
+    kernel, tau = curvature_function(system, rule), point_times(rule)[1:]
+    n, m, d, count = system.structure.n, system.structure.constraints, len(tau), len(k)
+    block = n + m
+    q, p, t, h = trajectory.q[k], trajectory.p[k], trajectory.t[k][:, None], size[:, None]
+    v = over_columns(velocity_function(system), q, p, t, trajectory.c)[0]
+    ahead, lam = (h * v)[:, None] * tau[:, None], np.zeros((count, d + 1, m))
+    u = trajectory._step_controls(trajectory.k[k], size / trajectory.h)
+    longest = np.abs(np.diff(trajectory.q, axis=0)).max()  # where a motion turns its own step is no measure
+    reach = (longest + np.finfo(float).tiny) * size / abs(trajectory.h)
+    target = np.zeros((count, (d + 1) * block))
+    target[:, :n] = -p
+    y = np.array([j * block + i for j in range(d + 1) for i in range(block) if (j > 0 if i < n else j < d)])
+    rows = np.array([j * block + i for j in range(d + 1) for i in range(block) if (j < d if i < n else j > 0)])
+    polish = False
+    for _ in range(MOST_ITERATIONS):
+        flat = ahead.reshape(count, -1), lam.reshape(count, -1)
+        values, slopes = over_columns(kernel, q, *flat, u, trajectory.c, t, h)
+        slopes = slopes.reshape(count, (d + 1) * block, -1).transpose(0, 2, 1)
+        if polish:
+            break
+        step = np.zeros((count, (d + 1) * block))
+        try:
+            step[:, y] = -np.linalg.solve(slopes[:, rows][:, :, y], (values - target)[:, rows, None])[..., 0]
+        except np.linalg.LinAlgError:
+            raise InputError("the steps' equations are singular: redundant constraints, or a singular mass") from None
+        change = step.reshape(count, d + 1, block)
+        ahead, lam = ahead + change[:, 1:, :n], lam + change[:, :, n:]
+        polish = bool((np.abs(change[:, :, :n]).max(axis=(1, 2)) <= LAST_CORRECTION * reach).all())
+    if not polish or not np.isfinite(slopes).all():
+        raise InputError("the steps are too long to find the path between their nodes; use more steps")
+    if m and ends is not None:
+        push, gained = slopes[:, -block:-m, -m:], trajectory.p[ends] - values[:, -block:-m]
+        lam[:, -1] = (np.linalg.pinv(push) @ gained[..., None])[..., 0]
+        slopes = over_columns(kernel, q, ahead.reshape(count, -1), lam.reshape(count, -1), u, trajectory.c, t, h)[1]
+        slopes = slopes.reshape(count, (d + 1) * block, -1).transpose(0, 2, 1)
+    return IntervalPaths(ahead, lam, slopes)

@@ -1,0 +1,122 @@
+"""Conditions at the ends of a phase: given, free, bounded, periodic coordinates and velocities; any expressions.
+
+The end velocities are unknowns of the problem, tied to the path by the Legendre transforms ∂L/∂v(q_0, v_0) = p⁻_0 and
+∂L/∂v(q_N, v_N) = p⁺_{N−1}; so a condition on coordinates or velocities is a plain bound on unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.control.expressions import column, limits, triples
+from varint.errors import InputError
+from varint.horizon import Free
+from varint.system import System
+
+KEYS = ("q", "v", "p", "bounds", "periodic")
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """Conditions at one end.
+
+    Attributes
+    ----------
+    q, v : ndarray (3, n)
+        Guess (NaN where there is none), lower and upper bounds of coordinates and velocities.
+    rows : SX (e,)
+        Further expressions of q, v, t, c.
+    low, high : ndarray (e,)
+        Their bounds.
+    periodic : ndarray (n,) or None
+        q and v at the end are those at the start plus this offset (NaN: this coordinate is not periodic).
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    rows: ca.SX
+    low: np.ndarray
+    high: np.ndarray
+    periodic: np.ndarray | None
+
+
+def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -> End:
+    """Conditions at an end as the user wrote them: dict(q=…, v=…, p=…, bounds=…, periodic=…)."""
+    given = {} if given is None else given
+    if not isinstance(given, Mapping):
+        raise InputError(f"{what} must be a dictionary such as dict(q=[…], v=[…]), got {given!r}")
+    unknown = sorted(set(given) - set(KEYS))
+    if unknown:
+        raise InputError(f"unknown keys {unknown} in {what}; known: {list(KEYS)}")
+    s, n = system, system.structure.n
+    if what == "start" and "periodic" in given:
+        raise InputError("periodic= belongs to the end: end=dict(periodic=True)")
+    rows, low, high = [ca.SX(0, 1)], [np.zeros(0)], [np.zeros(0)]
+    state = ca.vertcat(s.q, s.v, s.t, s.c)
+    _, p_low, p_high = _component_bounds(system, f"p of {what}", given.get("p"))
+    bound = np.flatnonzero(np.isfinite(p_low) | np.isfinite(p_high)).tolist()
+    rows.append(s.momentum[bound])
+    low.append(p_low[bound])
+    high.append(p_high[bound])
+    for lower, expression, upper in triples(f"bounds of {what}", given.get("bounds", ())):
+        found = column(f"an expression in the bounds of {what}", expression, state, "q, v, t and the parameters")
+        sides = limits(f"{found} at the {what}", lower, upper, found.numel())
+        rows.append(found)
+        low.append(sides[0])
+        high.append(sides[1])
+    return End(
+        q=np.array(_component_bounds(system, f"q of {what}", given.get("q"))),
+        v=np.array(_component_bounds(system, f"v of {what}", given.get("v"))),
+        rows=ca.vertcat(*rows),
+        low=np.concatenate(low),
+        high=np.concatenate(high),
+        periodic=_offset(given.get("periodic"), n, system.names),
+    )
+
+
+def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Guess, lower and upper bound of each component; None leaves it free, `free(…)` bounds it."""
+    n, names = system.structure.n, system.names
+    if value is None:
+        value = [None] * n
+    elif isinstance(value, Free) or np.ndim(value) == 0:
+        value = [value]
+    elif isinstance(value, (ca.DM, np.ndarray)):
+        value = np.asarray(value, dtype=float).ravel().tolist()
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != n:
+        raise InputError(f"{what} must be {n} entries, one for each of {list(names)} (None: free), got {value!r}")
+    guess, low, high = np.full(n, np.nan), np.full(n, -np.inf), np.full(n, np.inf)
+    for i, entry in enumerate(value):
+        if entry is None:
+            continue
+        if isinstance(entry, Free):
+            if entry.guess.shape != ():
+                raise InputError(f"{what}: {names[i]} takes one number, got {entry}")
+            guess[i], low[i], high[i] = float(entry.guess), float(entry.lower), float(entry.upper)
+            continue
+        try:
+            guess[i] = low[i] = high[i] = float(entry)
+        except (TypeError, ValueError):
+            raise InputError(f"{what}: {names[i]} must be a number, None or free(…), got {entry!r}") from None
+        if not np.isfinite(guess[i]):
+            raise InputError(f"{what}: {names[i]} is not finite: {entry!r}; None leaves it free")
+    return guess, low, high
+
+
+def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
+    if value is None or value is False:
+        return None
+    if value is True:
+        return np.zeros(n)
+    try:
+        offset = np.array([np.nan if x is None else float(x) for x in np.atleast_1d(value)])
+    except (TypeError, ValueError):
+        raise InputError(f"periodic must be True or one offset (or None) for each of {list(names)}") from None
+    if offset.shape != (n,):
+        raise InputError(f"periodic has {len(offset)} entries; one for each of {list(names)}")
+    return offset

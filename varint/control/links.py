@@ -1,0 +1,135 @@
+"""What ties the end of one phase to the start of another: continuity, periodicity, relabelling, impacts.
+
+An impact on a contact φ(q) = 0 keeps q and makes the momentum jump along the contact's normal,
+p⁺ − p⁻ = (∂φ/∂q)ᵀ Λ, with ∂φ/∂q v⁺ = −e ∂φ/∂q v⁻ (Fetecau, Marsden, Ortiz, West 2003, §3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.assembly import Element
+from varint.control.expressions import column
+from varint.control.leg import Leg
+from varint.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """How the end of phase `before` becomes the start of phase `after` (numbers in the list of phases).
+
+    Attributes
+    ----------
+    before, after : int
+        Numbers of the phases.
+    contact : SX (c,) or None
+        φ(q) of the first phase's coordinates: zero at the link, and the momentum jumps along its normal.
+    restitution : float
+        e of the contact, 0 (no bounce) to 1.
+    relabel : SX (n,) or None
+        New coordinates as expressions of the old ones (legs change names, a frame moves on); default: the same.
+    offset : sequence or None
+        Added to the new coordinates (None for a component: this coordinate is not linked).
+    time : bool
+        The second phase begins when the first one ends.
+    """
+
+    before: int
+    after: int
+    contact: Any = None
+    restitution: float = 0.0
+    relabel: Any = None
+    offset: Any = None
+    time: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Linked:
+    """A link in the program: its own unknowns (impulses Λ) and rows."""
+
+    impulses: np.ndarray  # where Λ sits among the unknowns
+    unknowns: int
+    rows: int
+    elements: list[Element]
+
+
+def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
+    """Place a link behind x unknowns and g rows."""
+    one, two = legs[link.before], legs[link.after]
+    s, n = one.phase.system, one.phase.system.structure.n
+    if two.phase.system.structure.n != n:
+        raise InputError(
+            f"phases {link.before} and {link.after} have {n} and {two.phase.system.structure.n} coordinates; "
+            "a link needs equally many"
+        )
+    words = "q and the parameters of the first phase"
+    contact = column("the contact of a link", ca.SX(0, 1) if link.contact is None else link.contact, _held(s), words)
+    new = s.q if link.relabel is None else column("relabel", link.relabel, _held(s), words)
+    if new.numel() != n:
+        raise InputError(f"relabel has {new.numel()} components; one for each of {list(s.names)}")
+    if not 0 <= link.restitution <= 1:
+        raise InputError(f"restitution must lie between 0 and 1, got {link.restitution!r}")
+    offset = np.zeros(n) if link.offset is None else np.array([np.nan if y is None else y for y in link.offset], float)
+    tied = np.flatnonzero(~np.isnan(offset)).tolist()
+    q0, v0, c0, q1, v1 = (ca.SX.sym(name, k) for name, k in zip("abcde", (n, n, s.c.numel(), n, n), strict=True))
+    if contact.numel() and ca.depends_on(s.momentum, s.t):
+        raise InputError("impacts need momenta that do not depend on time explicitly")
+    impulse = ca.SX.sym("impulse", contact.numel())
+    p_before = ca.Function("p", [s.q, s.v, s.c], [s.momentum])
+    old = ca.Function("old", [s.q, s.c], [contact, ca.jacobian(contact, s.q), new, ca.jacobian(new, s.q)])
+    gap, normal, q_new, slope = old(q0, c0)
+    rows = [(q1 - q_new)[tied] - offset[tied]]
+    extra, extra_x = [], np.zeros(0, dtype=int)
+    if contact.numel():
+        w = ca.SX.sym("w", n)  # velocity after the impact in the old coordinates
+        rows += [(v1 - ca.mtimes(slope, w))[tied], gap, ca.mtimes(normal, w + link.restitution * v0)]
+        rows.append(p_before(q0, w, c0) - p_before(q0, v0, c0) - ca.mtimes(normal.T, impulse))
+        extra, extra_x = [w, impulse], x + np.arange(n + contact.numel())
+    else:
+        rows.append((v1 - ca.mtimes(slope, v0))[tied])
+    column_of_rows = ca.densify(ca.vertcat(*rows))
+    place_c, constant_c = one.slots.shared[2:], one.first_datum + 2 * one.phase.steps + 2
+    free = np.flatnonzero(place_c >= 0)
+    fixed = np.flatnonzero(place_c < 0)
+    element = Element(
+        variables=ca.vertcat(q0, v0, q1, v1, *extra, c0[free.tolist()]),
+        constants=c0[fixed.tolist()],
+        cost=ca.SX(0),
+        rows=column_of_rows,
+        x=np.concatenate(
+            [one.slots.q[-1], one.slots.v[1], two.slots.q[0], two.slots.v[0], extra_x, place_c[free]]
+        ).astype(int)[None],
+        p=(constant_c + fixed)[None],
+        g=g + np.arange(column_of_rows.numel())[None],
+    )
+    elements, count = [element], column_of_rows.numel()
+    if link.time and link.after != link.before and two.slots.shared[0] >= 0:
+        elements.append(_clock(one, two, g + count))
+        count += 1
+    return Linked(extra_x[n:], len(extra_x), count, elements)
+
+
+def _held(system) -> ca.SX:
+    return ca.vertcat(system.q, system.c)
+
+
+def _clock(one: Leg, two: Leg, row: int) -> Element:
+    """t0 of the second phase = t0 + T of the first."""
+    t0, T, t1 = ca.SX.sym("t0"), ca.SX.sym("T"), ca.SX.sym("t1")
+    base = one.first_datum + 2 * one.phase.steps
+    places, names = one.slots.shared[:2], [t0, T]
+    free = [i for i in (0, 1) if places[i] >= 0]
+    fixed = [i for i in (0, 1) if places[i] < 0]
+    return Element(
+        variables=ca.vertcat(*(names[i] for i in free), t1),
+        constants=ca.vertcat(ca.SX(0, 1), *(names[i] for i in fixed)),
+        cost=ca.SX(0),
+        rows=t1 - t0 - T,
+        x=np.array([[*(places[i] for i in free), two.slots.shared[0]]], dtype=int),
+        p=np.array([[base + i for i in fixed]], dtype=int).reshape(1, len(fixed)),
+        g=np.array([[row]]),
+    )

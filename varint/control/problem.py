@@ -1,0 +1,86 @@
+"""Phases and links as one sparse program, built once and solved as often as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from varint.assembly import Program, assembled
+from varint.control.leg import Leg, leg
+from varint.control.links import Link, Linked, linked
+from varint.control.phase import Checked, Phase, checked
+from varint.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A discrete optimal control problem min f(x, p), g_low ≤ g(x, p) ≤ g_high, x_low ≤ x ≤ x_high."""
+
+    legs: list[Leg]
+    links: list[Linked]
+    program: Program
+    p: np.ndarray
+    x_low: np.ndarray
+    x_high: np.ndarray
+    g_low: np.ndarray
+    g_high: np.ndarray
+    seconds: float
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+        return len(self.x_low)
+
+
+def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_options: dict | None = None) -> Problem:
+    """Transcribe the phases; those after a phase of free duration begin at an unknown time."""
+    began = perf_counter()
+    checks = [checked(phase) for phase in phases]
+    links = [*links, *(_periodic(i, phase) for i, phase in enumerate(checks) if phase.end.periodic is not None)]
+    for link in links:
+        if not (0 <= link.before < len(checks) and 0 <= link.after < len(checks)):
+            raise InputError(f"a link joins phases {link.before} and {link.after}; there are {len(checks)}: 0 …")
+    legs: list[Leg] = []
+    x = p = g = 0
+    free_start = False
+    for phase in checks:
+        one = leg(phase, t0, free_start, end_positions(phase), x, p, g)
+        legs.append(one)
+        x, p, g = one.slots.end, p + len(one.data), one.rows.end
+        t0, free_start = t0 + phase.duration[0], free_start or phase.free_duration
+    ties: list[Linked] = []
+    for link in links:
+        tie = linked(link, legs, x, g)
+        ties.append(tie)
+        x, g = x + tie.unknowns, g + tie.rows
+    parts = [*legs, *ties]
+    program = assembled([e for part in parts for e in part.elements], x, p, g, kernel_options)
+    return Problem(
+        legs=legs,
+        links=ties,
+        program=program,
+        p=np.concatenate([one.data for one in legs]),
+        x_low=np.concatenate([*(one.x_low for one in legs), *(np.full(t.unknowns, -np.inf) for t in ties)]),
+        x_high=np.concatenate([*(one.x_high for one in legs), *(np.full(t.unknowns, np.inf) for t in ties)]),
+        g_low=np.concatenate([*(one.g_low for one in legs), *(np.zeros(t.rows) for t in ties)]),
+        g_high=np.concatenate([*(one.g_high for one in legs), *(np.zeros(t.rows) for t in ties)]),
+        seconds=perf_counter() - began,
+    )
+
+
+def _periodic(i: int, phase: Checked) -> Link:
+    """q_0 = q_N − offset, v_0 = v_N."""
+    offset = [None if np.isnan(y) else -y for y in phase.end.periodic]
+    return Link(i, i, offset=offset, time=False)
+
+
+def end_positions(phase: Checked) -> np.ndarray:
+    """Coordinates at both ends as far as they are given, else those of the other end, else 0; within bounds, (2, n)."""
+    start, end = phase.start.q[0].copy(), phase.end.q[0].copy()
+    offset = np.zeros(len(start)) if phase.end.periodic is None else np.nan_to_num(phase.end.periodic)
+    start = np.where(np.isnan(start), end - offset, start)
+    end = np.where(np.isnan(end), start + offset, end)
+    return np.clip(np.nan_to_num(np.array([start, end])), *phase.bounds.q)
