@@ -16,7 +16,7 @@ LAYERS = [
     {"compositions", "structure"},
     {"rules", "system"},
     {"manifold", "legendre"},
-    {"discrete", "symmetry", "assembly", "horizon", "geodesics"},
+    {"between", "discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
     {"consistency", "stepping", "compiled", "projection", "boundary", "control"},
     {"ensemble", "diagnostics", "models", "archive"},

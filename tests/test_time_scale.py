@@ -6,7 +6,7 @@ import pytest
 
 import varint as vi
 from varint.diagnostics import energy_slope, symplectic_defect
-from varint.stepping.rescaled import rescaled
+from varint.stepping.time_scale import rescaled
 
 PER_ORBIT = 12
 

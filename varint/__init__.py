@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.stepping.plan import Plan, plan
-from varint.stepping.rescaled import close_encounters
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
+from varint.stepping.time_scale import close_encounters
+from varint.stepping.two_point import start_momentum
 from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
@@ -37,7 +38,8 @@ __all__ = [
     "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "close_encounters",
     "closed_loop", "composition", "coordinates", "diagnostics", "free", "gauss", "geodesic", "least_action", "load",
     "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases",
-    "paths", "plan", "project", "refine", "simulate", "step_function", "symmetries", "time", "trapezoidal",
+    "paths", "plan", "project", "refine", "simulate", "start_momentum", "step_function", "symmetries", "time",
+    "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use

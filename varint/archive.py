@@ -104,6 +104,7 @@ def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
     """What is not an array, and what is."""
     header = {
         "h": trajectory.h,
+        "sizes": None if trajectory.sizes is None else trajectory.sizes.tolist(),
         "rule": asdict(trajectory.rule),
         "system": describe(trajectory.system),
         "phases": [asdict(phase) for phase in trajectory.phases],
@@ -122,6 +123,7 @@ def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> Trajectory:
         system=system,
         rule=rule,
         h=header["h"],
+        sizes=None if header.get("sizes") is None else np.array(header["sizes"]),
         functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
         phases=tuple(Phase(**{k: tuple(v) for k, v in phase.items()}) for phase in header["phases"]),
         events=tuple(Event(**event) for event in header["events"]),

@@ -12,16 +12,17 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
+from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
-from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.system import System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from varint.control.solution import ControlSolution, Costates
     from varint.diagnostics.momentum import Conserved, MomentumMap
     from varint.symmetry import Symmetry
 
@@ -75,7 +76,7 @@ class Trajectory:
     q, p : ndarray (N + 1, n)
         Coordinates and momenta ∂L/∂v.
     h : float
-        Step size; nodes may be several steps apart (`k`).
+        Step size, or the mean one where steps differ (`sizes`); nodes may be several steps apart (`k`).
     k : ndarray of int (N + 1,)
         Number of whole steps before each node.
     u : ndarray (steps, r, controls)
@@ -100,6 +101,8 @@ class Trajectory:
         path of least action leans on its bounds.
     closure : ndarray (n, n + 1) or None
         [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
+    sizes : ndarray (steps,) or None
+        Size of every step, where they are not all `h`.
     """
 
     system: System
@@ -119,6 +122,7 @@ class Trajectory:
     fictitious: Trajectory | None = None
     solution: Any = None
     closure: np.ndarray | None = None
+    sizes: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -166,7 +170,7 @@ class Trajectory:
         """
         rows = self.system.structure
         lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
-        u = self._u_at_nodes()
+        u = controls_at_nodes(self)
         for nodes, phase in self._phases():
             args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
             lam[nodes] = multipliers_along(self.system, phase, *args)
@@ -215,7 +219,7 @@ class Trajectory:
         s = self.system
         expression = own_symbols(expression, s, "the expression")
         f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
-        flat = over_columns(f, self.q, self.v, self.t[:, None], self._u_at_nodes(), self.c)[0]
+        flat = over_columns(f, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
         rows, columns = expression.shape
         if columns == 1:
             return flat[:, 0] if rows == 1 else flat
@@ -231,17 +235,16 @@ class Trajectory:
         """Discrete action Σ L_d over all steps of the trajectory."""
         if self.fictitious is not None:  # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
             return self.fictitious.action - float(self.fictitious.c[-2:].sum()) * self.duration
-        return float(self.sums(lambda scene: self._functions(scene)[1]).sum())
+        return float(self.sums(lambda scene: functions_of(self, scene)[1]).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
         if self.fictitious is not None:
             raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
         total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
-        q, p = self.q[:-1].copy(), self.p[:-1].copy()
-        phase = None if self.phase is None else self.phase[:-1]
-        for active, scene, arguments in self._steps(q, p, self.t[:-1], self.k[:-1], np.diff(self.t), phase):
-            total[active] += over_columns(integrand(scene), *arguments)[0]
+        if len(self) > 1:
+            for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
+                total[active] += over_columns(integrand(scene), *arguments)[0]
         return total
 
     def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
@@ -324,83 +327,49 @@ class Trajectory:
             If a time lies outside the trajectory.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
-        slack = self._rounding * abs(self.h)
-        if not ((times >= low - slack) & (times <= high + slack)).all():
-            raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
         if self.fictitious is not None:
             from varint.stepping.rescaled import at_times
 
             found = at_times(self, times)
         else:
-            direction = 1.0 if self.h > 0 else -1.0
-            node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
-            found = self[np.clip(node, 0, len(self) - 1)].advanced(times)
+            q, p, k, phase = states_at(self, times)
+            found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
-    def advanced(self, times: np.ndarray) -> Trajectory:
-        """Every node carried on to a later time of its own, by steps of the same rule; nodes in no order."""
-        ahead = times - self.t
-        q, p = self.q.copy(), self.p.copy()
-        for _ in self._steps(q, p, self.t, self.k, ahead, self.phase):
-            continue
-        whole = np.floor(ahead / self.h + self._rounding).astype(int)
-        return replace(self, t=times, q=q, p=p, k=self.k + whole, events=(), closure=None)
+    @property
+    def cost(self) -> float:
+        """Cost of an optimal control, terminal cost included."""
+        return self._solution("cost").cost
 
-    def _steps(self, q, p, t, k, ahead, phase):
-        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
-        whole = np.floor(ahead / self.h + self._rounding).astype(int)
-        phases = self.phases if phase is not None else (None,)
-        for j in range(int(whole.max(initial=0)) + 1):
-            left = ahead - j * self.h
-            going = left / self.h > self._rounding
-            if not going.any():
-                return
-            for i, held in enumerate(phases):
-                active = going if phase is None else going & (phase == i)
-                if not active.any():
-                    continue
-                scene = self.system if held is None else held.scene(self.system)
-                size = np.where(j < whole, self.h, left)[active]
-                now, at = (t + j * self.h)[active], (k + j)[active]
-                u = self._step_controls(at, size / self.h)
-                arguments = q[active], p[active], u, self.c, now[:, None], size[:, None]
-                yield active, scene, arguments
-                q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
+    @property
+    def costates(self) -> Costates:
+        """Costates of an optimal control: derivatives of the cost-to-go with respect to q and p, (N + 1, n) each."""
+        return self._solution("costates").costates
 
-    @cached_property
-    def _rounding(self) -> float:
-        """Of a step: a time this close to a node is the node. It is the round-off of the times themselves."""
-        return ROUNDING * max(np.abs(self.t).max(), abs(self.h)) / abs(self.h)
-
-    def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
-        return self.functions() if scene is self.system else self.functions(scene)
-
-    def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-        """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length."""
-        count, r = len(steps), len(self.rule.nodes)
+    def u_at(self, t: Any) -> np.ndarray:
+        """Controls of an optimal control at any times within it, by the polynomial of each step, (k,) or (M, k)."""
+        times = np.atleast_1d(np.asarray(t, dtype=float))
         if not self.system.structure.controls:
-            return np.empty((count, 0))
-        u = self.u[np.clip(steps, 0, len(self.u) - 1)]
-        if u.shape[1] == 1:
-            return np.repeat(u, r, axis=1).reshape(count, -1)
-        nodes = np.array(self.rule.nodes)
-        short = fraction < 1 - self._rounding
-        tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
-        u = u.copy()
-        u[short] = tables @ u[short]
-        return u.reshape(count, -1)
+            raise InputError("u_at(): the scene has no controls")
+        found = self._solution("u_at()").u((times - self.t[0]) / self.duration)
+        return found[0] if np.ndim(t) == 0 else found
 
-    def _u_at_nodes(self) -> np.ndarray:
-        controls = self.system.structure.controls
-        if not controls:
-            return np.empty((len(self), 0))
-        last = self.k >= len(self.u)
-        u = self.u[np.minimum(self.k, len(self.u) - 1)]
-        if u.shape[1] == 1:
-            return u[:, 0]
-        ends = lagrange_values(np.array(self.rule.nodes), np.array([0.0, 1.0]))
-        return np.einsum("ki,kij->kj", ends[last.astype(int)], u)
+    def replay(self) -> Trajectory:
+        """`simulate` from the optimal start with the optimal controls: the same motion to round-off."""
+        from varint.control.replay import replay
+
+        return replay(self, self._solution("replay()"))
+
+    def report(self) -> None:
+        """Print how an optimal control was found and what it keeps: cost, violation, replay, energy, momenta."""
+        from varint.control.report import report
+
+        print(report(self, self._solution("report()")))
+
+    def _solution(self, what: str) -> ControlSolution:
+        if self.solution is None:
+            raise InputError(f"{what} belongs to trajectories that optimal_control returned")
+        return self.solution
 
     def plot(self, *expressions: Any) -> Figure:
         """Figure of coordinates, phase portrait and energy error; or of the given expressions over time."""
@@ -419,9 +388,6 @@ class Trajectory:
         from varint.archive import to_xarray
 
         return to_xarray(self)
-
-
-ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
 
 
 def own_symbols(expression: Any, system: System, what: str) -> ca.SX:

@@ -15,15 +15,17 @@ from varint.legendre import velocity_function
 from varint.manifold import rows_function, tangent_function
 from varint.rules import Rule
 from varint.stepping.newton import newton
-from varint.stepping.stepper import Stepper, compensated, verbatim
+from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
 
 # Round-off in g moves a path by 1e-16 |q| times the condition of the rows (N² for a chain). Newton is quadratic: a last
 # correction of LAST_CORRECTION times this part of |q| leaves far less than that.
-QUIET = 1e-3  # of the largest momentum, compared by energy: its round-off stays below 1e-12
 CORRECTION_FLOOR = 1e-2
 # |g| is judged against what a change of q by this part of |q| would make of it (RESIDUAL_LIMIT times it: 1e-12).
 GAP_FLOOR = 1e-2
+# A momentum is judged no finer than by RESIDUAL_LIMIT times this part of M|q|/h, CORRECTION_FLOOR in it: the momentum
+# that shifts q by its round-off.
+ROUNDABLE = 1e-3
 TINY = 1e-100  # instead of zero under a division
 
 
@@ -123,27 +125,23 @@ def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size, p
     inputs = [y, one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes, scale]
     # reactions set coordinates in motion that were at rest when the scales were taken, and hold massless ones at p = 0:
     # count what is there now
-    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + pulls
-    root = ca.sqrt(scale[n:] / scale[:n])  # of the inertia: what rests carries the round-off of what moves
-    moving = ca.fmax(moving, QUIET * ca.norm_inf(moving / root) * root)
-    rest = ca.vertsplit(row_size, [0, n * d, left.numel()])[1]
+    strong, rest = ca.vertsplit(row_size, [0, n * d, left.numel()])
+    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + pulls + ROUNDABLE * strong[:n]
     remains = ca.densify(left / ca.vertcat(ca.repmat(moving, d, 1), rest))
     check = ca.Function("check", inputs, [remains, total], {"cse": True})
     q, cq, carry, guess, worst = (ca.SX.sym("x", i) for i in (n, n, n, y.numel(), 1))
     x = ca.vertcat(q, cq, p, carry, guess, worst)
     ahead = ca.vertcat(ca.vec(ca.mtimes(z, ca.DM(rule.extrapolation).T)), y[n * d :])
-    with verbatim():
-        remains, gain = check(y, q, *inputs[2:])
-        q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
-        outputs = [q1, cq1, gain, ahead, ca.fmax(worst, ca.norm_inf(remains))]
-        return ca.Function("advance", [x, y, *inputs[3:]], outputs)
+    remains, gain = check(y, q, *inputs[2:])
+    q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
+    outputs = [q1, cq1, gain, ahead, ca.fmax(worst, ca.norm_inf(remains))]
+    return ca.Function("advance", [x, y, *inputs[3:]], outputs)
 
 
 def sum_function(n: int) -> ca.Function:
     """Compensated p + gain."""
-    p, carry, gain, h = (ca.SX.sym(name, k) for name, k in (("p", n), ("carry", n), ("gain", n), ("h", 1)))
-    with verbatim():
-        return ca.Function("gained", [p, carry, gain, h], list(compensated(p, carry, gain, h)))
+    p, carry, gain, h = *(ca.SX.sym(name, n) for name in ("p", "carry", "gain")), ca.SX.sym("h")
+    return ca.Function("gained", [p, carry, gain, h], list(compensated(p, carry, gain, h)))
 
 
 def _start(system: System, rule: Rule, one: Interval, unknowns: int) -> ca.Function:

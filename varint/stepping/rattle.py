@@ -15,8 +15,10 @@ from varint.rules import Rule, lobatto
 from varint.stepping.constrained import size_function, sum_function
 from varint.stepping.explicit import drift_function, kick_function
 from varint.stepping.newton import newton
-from varint.stepping.stepper import Stepper, compensated, verbatim
+from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
+
+NEVER = 10**9  # G M⁻¹ Gᵀ of a chain is tridiagonal: no zero is filled, sparse QR is safe and fast at any length
 
 
 def eliminates_path(system: System, rule: Rule) -> bool:
@@ -69,11 +71,10 @@ def _shake(system: System) -> tuple[ca.Function, ca.Function]:
     gap = ca.densify(shape(q + increment, t + h, s.c)[0] / g_size)
     arguments = [q, p, force, t, h, s.c, sizes]
     equations = ca.Function("gaps", [lam, *arguments], [ca.substitute(gap, lam, lam * lam_size)], {"cse": True})
-    solve = newton("newton", equations)
-    with verbatim():
-        q1, cq1 = compensated(q, cq, increment, h)
-        outputs = [q1, cq1, gain, increment, ca.norm_inf(gap)]
-        return solve, ca.Function("travel", [lam, q, cq, p, force, t, h, s.c, sizes], outputs)
+    solve = newton("newton", equations, large=NEVER)
+    q1, cq1 = compensated(q, cq, increment, h)
+    outputs = [q1, cq1, gain, increment, ca.norm_inf(gap)]
+    return solve, ca.Function("travel", [lam, q, cq, p, force, t, h, s.c, sizes], outputs)
 
 
 def _projection(system: System) -> ca.Function:

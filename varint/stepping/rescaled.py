@@ -1,158 +1,33 @@
-"""Structure-preserving variable steps: fixed steps in a fictitious time τ with dt = σ(q) dτ.
-
-The Lagrangian ``L̂(q, q') = σ(q) (L(q, q'/σ) + E0)`` has the same paths on the energy level E0 and the same momenta
-(Sundman; Hairer, Lubich & Wanner, Geometric Numerical Integration, VIII.2: the Poincaré transform σ (H − E0)). The
-physical time is one more coordinate, with ``½ (t' − σ)² + σ0 t'`` added to L̂: its momentum t' − σ + σ0 is conserved
-and starts as σ0, so t' = σ and the other equations do not notice. The result is an ordinary `System`: every rule and
-stepper applies.
-"""
+"""Runs with a time scale: fixed steps of the rescaled scene, nodes and dense output at physical times."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from varint.arrays import call
+from varint.between import require_within, steps_ahead
 from varint.errors import ConvergenceError, InputError
 from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.initial import initial_task, number
 from varint.stepping.plan import default_rule
 from varint.stepping.step_function import action_function, step_function
-from varint.system import Parameters, System, coordinates
+from varint.stepping.time_scale import ENERGY, START, Rescaled, rescaled
+from varint.system import System
 from varint.trajectory import Event, Trajectory, own_symbols
 
-# names that no scene of a user's has; σ0 t' changes no motion, but round-off in t' − σ has a momentum to compare with
-TIME, ENERGY, START = "physical time", "initial energy", "initial time scale"
 FIRST_CHUNK = 64  # steps before the mean rate of the clock is known well enough to look further ahead
 PATIENCE = 8  # times the steps that the pace of the start would take
 MARGIN = 1.02  # more steps than that rate asks for: they are cheaper than another look
 LOCATED = 4 * np.finfo(float).eps  # relative to |t|
 MOST_ITERATIONS = 60
 OFF_LEVEL = 0.1  # of the largest kinetic energy: the motion is another one
-MOST_SCALES = 32  # rescaled scenes remembered for one system
-
-
-@dataclass(frozen=True, eq=False)
-class Rescaled:
-    """A scene in fictitious time: coordinates (q, t), parameters (c, E0, σ0).
-
-    Attributes
-    ----------
-    system : System
-    translate : callable
-        Expression of q, v, t, c of the original scene → the same in symbols of the rescaled one.
-    energy : Function
-        (q, p, t, c) → energy E0, velocities, and σ.
-    """
-
-    system: System
-    translate: Callable[[ca.SX], ca.SX]
-    energy: ca.Function
-
-
-def close_encounters(distances: Any, power: float = 1.5) -> ca.SX:
-    """A time scale for close encounters, ``σ = (Σ_k r_k⁻²)^(−power/2)``: with one distance σ = r^power.
-
-    The closest pair sets the pace, smoothly. With the power 3/2 a fixed step in fictitious time is the same fraction of
-    the local time of free fall in a 1/r potential everywhere, however close the encounter.
-
-    Parameters
-    ----------
-    distances : SX (k,) or list of SX
-        Distances that may become small, as expressions of q.
-    power : float
-
-    Returns
-    -------
-    SX
-        For ``simulate(..., time_scale=...)``.
-
-    Raises
-    ------
-    InputError
-        If there is no distance, or the power is not positive.
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> import varint as vi
-    >>> model = vi.models.kepler(e=0.9)
-    >>> scale = vi.close_encounters(ca.norm_2(model.system.q))
-    >>> orbit = vi.simulate(model.system, vi.gauss(8), q0=model.q0, v0=model.v0, h=0.55, duration=20 * 3.14159,
-    ...                     time_scale=scale)
-    >>> q, v = model.exact(orbit.t)
-    >>> bool(abs(orbit.q - q).max() < 1e-10)
-    True
-    """
-    if not isinstance(distances, (ca.SX, list, tuple)):
-        raise InputError(f"distances must be SX expressions of q, got {type(distances).__name__}")
-    r = ca.vertcat(*distances) if isinstance(distances, (list, tuple)) else ca.vec(distances)
-    if not r.numel() or not power > 0:
-        raise InputError(f"close_encounters needs one distance or more and a positive power, got {r.shape} and {power}")
-    return ca.sum1(ca.densify(r) ** -2.0) ** (-power / 2) if r.numel() > 1 else r**power
-
-
-def rescaled(system: System, sigma: Any) -> Rescaled:
-    """The scene with the time scale σ(q); scenes already seen are remembered."""
-    sigma = _checked(system, sigma)
-    known = system.__dict__.setdefault("_rescaled", {})
-    key = ca.Function("sigma", [system.q, system.c], [sigma]).serialize()
-    if key not in known:
-        if len(known) >= MOST_SCALES:
-            known.clear()
-        known[key] = _built(system, sigma)
-    return known[key]
-
-
-def _checked(system: System, sigma: Any) -> ca.SX:
-    s = system.structure
-    reasons = {
-        "the scene depends on time explicitly": not s.autonomous,
-        "forces change the energy": s.forced,
-        "contacts interrupt the motion": bool(s.contacts),
-        "the Lagrangian is degenerate": s.degenerate,
-    }
-    for reason, holds in reasons.items():
-        if holds:
-            raise InputError(
-                f"time_scale needs the energy of the start all along, but {reason}; leave time_scale out and choose a "
-                "smaller h"
-            )
-    sigma = own_symbols(sigma, system, "time_scale")
-    if sigma.numel() != 1:
-        raise InputError(f"time_scale must be a scalar expression of q and the parameters, it has shape {sigma.shape}")
-    strange = [x.name() for x in ca.symvar(ca.vertcat(system.v, system.t)) if ca.depends_on(sigma, x)]
-    if strange:
-        raise InputError(f"time_scale may depend on q and the parameters alone, not on {strange}")
-    return sigma
-
-
-def _built(system: System, sigma: ca.SX) -> Rescaled:
-    params = Parameters(**system.defaults, **{ENERGY: 0.0, START: 1.0})
-    q, v = coordinates(*system.names, TIME)
-    n = system.q.numel()
-    symbols = [system.q, system.c]
-    constants = (ca.vec(getattr(params, name)) for name in system.defaults)
-    own = [q[:n], ca.vertcat(ca.SX(0, 1), *constants)]
-    (scale,) = ca.substitute([sigma], symbols, own)
-    before, after = [*symbols, system.v, system.t], [*own, v[:n] / scale, q[n]]
-
-    def translate(expression: ca.SX) -> ca.SX:
-        return ca.substitute([expression], before, after)[0]
-
-    clock = (v[n] - scale) ** 2 / 2 + getattr(params, START) * v[n]
-    lagrangian = scale * (translate(system.lagrangian) + getattr(params, ENERGY)) + clock
-    rows = translate(system.nonholonomic)
-    rows = ca.horzcat(rows, ca.SX(rows.shape[0], 1))
-    new = System(q, v, lagrangian, constraint=translate(system.constraint), nonholonomic=rows, params=params)
-    energy = ca.Function("start_energy", [system.q, system.v, system.t, system.c], [system.energy, sigma])
-    return Rescaled(new, translate, energy)
 
 
 def rescaled_motion(
@@ -190,7 +65,7 @@ def rescaled_motion(
     stop = None if until is None else watched(until, "until")
     watches = {name: watched(wanted, name) for name, wanted in (events or {}).items()}
 
-    def advance(inner: Trajectory | None, count: int) -> Trajectory:
+    def advance(inner: Trajectory | None, count: int, every: int) -> Trajectory:
         state = (
             (np.append(task.q0, 0.0), np.append(task.p0, start_scale)) if inner is None else (inner.q[-1], inner.p[-1])
         )
@@ -198,7 +73,7 @@ def rescaled_motion(
         try:
             more = run(
                 scene.system, rule, q0=state[0], p0=state[1], h=task.h, steps=count, t0=at, params=values,
-                save_every=save_every, until=stop, events=watches, **options,
+                save_every=every, until=stop, events=watches, **options,
             )  # fmt: skip
         except ConvergenceError as error:
             found = _joined(inner, error.trajectory)
@@ -210,7 +85,7 @@ def rescaled_motion(
         return _joined(inner, more)
 
     if total is None:
-        inner = advance(None, task.steps)
+        inner = advance(None, task.steps, save_every)
     else:
         inner = _for_duration(scene, advance, total, task.h, start_scale, save_every, stop is not None)
     _require_level(scene, inner)
@@ -239,7 +114,7 @@ def _for_duration(
     while True:
         asked = max(1, math.ceil(ahead / every)) * every
         before = 0 if inner is None else int(inner.k[-1])
-        inner = advance(inner, asked)
+        inner = advance(inner, asked, every)
         if inner.q[-1, -1] / inner.t[-1] <= 0:
             return inner
         if abs(inner.q[-1, -1]) >= abs(total) or (may_stop and inner.k[-1] < before + asked):
@@ -251,9 +126,12 @@ def _for_duration(
     if abs(inner.q[-1, -1]) < abs(total):
         return inner
     kept = int(np.searchsorted(np.abs(inner.q[:, -1]), abs(total) * (1 - LOCATED)))  # nodes before the end
-    last = inner[kept - 1 : kept]
-    end = _reached(last, inner[kept : kept + 1], np.array([total]))
-    return _appended(inner[:kept], end)
+    near = inner[kept - 1 : kept + 1]
+    if near.k[1] - near.k[0] > 1:  # the nodes between them
+        fine = advance(near[:1], int(near.k[1] - near.k[0]), 1)
+        i = int(np.searchsorted(np.abs(fine.q[:, -1]), abs(total) * (1 - LOCATED)))
+        near = fine[i - 1 : i + 1]
+    return _appended(inner[:kept], _reached(near[:1], near[1:], np.array([total])))
 
 
 def _require_level(scene: Rescaled, inner: Trajectory) -> None:
@@ -268,11 +146,12 @@ def _require_level(scene: Rescaled, inner: Trajectory) -> None:
         )
     kinetic = np.abs((inner.p[:-1, :n] * np.diff(inner.q[:, :n], axis=0)).sum(axis=1) / passed).max()
     c, start = inner.c[:-2].copy(), inner.c[-2]
-    for i in (slowest, slowest + 1):
-        energy = call(scene.energy, inner.q[i, :n].copy(), inner.v[i, :n] / inner.v[i, n], np.zeros(1), c)[0][0]
+    for state in (inner[slowest : slowest + 1], inner[slowest + 1 : slowest + 2]):
+        q, v = state.q[0], state.v[0]
+        energy = call(scene.energy, q[:n].copy(), v[:n] / v[n], np.zeros(1), c)[0][0]
         if not abs(energy - start) <= OFF_LEVEL * kinetic:
             raise InputError(
-                f"the energy is {energy:g} at t = {inner.q[i, n]:g} and was {start:g} at the start: time_scale comes "
+                f"the energy is {energy:g} at t = {q[n]:g} and was {start:g} at the start: time_scale comes "
                 "too close to zero there, or h is too large; choose another time_scale or a smaller h"
             )
 
@@ -307,7 +186,7 @@ def _reached(left: Trajectory, right: Trajectory, times: np.ndarray) -> Trajecto
     tau = a + x**2 * (3 - 2 * x) * rise + (tb - ta) * (x * (1 - x) ** 2 / sa - x**2 * (1 - x) / sb)
     low, high = a.copy(), b.copy()
     for _ in range(MOST_ITERATIONS):
-        found = left.advanced(tau)
+        found = _ahead(left, tau)
         off = times - found.q[:, -1]
         step = off / found.v[:, -1]
         good = np.abs(off) <= LOCATED * np.maximum(np.abs(times), np.abs(tb - ta))
@@ -321,10 +200,20 @@ def _reached(left: Trajectory, right: Trajectory, times: np.ndarray) -> Trajecto
     return found
 
 
+def _ahead(motion: Trajectory, times: np.ndarray) -> Trajectory:
+    """Every node carried on to a later time of its own, by steps of the same rule."""
+    states = [motion.q.copy(), motion.p.copy(), motion.k.copy()]
+    for _ in steps_ahead(motion, np.arange(len(motion)), times - motion.t, states):
+        continue
+    q, p, k = states
+    return replace(motion, t=times, q=q, p=p, k=k, events=())
+
+
 def at_times(motion: Trajectory, times: np.ndarray) -> Trajectory:
     """The physical motion at physical times, from its motion in fictitious time."""
     inner = motion.fictitious
     assert inner is not None
+    require_within(motion, times)
     clock = inner.q[:, -1]
     direction = 1.0 if inner.h > 0 else -1.0
     wanted = times - motion.t[0] + clock[0]

@@ -37,6 +37,7 @@ class Task:
     nodes: int
     phase: Phase | None = None
     first: int = 0
+    level: float = 0.0  # relative error of a step's unknowns where a compiled iteration may stop; 0: round-off
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
@@ -87,7 +88,8 @@ def run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
     stepper = plan(system, rule).build(system, rule)
     n, h, c = system.structure.n, np.array([task.h]), task.c
     t0 = np.array([task.t0 + task.h * task.first])
-    scale = call(scale_function(system), task.q0, task.p0, t0, h, c)[0]
+    typical = np.abs(task.u).max(axis=(0, 1), initial=0.0)
+    scale = call(scale_function(system), task.q0, task.p0, typical, t0, h, c)[0]
     x = call(stepper.start, task.q0, task.p0, task.controls(task.first, 1), t0, h, c)[0]
     k = task.first
     largest = LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
