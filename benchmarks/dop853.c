@@ -1,18 +1,15 @@
 /* DOP853 of Hairer, Norsett & Wanner I, II.5, with the step size control of SciPy's implementation (no dense output).
 
-   Before this file: NY, the tables A (12 x 12), B, E3, E5 (12 each), and the generated right-hand side `rate`. */
+   Before this file: NY, ARGS, RESULTS, INTEGERS, WORK, the tables A (12 x 12), B, E3, E5 (12 each), and the generated right-hand side `rate`. */
 #include <math.h>
 #include <string.h>
 
 static void slope(const double *y, const double *c, double *out) {
-    const double *in[2] = {y, c};
-    double *result[1] = {out};
-    static long long int integers[rate_SZ_IW + 1];
-    static double work[rate_SZ_W + 1];
-    const double *more_in[rate_SZ_ARG + 2];
-    double *more_out[rate_SZ_RES + 1];
-    more_in[0] = in[0], more_in[1] = in[1], more_out[0] = result[0];
-    rate(more_in, more_out, integers, work, 0);
+    static long long int integers[INTEGERS + 1];
+    static double work[WORK + 1];
+    const double *in[ARGS + 2] = {y, c};
+    double *result[RESULTS + 1] = {out};
+    rate(in, result, integers, work, 0);
 }
 
 static double norm(const double *x, const double *scale) {

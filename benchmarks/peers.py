@@ -107,7 +107,9 @@ def _dop853(f: ca.Function, size: int) -> CDLL:
     generator.add(f)
     generator.generate(f"{folder}/")
     tables = {"A": dop853.A[:12, :12], "B": dop853.B[:12], "E3": dop853.E3[:12], "E5": dop853.E5[:12]}
-    text = f"#define NY {size}\n" + "".join(
+    sizes = {"NY": size, "ARGS": f.sz_arg(), "RESULTS": f.sz_res(), "INTEGERS": f.sz_iw(), "WORK": f.sz_w()}
+    text = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+    text += "".join(
         f"static const double {name}[] = {{{', '.join(float(x).hex() for x in table.ravel())}}};\n"
         for name, table in tables.items()
     )

@@ -28,6 +28,8 @@ from varint.trajectory import Event, Trajectory
 if TYPE_CHECKING:
     from varint.compiled.kernel import Kernel
 
+LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
+
 
 def simulate(
     system: System,
@@ -46,6 +48,7 @@ def simulate(
     until: ca.SX | tuple[ca.SX, int] | None = None,
     events: Mapping[str, Any] | None = None,
     time_scale: ca.SX | None = None,
+    tol: float | None = None,
     progress: bool | None = None,
     backend: str = "auto",
 ) -> Trajectory:
@@ -79,6 +82,9 @@ def simulate(
         σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ, dt = σ(q) dτ, the
         nodes' ``t`` are physical times, and `duration` is physical too (the last step ends there). Give h and either
         steps or duration; see `close_encounters`.
+    tol : float, optional
+        Wanted error of q, relative to the size of the motion. With h, compiled iterations end where they no longer matter
+        for it, in place of round-off; the invariants are then kept to the same accuracy only.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
     backend : {"auto", "compiled", "interpreted"}
@@ -111,7 +117,7 @@ def simulate(
         return rescaled_motion(
             simulate, system, rule, time_scale, q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0,
             params=params, save_every=save_every, until=until, events=events,
-            options={"progress": progress, "backend": backend},
+            options={"progress": progress, "backend": backend, "tol": tol},
         )  # fmt: skip
     began = perf_counter()
     stops = None if until is None else watched("until", until)
@@ -122,6 +128,8 @@ def simulate(
         system, chosen.rule,
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
+    if tol is not None:
+        task = replace(task, level=LEVEL * tol)
     if system.structure.contacts:
         from varint.stepping.contact_run import contact_run
 
