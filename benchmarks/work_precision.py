@@ -77,7 +77,7 @@ def varint_settings(scene: Scene):
                         )  # fmt: skip
                         return motion.q[-1]
 
-                    yield Setting("varint", f"gauss({stages}), time_scale, h=2π/{per_orbit}/{around}, tol={tol}", run)
+                    yield Setting("varint", f"{rule}, time_scale, h=2π/{per_orbit}/{around}, tol={tol}", run)
 
 
 def settings(scene: Scene):
