@@ -179,7 +179,7 @@ def test_the_band_of_a_chain_is_narrow_in_whatever_order_its_links_come():
     n = 60
     order = np.random.default_rng(0).permutation(n)
     pattern = ca.Sparsity.triplet(
-        n, n, *zip(*[(order[i], order[j]) for i in range(n) for j in range(n) if abs(i - j) < 2])
+        n, n, *zip(*[(order[i], order[j]) for i in range(n) for j in range(n) if abs(i - j) < 2], strict=True)
     )
     found = band(pattern)
     assert (found.below, found.above) == (1, 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,13 +25,16 @@ STEPS = (64, 128, 256, 512, 1024)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; errors of varint become one line and the exit code 2."""
+    """Run one command; warnings and errors become one line each, an error the exit code 2."""
     asked = parser().parse_args(arguments)
-    try:
-        return int(asked.command(asked) or 0)
-    except vi.VarintError as error:
-        print(f"varint: {error}", file=sys.stderr)
-        return 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = lambda message, *_: print(f"varint: {message}", file=sys.stderr)
+        try:
+            return int(asked.command(asked) or 0)
+        except vi.VarintError as error:
+            print(f"varint: {error}", file=sys.stderr)
+            return 2
 
 
 def parser() -> argparse.ArgumentParser:

@@ -97,6 +97,8 @@ class Trajectory:
         What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    fictitious : Trajectory or None
+        The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
     solution : ControlSolution, Contacts or None
         What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
         path of least action leans on its bounds.
@@ -120,6 +122,7 @@ class Trajectory:
     phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    fictitious: Trajectory | None = None
     solution: Any = None
     closure: np.ndarray | None = None
     sizes: np.ndarray | None = None
@@ -131,9 +134,9 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
-        if isinstance(index, slice):
+        if isinstance(index, (slice, np.ndarray)):
             return replace(
                 self,
                 t=self.t[index],
@@ -141,6 +144,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
+                fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
@@ -239,10 +243,14 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
+        if self.fictitious is not None:  # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
+            return self.fictitious.action - float(self.fictitious.c[-2:].sum()) * self.duration
         return float(self.sums(lambda scene: functions_of(self, scene)[1]).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
+        if self.fictitious is not None:
+            raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
         total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
         if len(self) > 1:
             for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
@@ -329,8 +337,13 @@ class Trajectory:
             If a time lies outside the trajectory.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        q, p, k, phase = states_at(self, times)
-        found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
+        if self.fictitious is not None:
+            from varint.stepping.rescaled import at_times
+
+            found = at_times(self, times)
+        else:
+            q, p, k, phase = states_at(self, times)
+            found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
     @property

@@ -88,9 +88,8 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
     )
     if solve.linear:
         about = about.replace("Newton's method", "one linear solve, factorised once")
-    return build(
-        about, system, len(rule.nodes), emitted(constants, **functions), defines, data, "newton.c", _opening(system)
-    )
+    sources = emitted(constants, "1", **functions)
+    return build(about, system, len(rule.nodes), sources, defines, data, "newton.c", _opening(system))
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,7 @@ class Task:
     nodes: int
     phase: Phase | None = None
     first: int = 0
+    level: float = 0.0  # relative error of a step's unknowns where a compiled iteration may stop; 0: round-off
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
