@@ -90,7 +90,7 @@ def members_of(
         if rows[name] is not None:
             rows[name] = np.ascontiguousarray(np.broadcast_to(rows[name], (total, n)))
     members = Members(0, rows["q0"], rows["v0"], rows["p0"], number("t0", t0), step, count, save_every, rows["u"], c)
-    if is_plain(system) and not (v0 is None) == (p0 is None):
+    if is_plain(system) and (v0 is None) != (p0 is None):
         momenta(system, members)
     # one ordinary task checks everything that is the same for all members
     task = initial_task(

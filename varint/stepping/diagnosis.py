@@ -56,6 +56,7 @@ class Jump(NamedTuple):
         )
 
 
+@np.errstate(all="ignore")  # what is not finite is looked at
 def energy_jump(motion: Trajectory) -> Jump | None:
     """The first of ten nodes whose energy error is as large as the kinetic energy, in a scene that conserves energy.
 
@@ -91,6 +92,7 @@ def _energy_function(system: System) -> ca.Function:
     return ca.Function("energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True})
 
 
+@np.errstate(all="ignore")
 def likely_cause(motion: Trajectory) -> str:
     """The likely cause of the failure of the step after the trajectory's last node, with what to try."""
     if jump := energy_jump(motion):
@@ -120,7 +122,7 @@ def _singular(motion: Trajectory) -> list[str]:
         lost = inertia[-1] < LOST * inertia.max(axis=0)
         if lost.any():
             found.append(
-                f"a singular configuration (the inertia of {[x for x, y in zip(names, lost, strict=True) if y]} vanishes, "
+                f"a singular configuration (the inertia of {[names[i] for i in np.flatnonzero(lost)]} vanishes, "
                 "as at a pole or in gimbal lock): use coordinates that are regular there, or start elsewhere"
             )
         size = np.sqrt(np.abs(np.diag(mass)))
