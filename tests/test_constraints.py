@@ -206,7 +206,7 @@ def test_the_stepper_that_eliminates_positions_makes_the_steps_of_the_general_on
     p = np.zeros(2 * links)
     general, short = constrained_stepper(system, rule), rattle_stepper(system, rule)
     assert vi.plan(system, rule).method == "SHAKE and RATTLE"
-    scale = scale_function(system)(q, p, 0, 0.01, c)
+    scale = scale_function(system)(q, p, [], 0, 0.01, c)
     states = [stepper.start(q, p, [], 0, 0.01, c) for stepper in (general, short)]
     n = 2 * links
     for k in range(100):

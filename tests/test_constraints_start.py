@@ -137,3 +137,18 @@ def test_passing_through_a_singular_configuration_ends_with_a_clear_error():
     with pytest.raises(vi.ConvergenceError, match="close to singular") as caught:
         vi.simulate(four_bar(), q0=[0.6, 0.8, 2.6, 0.8], v0=REST, h=2.0, steps=2000)
     assert caught.value.trajectory is not None
+
+
+@pytest.mark.parametrize("rule", [vi.lobatto(2), vi.lobatto(3), vi.lobatto(4)], ids=str)
+def test_a_start_from_two_configurations_passes_through_both(rule):
+    system = cartesian_pendulum()
+    motion = vi.simulate(system, rule, q0=[0.6, -0.8], v0=[0.8, 0.6], h=0.05, steps=10)
+    p0 = vi.start_momentum(system, rule, q0=motion.q[3], q1=motion.q[4], h=0.05)
+    np.testing.assert_allclose(p0, motion.p[3], rtol=0, atol=1e-11)
+    again = vi.simulate(system, rule, q0=motion.q[3], p0=p0, h=0.05, steps=7)
+    np.testing.assert_allclose(again.q, motion.q[3:], rtol=0, atol=1e-11)
+
+
+def test_two_configurations_that_no_step_joins_are_refused():
+    with pytest.raises(vi.InputError, match="no start momentum leads from q0 to q1"):
+        vi.start_momentum(cartesian_pendulum(), q0=[1, 0], q1=[0.9, 0.9], h=0.05)

@@ -72,7 +72,7 @@ def test_the_falling_ladder_leaves_the_wall_slides_and_stops_as_it_must(name):
     assert abs(motion.q[-1, 2]) <= 1e-12 and abs(motion.v[-1, 2]) <= 1e-12
 
 
-def test_an_elastic_ball_bounces_at_the_exact_times_and_keeps_its_energy_without_slope():
+def test_an_elastic_ball_bounces_at_the_exact_times_and_keeps_its_energy_to_round_off():
     motion = vi.simulate(ball(), vi.lobatto(3), q0=1.0, v0=0.0, h=0.05, duration=500.0)
     first = np.sqrt(2 / G)
     np.testing.assert_allclose(times(motion), first * (1 + 2 * np.arange(len(motion.events))), rtol=1e-12)
@@ -84,15 +84,13 @@ def test_an_elastic_ball_bounces_at_the_exact_times_and_keeps_its_energy_without
 
 
 @pytest.mark.long
-def test_the_energy_of_an_elastic_ball_has_no_slope_over_1e4_impacts():
-    motion = vi.simulate(ball(), vi.lobatto(3), q0=1.0, v0=0.0, h=0.3, duration=9033.0)
+@pytest.mark.parametrize("h", [0.3, 0.29])
+def test_the_energy_of_an_elastic_ball_changes_by_less_than_round_off_an_impact_over_1e4_impacts(h):
+    """Not zero: rounding leaves a bias of 2e-17 to 7e-17 of the energy an impact, of either sign, depending on h."""
+    motion = vi.simulate(ball(), vi.lobatto(3), q0=1.0, v0=0.0, h=h, steps=int(9040 / h))
     assert len(motion.events) > 10_000
-    energies = np.array([event.energy_after for event in motion.events])[:10_000]
-    assert np.abs(energies - G).max() <= 1e-10
-    windows, x = energies.reshape(100, 100).mean(axis=1), np.arange(100) - 49.5
-    slope = x @ windows / (x @ x)
-    noise = np.std(windows - windows.mean() - slope * x) / np.sqrt(x @ x)
-    assert abs(slope) <= 4 * noise + 1e-15
+    change = np.array([event.energy_after for event in motion.events])[:10_000] / G - 1
+    assert np.abs(change).max() <= np.finfo(float).eps * len(change)
 
 
 @pytest.mark.parametrize("restitution", [0.5, 0.8])

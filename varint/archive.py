@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,6 +17,7 @@ from varint.stepping.step_function import action_function, step_function
 from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
+INNER = "fictitious_"  # before the names of arrays in fictitious time
 ARRAYS = ("t", "q", "p", "k", "u", "c")
 OPTIONAL = ("phase", "closure")
 
@@ -35,17 +36,11 @@ def save(trajectory: Trajectory, path: Any) -> None:
     from varint import __version__
 
     path = _file(path)
-    header = {
-        "format": FORMAT,
-        "version": __version__,
-        "h": trajectory.h,
-        "rule": asdict(trajectory.rule),
-        "system": describe(trajectory.system),
-        "phases": [asdict(phase) for phase in trajectory.phases],
-        "events": [asdict(event) for event in trajectory.events],
-        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
-    }
-    arrays = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL) if getattr(trajectory, name) is not None}
+    header, arrays = _parts(trajectory)
+    header |= {"format": FORMAT, "version": __version__}
+    if trajectory.fictitious is not None:
+        header["fictitious"], inner = _parts(trajectory.fictitious)
+        arrays |= {INNER + name: value for name, value in inner.items()}
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -92,19 +87,44 @@ def load(path: Any) -> Any:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
-            arrays = {name: data[name] for name in (*ARRAYS, *(x for x in OPTIONAL if x in data))}
+            arrays = {name: data[name] for name in data if name != "header"}
+            missing = [name for name in ARRAYS if name not in arrays]
+            if missing:
+                raise InputError(f"{path} is no whole trajectory: {missing} are missing")
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except InputError:
         raise
     except Exception as error:  # a torn or foreign file fails in many ways; all mean the same
         raise InputError(f"{path} is no trajectory written by varint ({type(error).__name__}: {error})") from None
+    inner = {name.removeprefix(INNER): arrays.pop(name) for name in list(arrays) if name.startswith(INNER)}
+    motion = _assembled(header, arrays)
+    return replace(motion, fictitious=_assembled(header["fictitious"], inner)) if inner else motion
+
+
+def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What is not an array, and what is."""
+    header = {
+        "h": trajectory.h,
+        "sizes": None if trajectory.sizes is None else trajectory.sizes.tolist(),
+        "rule": asdict(trajectory.rule),
+        "system": describe(trajectory.system),
+        "phases": [asdict(phase) for phase in trajectory.phases],
+        "events": [asdict(event) for event in trajectory.events],
+        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
+    }
+    held = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL)}
+    return header, {name: value for name, value in held.items() if value is not None}
+
+
+def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> Trajectory:
     system = revive(header["system"])
     rule = rule_of(header["rule"])
     return Trajectory(
         system=system,
         rule=rule,
         h=header["h"],
+        sizes=None if header.get("sizes") is None else np.array(header["sizes"]),
         functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
         phases=tuple(Phase(**{k: tuple(v) for k, v in phase.items()}) for phase in header["phases"]),
         events=tuple(Event(**event) for event in header["events"]),

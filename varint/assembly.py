@@ -150,6 +150,33 @@ def equations(elements: Sequence[Element], unknowns: int, constants: int) -> tup
     )
 
 
+def scaled(program: Program, x_scale: np.ndarray, f_scale: float, g_scale: np.ndarray) -> Program:
+    """The program in x̂ = x / x_scale with f · f_scale and g · g_scale."""
+    rows, unknowns = program.jacobian.size1_out(1), program.jacobian.size2_out(1)
+    x, p = ca.MX.sym("x", unknowns), ca.MX.sym("p", program.value.size1_in(1))
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows)
+    sx, sg = ca.DM(x_scale), ca.DM(g_scale)
+    f, g = program.value(x * sx, p)
+    _, gradient = program.gradient(x * sx, p)
+    _, jacobian = program.jacobian(x * sx, p)
+    hessian = program.hessian(x * sx, p, lam_f * f_scale, lam_g * sg)
+    return Program(
+        ca.Function("nlp", [x, p], [f * f_scale, g * sg], ["x", "p"], ["f", "g"]),
+        ca.Function("nlp_grad_f", [x, p], [f * f_scale, gradient * sx * f_scale], ["x", "p"], ["f", "grad_f_x"]),
+        ca.Function("nlp_jac_g", [x, p], [g * sg, _times(jacobian, g_scale, x_scale)], ["x", "p"], ["g", "jac_g_x"]),
+        ca.Function(
+            "nlp_hess_l", [x, p, lam_f, lam_g], [_times(hessian, x_scale, x_scale)],
+            ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
+        ),
+    )  # fmt: skip
+
+
+def _times(matrix: ca.MX, left: np.ndarray, right: np.ndarray) -> ca.MX:
+    """diag(left) · matrix · diag(right), entry by entry."""
+    rows, columns = (np.array(part, dtype=int) for part in matrix.sparsity().get_triplet())
+    return matrix * ca.DM(matrix.sparsity(), left[rows] * right[columns])
+
+
 def _kernels(element: Element, name: str, options: dict) -> list[ca.Function]:
     """Value, gradient, Jacobian and Hessian of one copy; the Hessian as its upper triangle."""
     z, d, cost, rows = element.variables, element.constants, ca.densify(element.cost), ca.densify(element.rows)

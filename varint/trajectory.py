@@ -12,16 +12,18 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
+from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
+from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
-from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.system import System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from varint.control.solution import ControlSolution, Costates
     from varint.diagnostics.momentum import Conserved, MomentumMap
     from varint.symmetry import Symmetry
 
@@ -75,7 +77,7 @@ class Trajectory:
     q, p : ndarray (N + 1, n)
         Coordinates and momenta ∂L/∂v.
     h : float
-        Step size; nodes may be several steps apart (`k`).
+        Step size, or the mean one where steps differ (`sizes`); nodes may be several steps apart (`k`).
     k : ndarray of int (N + 1,)
         Number of whole steps before each node.
     u : ndarray (steps, r, controls)
@@ -93,11 +95,15 @@ class Trajectory:
         What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    fictitious : Trajectory or None
+        The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
     solution : ControlSolution, Contacts or None
         What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
         path of least action leans on its bounds.
     closure : ndarray (n, n + 1) or None
         [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
+    sizes : ndarray (steps,) or None
+        Size of every step, where they are not all `h`.
     """
 
     system: System
@@ -114,8 +120,10 @@ class Trajectory:
     phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    fictitious: Trajectory | None = None
     solution: Any = None
     closure: np.ndarray | None = None
+    sizes: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -124,9 +132,9 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
-        if isinstance(index, slice):
+        if isinstance(index, (slice, np.ndarray)):
             return replace(
                 self,
                 t=self.t[index],
@@ -134,6 +142,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
+                fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
@@ -162,7 +171,7 @@ class Trajectory:
         """
         rows = self.system.structure
         lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
-        u = self._u_at_nodes()
+        u = controls_at_nodes(self)
         for nodes, phase in self._phases():
             args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
             lam[nodes] = multipliers_along(self.system, phase, *args)
@@ -213,12 +222,12 @@ class Trajectory:
     def function_of(self, expression: Any) -> ca.Function:
         """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
         s = self.system
-        expression = ca.densify(_as_expression(expression, s))
+        expression = ca.densify(in_own_symbols(expression, s))
         return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
 
     def evaluated(self, function: ca.Function) -> np.ndarray:
         """Values at every node of what `function_of` returned."""
-        flat = over_columns(function, self.q, self.v, self.t[:, None], self._u_at_nodes(), self.c)[0]
+        flat = over_columns(function, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
         rows, columns = function.size_out(0)
         if columns == 1:
             return flat[:, 0] if rows == 1 else flat
@@ -232,15 +241,18 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
-        return float(self.sums(lambda scene: self._functions(scene)[1]).sum())
+        if self.fictitious is not None:  # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
+            return self.fictitious.action - float(self.fictitious.c[-2:].sum()) * self.duration
+        return float(self.sums(lambda scene: functions_of(self, scene)[1]).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
+        if self.fictitious is not None:
+            raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
         total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
-        q, p = self.q[:-1].copy(), self.p[:-1].copy()
-        phase = None if self.phase is None else self.phase[:-1]
-        for active, scene, arguments in self._steps(q, p, self.t[:-1], self.k[:-1], np.diff(self.t), phase):
-            total[active] += over_columns(integrand(scene), *arguments)[0]
+        if len(self) > 1:
+            for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
+                total[active] += over_columns(integrand(scene), *arguments)[0]
         return total
 
     def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
@@ -323,76 +335,49 @@ class Trajectory:
             If a time lies outside the trajectory.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
-        slack = self._rounding * abs(self.h)
-        if not ((times >= low - slack) & (times <= high + slack)).all():
-            raise InputError(f"times must lie between {low:g} and {high:g}, got {t!r}")
-        direction = 1.0 if self.h > 0 else -1.0
-        node = np.searchsorted(direction * self.t, direction * (times + direction * slack), side="right") - 1
-        node = np.clip(node, 0, len(self) - 1)
-        ahead = times - self.t[node]
-        q, p = self.q[node], self.p[node]
-        phase = None if self.phase is None else self.phase[node]
-        for _ in self._steps(q, p, self.t[node], self.k[node], ahead, phase):
-            continue
-        whole = np.floor(ahead / self.h + self._rounding).astype(int)
-        found = replace(self, t=times, q=q, p=p, k=self.k[node] + whole, phase=phase, events=(), closure=None)
+        if self.fictitious is not None:
+            from varint.stepping.rescaled import at_times
+
+            found = at_times(self, times)
+        else:
+            q, p, k, phase = states_at(self, times)
+            found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
-    def _steps(self, q, p, t, k, ahead, phase):
-        """Advance the states in place by `ahead`: whole steps, then a shorter one; yields each round's steps."""
-        whole = np.floor(ahead / self.h + self._rounding).astype(int)
-        phases = self.phases if phase is not None else (None,)
-        for j in range(int(whole.max(initial=0)) + 1):
-            left = ahead - j * self.h
-            going = left / self.h > self._rounding
-            if not going.any():
-                return
-            for i, held in enumerate(phases):
-                active = going if phase is None else going & (phase == i)
-                if not active.any():
-                    continue
-                scene = self.system if held is None else held.scene(self.system)
-                size = np.where(j < whole, self.h, left)[active]
-                now, at = (t + j * self.h)[active], (k + j)[active]
-                u = self._step_controls(at, size / self.h)
-                arguments = q[active], p[active], u, self.c, now[:, None], size[:, None]
-                yield active, scene, arguments
-                q[active], p[active], _ = over_columns(self._functions(scene)[0], *arguments)
+    @property
+    def cost(self) -> float:
+        """Cost of an optimal control, terminal cost included."""
+        return self._solution("cost").cost
 
-    @cached_property
-    def _rounding(self) -> float:
-        """Of a step: a time this close to a node is the node. It is the round-off of the times themselves."""
-        return ROUNDING * max(np.abs(self.t).max(), abs(self.h)) / abs(self.h)
+    @property
+    def costates(self) -> Costates:
+        """Costates of an optimal control: derivatives of the cost-to-go with respect to q and p, (N + 1, n) each."""
+        return self._solution("costates").costates
 
-    def _functions(self, scene: System) -> tuple[ca.Function, ca.Function]:
-        return self.functions() if scene is self.system else self.functions(scene)
-
-    def _step_controls(self, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-        """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length."""
-        count, r = len(steps), len(self.rule.nodes)
+    def u_at(self, t: Any) -> np.ndarray:
+        """Controls of an optimal control at any times within it, by the polynomial of each step, (k,) or (M, k)."""
+        times = np.atleast_1d(np.asarray(t, dtype=float))
         if not self.system.structure.controls:
-            return np.empty((count, 0))
-        u = self.u[np.clip(steps, 0, len(self.u) - 1)]
-        if u.shape[1] == 1:
-            return np.repeat(u, r, axis=1).reshape(count, -1)
-        nodes = np.array(self.rule.nodes)
-        short = fraction < 1 - self._rounding
-        tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
-        u = u.copy()
-        u[short] = tables @ u[short]
-        return u.reshape(count, -1)
+            raise InputError("u_at(): the scene has no controls")
+        found = self._solution("u_at()").u((times - self.t[0]) / self.duration)
+        return found[0] if np.ndim(t) == 0 else found
 
-    def _u_at_nodes(self) -> np.ndarray:
-        controls = self.system.structure.controls
-        if not controls:
-            return np.empty((len(self), 0))
-        last = self.k >= len(self.u)
-        u = self.u[np.minimum(self.k, len(self.u) - 1)]
-        if u.shape[1] == 1:
-            return u[:, 0]
-        ends = lagrange_values(np.array(self.rule.nodes), np.array([0.0, 1.0]))
-        return np.einsum("ki,kij->kj", ends[last.astype(int)], u)
+    def replay(self) -> Trajectory:
+        """`simulate` from the optimal start with the optimal controls: the same motion to round-off."""
+        from varint.control.replay import replay
+
+        return replay(self, self._solution("replay()"))
+
+    def report(self) -> None:
+        """Print how an optimal control was found and what it keeps: cost, violation, replay, energy, momenta."""
+        from varint.control.report import report
+
+        print(report(self, self._solution("report()")))
+
+    def _solution(self, what: str) -> ControlSolution:
+        if not hasattr(self.solution, "costates"):
+            raise InputError(f"{what} belongs to trajectories that optimal_control returned")
+        return self.solution
 
     def plot(self, *expressions: Any) -> Figure:
         """Figure of coordinates, phase portrait and energy error; or of the given expressions over time."""
@@ -411,23 +396,3 @@ class Trajectory:
         from varint.archive import to_xarray
 
         return to_xarray(self)
-
-
-ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
-
-
-def _as_expression(expression: Any, system: System) -> ca.SX:
-    """The expression in the system's own symbols, matched by name."""
-    if isinstance(expression, ca.MX):
-        raise InputError("the expression is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.SX(expression)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
-    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
-    used = ca.symvar(expression)
-    unknown = sorted(x.name() for x in used if x.name() not in own)
-    if unknown:
-        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
-    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
-    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))

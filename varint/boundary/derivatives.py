@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
+from varint.between import step_controls
 from varint.boundary.newton import equilibrated_solver
 from varint.boundary.recovered import interval_paths, require_every_step
 from varint.boundary.result import interval_data
@@ -107,7 +108,7 @@ def _again(path: Trajectory) -> tuple[Problem, Iterate]:
     require_every_step(path)
     found = interval_paths(path, np.arange(steps), np.full(steps, path.h), None)
     d = found.increments.shape[1]
-    u = path._step_controls(path.k[:-1], np.ones(steps))
+    u = step_controls(path, path.k[:-1], np.ones(steps))
     problem = Problem(system, path.rule, steps, float(path.t[0]), u, path.c, path.q[[0, -1]])
     lam = np.zeros((steps * d + 1, 0))
     return problem, Iterate(path.q[:-1], found.increments, lam, path.p[[0, -1]], path.duration)

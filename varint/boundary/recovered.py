@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
+from varint.between import step_controls
 from varint.boundary.stationary import interval_rows, point_times
 from varint.errors import InputError
 from varint.legendre import velocity_function
@@ -68,7 +69,7 @@ def interval_paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends
     q, p, t, h = trajectory.q[k], trajectory.p[k], trajectory.t[k][:, None], size[:, None]
     v = over_columns(velocity_function(system), q, p, t, trajectory.c)[0]
     ahead, lam = (h * v)[:, None] * tau[:, None], np.zeros((count, d + 1, m))
-    u = trajectory._step_controls(trajectory.k[k], size / trajectory.h)
+    u = step_controls(trajectory, trajectory.k[k], size / trajectory.h)
     longest = np.abs(np.diff(trajectory.q, axis=0)).max()  # where a motion turns its own step is no measure
     reach = (longest + np.finfo(float).tiny) * size / abs(trajectory.h)
     target = np.zeros((count, (d + 1) * block))

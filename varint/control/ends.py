@@ -60,7 +60,7 @@ def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -
     state = ca.vertcat(s.q, s.v, s.t, s.c)
     _, p_low, p_high = _component_bounds(system, f"p of {what}", given.get("p"))
     bound = np.flatnonzero(np.isfinite(p_low) | np.isfinite(p_high)).tolist()
-    rows.append(s.momentum[bound])
+    rows.append(ca.vertcat(ca.SX(0, 1), *(s.momentum[i] for i in bound)))
     low.append(p_low[bound])
     high.append(p_high[bound])
     for lower, expression, upper in triples(f"bounds of {what}", given.get("bounds", ())):

@@ -14,6 +14,7 @@ from varint.control.leg import Leg
 from varint.control.phase import Checked
 from varint.control.piecewise import Piecewise
 from varint.control.problem import Problem, end_positions
+from varint.control.solution import ControlSolution
 from varint.errors import InputError
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
@@ -69,7 +70,7 @@ def _from_trajectory(phase: Checked, motion: Trajectory) -> Guess:
         )
     c = np.where(phase.c_low < phase.c_high, motion.c, phase.c) if motion.c.shape == phase.c.shape else phase.c
     found = motion.solution
-    if found is not None:
+    if isinstance(found, ControlSolution):
         return Guess(found.q, found.u, motion.duration, c)
     u = None
     if motion.u.size and motion.u.shape[-1] == phase.system.structure.controls:
@@ -98,8 +99,8 @@ def _path(what: str, given: Any, size: int, t0: float, duration: float) -> Path:
     if callable(given):
 
         def sampled(s: np.ndarray) -> np.ndarray:
-            values = np.array([np.asarray(given(float(t0 + x * duration)), dtype=float).ravel() for x in s])
-            return _checked_samples(what, values, size)
+            values = [np.asarray(given(float(t0 + x * duration)), dtype=float).ravel() for x in s]
+            return _checked_samples(what, np.array(values) if values else np.zeros((0, size)), size)
 
         return sampled
     try:
@@ -142,17 +143,24 @@ def fill(x: np.ndarray, one: Leg, guess: Guess) -> None:
         x[slots.u] = guess.u(fractions).reshape(slots.u.shape)
     else:
         q_nodes = np.einsum("ij,kjn->kin", rule.basis, points)
-        u = _inverse_dynamics(phase, q_nodes, v_nodes, values[0], guess)
+        u = _inverse_dynamics(phase, q_nodes, v_nodes, points[:, -1] - points[:, 0], values[0], guess)
         x[slots.u] = u if phase.samples > 1 else u.mean(axis=1, keepdims=True)
 
 
-def _inverse_dynamics(phase: Checked, q: np.ndarray, v: np.ndarray, t0: float, guess: Guess) -> np.ndarray:
-    """Controls that come closest to moving the scene along the guess: least squares, one Gauss–Newton step from 0."""
+def _inverse_dynamics(phase: Checked, q, v, moved: np.ndarray, t0: float, guess: Guess) -> np.ndarray:
+    """Controls that come closest to moving the scene along the guess: least squares, one Gauss–Newton step from 0.
+
+    Accelerations are differences of the mean velocities of the steps: the guess has kinks where steps meet.
+    """
     count, r, n = q.shape
     local = phase.mesh[:-1, None] + np.diff(phase.mesh)[:, None] * np.array(phase.rule.nodes)
     t = (t0 + guess.duration * local).ravel()
     v = v.reshape(-1, n)
-    a = np.gradient(v, t, axis=0) if len(t) > 1 else np.zeros_like(v)
+    a = np.zeros_like(v)
+    if count > 1:
+        middles = t0 + guess.duration * (phase.mesh[:-1] + phase.mesh[1:]) / 2
+        rates = np.gradient(moved / (guess.duration * np.diff(phase.mesh))[:, None], middles, axis=0)
+        a = np.array([np.interp(t, middles, rate) for rate in rates.T]).T
     low, high = (np.where(np.isfinite(side), side, 0) for side in phase.bounds.u)
     rest = np.clip(0.0, low, high)
     u = over_columns(_inverse(phase.system), q.reshape(-1, n), v, a, rest, t[:, None], guess.c)[0]

@@ -53,7 +53,7 @@ class IntervalTerm:
 def interval_term(phase: Checked, shared: Shared) -> IntervalTerm:
     """Cost, momenta and rows of one interval in terms of positions (not increments), times and controls."""
     one, system = interval(phase.system, phase.rule), phase.system
-    n, degree, r = *one.dq.shape, len(phase.rule.nodes)
+    (n, degree), r = one.dq.shape, len(phase.rule.nodes)
     q0, q1, inner = ca.SX.sym("q0", n), ca.SX.sym("q1", n), ca.SX.sym("Q", n, degree - 1)
     u = ca.SX.sym("u", system.structure.controls, phase.samples)
     lam = ca.SX.sym("lam", system.structure.constraints, degree)  # of q1: counted in the next interval

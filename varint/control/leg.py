@@ -8,6 +8,7 @@ inner rows, constraints, path bounds. Ends: ∂L/∂v(q_0, v_0) − p⁻_0 = 0 a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,7 @@ from varint.assembly import Element
 from varint.control.kernels import EndTerm, IntervalTerm, Shared, end_term, interval_term, shared_symbols
 from varint.control.phase import Checked
 from varint.control.rank import independent_rows
+from varint.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +36,15 @@ class Slots:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Indices of a phase's rows."""
+    """Indices of a phase's rows; −1: left out."""
 
     momentum: np.ndarray  # (N + 1, n)
     inner: np.ndarray  # (N, n (d − 1))
     gaps: np.ndarray  # (N, m d)
     nodes: np.ndarray  # (N, r b)
     points: np.ndarray  # (N, d a)
-    start: np.ndarray  # gap, hidden, conditions, points at node 0; −1: left out
-    last: np.ndarray  # hidden, conditions; −1: left out
+    start: np.ndarray  # gap, hidden, conditions, points at node 0
+    last: np.ndarray  # hidden, conditions
     end: int
 
 
@@ -63,17 +65,35 @@ class Leg:
     g_high: np.ndarray
     elements: list[Element]
 
+    @cached_property
+    def values_function(self) -> ca.Function:
+        """(stage, q1, mesh, shared, μ) → (p⁻, p⁺, cost, ∂/∂q0 and ∂/∂q1 of cost + Σ μ·rows) of one interval."""
+        term = self.interval
+        shares = ca.vertcat(-term.p_minus, term.inner, term.gaps, term.nodes, term.points, term.p_plus)
+        mu = ca.SX.sym("mu", shares.numel())
+        total = ca.densify(term.cost) + ca.dot(mu, shares)
+        slopes = [ca.densify(ca.gradient(total, x)) for x in (term.stage[: term.q1.numel()], term.q1)]
+        inputs = [term.stage, term.q1, term.mesh, self.shared.column, mu]
+        return ca.Function("values", inputs, [term.p_minus, term.p_plus, ca.densify(term.cost), *slopes], {"cse": True})
 
-def leg(phase: Checked, t0: float, free_start: bool, q_ends: np.ndarray, x: int, p: int, g: int) -> Leg:
+    @cached_property
+    def terminal_function(self) -> ca.Function:
+        """(q, v, t, c) → (terminal cost, momentum) at the end."""
+        s = self.phase.system
+        return ca.Function("terminal", [s.q, s.v, s.t, s.c], [self.phase.terminal, s.momentum])
+
+
+def leg(phase: Checked, t0: float, free_start: bool, tied: bool, q_ends: np.ndarray, x: int, p: int, g: int) -> Leg:
     """Place a phase behind x unknowns, p data and g rows.
 
-    `free_start`: the start time is an unknown; `q_ends` (2, n): where constraint ranks at the ends are judged.
+    `free_start`: the start time is an unknown; `tied`: a link gives all of the start;
+    `q_ends` (2, n): where constraint ranks at the ends are judged.
     """
     shared, term = shared_symbols(phase), None
     term = interval_term(phase, shared)
     ends = [end_term(phase, shared, last) for last in (False, True)]
     slots = _slots(phase, free_start, x)
-    kept = [_kept(phase, t0, q_ends[i], bool(i)) for i in (0, 1)]
+    kept = [_kept(phase, t0, tied, q_ends[0], False), _kept(phase, t0, False, q_ends[1], True)]
     rows, low, high = _rows(phase, term, ends, kept, g)
     steps = np.diff(phase.mesh)
     data = np.concatenate([phase.mesh[:-1], steps, [t0, phase.duration[0]], phase.c])
@@ -105,21 +125,22 @@ def _slots(phase: Checked, free_start: bool, x: int) -> Slots:
     )
 
 
-def _kept(phase: Checked, t0: float, q: np.ndarray, last: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Which rows of g(q) = 0 and of G v + ∂g/∂t = 0 are independent of the fixed coordinates and velocities."""
+def _kept(phase: Checked, t0: float, tied: bool, q: np.ndarray, last: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Which rows of g(q) = 0 and of G v + ∂g/∂t = 0 are independent of the given coordinates and velocities."""
     m = phase.system.structure.constraints
-    if not m:
-        return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+    if not m or tied:
+        return np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
     s, end = phase.system, phase.end if last else phase.start
     slope = ca.Function("G", [s.q, s.t, s.c], [ca.densify(ca.jacobian(s.constraint, s.q))])
     G = np.array(slope(q, t0 + (phase.duration[0] if last else 0.0), phase.c))
-    periodic = last and end.periodic is not None
-    kept = []
-    for bounds in (end.q, end.v):
-        fixed = bounds[1] == bounds[2]
-        if periodic:
-            fixed |= ~np.isnan(end.periodic)
-        kept.append(independent_rows(np.eye(s.structure.n)[fixed], G))
+    given = [bounds[1] == bounds[2] for bounds in (end.q, end.v)]
+    kept = [independent_rows(np.eye(s.structure.n)[fixed], G) for fixed in given]
+    if not given[0].all() and not kept[0].all():
+        names = [name for name, y in zip(s.names, given[0], strict=True) if y]
+        raise InputError(
+            f"at the {'end' if last else 'start'} the coordinates {names} and constraint "
+            f"{int(np.flatnonzero(~kept[0])[0])} say the same at q = {q.tolist()}: give all coordinates, or others"
+        )
     return kept[0], kept[1]
 
 
@@ -148,8 +169,9 @@ def _rows(phase: Checked, term: IntervalTerm, ends: list[EndTerm], kept, g: int)
     for end, rows in ((phase.start, start[len(start) - held :]), (phase.end, points[-1, points.shape[1] - held :])):
         keep[rows] = (end.q[1] < end.q[2]).any()  # expressions of a fixed end hold or do not; nothing can be chosen
     number = np.where(keep, g + np.cumsum(keep) - 1, -1)
-    arrays = (number[x] for x in (momentum, inner, gaps, nodes, points, start, final))
-    return Rows(*arrays, end=g + int(keep.sum())), np.concatenate(low)[keep], np.concatenate(high)[keep]
+    momentum, inner, gaps, nodes, points = (number[x] for x in (momentum, inner, gaps, nodes, points))
+    rows = Rows(momentum, inner, gaps, nodes, points, number[start], number[final], g + int(keep.sum()))
+    return rows, np.concatenate(low)[keep], np.concatenate(high)[keep]
 
 
 def _bounds(phase: Checked, slots: Slots, x: int) -> tuple[np.ndarray, np.ndarray]:
@@ -173,11 +195,16 @@ def _bounds(phase: Checked, slots: Slots, x: int) -> tuple[np.ndarray, np.ndarra
     return low, high
 
 
+def picked(column: ca.SX, places: np.ndarray) -> ca.SX:
+    """Entries of a column as a column, also where there are none (an empty index has a shape of its own)."""
+    return ca.vertcat(ca.SX(0, 1), *(column[int(i)] for i in places))
+
+
 def _elements(phase, term: IntervalTerm, ends, slots: Slots, rows: Rows, shared: Shared, p: int) -> list[Element]:
     """The interval, the two ends and, where asked for, the periodic link."""
     count, free = phase.steps, slots.shared >= 0
     symbols = shared.column
-    unknown, known = symbols[np.flatnonzero(free).tolist()], symbols[np.flatnonzero(~free).tolist()]
+    unknown, known = (picked(symbols, np.flatnonzero(is_one)) for is_one in (free, ~free))
     fixed_data = p + 2 * count + np.flatnonzero(~free)
 
     def element(variables, x, mesh, step, cost, shares, g) -> Element:

@@ -14,7 +14,7 @@ import numpy as np
 
 from varint.assembly import Element
 from varint.control.expressions import column
-from varint.control.leg import Leg
+from varint.control.leg import Leg, picked
 from varint.errors import InputError
 
 
@@ -28,6 +28,9 @@ class Link:
         Numbers of the phases.
     contact : SX (c,) or None
         φ(q) of the first phase's coordinates: zero at the link, and the momentum jumps along its normal.
+    sticks : SX (f,) or None
+        Further expressions of q that stop moving at a contact (a foot that does not slip): the momentum jumps along
+        them too.
     restitution : float
         e of the contact, 0 (no bounce) to 1.
     relabel : SX (n,) or None
@@ -41,6 +44,7 @@ class Link:
     before: int
     after: int
     contact: Any = None
+    sticks: Any = None
     restitution: float = 0.0
     relabel: Any = None
     offset: Any = None
@@ -68,36 +72,41 @@ def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
         )
     words = "q and the parameters of the first phase"
     contact = column("the contact of a link", ca.SX(0, 1) if link.contact is None else link.contact, _held(s), words)
+    stuck = column("sticks", ca.SX(0, 1) if link.sticks is None else link.sticks, _held(s), words)
+    if stuck.numel() and not contact.numel():
+        raise InputError("sticks= belongs to a contact: give contact= as well")
+    stopped = ca.vertcat(contact, stuck)
     new = s.q if link.relabel is None else column("relabel", link.relabel, _held(s), words)
     if new.numel() != n:
         raise InputError(f"relabel has {new.numel()} components; one for each of {list(s.names)}")
     if not 0 <= link.restitution <= 1:
         raise InputError(f"restitution must lie between 0 and 1, got {link.restitution!r}")
     offset = np.zeros(n) if link.offset is None else np.array([np.nan if y is None else y for y in link.offset], float)
-    tied = np.flatnonzero(~np.isnan(offset)).tolist()
+    tied, offset_or_zero = np.flatnonzero(~np.isnan(offset)), np.nan_to_num(offset)
     q0, v0, c0, q1, v1 = (ca.SX.sym(name, k) for name, k in zip("abcde", (n, n, s.c.numel(), n, n), strict=True))
-    if contact.numel() and ca.depends_on(s.momentum, s.t):
+    if stopped.numel() and ca.depends_on(s.momentum, s.t):
         raise InputError("impacts need momenta that do not depend on time explicitly")
-    impulse = ca.SX.sym("impulse", contact.numel())
+    impulse = ca.SX.sym("impulse", stopped.numel())
     p_before = ca.Function("p", [s.q, s.v, s.c], [s.momentum])
-    old = ca.Function("old", [s.q, s.c], [contact, ca.jacobian(contact, s.q), new, ca.jacobian(new, s.q)])
+    old = ca.Function("old", [s.q, s.c], [contact, ca.jacobian(stopped, s.q), new, ca.jacobian(new, s.q)])
     gap, normal, q_new, slope = old(q0, c0)
-    rows = [(q1 - q_new)[tied] - offset[tied]]
+    rows = [picked(q1 - q_new - offset_or_zero, tied)]
     extra, extra_x = [], np.zeros(0, dtype=int)
-    if contact.numel():
+    if stopped.numel():
+        bounce = ca.DM([link.restitution] * contact.numel() + [0.0] * stuck.numel())
         w = ca.SX.sym("w", n)  # velocity after the impact in the old coordinates
-        rows += [(v1 - ca.mtimes(slope, w))[tied], gap, ca.mtimes(normal, w + link.restitution * v0)]
+        rows += [picked(v1 - ca.mtimes(slope, w), tied), gap, ca.mtimes(normal, w) + bounce * ca.mtimes(normal, v0)]
         rows.append(p_before(q0, w, c0) - p_before(q0, v0, c0) - ca.mtimes(normal.T, impulse))
-        extra, extra_x = [w, impulse], x + np.arange(n + contact.numel())
+        extra, extra_x = [w, impulse], x + np.arange(n + stopped.numel())
     else:
-        rows.append((v1 - ca.mtimes(slope, v0))[tied])
+        rows.append(picked(v1 - ca.mtimes(slope, v0), tied))
     column_of_rows = ca.densify(ca.vertcat(*rows))
     place_c, constant_c = one.slots.shared[2:], one.first_datum + 2 * one.phase.steps + 2
     free = np.flatnonzero(place_c >= 0)
     fixed = np.flatnonzero(place_c < 0)
     element = Element(
-        variables=ca.vertcat(q0, v0, q1, v1, *extra, c0[free.tolist()]),
-        constants=c0[fixed.tolist()],
+        variables=ca.vertcat(q0, v0, q1, v1, *extra, picked(c0, free)),
+        constants=picked(c0, fixed),
         cost=ca.SX(0),
         rows=column_of_rows,
         x=np.concatenate(

@@ -13,6 +13,7 @@ from varint.control.nlp import Outcome
 from varint.control.phase import Phase
 from varint.control.problem import Problem, problem
 from varint.control.solution import trajectories
+from varint.control.warm import start_multipliers
 from varint.errors import InputError, SolverError
 from varint.horizon import Free
 from varint.rules import Rule
@@ -151,8 +152,12 @@ def optimal_phases(
 
 def solved(one: Problem, name: str, options: Mapping[str, Any] | None, progress: bool | None) -> list[Trajectory]:
     """Build the solver, solve from the guess, judge the end."""
-    run = nlp.solver(one, name, options)
-    outcome = run(start_values(one), progress=progress)
+    x = start_values(one)
+    run = nlp.solver(one, x, name, options)
+    multipliers = start_multipliers(one)
+    outcome = run(x, multipliers, progress=progress)
+    if multipliers is not None and not outcome.success and not outcome.stopped:
+        outcome = run(x, progress=progress)  # multipliers of another problem can mislead
     return judged(one, outcome)
 
 

@@ -73,6 +73,7 @@ class Checked:
     end: End
     bounds: PathBounds
     guess: Any
+    given: Phase
 
     @property
     def steps(self) -> int:
@@ -122,6 +123,7 @@ def checked(phase: Phase) -> Checked:
         end=end_conditions(system, "end", phase.end),
         bounds=path_bounds(system, phase.bounds),
         guess=phase.guess,
+        given=phase,
     )
 
 

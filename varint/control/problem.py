@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from varint.assembly import Program, assembled
+from varint.control.contradictions import refuse_contradictions
 from varint.control.leg import Leg, leg
 from varint.control.links import Link, Linked, linked
 from varint.control.phase import Checked, Phase, checked
@@ -39,7 +40,7 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
     """Transcribe the phases; those after a phase of free duration begin at an unknown time."""
     began = perf_counter()
     checks = [checked(phase) for phase in phases]
-    links = [*links, *(_periodic(i, phase) for i, phase in enumerate(checks) if phase.end.periodic is not None)]
+    links = [*links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]
     for link in links:
         if not (0 <= link.before < len(checks) and 0 <= link.after < len(checks)):
             raise InputError(f"a link joins phases {link.before} and {link.after}; there are {len(checks)}: 0 …")
@@ -47,7 +48,9 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
     x = p = g = 0
     free_start = False
     for phase in checks:
-        one = leg(phase, t0, free_start, end_positions(phase), x, p, g)
+        refuse_contradictions(phase, t0)
+        tied = any(link.after == len(legs) and _ties_all(link) for link in links)
+        one = leg(phase, t0, free_start, tied, end_positions(phase), x, p, g)
         legs.append(one)
         x, p, g = one.slots.end, p + len(one.data), one.rows.end
         t0, free_start = t0 + phase.duration[0], free_start or phase.free_duration
@@ -56,8 +59,8 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
         tie = linked(link, legs, x, g)
         ties.append(tie)
         x, g = x + tie.unknowns, g + tie.rows
-    parts = [*legs, *ties]
-    program = assembled([e for part in parts for e in part.elements], x, p, g, kernel_options)
+    elements = [e for one in legs for e in one.elements] + [e for tie in ties for e in tie.elements]
+    program = assembled(elements, x, p, g, kernel_options)
     return Problem(
         legs=legs,
         links=ties,
@@ -71,10 +74,13 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
     )
 
 
-def _periodic(i: int, phase: Checked) -> Link:
+def _ties_all(link: Link) -> bool:
+    return link.offset is None or all(y is not None for y in link.offset)
+
+
+def _periodic(i: int, offset: np.ndarray) -> Link:
     """q_0 = q_N − offset, v_0 = v_N."""
-    offset = [None if np.isnan(y) else -y for y in phase.end.periodic]
-    return Link(i, i, offset=offset, time=False)
+    return Link(i, i, offset=[None if np.isnan(y) else -y for y in offset], time=False)
 
 
 def end_positions(phase: Checked) -> np.ndarray:

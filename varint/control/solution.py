@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from varint.control.nlp import Outcome
 from varint.control.phase import Checked
 from varint.control.piecewise import Piecewise
 from varint.control.problem import Problem
+from varint.manifold import tangent_function
 from varint.stepping.step_function import action_function, step_function
 from varint.trajectory import Trajectory
 
@@ -51,8 +53,6 @@ class ControlSolution:
         Velocities at the two ends.
     costates : Costates
         Costates at the nodes.
-    active : mapping
-        Bounds that are met with equality, and the times where they are.
     status, success, violation, iterations, history, timings
         How the solver ended and got there; the largest violation of any condition; cost, violation and optimality
         after each iteration; seconds to build and to solve.
@@ -70,7 +70,6 @@ class ControlSolution:
     mesh: np.ndarray
     v_ends: np.ndarray
     costates: Costates
-    active: Mapping[str, np.ndarray]
     status: str
     success: bool
     violation: float
@@ -80,28 +79,34 @@ class ControlSolution:
     outcome: Outcome
     problem: Problem
 
+    @cached_property
+    def active(self) -> dict[str, np.ndarray]:
+        """Bounds along the path that are met with equality, and the times where they are."""
+        one = next(leg for leg in self.problem.legs if leg.phase is self.phase)
+        return _active(one, self.outcome, self.problem)
+
     @property
     def iterations(self) -> int:
         """Iterations of the solver."""
         return max(len(self.history.get("cost", ())) - 1, 0)
 
 
-def trajectories(problem: Problem, outcome: Outcome) -> list[Trajectory]:
-    """One trajectory a phase."""
-    return [_trajectory(problem, outcome, one) for one in problem.legs]
+def trajectories(problem: Problem, outcome: Outcome, data: np.ndarray | None = None) -> list[Trajectory]:
+    """One trajectory a phase; `data`: the program's constants where they are not the problem's own."""
+    constants = problem.p if data is None else data
+    return [_trajectory(problem, outcome, one, constants[one.first_datum :]) for one in problem.legs]
 
 
-def _trajectory(problem: Problem, outcome: Outcome, one: Leg) -> Trajectory:
+def _trajectory(problem: Problem, outcome: Outcome, one: Leg, constants: np.ndarray) -> Trajectory:
     phase, slots, x = one.phase, one.slots, outcome.x
     count, rule, system = phase.steps, phase.rule, phase.system
-    data = one.data[2 * count :]
-    t0, duration, *c = np.where(slots.shared >= 0, x[slots.shared], data)
-    c = np.array(c)
+    shared = np.where(slots.shared >= 0, x[slots.shared], constants[2 * count : len(one.data)])
+    t0, duration, c = float(shared[0]), float(shared[1]), shared[2:]
     uniform = np.array_equal(phase.mesh, np.arange(count + 1) / count)
     k = np.arange(count + 1)
     t = t0 + duration / count * k if uniform else t0 + duration * phase.mesh
     points, u = control_points(x, one), x[slots.u]
-    p, terms = _momenta_and_terms(one, outcome)
+    p, terms = _momenta_and_terms(one, outcome, shared)
     solution = ControlSolution(
         cost=float(terms["cost"].sum() + terms["terminal"]),
         total_cost=outcome.cost,
@@ -111,7 +116,6 @@ def _trajectory(problem: Problem, outcome: Outcome, one: Leg) -> Trajectory:
         mesh=phase.mesh,
         v_ends=x[slots.v],
         costates=Costates(terms["costate_q"], outcome.lam_g[one.rows.momentum]),
-        active=MappingProxyType(_active(one, outcome, problem, t0, duration)),
         status=outcome.status,
         success=outcome.success,
         violation=outcome.violation,
@@ -122,9 +126,12 @@ def _trajectory(problem: Problem, outcome: Outcome, one: Leg) -> Trajectory:
         problem=problem,
     )
     return Trajectory(
-        system=system, rule=rule, t=t, q=x[slots.q], p=p, h=float(duration / count) if uniform else np.diff(t),
-        k=k, u=u, c=c, functions=lambda: (step_function(system, rule), action_function(system, rule)),
-        multipliers=x[slots.lam] if slots.lam.size else None,
+        system=system,
+        rule=rule,
+        t=t, q=x[slots.q], p=p, h=duration / count,
+        sizes=None if uniform else duration * np.diff(phase.mesh),
+        k=k, u=u, c=c,
+        functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
         stats=MappingProxyType({"plan": f"optimal control by {rule}", "steps": count, "seconds": outcome.seconds}),
         solution=solution,
     )  # fmt: skip
@@ -144,58 +151,37 @@ def _costate_points(one: Leg, outcome: Outcome) -> np.ndarray:
     return np.concatenate([mu[:-1, None], inner, mu[1:, None]], axis=1)
 
 
-def _momenta_and_terms(one: Leg, outcome: Outcome) -> tuple[np.ndarray, dict[str, Any]]:
+def _momenta_and_terms(one: Leg, outcome: Outcome, shared: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
     """Momenta at the nodes from the discrete Legendre transforms; cost of every interval; costates of q."""
     phase, slots, rows, x = one.phase, one.slots, one.rows, outcome.x
-    count, term = phase.steps, one.interval
-    shares = ca.vertcat(-term.p_minus, term.inner, term.gaps, term.nodes, term.points, term.p_plus)
-    mu = ca.SX.sym("mu", shares.numel())
-    slope = ca.gradient(term.cost + ca.dot(mu, shares), ca.vertcat(term.stage, term.q1))
-    n = term.q1.numel()
-    values = ca.Function(
-        "terms",
-        [term.stage, term.q1, term.mesh, one.shared.column, mu],
-        [term.p_minus, term.p_plus, ca.densify(term.cost), ca.densify(slope[:n]), ca.densify(slope[-n:])],
-        {"cse": True},
-    )
+    term = one.interval
     stages = x[slots.q[:-1, :1] + np.arange(term.stage.numel())]
     mesh = np.column_stack([phase.mesh[:-1], np.diff(phase.mesh)])
-    shared = np.where(slots.shared >= 0, x[slots.shared], one.data[2 * count :])
     index = np.hstack([rows.momentum[:-1], rows.inner, rows.gaps, rows.nodes, rows.points, rows.momentum[1:]])
     lam = np.append(outcome.lam_g, 0.0)[index]
-    p_minus, p_plus, cost, at_start, at_end = over_columns(values, stages, x[slots.q[1:]], mesh, shared, lam)
-    s = phase.system
-    at = ca.Function("terminal", [s.q, s.v, s.t, s.c], [phase.terminal, s.momentum])
-    terminal, p_end = at(x[slots.q[-1]], x[slots.v[1]], shared[0] + shared[1], shared[2:])
+    p_minus, p_plus, cost, at_start, at_end = over_columns(
+        one.values_function, stages, x[slots.q[1:]], mesh, shared, lam
+    )
+    at_end_of = one.terminal_function(x[slots.q[-1]], x[slots.v[1]], shared[0] + shared[1], shared[2:])
+    terminal, p_end = (np.array(y).ravel() for y in at_end_of)
     p = np.vstack([p_minus, p_plus[-1:]])
-    if s.structure.constraints:
-        p = _projected(one, p, x[slots.q], shared)
-        p[-1] = np.array(p_end).ravel()
+    if phase.system.structure.constraints:
+        t = shared[0] + shared[1] * phase.mesh
+        p = p + over_columns(tangent_function(phase.system), x[slots.q], p, t[:, None], shared[2:])[1]
+        p[-1] = p_end
     return p, {
         "cost": cost[:, 0],
-        "terminal": float(terminal),
+        "terminal": float(terminal[0]),
         "costate_q": np.vstack([at_start, -at_end[-1:]]),
     }
 
 
-def _projected(one: Leg, p: np.ndarray, q: np.ndarray, shared: np.ndarray) -> np.ndarray:
-    """Momenta with G ∂H/∂p + ∂g/∂t = 0 by adding Gᵀν: the hidden constraint (theory of RATTLE)."""
-    s = one.phase.system
-    n, m = s.structure.n, s.structure.constraints
-    raw = ca.SX.sym("p", n)
-    G = ca.jacobian(s.constraint, s.q)
-    offset = ca.substitute(s.momentum, s.v, ca.SX.zeros(n))
-    kkt = ca.vertcat(ca.horzcat(s.mass_matrix, -G.T), ca.horzcat(G, ca.SX(m, m)))
-    found = ca.solve(ca.densify(kkt), ca.vertcat(raw - offset, -ca.jacobian(s.constraint, s.t)))
-    f = ca.Function("project", [s.q, raw, s.t, s.c], [raw + ca.mtimes(G.T, found[n:])])
-    t = shared[0] + shared[1] * one.phase.mesh
-    return over_columns(f, q, p, t[:, None], shared[2:])[0]
-
-
-def _active(one: Leg, outcome: Outcome, problem: Problem, t0: float, duration: float) -> dict[str, np.ndarray]:
+def _active(one: Leg, outcome: Outcome, problem: Problem) -> dict[str, np.ndarray]:
     """Times at which each bound along the path is met with equality."""
     phase, slots, rule = one.phase, one.slots, one.phase.rule
     s, mesh, steps = phase.system, phase.mesh, np.diff(phase.mesh)
+    shared = np.where(slots.shared >= 0, outcome.x[slots.shared], one.data[2 * phase.steps :])
+    t0, duration = float(shared[0]), float(shared[1])
     points = mesh[:-1, None] + steps[:, None] * np.array(rule.points)
     nodes = mesh[:-1, None] + steps[:, None] * np.array(rule.nodes)
     q = control_points(outcome.x, one)
@@ -207,7 +193,7 @@ def _active(one: Leg, outcome: Outcome, problem: Problem, t0: float, duration: f
     at_points = phase.bounds.at_points.numel()
     rows = one.rows.points.reshape(phase.steps, rule.degree, -1) if at_points else np.zeros((phase.steps, 0, 0), int)
     held_points = np.where(rows < 0, np.nan, g[rows]) if at_points else np.zeros((phase.steps, 0, 0))
-    kinds = [
+    kinds: list[tuple] = [
         (s.names, q, points, phase.bounds.q),
         (s.control_names, u, at_u, phase.bounds.u),
         (_texts(phase.bounds.at_nodes), held_nodes, nodes, (phase.bounds.nodes_low, phase.bounds.nodes_high)),

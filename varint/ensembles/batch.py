@@ -87,7 +87,8 @@ def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> Non
     chunk.q[:, 0], chunk.p[:, 0], chunk.good[:] = members.q0, p0, 1
     u = _tables(system, rule, members)
     h, c = np.array([members.h]), members.c
-    at = beginning_rows(system, rule, members.q0, p0, _nodes(u, rule, 0, 1), members.t0, h, c)
+    typical = np.abs(u).max(axis=(1, 2), initial=0.0)
+    at = beginning_rows(system, rule, members.q0, p0, _nodes(u, rule, 0, 1), typical, members.t0, h, c)
     going, node = np.arange(len(members)), 1
     while k < members.steps and len(going):
         count, apart = next_block(k, members.steps, every, at.largest)

@@ -15,6 +15,21 @@ from varint.models.constrained import (
     turning_wire,
 )
 from varint.models.contacts import bouncing_ball, falling_ladder, slack_string, slide_off_sphere
+from varint.models.control import (
+    ControlModel,
+    falling_cat,
+    fastest_transfer,
+    fastest_wire,
+    free_floating_robot,
+    orbit_transfer,
+    overhead_crane,
+    rest_to_rest,
+    swing_up_acrobot,
+    swing_up_cart_pole,
+    swing_up_pendulum,
+    swing_up_rod,
+    walker,
+)
 from varint.models.degenerate import guiding_centre, lotka_volterra
 from varint.models.driven import (
     accelerated_pivot,
@@ -90,9 +105,17 @@ catalogue = {
     )
 }  # fmt: skip
 
+control_catalogue = {
+    factory.__name__: factory
+    for factory in (
+        rest_to_rest, fastest_transfer, swing_up_cart_pole, swing_up_pendulum, swing_up_acrobot, overhead_crane,
+        fastest_wire, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
+    )
+}  # fmt: skip
+
 __all__ = [
-    "FIGURE_EIGHT_PERIOD", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue", "charged_particle",
-    "cycloid", "euler_rates", "fpu_stiff_energies", "inverse_distance_period", "kapitza_frequency", "pairs",
-    "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period", "rotation",
-    "sliding_support_period", *catalogue,
+    "FIGURE_EIGHT_PERIOD", "ControlModel", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue",
+    "charged_particle", "control_catalogue", "cycloid", "euler_rates", "fpu_stiff_energies", "inverse_distance_period",
+    "kapitza_frequency", "pairs", "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period",
+    "rotation", "sliding_support_period", *catalogue, *control_catalogue,
 ]  # fmt: skip

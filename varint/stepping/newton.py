@@ -10,14 +10,16 @@ from varint.stepping.implicit import LAST_CORRECTION, MOST_ITERATIONS
 # underflows; some twenty links suffice. LDLᵀ of the normal equations has the same fill and no such trouble; it squares
 # the condition, and Newton's method corrects that (a chain of 200 links: a factor 1e-3 an iteration).
 LARGE = 120
+ROUNDS = 12  # unrolled; each that is not needed costs a copy
 
 
-def newton(name: str, equations: ca.Function) -> ca.Function:
+def newton(name: str, equations: ca.Function, *, large: int = LARGE) -> ca.Function:
     """Root of F(y, …) = 0 from a guess, (y, …) → y; y and F dimensionless, one argument and one output of `equations`.
 
-    It ends with the first correction below LAST_CORRECTION, applied: what is left is its square.
+    It ends with the first correction below LAST_CORRECTION, applied: what is left is its square. From `large` unknowns
+    on the normal equations are solved.
     """
-    if equations.numel_in(0) < LARGE:
+    if equations.numel_in(0) < large:
         options = {"abstol": 0.0, "abstolStep": LAST_CORRECTION, "max_iter": MOST_ITERATIONS, "error_on_fail": False}
         return ca.rootfinder(name, "fast_newton", equations, options)
     inputs = equations.sx_in()
@@ -36,6 +38,6 @@ def newton(name: str, equations: ca.Function) -> ca.Function:
     either = ca.Function.if_else("either", improve, keep)
     state = ca.MX.sym("state", size + 1)
     once = ca.Function("once", [state, *args], [either(state[-1] > LAST_CORRECTION, state, *args)])
-    many = once.fold(MOST_ITERATIONS)
-    found = many(ca.vertcat(y, 1), *(ca.repmat(a, 1, MOST_ITERATIONS) for a in args))
+    many = once.fold(ROUNDS)
+    found = many(ca.vertcat(y, 1), *(ca.repmat(a, 1, ROUNDS) for a in args))
     return ca.Function(name, [y, *args], [found[:-1]])

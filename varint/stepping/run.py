@@ -37,6 +37,7 @@ class Task:
     nodes: int
     phase: Phase | None = None
     first: int = 0
+    level: float = 0.0  # relative error of a step's unknowns where a compiled iteration may stop; 0: round-off
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
@@ -102,18 +103,30 @@ def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
 def beginning(system: System, rule: Rule, task: Task) -> Position:
     """The position before the first step."""
     u, t = task.controls(task.first, 1).reshape(1, -1), task.t0 + task.h * task.first
-    one = beginning_rows(system, rule, task.q0[None], task.p0[None], u, t, np.array([task.h]), task.c[None])
+    typical = np.abs(task.u).max(axis=(0, 1), initial=0.0)[None]
+    one = beginning_rows(system, rule, task.q0[None], task.p0[None], u, typical, t, np.array([task.h]), task.c[None])
     return replace(one, x=one.x[0], scale=one.scale[0], inertia=one.inertia[0], k=task.first)
 
 
 def beginning_rows(
-    system: System, rule: Rule, q0: np.ndarray, p0: np.ndarray, u: np.ndarray, t0: float, h: np.ndarray, c: np.ndarray
+    system: System,
+    rule: Rule,
+    q0: np.ndarray,
+    p0: np.ndarray,
+    u: np.ndarray,
+    typical: np.ndarray,
+    t0: float,
+    h: np.ndarray,
+    c: np.ndarray,
 ) -> Position:
-    """The positions of several motions before the first step; arrays have the motions first."""
+    """The positions of several motions before the first step; arrays have the motions first.
+
+    `u` are the controls of the first step, `typical` the largest sizes of each control during the run.
+    """
     t = np.full((len(q0), 1), t0)
     stepper = plan(system, rule).build(system, rule)
     x = over_columns(stepper.start, q0, p0, u, t, h, c)[0]
-    scale = over_columns(scale_function(system), q0, p0, t, h, c)[0]
+    scale = over_columns(scale_function(system), q0, p0, typical, t, h, c)[0]
     return Position(x, scale, over_columns(inertia_function(system), q0, p0, t, c)[0], 0, largest_block(x[0]))
 
 

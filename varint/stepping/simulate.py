@@ -23,6 +23,7 @@ from varint.stepping.diagnosis import energy_jump, failure
 from varint.stepping.events import crossings, logged, watched
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import Plan, plan
+from varint.stepping.rescaled import rescaled_motion
 from varint.stepping.run import Block, Task
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
@@ -30,6 +31,8 @@ from varint.trajectory import Event, Trajectory
 
 if TYPE_CHECKING:
     from varint.compiled.kernel import Kernel
+
+LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
 
 
 def simulate(
@@ -48,6 +51,8 @@ def simulate(
     save_every: int = 1,
     until: ca.SX | tuple[ca.SX, int] | None = None,
     events: Mapping[str, Any] | None = None,
+    time_scale: ca.SX | None = None,
+    tol: float | None = None,
     progress: bool | None = None,
     backend: str = "auto",
     checkpoint: Any = None,
@@ -79,6 +84,13 @@ def simulate(
         with the rule's own accuracy. With a direction: +1 only where it rises, -1 only where it falls.
     events : dict of SX or (SX, int), optional
         Log where these expressions cross zero: `Trajectory.events` has a record with the time and the name of each.
+    time_scale : SX, optional
+        σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ, dt = σ(q) dτ, the
+        nodes' ``t`` are physical times, and `duration` is physical too (the last step ends there). Give h and either
+        steps or duration; see `close_encounters`.
+    tol : float, optional
+        Wanted error of q, relative to the size of the motion. With h, compiled iterations end where they no longer
+        matter for it, in place of round-off; the invariants are then kept to the same accuracy only.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
     backend : {"auto", "compiled", "interpreted"}
@@ -114,6 +126,14 @@ def simulate(
     >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
     ((1001, 1), True)
     """
+    if time_scale is not None:
+        if u is not None:
+            raise InputError("time_scale takes no controls u: they change the energy that it is built on")
+        return rescaled_motion(
+            simulate, system, rule, time_scale, q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0,
+            params=params, save_every=save_every, until=until, events=events,
+            options={"progress": progress, "backend": backend, "tol": tol},
+        )  # fmt: skip
     began = perf_counter()
     stops = None if until is None else watched("until", until)
     if not isinstance(events, (Mapping, NoneType)):
@@ -125,6 +145,8 @@ def simulate(
         system, chosen.rule,
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
+    if tol is not None:
+        task = replace(task, level=LEVEL * tol)
     file = None
     if checkpoint is not None:
         words = dict(until=repr(until), events=repr(events), backend=backend, on_failure=on_failure)

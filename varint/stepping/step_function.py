@@ -52,26 +52,33 @@ def _step_function(system: System, rule: Rule) -> ca.Function:
     q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("params", system.c.numel())
     column = ca.vec(u)
-    x = stepper.step(stepper.start(q, p, column, t, h, c), column, t, h, c, scale_function(system)(q, p, t, h, c))
+    x = stepper.step(
+        stepper.start(q, p, column, t, h, c), column, t, h, c, scale_function(system)(q, p, _typical(u), t, h, c)
+    )
     q1, _, p1, _, worst = ca.vertsplit(x, [0, n, 2 * n, 3 * n, x.numel() - 1, x.numel()])
     names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual"]
     return ca.Function("step", [q, p, u, c, t, h], [q1, p1, worst], *names)
 
 
+def _typical(u: ca.MX) -> ca.MX:
+    """Mean size of each control over the nodes."""
+    return ca.sum2(ca.fabs(u)) / max(u.shape[1], 1)
+
+
 @per_system
 def scale_function(system: System) -> ca.Function:
-    """(q, p, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the start of a step.
+    """(q, p, u, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the start of a step.
 
     A coordinate at rest is measured against the moving ones by its energy: v² M and p²/M compare metres with radians,
-    where v with v and p with p would not. The sizes only decide when Newton's method stops, so their derivatives are
-    defined to be zero.
+    where v with v and p with p would not. Controls count by their typical size, since a motion from rest may have no
+    other. The sizes only decide when Newton's method stops, so their derivatives are defined to be zero.
     """
     n = system.structure.n
-    q, p = ca.MX.sym("q", n), ca.MX.sym("p", n)
+    q, p, u = ca.MX.sym("q", n), ca.MX.sym("p", n), ca.MX.sym("u", system.structure.controls)
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("c", system.c.numel())
     velocity, point = velocity_function(system), point_function(system)
     v = velocity(q, p, t, c)
-    gain = [ca.plus(*point(q, v, 0, at, c)[2:]) for at in (t, t + h)]  # a push may begin with zero
+    gain = [ca.plus(*point(q, v, u, at, c)[2:]) for at in (t, t + h)]  # a push may begin with zero
     push = ca.fmax(*(ca.fabs(h * x) for x in gain))
     mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.fabs(system.mass_matrix)])(q, v, t, c)
     inertia = inertia_function(system)(q, p, t, c)
@@ -82,7 +89,7 @@ def scale_function(system: System) -> ca.Function:
     sizes = [ca.fmax(v_size, least / ca.sqrt(inertia)), ca.fmax(p_size, least * ca.sqrt(inertia))]
     sizes = [ca.fmax(x, UNKNOWN) for x in sizes]
     options = {"is_diff_out": [False], "never_inline": True}
-    return ca.Function("scale", [q, p, t, h, c], [ca.vertcat(*sizes)], options)
+    return ca.Function("scale", [q, p, u, t, h, c], [ca.vertcat(*sizes)], options)
 
 
 @per_system
@@ -98,9 +105,7 @@ def inertia_function(system: System) -> ca.Function:
 
 
 SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
-UNKNOWN = (
-    1e-100  # size of what is at rest with nothing to push it: below all units, so that Newton's method iterates on
-)
+UNKNOWN = 1e-100  # of what rests with nothing to push it: below all units, so that Newton's method iterates on
 
 
 @per_system
@@ -118,7 +123,8 @@ def path_function(system: System, rule: Rule) -> ca.Function:
     inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), sizes, strict=True)]
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
-    return ca.Function("path", inputs, [stepper.path(x, u, t, h, c, scale_function(system)(q, p, t, h, c))])
+    scale = scale_function(system)(q, p, _typical(ca.reshape(u, system.structure.controls, len(rule.nodes))), t, h, c)
+    return ca.Function("path", inputs, [stepper.path(x, u, t, h, c, scale)])
 
 
 @per_system

@@ -1,0 +1,123 @@
+"""Between the nodes of a trajectory: shorter steps of the same rule, and the controls that act in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.errors import InputError
+from varint.polynomials import lagrange_values
+from varint.system import System
+
+if TYPE_CHECKING:
+    from varint.trajectory import Trajectory
+
+ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
+
+
+def rounding(motion: Trajectory) -> float:
+    """Of a step: a time this close to a node is the node. It is the round-off of the times themselves."""
+    return float(ROUNDING * max(np.abs(motion.t).max(), abs(motion.h)) / abs(motion.h))
+
+
+def functions_of(motion: Trajectory, scene: System) -> tuple[ca.Function, ca.Function]:
+    """Step function and action function of the system itself, or of a scene in which less is held."""
+    return motion.functions() if scene is motion.system else motion.functions(scene)
+
+
+def states_at(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """q, p, whole steps before, and phase at any times of the motion, by steps from the node before each.
+
+    Raises
+    ------
+    InputError
+        If a time lies outside the trajectory.
+    """
+    slack = require_within(motion, times)
+    direction = 1.0 if motion.h > 0 else -1.0
+    node = np.searchsorted(direction * motion.t, direction * (times + direction * slack), side="right") - 1
+    node = np.clip(node, 0, len(motion) - 1)
+    states = [motion.q[node], motion.p[node], motion.k[node]]
+    for _ in steps_ahead(motion, node, times - motion.t[node], states):
+        continue
+    q, p, k = states
+    return q, p, k, None if motion.phase is None else motion.phase[node]
+
+
+def require_within(motion: Trajectory, times: np.ndarray) -> float:
+    """Refuse times before the first and after the last node; the round-off allowed for."""
+    low, high = min(motion.t[0], motion.t[-1]), max(motion.t[0], motion.t[-1])
+    slack = rounding(motion) * abs(motion.h)
+    if not ((times >= low - slack) & (times <= high + slack)).all():
+        raise InputError(f"times must lie between {low:g} and {high:g}, got {times}")
+    return slack
+
+
+def steps_ahead(
+    motion: Trajectory, node: np.ndarray, ahead: np.ndarray, states: list[np.ndarray] | None = None
+) -> Iterator[tuple[np.ndarray, System, tuple[np.ndarray, ...]]]:
+    """From each node ahead by a time: whole steps, then a shorter one, round after round.
+
+    Yields which of them step now, the scene that holds for them, and their arguments of its step function. `states`
+    (q, p, k at the nodes) are advanced in place.
+    """
+    q, p, k = states or [motion.q[node], motion.p[node], motion.k[node]]
+    t, phase, close = motion.t[node], None if motion.phase is None else motion.phase[node], rounding(motion)
+    first, done = k.copy(), np.zeros(len(t))
+    while True:
+        left, full = ahead - done, _sizes(motion, k)
+        going = left / full > close
+        if not going.any():
+            return
+        whole = going & (left / full > 1 - close)
+        size = np.where(whole, full, left)
+        for i, held in enumerate((None,) if phase is None else motion.phases):
+            active = going if phase is None else going & (phase == i)
+            if not active.any():
+                continue
+            scene = motion.system if held is None else held.scene(motion.system)
+            u = step_controls(motion, k[active], (size / full)[active])
+            arguments = q[active], p[active], u, motion.c, (t + done)[active][:, None], size[active][:, None]
+            yield active, scene, arguments
+            q[active], p[active], _ = over_columns(functions_of(motion, scene)[0], *arguments)
+        k += whole
+        done = np.where(whole, (k - first) * motion.h if motion.sizes is None else done + size, done)
+        done = np.where(going & ~whole, ahead, done)
+
+
+def _sizes(motion: Trajectory, k: np.ndarray) -> np.ndarray:
+    """Sizes of the steps k."""
+    sizes = motion.sizes
+    return np.full(len(k), motion.h) if sizes is None else sizes[np.clip(k, 0, len(sizes) - 1)]
+
+
+def step_controls(motion: Trajectory, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length, (len(steps), r·k)."""
+    count, r = len(steps), len(motion.rule.nodes)
+    if not motion.system.structure.controls:
+        return np.empty((count, 0))
+    u = motion.u[np.clip(steps, 0, len(motion.u) - 1)]
+    if u.shape[1] == 1:
+        return np.repeat(u, r, axis=1).reshape(count, -1)
+    nodes = np.array(motion.rule.nodes)
+    short = fraction < 1 - rounding(motion)
+    tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
+    u = u.copy()
+    u[short] = tables @ u[short]
+    return u.reshape(count, -1)
+
+
+def controls_at_nodes(motion: Trajectory) -> np.ndarray:
+    """Controls at every node: those of the step that begins there; at the last node of the step that ends there."""
+    if not motion.system.structure.controls:
+        return np.empty((len(motion), 0))
+    last = motion.k >= len(motion.u)
+    u = motion.u[np.minimum(motion.k, len(motion.u) - 1)]
+    if u.shape[1] == 1:
+        return u[:, 0]
+    ends = lagrange_values(np.array(motion.rule.nodes), np.array([0.0, 1.0]))
+    return np.einsum("ki,kij->kj", ends[last.astype(int)], u)

@@ -1,0 +1,144 @@
+"""Mesh refinement: solve with s and s + 1 stages, compare, then split the steps that differ or keep the higher order.
+
+The difference of the two costs estimates the error of the cheaper one; the result is the better one. Where the two
+controls differ in a few steps only (a switch, the entry to a bound), those steps are split; where they differ
+everywhere the path is smooth, and the order rises.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from varint.control.optimal import optimal_phases
+from varint.control.solution import ControlSolution
+from varint.errors import InputError, SolverError
+from varint.rules import Rule, gauss, lobatto
+from varint.trajectory import Trajectory
+
+MARKED = 0.3  # of the largest difference: such steps are split
+SMOOTH = 0.5  # of the steps marked: the order rises instead
+MOST_STAGES = 8
+SAMPLES = np.linspace(0.05, 0.95, 7)  # places in a step where the two solutions are compared
+
+
+def refine(
+    motion: Trajectory,
+    tol: float = 1e-8,
+    *,
+    rounds: int = 20,
+    solver: str = "ipopt",
+    options: Mapping[str, Any] | None = None,
+) -> Trajectory:
+    """The same optimal control to a tolerance in its cost, by steps of different size and by higher order.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        From `optimal_control`.
+    tol : float
+        Wanted error of the cost, relative to it (absolute where the cost is below 1e-8).
+    rounds : int
+        Most rounds; each solves twice, starting warm.
+    solver, options
+        As in `optimal_control`.
+
+    Returns
+    -------
+    Trajectory
+        ``stats["error"]`` is the estimated error of the cost, ``stats["rounds"]`` lists (rule, steps, cost, error).
+
+    Raises
+    ------
+    SolverError
+        If the tolerance is not reached; the best solution is attached as ``iterate``.
+
+    Examples
+    --------
+    >>> import casadi as ca, numpy as np
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> torque = ca.SX.sym("torque")
+    >>> pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=torque, control=torque)
+    >>> rough = vi.optimal_control(
+    ...     pendulum, vi.gauss(2), duration=3, steps=15, cost=torque**2, start=dict(q=[0], v=[0]),
+    ...     end=dict(q=[np.pi], v=[0]))
+    >>> round(vi.refine(rough, 1e-8).cost, 6)
+    36.640289
+    """
+    if not (np.isfinite(tol) and tol > 0):
+        raise InputError(f"tol must be a positive number, got {tol!r}")
+    _solution(motion)
+    history: list[tuple[str, int, float, float]] = []
+    low = motion
+    for _ in range(rounds):
+        found = _solution(low)
+
+        def solve(rule: Rule, mesh: np.ndarray, guess: Trajectory) -> Trajectory:
+            phase = replace(found.phase.given, rule=rule, mesh=mesh, steps=0, guess=guess)  # noqa: B023
+            return optimal_phases([phase], t0=float(motion.t[0]), solver=solver, options=options)[0]
+
+        high = solve(_next(low.rule), found.mesh, low)
+        wanted = tol * (abs(high.cost) if abs(high.cost) > SMALL else 1.0)
+        different = _differences(found, _solution(high))
+        marked = different >= MARKED * different.max()
+        smooth = bool(marked.mean() > SMOOTH)
+        error, best = abs(high.cost - low.cost), high
+        kinks = bool(_solution(high).active) or not smooth
+        if error <= wanted and kinks:  # near a kink both rules can err alike: ask a mesh of half the steps
+            best = solve(high.rule, _bisected(found.mesh), high)
+            error = max(error, abs(best.cost - high.cost))
+        history.append((str(low.rule), len(found.mesh) - 1, low.cost, error))
+        if error <= wanted:
+            return replace(best, stats=MappingProxyType({**best.stats, "error": error, "rounds": tuple(history)}))
+        if smooth and len(high.rule.nodes) < MOST_STAGES:
+            low = high
+        else:
+            low = solve(low.rule, _bisected(found.mesh, marked), high)
+    raise SolverError(
+        f"after {rounds} rounds the cost is known to {history[-1][3]:.1e} only, wanted {tol:.1e} relative; "
+        "more rounds, or phases where the controls switch",
+        status="Tolerance_Not_Reached",
+        iterate=low,
+    )
+
+
+SMALL = 1e-8  # a cost below this is compared as it is
+
+
+def _solution(motion: Trajectory) -> ControlSolution:
+    if not isinstance(motion.solution, ControlSolution):
+        raise InputError("refine() takes a trajectory from optimal_control")
+    if len(motion.solution.problem.legs) > 1:
+        raise InputError("refine() takes one phase; solve the phases again with finer meshes instead")
+    return motion.solution
+
+
+def _next(rule: Rule) -> Rule:
+    """The rule of the same family with one stage more."""
+    stages = len(rule.nodes) + 1
+    return lobatto(stages) if rule.points == rule.nodes else gauss(stages)
+
+
+def _bisected(mesh: np.ndarray, steps: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """The mesh with some (all) steps halved."""
+    return np.sort(np.concatenate([mesh, ((mesh[:-1] + mesh[1:]) / 2)[steps]]))
+
+
+def _differences(low: ControlSolution, high: ControlSolution) -> np.ndarray:
+    """How much controls and path of the two solutions differ in every step, relative to their ranges, (N,)."""
+    mesh = low.mesh
+    at = (mesh[:-1, None] + np.diff(mesh)[:, None] * SAMPLES).ravel()
+    total = np.zeros(len(mesh) - 1)
+    for a, b in ((low.q, high.q), (low.u, high.u)):
+        if not b.values.size:
+            continue
+        one, two = a(at), b(at)
+        extent = np.maximum(np.ptp(two, axis=0), np.abs(two).max(axis=0) * 1e-3) + 1e-300
+        gap = (np.abs(one - two) / extent).max(axis=1).reshape(-1, len(SAMPLES)).max(axis=1)
+        total = np.maximum(total, gap)
+    return total * np.diff(mesh)

@@ -1,0 +1,100 @@
+"""Units that suit a solver: unknowns, rows and cost of the order of one, by powers of ten.
+
+q is measured by its largest start value, v by that over the duration, p by M v, controls by the force that gains p in
+the duration, the cost by its order. Scenes in natural units are left alone: only sizes below 1/`NATURAL` or above
+`NATURAL` are scaled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from varint.control.leg import Leg
+from varint.control.problem import Problem
+
+NATURAL = 30.0
+ROUNDING = 1e-12  # of the largest coordinate: smaller start values are zeros
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Sizes of the unknowns; factors of the cost and of the rows."""
+
+    x: np.ndarray
+    f: float
+    g: np.ndarray
+
+    @property
+    def natural(self) -> bool:
+        """Is there nothing to scale?"""
+        return bool((self.x == 1).all() and self.f == 1 and (self.g == 1).all())
+
+
+def scales(problem: Problem, x: np.ndarray) -> Scales:
+    """Scales from the start values, the bounds and the derivatives at the start."""
+    size, factor = np.ones(problem.unknowns), np.ones(len(problem.g_low))
+    if not problem.legs:  # a program that is no optimal control: nothing is known of its units
+        return Scales(size, 1.0, factor)
+    rows, columns, values = _absolute(problem.program.jacobian(x, problem.p)[1])
+    for one in problem.legs:
+        _leg_scales(size, factor, one, problem, x, (rows, columns, values))
+    rows, columns, curvature = _absolute(problem.program.hessian(x, problem.p, 1, np.zeros(len(problem.g_low))))
+    order = float((curvature * size[rows] ** 2)[rows == columns].sum())
+    slope = np.abs(np.array(problem.program.gradient(x, problem.p)[1]).ravel()) * size
+    return Scales(size, 1 / _power(max(order, float(slope.max(initial=0.0)))), factor)
+
+
+def _leg_scales(size, factor, one: Leg, problem: Problem, x, jacobian) -> None:
+    """Write the scales of one phase."""
+    slots, rows = one.slots, one.rows
+    free_t, duration = slots.shared[1], one.phase.duration[0]
+    if free_t >= 0:
+        size[free_t] = _power(duration)
+    for i in slots.shared[2:][slots.shared[2:] >= 0]:
+        size[i] = _power(abs(x[i]))
+    n = slots.q.shape[1]
+    reach = np.array([_reach(problem, x, slots.q[:, i]) for i in range(n)])
+    reach = np.where(reach > ROUNDING * reach.max(initial=0.0), reach, 1.0)
+    q = np.array([_power(y) for y in reach])
+    speed = reach / duration
+    v = np.array([_power(y) for y in speed])
+    size[slots.q], size[slots.inner], size[slots.v] = q, q, v
+    row, column, value = jacobian
+    entries = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            at = (row == rows.momentum[0, i]) & (column == slots.v[0, j])
+            entries[i, j] = value[at].sum()
+    momentum = (entries * speed).sum(axis=1)
+    momentum = np.where(momentum > ROUNDING * momentum.max(initial=0.0), momentum, 1.0)
+    p = np.array([_power(y) for y in momentum])
+    factor[rows.momentum], factor[rows.inner] = 1 / p, 1 / np.tile(p, rows.inner.shape[1] // n)
+    kind = np.full(len(factor), np.inf)
+    kind[rows.momentum] = momentum
+    for group in (slots.u, slots.lam[:, None], slots.lam_inner):
+        for i in range(group.shape[2]):
+            acts = np.isin(column, group[..., i].ravel())
+            strongest = float((value[acts] / kind[row[acts]]).max(initial=0.0)) * len(group)
+            size[group[..., i]] = _power(1 / strongest) if strongest > 0 else 1.0
+
+
+def _reach(problem: Problem, x: np.ndarray, index: np.ndarray) -> float:
+    """Size of a coordinate: its largest start value, or its smallest finite bound where that is 0."""
+    found = float(np.abs(x[index]).max(initial=0.0))
+    sides = np.abs(np.concatenate([problem.x_low[index], problem.x_high[index]]))
+    sides = sides[np.isfinite(sides) & (sides > 0)]
+    return found if found > 0 or not len(sides) else float(sides.min())
+
+
+def _power(size: float) -> float:
+    """The power of ten next to a size; 1 for natural sizes and for 0."""
+    if not np.isfinite(size) or size == 0 or 1 / NATURAL <= size <= NATURAL:
+        return 1.0
+    return float(10.0 ** np.round(np.log10(size)))
+
+
+def _absolute(matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rows, columns = (np.array(part, dtype=int) for part in matrix.sparsity().get_triplet())
+    return rows, columns, np.abs(np.array(matrix.nonzeros()))
