@@ -1,7 +1,9 @@
-"""1e8 compiled steps: bounded memory, energy without slope, and how round-off grows.  python benchmarks/long_run.py [steps]
+"""1e8 compiled steps: bounded memory, energy without slope, and how round-off grows.
 
-Harmonic oscillator by Störmer–Verlet: its discrete motion is known exactly, q_k = cos(k ω̃ h) with 2 sin(ω̃ h/2) = ω h, so
-what differs from it (in 40 digits) is round-off and nothing else. Unbiased round-off makes the energy a random walk
+python benchmarks/long_run.py [steps]
+
+Harmonic oscillator by Störmer–Verlet: its discrete motion is known exactly, q_k = cos(k ω̃ h) with
+2 sin(ω̃ h/2) = ω h, so what differs from it (in 40 digits) is round-off and nothing else. Unbiased round-off makes the energy a random walk
 (√N) and the position, its integral, grow like N^1.5 at most; biased round-off would give N and N². Pendulums: the slope
 of windowed means of the energy within its own noise.
 """

@@ -1,7 +1,7 @@
 """What each specialisation saves: the special and the general stepper on one scene, side by side.
 
-python benchmarks/specialisations.py. Nanoseconds a step, best of several runs that take turns; both give the same discrete
-motion to round-off (tests).
+python benchmarks/specialisations.py. Nanoseconds a step, best of several runs that take turns; both give the same
+discrete motion to round-off (tests).
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ from varint.stepping.rattle import rattle_stepper
 from varint.stepping.step_function import scale_function
 from varint.stepping.stepper import Stepper
 
-REPEATS = 9
+REPEATS, STEPS = 9, 2000
 
 
-def interpreted(stepper: Stepper, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = 500) -> Callable[[], None]:
+def interpreted(
+    stepper: Stepper, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS
+) -> Callable[[], None]:
     task = task_of(model, rule, h, steps)
     t, size = np.zeros(1), np.array([h])
     scale = call(scale_function(model.system), task.q0, task.p0, np.zeros(0), t, size, task.c)[0]
@@ -41,7 +43,7 @@ def interpreted(stepper: Stepper, model: vi.models.Model, rule: vi.Rule, h: floa
     return lambda: call(rolled, x, np.zeros(0), *many) and None
 
 
-def compiled(kernel: Kernel, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = 500) -> Callable[[], None]:
+def compiled(kernel: Kernel, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS) -> Callable[[], None]:
     task = task_of(model, rule, h, steps)
 
     def once() -> None:
@@ -143,7 +145,7 @@ def main() -> None:
                 while process_time() - began < 0.003:
                     once()
                     count += 1
-                taken.append((process_time() - began) / count / 500 * 1e9)
+                taken.append((process_time() - began) / count / STEPS * 1e9)
         a, b = map(min, times)
         rows.append({"left out": what, "scene": scene, "ns a step": a, "general": b, "factor": b / a})
         print(rows[-1], flush=True)

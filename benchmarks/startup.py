@@ -1,7 +1,9 @@
-"""What comes before the first step: import, building, compiling, and the overhead of a call.  python benchmarks/startup.py
+"""What comes before the first step: import, building, compiling, and the overhead of a call.
 
-Imports are timed in fresh processes, varint and casadi in turn; ratios are what to look at. The overhead of `simulate` is
-the time of a call of one step, everything built.
+python benchmarks/startup.py
+
+Imports are timed in fresh processes, varint and casadi in turn; ratios are what to look at. The overhead of `simulate`
+is the time of a call of one step, everything built.
 """
 
 from __future__ import annotations

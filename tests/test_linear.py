@@ -72,5 +72,8 @@ def test_the_linear_step_is_differentiable_in_step_size_and_parameters():
     slope = ca.Function("slope", [c, h], [ca.jacobian(ca.vertcat(after["q1"], after["p1"]), ca.vertcat(c, h))])
     value = ca.Function("value", [c, h], [ca.vertcat(after["q1"], after["p1"])])
     e = 1e-5
-    by_differences = [(value(1.3 + e, 0.1) - value(1.3 - e, 0.1)) / (2 * e), (value(1.3, 0.1 + e) - value(1.3, 0.1 - e)) / (2 * e)]
+    by_differences = [
+        (value(1.3 + e, 0.1) - value(1.3 - e, 0.1)) / (2 * e),
+        (value(1.3, 0.1 + e) - value(1.3, 0.1 - e)) / (2 * e),
+    ]
     assert np.abs(np.array(slope(1.3, 0.1) - ca.horzcat(*by_differences))).max() < 1e-8

@@ -33,7 +33,7 @@ def constant_slope(system: System, rule: Rule) -> bool:
 
 @per_system
 def linear_stepper(system: System, rule: Rule) -> Stepper:
-    """Stepper by the constant inverse, y = −J⁻¹ r, refined once: exact to round-off; the motion of `implicit_stepper`."""
+    """Stepper by the constant inverse, y = −J⁻¹ r, refined once: the motion of `implicit_stepper` to round-off."""
     e, n = implicit_equations(system, rule), system.structure.n
     size = e.y.numel()
     cq, cp, kept, worst = (ca.SX.sym(name, k) for name, k in (("cq", n), ("cp", n), ("kept", size**2), ("worst", 1)))

@@ -66,10 +66,10 @@ def native_blocks(system: System, rule: Rule, task: Task, kernel: Kernel) -> Ite
         poor = by_stages and part.iterations > POOR * max(part.steps, 1)
         if part.status == NOT_CONVERGED or (poor and part.status == DONE):
             at = k + every * good
+            q, p = part.rows[-1, :2]
             if at < task.steps:
-                yield from _by_newton(
-                    system, rule, replace(task, q0=part.rows[-1, 0].copy(), p0=part.rows[-1, 1].copy(), first=at), by_stages
-                )
+                rest = replace(task, q0=q.copy(), p0=p.copy(), first=at)
+                yield from _by_newton(system, rule, rest, by_stages)
             return
         if part.status != DONE:
             return
