@@ -24,30 +24,38 @@ if TYPE_CHECKING:
     from varint.control.optimal import optimal_control, optimal_phases
     from varint.control.phase import Phase
     from varint.control.refine import refine
+    from varint.ensembles.ensemble import ensemble
+    from varint.ensembles.result import Ensemble
     from varint.geodesics import geodesic
     from varint.horizon import free
     from varint.projection import project
+    from varint.stepping.time_scale import close_encounters
     from varint.stepping.two_point import start_momentum
     from varint.symmetry import Symmetries, Symmetry, noether, symmetries
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State",
-    "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "closed_loop",
-    "composition", "coordinates", "diagnostics", "free", "gauss", "geodesic", "least_action", "load", "lobatto", "lqr",
-    "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases", "paths", "plan",
-    "project", "refine", "simulate", "start_momentum", "step_function", "symmetries", "time", "trapezoidal",
+    "ConvergenceError", "Ensemble", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError",
+    "State", "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "close_encounters",
+    "closed_loop", "composition", "coordinates", "diagnostics", "ensemble", "free", "gauss", "geodesic",
+    "least_action", "load",
+    "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases",
+    "paths", "plan", "project", "refine", "simulate", "start_momentum", "step_function", "symmetries", "time",
+    "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use
 _LATER = {
+    "Ensemble": "varint.ensembles.result",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
     "Symmetries": "varint.symmetry",
     "Symmetry": "varint.symmetry",
     "action_derivatives": "varint.boundary.derivatives",
+    "close_encounters": "varint.stepping.time_scale",
     "closed_loop": "varint.control.mpc",
+    "ensemble": "varint.ensembles.ensemble",
     "free": "varint.horizon",
     "geodesic": "varint.geodesics",
     "least_action": "varint.boundary.least_action",

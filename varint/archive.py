@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
+from varint.description import describe, revive, rule_of
 from varint.errors import InputError, VarintError
 from varint.manifold import Phase
-from varint.rules import Rule
 from varint.stepping.step_function import action_function, step_function
-from varint.system import Parameters, System
 from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
+INNER = "fictitious_"  # before the names of arrays in fictitious time
 ARRAYS = ("t", "q", "p", "k", "u", "c")
 OPTIONAL = ("phase", "closure")
 
@@ -37,18 +36,11 @@ def save(trajectory: Trajectory, path: Any) -> None:
     from varint import __version__
 
     path = _file(path)
-    header = {
-        "format": FORMAT,
-        "version": __version__,
-        "h": trajectory.h,
-        "sizes": None if trajectory.sizes is None else trajectory.sizes.tolist(),
-        "rule": asdict(trajectory.rule),
-        "system": describe(trajectory.system),
-        "phases": [asdict(phase) for phase in trajectory.phases],
-        "events": [asdict(event) for event in trajectory.events],
-        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
-    }
-    arrays = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL) if getattr(trajectory, name) is not None}
+    header, arrays = _parts(trajectory)
+    header |= {"format": FORMAT, "version": __version__}
+    if trajectory.fictitious is not None:
+        header["fictitious"], inner = _parts(trajectory.fictitious)
+        arrays |= {INNER + name: value for name, value in inner.items()}
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -56,17 +48,17 @@ def save(trajectory: Trajectory, path: Any) -> None:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def load(path: Any) -> Trajectory:
+def load(path: Any) -> Any:
     """The trajectory in the file ``path``, with its system: `value`, `at`, `energy` and plots work as before.
 
     Parameters
     ----------
     path : path
-        A file written by `Trajectory.save`.
+        A file written by `Trajectory.save`, or the folder ``store=`` of an ensemble.
 
     Returns
     -------
-    Trajectory
+    Trajectory or Ensemble
 
     Raises
     ------
@@ -85,22 +77,49 @@ def load(path: Any) -> Trajectory:
     >>> bool((again.q == fall.q).all()), again.rule == fall.rule
     (True, True)
     """
+    if Path(path).is_dir():
+        from varint.ensembles.ensemble import load_ensemble
+
+        return load_ensemble(path)
     path = _file(path)
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             header = json.loads(str(data["header"]))
             if header.get("format") != FORMAT:
                 raise InputError(f"{path} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
-            arrays = {name: data[name] for name in (*ARRAYS, *(x for x in OPTIONAL if x in data))}
+            arrays = {name: data[name] for name in data if name != "header"}
+            missing = [name for name in ARRAYS if name not in arrays]
+            if missing:
+                raise InputError(f"{path} is no whole trajectory: {missing} are missing")
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except InputError:
         raise
     except Exception as error:  # a torn or foreign file fails in many ways; all mean the same
         raise InputError(f"{path} is no trajectory written by varint ({type(error).__name__}: {error})") from None
+    inner = {name.removeprefix(INNER): arrays.pop(name) for name in list(arrays) if name.startswith(INNER)}
+    motion = _assembled(header, arrays)
+    return replace(motion, fictitious=_assembled(header["fictitious"], inner)) if inner else motion
+
+
+def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What is not an array, and what is."""
+    header = {
+        "h": trajectory.h,
+        "sizes": None if trajectory.sizes is None else trajectory.sizes.tolist(),
+        "rule": asdict(trajectory.rule),
+        "system": describe(trajectory.system),
+        "phases": [asdict(phase) for phase in trajectory.phases],
+        "events": [asdict(event) for event in trajectory.events],
+        "stats": {k: str(v) if k == "plan" else v for k, v in trajectory.stats.items() if k == "plan" or _is_plain(v)},
+    }
+    held = {name: getattr(trajectory, name) for name in (*ARRAYS, *OPTIONAL)}
+    return header, {name: value for name, value in held.items() if value is not None}
+
+
+def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> Trajectory:
     system = revive(header["system"])
-    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["rule"].items()}
-    rule = Rule(**fields)
+    rule = rule_of(header["rule"])
     return Trajectory(
         system=system,
         rule=rule,
@@ -112,35 +131,6 @@ def load(path: Any) -> Trajectory:
         stats=MappingProxyType(header["stats"]),
         **arrays,
     )
-
-
-def describe(system: System) -> dict[str, Any]:
-    """The system as plain data: names, parameters, restitution and its expressions as a serialised function."""
-    s = system
-    inputs = [s.q, s.v, s.t, s.control, s.c]
-    outputs = [s.lagrangian, s.force, s.constraint, s.nonholonomic, s.contact]
-    return {
-        "names": [[x.name() for x in ca.vertsplit(part)] if part.numel() else [] for part in inputs],
-        "parameters": {name: value.tolist() for name, value in s.defaults.items()},
-        "restitution": s.restitution.tolist(),
-        "functions": ca.Function("system", inputs, outputs).serialize(),
-    }
-
-
-def revive(data: dict[str, Any]) -> System:
-    """The system that `describe` wrote down, with symbols of the same names."""
-    q, v, t, u, _ = (ca.vertcat(ca.SX(0, 1), *(ca.SX.sym(name) for name in names)) for names in data["names"])
-    params = Parameters(**data["parameters"]) if data["parameters"] else None
-    c = ca.vertcat(ca.SX(0, 1), *(ca.vec(x) for x in params._symbols.values())) if params else ca.SX(0, 1)
-    try:
-        function = ca.Function.deserialize(data["functions"])
-    except RuntimeError as error:
-        raise VarintError(f"this CasADi cannot read the saved system: {str(error).splitlines()[0]}") from None
-    lagrangian, force, constraint, nonholonomic, contact = function(q, v, t, u, c)
-    return System(
-        q, v, lagrangian, constraint=constraint, nonholonomic=nonholonomic, contact=contact,
-        restitution=data["restitution"], force=force, control=u, params=params, t=t,
-    )  # fmt: skip
 
 
 def to_xarray(trajectory: Trajectory) -> Any:

@@ -37,10 +37,7 @@ def states_at(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, np.nda
     InputError
         If a time lies outside the trajectory.
     """
-    low, high = min(motion.t[0], motion.t[-1]), max(motion.t[0], motion.t[-1])
-    slack = rounding(motion) * abs(motion.h)
-    if not ((times >= low - slack) & (times <= high + slack)).all():
-        raise InputError(f"times must lie between {low:g} and {high:g}, got {times}")
+    slack = require_within(motion, times)
     direction = 1.0 if motion.h > 0 else -1.0
     node = np.searchsorted(direction * motion.t, direction * (times + direction * slack), side="right") - 1
     node = np.clip(node, 0, len(motion) - 1)
@@ -49,6 +46,15 @@ def states_at(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, np.nda
         continue
     q, p, k = states
     return q, p, k, None if motion.phase is None else motion.phase[node]
+
+
+def require_within(motion: Trajectory, times: np.ndarray) -> float:
+    """Refuse times before the first and after the last node; the round-off allowed for."""
+    low, high = min(motion.t[0], motion.t[-1]), max(motion.t[0], motion.t[-1])
+    slack = rounding(motion) * abs(motion.h)
+    if not ((times >= low - slack) & (times <= high + slack)).all():
+        raise InputError(f"times must lie between {low:g} and {high:g}, got {times}")
+    return slack
 
 
 def steps_ahead(

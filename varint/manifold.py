@@ -48,7 +48,7 @@ def rows_function(system: System) -> ca.Function:
 
 @per_system
 def hidden_functions(system: System) -> tuple[ca.Function, ca.Function]:
-    """(q, p, t, c) → matrix, right-hand side, scales of M v + Wᵀμ = p − p(v = 0), W v = −w; (q, t, c, μ) → Wᵀμ."""
+    """(q, p, t, c) → matrix, right side and scales of M v + Wᵀμ = p − ∂L/∂v(v = 0), W v = −w; (q, t, c, μ) → Wᵀμ."""
     s, rows = system, velocity_rows(system)
     slope = ca.jacobian(rows, s.v)
     p, mu = ca.SX.sym("p", s.q.numel()), ca.SX.sym("mu", rows.numel())

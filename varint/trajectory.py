@@ -14,6 +14,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
+from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.rules import Rule
@@ -94,6 +95,8 @@ class Trajectory:
         What happened on the way, in order of time.
     stats : mapping
         Plan, worst residual, iterations, timings.
+    fictitious : Trajectory or None
+        The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
     solution : ControlSolution, Contacts or None
         What an optimal control has beside its motion: cost, costates, active bounds, the solver's way; or where a
         path of least action leans on its bounds.
@@ -117,6 +120,7 @@ class Trajectory:
     phase: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    fictitious: Trajectory | None = None
     solution: Any = None
     closure: np.ndarray | None = None
     sizes: np.ndarray | None = None
@@ -128,9 +132,9 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
-        if isinstance(index, slice):
+        if isinstance(index, (slice, np.ndarray)):
             return replace(
                 self,
                 t=self.t[index],
@@ -138,6 +142,7 @@ class Trajectory:
                 p=self.p[index],
                 k=self.k[index],
                 phase=None if self.phase is None else self.phase[index],
+                fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
@@ -212,11 +217,18 @@ class Trajectory:
         InputError
             If the expression has symbols that the system does not know.
         """
+        return self.evaluated(self.function_of(expression))
+
+    def function_of(self, expression: Any) -> ca.Function:
+        """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
         s = self.system
-        expression = _as_expression(expression, s)
-        f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
-        flat = over_columns(f, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
-        rows, columns = expression.shape
+        expression = ca.densify(in_own_symbols(expression, s))
+        return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
+
+    def evaluated(self, function: ca.Function) -> np.ndarray:
+        """Values at every node of what `function_of` returned."""
+        flat = over_columns(function, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
+        rows, columns = function.size_out(0)
         if columns == 1:
             return flat[:, 0] if rows == 1 else flat
         return flat.reshape(len(self), columns, rows).transpose(0, 2, 1)
@@ -229,10 +241,14 @@ class Trajectory:
     @cached_property
     def action(self) -> float:
         """Discrete action Σ L_d over all steps of the trajectory."""
+        if self.fictitious is not None:  # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
+            return self.fictitious.action - float(self.fictitious.c[-2:].sum()) * self.duration
         return float(self.sums(lambda scene: functions_of(self, scene)[1]).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
+        if self.fictitious is not None:
+            raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
         total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
         if len(self) > 1:
             for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
@@ -319,8 +335,13 @@ class Trajectory:
             If a time lies outside the trajectory.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        q, p, k, phase = states_at(self, times)
-        found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
+        if self.fictitious is not None:
+            from varint.stepping.rescaled import at_times
+
+            found = at_times(self, times)
+        else:
+            q, p, k, phase = states_at(self, times)
+            found = replace(self, t=times, q=q, p=p, k=k, phase=phase, events=(), solution=None, closure=None)
         return found[0] if np.ndim(t) == 0 else found
 
     @property
@@ -354,7 +375,7 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        if self.solution is None:
+        if not hasattr(self.solution, "costates"):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 
@@ -375,20 +396,3 @@ class Trajectory:
         from varint.archive import to_xarray
 
         return to_xarray(self)
-
-
-def _as_expression(expression: Any, system: System) -> ca.SX:
-    """The expression in the system's own symbols, matched by name."""
-    if isinstance(expression, ca.MX):
-        raise InputError("the expression is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.SX(expression)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"value() takes a CasADi SX expression, got {type(expression).__name__}") from None
-    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
-    used = ca.symvar(expression)
-    unknown = sorted(x.name() for x in used if x.name() not in own)
-    if unknown:
-        raise InputError(f"unknown symbols {unknown} in the expression; known: {sorted(own)}")
-    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
-    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))

@@ -10,7 +10,7 @@ from varint.discrete import point_function
 from varint.errors import InputError
 from varint.rules import MOST_STAGES, Rule, gauss
 from varint.stepping.rattle import eliminates_path
-from varint.stepping.run import Block, Task, run
+from varint.stepping.run import Block, Position, Task, run
 from varint.system import System
 
 if TYPE_CHECKING:
@@ -84,10 +84,12 @@ def _say_once(reason: str) -> None:
         warnings.warn(f"{reason}; until then everything works, slower", stacklevel=5)
 
 
-def blocks_of(system: System, rule: Rule, task: Task, kernel: Kernel | None) -> Iterator[Block]:
-    """The run block by block, compiled where there is a kernel."""
-    if kernel is None:
-        return run(system, rule, task)
+def blocks_of(
+    system: System, rule: Rule, task: Task, kernel: Kernel | None, at: Position | None = None
+) -> Iterator[Block]:
+    """The run block by block, compiled where there is a kernel; from a position on where one is given."""
+    if kernel is None or (at is not None and at.carry is None):
+        return run(system, rule, task, at)
     from varint.stepping.native import native_blocks
 
-    return native_blocks(system, rule, task, kernel)
+    return native_blocks(system, rule, task, kernel, at)

@@ -150,8 +150,9 @@ def _advance(e: Equations, rule: Rule) -> ca.Function:
 
 
 def sum_function(n: int) -> ca.Function:
-    """Compensated p + gain."""
-    p, carry, gain, h = *(ca.SX.sym(name, n) for name in ("p", "carry", "gain")), ca.SX.sym("h")
+    """(p, carry, gain, h) → compensated p + gain."""
+    p, carry, gain = (ca.SX.sym(name, n) for name in ("p", "carry", "gain"))
+    h = ca.SX.sym("h")
     return ca.Function("gained", [p, carry, gain, h], list(compensated(p, carry, gain, h)))
 
 

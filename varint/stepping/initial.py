@@ -44,7 +44,7 @@ def initial_task(
     step, count = time_grid(h, steps, duration)
     if not isinstance(save_every, (int, np.integer)) or save_every < 1:
         raise InputError(f"save_every must be a whole number of steps, at least 1, got {save_every!r}")
-    t0 = _number("t0", t0)
+    t0 = number("t0", t0)
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
@@ -82,7 +82,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
         raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
     for name, x in (("h", h), ("duration", duration)):
-        if x is not None and _number(name, x) == 0:
+        if x is not None and number(name, x) == 0:
             raise InputError(f"{name} must not be zero")
     if steps is not None:
         return (float(h) if h is not None else float(duration) / int(steps)), int(steps)  # type: ignore[arg-type]
@@ -99,7 +99,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     return float(duration) / count, count  # type: ignore[arg-type]
 
 
-def _number(what: str, x: Any) -> float:
+def number(what: str, x: Any) -> float:
     try:
         value = float(x)
     except (TypeError, ValueError):
@@ -126,7 +126,7 @@ def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
 
 
 @per_system
-def _start_function(system: System) -> ca.Function:
+def start_function(system: System) -> ca.Function:
     """(q, v, u, t, c) → (p, M, ∂L/∂q + F) at the start."""
     s = system
     _, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
@@ -148,7 +148,7 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
     u, t = np.zeros(structure.controls), np.array([t0])
-    p, mass, push = call(_start_function(system), q, v, u, t, c)
+    p, mass, push = call(start_function(system), q, v, u, t, c)
     if not (np.isfinite(p).all() and np.isfinite(mass).all() and np.isfinite(push).all()):
         raise InputError(
             f"the Lagrangian's derivatives are not finite at the start, q0={q}, t0={t0:g}: a collision, a square root "

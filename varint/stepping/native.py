@@ -16,11 +16,12 @@ from varint.compiled.kernel import DONE, NOT_CONVERGED, Kernel
 from varint.compiled.kernel import run as compiled_run
 from varint.compiled.newton import CLOSED, newton_kernel
 from varint.rules import MOST_STAGES, Rule, gauss
-from varint.stepping.run import Block, Task, run
+from varint.stepping.run import Block, Position, Task, run
 from varint.system import System
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
+NOTHING = np.empty(0)
 PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
@@ -44,16 +45,29 @@ def _has_stages(system: System, rule: Rule) -> bool:
     return rule == gauss(min(len(rule.nodes), MOST_STAGES)) and bool(gauss_form(system))
 
 
-def native_blocks(system: System, rule: Rule, task: Task, kernel: Kernel) -> Iterator[Block]:
+def native_blocks(
+    system: System, rule: Rule, task: Task, kernel: Kernel, at: Position | None = None
+) -> Iterator[Block]:
     """The compiled run block by block; where fixed-point iteration hardly contracts Newton's method takes over."""
-    k, carry = task.first, None
-    q, p = task.q0, task.p0
+    k, carry = (task.first, None) if at is None else (at.k, at.carry)
+    q, p = (task.q0, task.p0) if at is None else np.split(at.x, 2)
     c = np.ascontiguousarray(task.c)
     by_stages = kernel.opening is None and not rule.kicks
-    for steps, every in _pieces(task.steps - task.first, task.save_every, by_stages):
+    for steps, every in _pieces(task.steps - k, task.save_every, by_stages):
         u = task.controls(k, steps) if kernel.controls else None
         part = compiled_run(
-            kernel, q, p, c, t0=task.t0, h=task.h, steps=steps, save_every=every, u=u, first=k, carry=carry
+            kernel,
+            q,
+            p,
+            c,
+            t0=task.t0,
+            h=task.h,
+            steps=steps,
+            save_every=every,
+            u=u,
+            first=k,
+            carry=carry,
+            level=task.level,
         )
         rows = part.rows[1:]
         good, wanted = len(rows), -(-steps // every)
@@ -62,14 +76,14 @@ def native_blocks(system: System, rule: Rule, task: Task, kernel: Kernel) -> Ite
         if wanted:
             failed = 0.0 if part.status == DONE else float("nan")
             counts = k + every * np.arange(1, wanted + 1)
-            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations)
+            last = Position(part.last[: 2 * kernel.n].copy(), NOTHING, NOTHING, k + part.steps, 0, part.carry)
+            after = last if part.status == DONE else None
+            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after)
         poor = by_stages and part.iterations > POOR * max(part.steps, 1)
         if part.status == NOT_CONVERGED or (poor and part.status == DONE):
-            at = k + every * good
-            q, p = part.rows[-1, :2]
-            if at < task.steps:
-                rest = replace(task, q0=q.copy(), p0=p.copy(), first=at)
-                yield from _by_newton(system, rule, rest, by_stages)
+            node, q, p = k + every * good, part.rows[-1, 0].copy(), part.rows[-1, 1].copy()
+            if node < task.steps:
+                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=node), by_stages)
             return
         if part.status != DONE:
             return

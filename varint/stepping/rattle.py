@@ -91,7 +91,7 @@ def _shake(e: Equations) -> tuple[ca.Function, ca.Function]:
 
 @per_system
 def hidden_functions(system: System) -> tuple[ca.Function, ca.Function]:
-    """(q, p, t, c) → G M⁻¹Gᵀ, right-hand side, and sizes that take the units off μ; (q, t, c, μ) → −Gᵀμ."""
+    """(q, p, t, c) → G M⁻¹Gᵀ, its right side and the size of μ that makes it dimensionless; (q, t, c, μ) → −Gᵀμ."""
     s, n = system, system.structure.n
     p = ca.SX.sym("p", n)
     v = drift_function(s)(p, s.c)

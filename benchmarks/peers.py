@@ -1,0 +1,186 @@
+"""The peers of the benchmarks: what each tool can be set to on a varint system, as runs that return the end positions.
+
+A `Setting` is one way to run one tool on one scene; `run()` gives q at the end, and is all that is timed. `setup` is
+what it took to get there: building, compiling.
+"""
+
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from ctypes import CDLL, c_double, c_int64, c_void_p
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+from heyoka_peer import taylor
+from scipy.integrate import solve_ivp
+from scipy.integrate._ivp import dop853_coefficients as dop853
+
+from varint.arrays import call
+from varint.compiled.cache import compiler
+from varint.compiled.mechanics import acceleration, force, velocity
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One tool with one set of options on one scene."""
+
+    tool: str
+    about: str
+    run: Callable[[], np.ndarray]
+    setup: float = 0.0
+
+
+def heyoka(system, q0, v0, p0, duration) -> Iterator[Setting]:
+    """Adaptive Taylor integration, compiled by LLVM, in (q, v) and in (q, p)."""
+    for form, start in (("velocities", [q0, v0]), ("momenta", [q0, p0])):
+        if form == "momenta" and system.structure.explicit:
+            continue
+        for tol in 10.0 ** np.arange(-3, -19, -1.5):
+            began = perf_counter()
+            integrator = taylor(system, form, tol)
+            setup = perf_counter() - began
+            state = np.concatenate(start)
+
+            def run(integrator=integrator, state=state):
+                integrator.time = 0.0
+                integrator.state[:] = state
+                integrator.propagate_until(duration)
+                return integrator.state[: len(q0)].copy()
+
+            yield Setting("heyoka", f"{form}, tol={tol:.0e}, order {integrator.order}", run, setup)
+
+
+def right_side(system) -> ca.Function:
+    """(y, c) → dy/dt in (q, v) where the mass is constant, else in (q, p)."""
+    n = system.q.numel()
+    if system.structure.separable and system.structure.constant_mass:
+        y = ca.vertcat(system.q, system.v)
+        rate = ca.vertcat(system.v, acceleration(system))
+    else:
+        p = ca.SX.sym("p", n)
+        y, speed = ca.vertcat(system.q, p), velocity(system, p)
+        rate = ca.vertcat(speed, ca.substitute(force(system), system.v, speed))
+    return ca.Function("rate", [y, system.c], [ca.densify(rate)], {"cse": True})
+
+
+def state_of(system, q0, v0, p0):
+    plain = system.structure.separable and system.structure.constant_mass
+    return np.concatenate([q0, v0 if plain else p0])
+
+
+def scipy_dop853(system, q0, v0, p0, duration) -> Iterator[Setting]:
+    """SciPy's DOP853 with the right-hand side as a CasADi function."""
+    f, y0, c = right_side(system), state_of(system, q0, v0, p0), system.default_vector
+    for tol in (1e-5, 1e-8, 1e-11, 1e-13):
+
+        def run(tol=tol):
+            found = solve_ivp(
+                lambda t, y: call(f, y, c)[0], (0, duration), y0, "DOP853", rtol=tol, atol=tol, t_eval=[duration]
+            )
+            return found.y[: len(q0), -1]
+
+        yield Setting("SciPy DOP853", f"tol={tol:.0e}", run)
+
+
+def compiled_dop853(system, q0, v0, p0, duration) -> Iterator[Setting]:
+    """The same method in C around the right-hand side that CasADi generates, by the same compiler and flags."""
+    f, y0, c = right_side(system), state_of(system, q0, v0, p0), system.default_vector
+    began = perf_counter()
+    library = _dop853(f, len(y0))
+    setup = perf_counter() - began
+    for tol in 10.0 ** np.arange(-3, -15.6, -0.5):
+
+        def run(tol=tol):
+            y = y0.copy()
+            library.run(y.ctypes.data, c.ctypes.data, duration, tol)
+            return y[: len(q0)]
+
+        yield Setting("compiled DOP853", f"tol={tol:.1e}", run, setup)
+
+
+def _dop853(f: ca.Function, size: int) -> CDLL:
+    folder = Path(tempfile.mkdtemp(prefix="dop853"))
+    generator = ca.CodeGenerator("rate.c")
+    generator.add(f)
+    generator.generate(f"{folder}/")
+    tables = {"A": dop853.A[:12, :12], "B": dop853.B[:12], "E3": dop853.E3[:12], "E5": dop853.E5[:12]}
+    sizes = {"NY": size, "ARGS": f.sz_arg(), "RESULTS": f.sz_res(), "INTEGERS": f.sz_iw(), "WORK": f.sz_w()}
+    text = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+    text += "".join(
+        f"static const double {name}[] = {{{', '.join(float(x).hex() for x in table.ravel())}}};\n"
+        for name, table in tables.items()
+    )
+    (folder / "run.c").write_text('#include "rate.c"\n' + text + (Path(__file__).parent / "dop853.c").read_text())
+    target = folder / "run.so"
+    flags = ["-O3", "-march=native", "-fno-math-errno", "-ffp-contract=fast", "-shared", "-fPIC", "-w"]
+    subprocess.run([*compiler(), *flags, str(folder / "run.c"), "-o", str(target), "-lm"], check=True)
+    library = CDLL(str(target))
+    library.run.argtypes, library.run.restype = [c_void_p, c_void_p, c_double, c_double], c_int64
+    return library
+
+
+def casadi_integrators(system, q0, v0, p0, duration) -> Iterator[Setting]:
+    """CasADi's interfaces to CVODES and IDAS."""
+    f, y0, c = right_side(system), state_of(system, q0, v0, p0), system.default_vector
+    y = ca.SX.sym("y", len(y0))
+    problem = {"x": y, "ode": f(y, c)}
+    for name in ("cvodes", "idas"):
+        for tol in (1e-6, 1e-9, 1e-12):
+            options = {"reltol": tol, "abstol": tol, "max_num_steps": 10_000_000}
+            began = perf_counter()
+            integrator = ca.integrator("end", name, problem, 0.0, duration, options)
+            setup = perf_counter() - began
+
+            def run(integrator=integrator):
+                return np.array(integrator(x0=y0)["xf"])[: len(q0), 0]
+
+            yield Setting(f"CasADi {name}", f"tol={tol:.0e}", run, setup)
+
+
+def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
+    """REBOUND's IAS15 at several tolerances and WHFast with several steps, for gravitating bodies in space."""
+    import rebound
+
+    positions, speeds = q0.reshape(len(masses), -1), v0.reshape(len(masses), -1)
+    heaviest = int(np.argmax(masses))
+    order = [heaviest, *(i for i in range(len(masses)) if i != heaviest)]  # WHFast wants the star first
+
+    def simulation():
+        sim = rebound.Simulation()
+        sim.G = G
+        for i in order:
+            at = [*positions[i], 0.0][:3]
+            moving = [*speeds[i], 0.0][:3]
+            sim.add(m=masses[i], x=at[0], y=at[1], z=at[2], vx=moving[0], vy=moving[1], vz=moving[2])
+        return sim
+
+    def end(sim):
+        found = np.empty_like(positions)
+        for place, i in enumerate(order):
+            body = sim.particles[place]
+            found[i] = [body.x, body.y, body.z][: positions.shape[1]]
+        return found.ravel()
+
+    def ias15(epsilon):
+        sim = simulation()
+        sim.integrator = "ias15"
+        sim.ri_ias15.epsilon = epsilon
+        sim.integrate(duration)
+        return end(sim)
+
+    def whfast(steps, corrector):
+        sim = simulation()
+        sim.integrator = "whfast"
+        sim.ri_whfast.corrector, sim.ri_whfast.safe_mode = corrector, 0
+        sim.dt = duration / steps
+        sim.steps(steps)
+        sim.synchronize()
+        return end(sim)
+
+    for epsilon in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11):
+        yield Setting("REBOUND IAS15", f"epsilon={epsilon:.0e}", lambda e=epsilon: ias15(e))
+    for steps in (1000, 2000, 4000, 8000, 16_000, 32_000, 64_000):
+        yield Setting("REBOUND WHFast", f"{steps} steps, corrector 17", lambda s=steps: whfast(s, 17))
