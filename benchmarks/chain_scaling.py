@@ -66,14 +66,13 @@ def main(links: tuple[int, ...], backends: tuple[str, ...]) -> None:
                     "ns a link": 1e3 * microseconds / n, "ratio": microseconds / n / first, "built in s": built,
                 })  # fmt: skip
                 print(rows[-1], flush=True)
-    print()
+            save("chain_scaling", rows)
     table(rows)
     for rule in (vi.trapezoidal(), vi.lobatto(3)):
         found = [row for row in rows if row["rule"] == rule.name and row["backend"] == "compiled"]
         if len(found) > 1:
             fit = np.polyfit(np.log([r["links"] for r in found]), np.log([r["µs a step"] for r in found]), 1)[0]
             print(f"{rule}: compiled cost grows like N^{fit:.2f}")
-    save("chain_scaling", rows)
 
 
 if __name__ == "__main__":

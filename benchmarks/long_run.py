@@ -3,9 +3,9 @@
 python benchmarks/long_run.py [steps]
 
 Harmonic oscillator by Störmer–Verlet: its discrete motion is known exactly, q_k = cos(k ω̃ h) with
-2 sin(ω̃ h/2) = ω h, so what differs from it (in 40 digits) is round-off and nothing else. Unbiased round-off makes the energy a random walk
-(√N) and the position, its integral, grow like N^1.5 at most; biased round-off would give N and N². Pendulums: the slope
-of windowed means of the energy within its own noise.
+2 sin(ω̃ h/2) = ω h, so what differs from it (in 40 digits) is round-off and nothing else. Unbiased round-off makes the
+energy a random walk (√N) and the position, its integral, grow like N^1.5 at most; biased round-off would give N and N².
+Pendulums: the slope of windowed means of the energy within its own noise.
 """
 
 from __future__ import annotations
