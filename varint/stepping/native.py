@@ -40,7 +40,18 @@ def native_blocks(system: System, rule: Rule, task: Task, kernel: Kernel) -> Ite
     for steps, every in _pieces(task.steps - task.first, task.save_every):
         u = task.controls(k, steps) if kernel.controls else None
         part = compiled_run(
-            kernel, q, p, c, t0=task.t0, h=task.h, steps=steps, save_every=every, u=u, first=k, carry=carry, level=task.level
+            kernel,
+            q,
+            p,
+            c,
+            t0=task.t0,
+            h=task.h,
+            steps=steps,
+            save_every=every,
+            u=u,
+            first=k,
+            carry=carry,
+            level=task.level,
         )
         rows = part.rows[1:]
         good, wanted = len(rows), -(-steps // every)
