@@ -27,7 +27,7 @@ def main(out: Path = Path("out")) -> None:
         for leg, style in zip(legs, ("C0", "C1"), strict=True):
             fine = leg.at(np.linspace(leg.t[0], leg.t[-1], 60))
             plane.plot(fine.q, fine.v, style)
-    model = vi.models.steered_brachistochrone()
+    model = vi.models.fastest_wire()
     fall = model.solve()[0]
     print(f"time on the fastest wire   found {fall.duration:.10f}   exact {model.cost:.10f}")
     points = fall.solution.q(np.linspace(0, 1, 200))

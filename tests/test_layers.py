@@ -12,14 +12,14 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 # Lowest first. A module may import from lower layers and, within its own layer, as long as no circle arises.
 LAYERS = [
-    {"errors", "polynomials", "arrays", "progress"},
+    {"errors", "polynomials", "arrays", "progress", "files"},
     {"compositions", "structure"},
     {"rules", "system"},
-    {"manifold", "legendre"},
+    {"manifold", "legendre", "description", "expressions"},
     {"between", "discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
     {"consistency", "stepping", "compiled", "projection", "boundary", "control"},
-    {"ensemble", "diagnostics", "models", "archive"},
+    {"ensembles", "diagnostics", "models", "archive"},
     {"plot", "plot_diagnostics", "animate"},
     {"__init__"},
 ]

@@ -8,8 +8,6 @@ from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoida
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
-from varint.stepping.time_scale import close_encounters
-from varint.stepping.two_point import start_momentum
 from varint.system import Parameters, System, coordinates, time
 from varint.trajectory import State, Trajectory
 
@@ -26,17 +24,22 @@ if TYPE_CHECKING:
     from varint.control.optimal import optimal_control, optimal_phases
     from varint.control.phase import Phase
     from varint.control.refine import refine
+    from varint.ensembles.ensemble import ensemble
+    from varint.ensembles.result import Ensemble
     from varint.geodesics import geodesic
     from varint.horizon import free
     from varint.projection import project
+    from varint.stepping.time_scale import close_encounters
+    from varint.stepping.two_point import start_momentum
     from varint.symmetry import Symmetries, Symmetry, noether, symmetries
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError", "State",
-    "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "close_encounters",
-    "closed_loop", "composition", "coordinates", "diagnostics", "free", "gauss", "geodesic", "least_action", "load",
+    "ConvergenceError", "Ensemble", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError",
+    "State", "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "close_encounters",
+    "closed_loop", "composition", "coordinates", "diagnostics", "ensemble", "free", "gauss", "geodesic",
+    "least_action", "load",
     "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases",
     "paths", "plan", "project", "refine", "simulate", "start_momentum", "step_function", "symmetries", "time",
     "trapezoidal",
@@ -44,12 +47,15 @@ __all__ = [
 
 # loaded when first named: a simulation does not pay for what it does not use
 _LATER = {
+    "Ensemble": "varint.ensembles.result",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
     "Symmetries": "varint.symmetry",
     "Symmetry": "varint.symmetry",
     "action_derivatives": "varint.boundary.derivatives",
+    "close_encounters": "varint.stepping.time_scale",
     "closed_loop": "varint.control.mpc",
+    "ensemble": "varint.ensembles.ensemble",
     "free": "varint.horizon",
     "geodesic": "varint.geodesics",
     "least_action": "varint.boundary.least_action",
@@ -63,6 +69,7 @@ _LATER = {
     "paths": "varint.boundary.families",
     "project": "varint.projection",
     "refine": "varint.control.refine",
+    "start_momentum": "varint.stepping.two_point",
     "symmetries": "varint.symmetry",
 }
 _LATER_MODULES = ("diagnostics", "models")

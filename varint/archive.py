@@ -8,14 +8,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
+from varint.description import describe, revive, rule_of
 from varint.errors import InputError, VarintError
 from varint.manifold import Phase
-from varint.rules import Rule
 from varint.stepping.step_function import action_function, step_function
-from varint.system import Parameters, System
 from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
@@ -50,17 +48,17 @@ def save(trajectory: Trajectory, path: Any) -> None:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def load(path: Any) -> Trajectory:
+def load(path: Any) -> Any:
     """The trajectory in the file ``path``, with its system: `value`, `at`, `energy` and plots work as before.
 
     Parameters
     ----------
     path : path
-        A file written by `Trajectory.save`.
+        A file written by `Trajectory.save`, or the folder ``store=`` of an ensemble.
 
     Returns
     -------
-    Trajectory
+    Trajectory or Ensemble
 
     Raises
     ------
@@ -79,6 +77,10 @@ def load(path: Any) -> Trajectory:
     >>> bool((again.q == fall.q).all()), again.rule == fall.rule
     (True, True)
     """
+    if Path(path).is_dir():
+        from varint.ensembles.ensemble import load_ensemble
+
+        return load_ensemble(path)
     path = _file(path)
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
@@ -117,8 +119,7 @@ def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> Trajectory:
     system = revive(header["system"])
-    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["rule"].items()}
-    rule = Rule(**fields)
+    rule = rule_of(header["rule"])
     return Trajectory(
         system=system,
         rule=rule,
@@ -130,35 +131,6 @@ def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> Trajectory:
         stats=MappingProxyType(header["stats"]),
         **arrays,
     )
-
-
-def describe(system: System) -> dict[str, Any]:
-    """The system as plain data: names, parameters, restitution and its expressions as a serialised function."""
-    s = system
-    inputs = [s.q, s.v, s.t, s.control, s.c]
-    outputs = [s.lagrangian, s.force, s.constraint, s.nonholonomic, s.contact]
-    return {
-        "names": [[x.name() for x in ca.vertsplit(part)] if part.numel() else [] for part in inputs],
-        "parameters": {name: value.tolist() for name, value in s.defaults.items()},
-        "restitution": s.restitution.tolist(),
-        "functions": ca.Function("system", inputs, outputs).serialize(),
-    }
-
-
-def revive(data: dict[str, Any]) -> System:
-    """The system that `describe` wrote down, with symbols of the same names."""
-    q, v, t, u, _ = (ca.vertcat(ca.SX(0, 1), *(ca.SX.sym(name) for name in names)) for names in data["names"])
-    params = Parameters(**data["parameters"]) if data["parameters"] else None
-    c = ca.vertcat(ca.SX(0, 1), *(ca.vec(x) for x in params._symbols.values())) if params else ca.SX(0, 1)
-    try:
-        function = ca.Function.deserialize(data["functions"])
-    except RuntimeError as error:
-        raise VarintError(f"this CasADi cannot read the saved system: {str(error).splitlines()[0]}") from None
-    lagrangian, force, constraint, nonholonomic, contact = function(q, v, t, u, c)
-    return System(
-        q, v, lagrangian, constraint=constraint, nonholonomic=nonholonomic, contact=contact,
-        restitution=data["restitution"], force=force, control=u, params=params, t=t,
-    )  # fmt: skip
 
 
 def to_xarray(trajectory: Trajectory) -> Any:

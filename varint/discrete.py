@@ -92,6 +92,12 @@ def point_function(system: System) -> ca.Function:
 
 
 @per_system
+def energy_function(system: System) -> ca.Function:
+    """(q, v, t, c) → H."""
+    return ca.Function("energy", [system.q, system.v, system.t, system.c], [ca.densify(system.energy)], {"cse": True})
+
+
+@per_system
 def constraint_function(system: System) -> ca.Function:
     """(q, t, c) → (g, G) with G = ∂g/∂q of the holonomic constraints."""
     s = system

@@ -26,11 +26,23 @@ class ConvergenceError(VarintError, RuntimeError):
         Size of the step's equations relative to the momenta where the iteration ended.
     trajectory : Trajectory or None
         Everything up to node k.
+    cause : str
+        The likely cause in words, and what to try.
     """
 
-    def __init__(self, message: str, *, step: int, time: float, residual: float, trajectory: Any = None):
+    def __init__(
+        self, message: str, *, step: int, time: float, residual: float, trajectory: Any = None, cause: str = ""
+    ):
         super().__init__(message)
-        self.step, self.time, self.residual, self.trajectory = step, time, residual, trajectory
+        self.step, self.time, self.residual, self.trajectory, self.cause = step, time, residual, trajectory, cause
+
+    def __reduce__(self) -> tuple:
+        """To another process it travels without its trajectory, whose functions cannot be pickled."""
+        return _convergence_error, (str(self), self.step, self.time, self.residual, self.cause)
+
+
+def _convergence_error(message: str, step: int, time: float, residual: float, cause: str) -> ConvergenceError:
+    return ConvergenceError(message, step=step, time=time, residual=residual, cause=cause)
 
 
 class SolverError(VarintError, RuntimeError):
@@ -47,3 +59,11 @@ class SolverError(VarintError, RuntimeError):
     def __init__(self, message: str, *, status: str, iterate: Any = None):
         super().__init__(message)
         self.status, self.iterate = status, iterate
+
+    def __reduce__(self) -> tuple:
+        """To another process it travels without its iterate."""
+        return _solver_error, (str(self), self.status)
+
+
+def _solver_error(message: str, status: str) -> SolverError:
+    return SolverError(message, status=status)

@@ -47,6 +47,18 @@ def rows_function(system: System) -> ca.Function:
 
 
 @per_system
+def hidden_functions(system: System) -> tuple[ca.Function, ca.Function]:
+    """(q, p, t, c) → matrix, right side and scales of M v + Wᵀμ = p − ∂L/∂v(v = 0), W v = −w; (q, t, c, μ) → Wᵀμ."""
+    s, rows = system, velocity_rows(system)
+    slope = ca.jacobian(rows, s.v)
+    p, mu = ca.SX.sym("p", s.q.numel()), ca.SX.sym("mu", rows.numel())
+    rest = 0 * s.v
+    start = [ca.substitute(x, s.v, rest) for x in (s.momentum, s.mass_matrix, rows)]
+    kkt = ca.Function("kkt", [s.q, p, s.t, s.c], [*_saddle(start[1], slope, p - start[0], -start[2])], {"cse": True})
+    return kkt, ca.Function("pull", [s.q, s.t, s.c, mu], [ca.densify(ca.mtimes(slope.T, mu))])
+
+
+@per_system
 def tangent_function(system: System) -> ca.Function:
     """(q, p, t, c) → (v, Δp): the velocity on the manifold that belongs to p, and the Δp = −Wᵀμ that makes p fit it.
 
@@ -54,17 +66,12 @@ def tangent_function(system: System) -> ca.Function:
     """
     s, rows = system, velocity_rows(system)
     n, m = s.q.numel(), rows.numel()
-    slope = ca.jacobian(rows, s.v)
-    p, mu = ca.SX.sym("p", n), ca.SX.sym("mu", m)
-    rest = 0 * s.v
-    start = [ca.substitute(x, s.v, rest) for x in (s.momentum, s.mass_matrix, rows)]
-    kkt = ca.Function("kkt", [s.q, p, s.t, s.c], [*_saddle(start[1], slope, p - start[0], -start[2])], {"cse": True})
-    pull = ca.Function("pull", [s.q, s.t, s.c, mu], [ca.densify(ca.mtimes(slope.T, mu))])
+    kkt, pull = hidden_functions(s)
     q, p, t, c = (ca.MX.sym(name, size) for name, size in zip("qptc", (n, n, 1, s.c.numel()), strict=True))
     found = _solved(kkt(q, p, t, c))
     if not s.structure.quadratic_kinetic:
+        slope, mu, wanted = ca.jacobian(rows, s.v), ca.SX.sym("mu", m), ca.SX.sym("p", n)
         pair = ca.vertcat(s.v, mu)
-        wanted = ca.SX.sym("p", n)
         match = ca.vertcat(s.momentum + ca.mtimes(slope.T, mu) - wanted, rows)
         equation = ca.Function("momentum_match", [pair, s.q, wanted, s.t, s.c], [match])
         options = {"abstolStep": LAST_CORRECTION, "max_iter": MOST_ITERATIONS, "error_on_fail": False}

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from varint.ensembles.result import Ensemble
     from varint.trajectory import Trajectory
 
 # Okabe & Ito's colours, told apart by colour-blind readers and in grey print
@@ -37,6 +38,41 @@ def trajectory_figure(motion: Trajectory, *expressions: Any) -> Figure:
     matplotlib.figure.Figure
     """
     return _expressions(motion, expressions) if expressions else _overview(motion)
+
+
+def ensemble_figure(motions: Ensemble, *expressions: Any) -> Figure:
+    """Median, quartiles and the middle 90 % of the completed members over time, one panel an expression.
+
+    Parameters
+    ----------
+    motions : Ensemble
+    *expressions : SX
+        Scalars; default: the first coordinates.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    import matplotlib.pyplot as plt
+
+    shown = expressions or [motions.system.q[i] for i in _shown(motions.system.structure.n)]
+    fig, rows = plt.subplots(
+        len(shown), 1, figsize=(7, 1.2 + 2.2 * len(shown)), sharex=True, squeeze=False, layout="constrained"
+    )
+    keep = _thinned(len(motions.t))
+    for axes, expression, colour in zip(rows[:, 0], shown, COLOURS * len(shown), strict=False):
+        low, quarter, median, three_quarters, high = motions.quantiles(expression, (0.05, 0.25, 0.5, 0.75, 0.95))
+        t = motions.t[keep]
+        axes.fill_between(t, low[keep], high[keep], color=colour, alpha=0.15, lw=0, label="90 %")
+        axes.fill_between(t, quarter[keep], three_quarters[keep], color=colour, alpha=0.3, lw=0, label="50 %")
+        axes.plot(t, median[keep], color=colour, lw=1.4, label="median")
+        text = str(expression)
+        axes.set_ylabel(label(text) if text.isidentifier() else text if len(text) < 40 else text[:37] + "…")
+        axes.grid(alpha=0.3)
+    rows[0, 0].legend(fontsize="small", loc="best")
+    rows[-1, 0].set_xlabel("time $t$")
+    fig.suptitle(f"{len(motions.completed)} members, {motions.rule}, h = {motions.h:.4g}", fontsize="medium")
+    return fig
 
 
 def label(name: str) -> str:

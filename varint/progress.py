@@ -10,8 +10,10 @@ PATIENCE = 1.0  # seconds before a bar appears unasked
 
 
 @contextmanager
-def progress_bar(total: int, unit: str, wanted: bool | None) -> Iterator[Callable[[int], object]]:
-    """A function that counts finished units.
+def progress_bar(
+    total: int, unit: str, wanted: bool | None, done: int = 0
+) -> Iterator[Callable[[int, Callable[[], str]], object]]:
+    """A function of (finished units, () → note) that moves the bar; it shows the rate, and the note beside it.
 
     Parameters
     ----------
@@ -21,11 +23,19 @@ def progress_bar(total: int, unit: str, wanted: bool | None) -> Iterator[Callabl
         What is counted.
     wanted : bool or None
         None: a bar in a terminal, once the work has taken longer than a second.
+    done : int
+        Units that were finished before.
     """
     if wanted is False or (wanted is None and not sys.stderr.isatty()):
-        yield lambda count: None
+        yield lambda count, note: None
         return
     from tqdm.auto import tqdm
 
-    with tqdm(total=total, unit=unit, delay=0 if wanted else PATIENCE, leave=bool(wanted)) as bar:
-        yield bar.update
+    delay = 0 if wanted else PATIENCE
+    with tqdm(total=total, initial=done, unit=unit, unit_scale=True, delay=delay, leave=bool(wanted)) as bar:
+
+        def move(count: int, note: Callable[[], str]) -> None:
+            if bar.update(count):  # drawn: then the note is worth working out
+                bar.set_postfix_str(note(), refresh=False)
+
+        yield move

@@ -14,6 +14,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
 from varint.errors import InputError
+from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.rules import Rule
@@ -216,11 +217,18 @@ class Trajectory:
         InputError
             If the expression has symbols that the system does not know.
         """
+        return self.evaluated(self.function_of(expression))
+
+    def function_of(self, expression: Any) -> ca.Function:
+        """(q, v, t, u, c) → an expression of the system's symbols, matched by name."""
         s = self.system
-        expression = own_symbols(expression, s, "the expression")
-        f = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)], {"cse": True})
-        flat = over_columns(f, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
-        rows, columns = expression.shape
+        expression = ca.densify(in_own_symbols(expression, s))
+        return ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
+
+    def evaluated(self, function: ca.Function) -> np.ndarray:
+        """Values at every node of what `function_of` returned."""
+        flat = over_columns(function, self.q, self.v, self.t[:, None], controls_at_nodes(self), self.c)[0]
+        rows, columns = function.size_out(0)
         if columns == 1:
             return flat[:, 0] if rows == 1 else flat
         return flat.reshape(len(self), columns, rows).transpose(0, 2, 1)
@@ -367,7 +375,7 @@ class Trajectory:
         print(report(self, self._solution("report()")))
 
     def _solution(self, what: str) -> ControlSolution:
-        if self.solution is None:
+        if not hasattr(self.solution, "costates"):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 
@@ -388,20 +396,3 @@ class Trajectory:
         from varint.archive import to_xarray
 
         return to_xarray(self)
-
-
-def own_symbols(expression: Any, system: System, what: str) -> ca.SX:
-    """The expression in the system's own symbols, matched by name."""
-    if isinstance(expression, ca.MX):
-        raise InputError(f"{what} is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.SX(expression)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"{what} must be a CasADi SX expression, got {type(expression).__name__}") from None
-    own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
-    used = ca.symvar(expression)
-    unknown = sorted(x.name() for x in used if x.name() not in own)
-    if unknown:
-        raise InputError(f"unknown symbols {unknown} in {what}; known: {sorted(own)}")
-    foreign = [x for x in used if not ca.is_equal(x, own[x.name()])]
-    return ca.substitute(expression, ca.vertcat(*foreign), ca.vertcat(*(own[x.name()] for x in foreign)))

@@ -79,8 +79,8 @@ def minimised(
     programme = _programme(problem, iterate, window, held)
     free = problem.energy is not None
     first = np.concatenate([iterate.points.ravel(), [iterate.duration] * free])
-    first = np.clip(first, programme.x_low, programme.x_high)
-    outcome = solver(programme, first)(first)
+    start = np.clip(first, programme.x_low, programme.x_high)
+    outcome = solver(programme, start)(start)
     found = _iterate(problem, iterate, outcome)
     stats = {
         "plan": f"{problem.rule}: least action by Ipopt, {programme.unknowns} unknowns",

@@ -81,7 +81,11 @@ def _built(system: System, stages: int, form: int) -> Kernel:
     else:
         right = ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])
     functions = emitted(
-        system, str(padded // lanes), rhs=right, velocity=([q, p, t], [speed]), momentum=([q, v, t], [system.momentum])
+        system.c,
+        str(padded // lanes),
+        rhs=right,
+        velocity=([q, p, t], [speed]),
+        momentum=([q, v, t], [system.momentum]),
     )
     on_velocity = int(form == 2 and system.structure.force_on_velocity)
     defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW}

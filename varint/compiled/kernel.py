@@ -36,7 +36,9 @@ class Kernel:
     n, controls, nodes : int
         Coordinates, controls, and control values (quadrature nodes or kicks) a step.
     operations : int
-        Operations of one right-hand side.
+        Operations of one right-hand side, or of the equations of a step.
+    opening : callable or None
+        (q0, p0, u, t, h, c) → what the loop must be told besides at a fresh start.
     """
 
     about: str
@@ -46,6 +48,7 @@ class Kernel:
     operations: int
     entry: Callable[[bytes], int]
     carry_size: int
+    opening: Callable[..., np.ndarray] | None = None
 
 
 class Run(NamedTuple):
@@ -134,6 +137,9 @@ def run(
         block[2 * n : stats] = c
     if carry is None:
         block[kept] = 0.0
+        if kernel.opening:
+            told = kernel.opening(q0, p0, u, t0 + h * first, h, c)
+            block[kept + 1 : kept + 1 + told.size] = told
     else:
         block[kept:] = carry
     at = _address(block)
@@ -161,9 +167,10 @@ def text(name: str) -> str:
 
 
 def build(
-    about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, loop: str
-) -> Kernel:
-    """Compile the loop `loop` (a C file) around the emitted functions."""
+    about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, loop: str,
+    opening: Callable[..., np.ndarray] | None = None,
+) -> Kernel:  # fmt: skip
+    """Compile the loop `loop` (a C file) around the emitted functions, the right-hand side first."""
     heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
@@ -174,14 +181,15 @@ def build(
     entry = compiled.run
     entry.argtypes, entry.restype = [c_char_p], c_int
     size = c_int64.in_dll(compiled, "carry_size").value
-    return Kernel(about, system.q.numel(), system.control.numel(), nodes, functions["rhs"].operations, entry, size)
+    operations = next(iter(functions.values())).operations
+    return Kernel(about, system.q.numel(), system.control.numel(), nodes, operations, entry, size, opening)
 
 
-def emitted(system: System, stride: str = "1", **expressions: tuple[list[ca.SX], list[ca.SX]]) -> dict[str, Emitted]:
-    """C functions by name from (inputs, outputs); the parameters are appended to the inputs."""
+def emitted(constants: ca.SX, stride: str = "1", **expressions: tuple[list[ca.SX], list[ca.SX]]) -> dict[str, Emitted]:
+    """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs."""
     result = {}
     for name, (inputs, outputs) in expressions.items():
-        f = ca.Function(name, [*inputs, system.c], ca.cse([ca.densify(x) for x in outputs]))
+        f = ca.Function(name, [*inputs, constants], ca.cse([ca.densify(x) for x in outputs]))
         if f.n_instructions() > MOST_OPERATIONS:
             raise NotCompilable(
                 f"{name} has {f.n_instructions()} operations; {MOST_OPERATIONS} compile in reasonable time; use "

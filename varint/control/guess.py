@@ -14,6 +14,7 @@ from varint.control.leg import Leg
 from varint.control.phase import Checked
 from varint.control.piecewise import Piecewise
 from varint.control.problem import Problem, end_positions
+from varint.control.solution import ControlSolution
 from varint.errors import InputError
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
@@ -69,7 +70,7 @@ def _from_trajectory(phase: Checked, motion: Trajectory) -> Guess:
         )
     c = np.where(phase.c_low < phase.c_high, motion.c, phase.c) if motion.c.shape == phase.c.shape else phase.c
     found = motion.solution
-    if found is not None:
+    if isinstance(found, ControlSolution):
         return Guess(found.q, found.u, motion.duration, c)
     u = None
     if motion.u.size and motion.u.shape[-1] == phase.system.structure.controls:

@@ -12,7 +12,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from tqdm import tqdm
 
 from varint.assembly import Program, scaled
 from varint.control.problem import Problem
@@ -101,6 +100,7 @@ class Solver:
         function = self.cold if multipliers is None else self.warm
         sx, sf, sg = self.scales.x, self.scales.f, self.scales.g
         arguments = dict(x0=x / sx, p=data, lbx=lower / sx, ubx=upper / sx, lbg=one.g_low * sg, ubg=one.g_high * sg)
+        self.watch.g_low, self.watch.g_high, self.watch.factor = arguments["lbg"], arguments["ubg"], sf
         if multipliers is not None:
             arguments |= dict(lam_x0=multipliers[0] * sx * sf, lam_g0=multipliers[1] / sg * sf)
         with self.watch.running(progress):
@@ -193,6 +193,8 @@ class _Watch(ca.Callback):
         ca.Callback.__init__(self)
         self.sizes = dict(x=unknowns, f=1, g=rows, lam_x=unknowns, lam_g=rows, lam_p=data)
         self.stop, self.bar = False, None
+        self.g_low = self.g_high = np.zeros(rows)
+        self.factor = 1.0
         self.construct("watch", {})
 
     def get_n_in(self):
@@ -212,7 +214,9 @@ class _Watch(ca.Callback):
 
     def eval(self, arg):
         if self.bar is not None:
-            self.bar.set_postfix_str(f"cost {float(arg[1]):.8g}", refresh=False)
+            g = np.array(arg[2]).ravel()
+            off = max(np.max(self.g_low - g, initial=0.0), np.max(g - self.g_high, initial=0.0))
+            self.bar.set_postfix_str(f"cost {float(arg[1]) / self.factor:.8g}, violation {off:.1e}", refresh=False)
             self.bar.update()
         return [int(self.stop)]
 
@@ -230,7 +234,11 @@ class _Running:
     def __enter__(self) -> None:
         quiet = None if self.progress is None else not self.progress
         self.watch.stop = False
-        self.watch.bar = tqdm(unit="iteration", disable=quiet, delay=0 if self.progress else 1, leave=False)
+        from tqdm.auto import tqdm  # only here: most solves are over before a bar would show
+
+        self.watch.bar = tqdm(
+            unit="iteration", disable=quiet, delay=0 if self.progress else 1, leave=bool(self.progress)
+        )
         if threading.current_thread() is threading.main_thread():
             self.previous = signal.signal(signal.SIGINT, self._ask)
 

@@ -111,7 +111,7 @@ SMALL = 1e-8  # a cost below this is compared as it is
 
 
 def _solution(motion: Trajectory) -> ControlSolution:
-    if motion.solution is None:
+    if not isinstance(motion.solution, ControlSolution):
         raise InputError("refine() takes a trajectory from optimal_control")
     if len(motion.solution.problem.legs) > 1:
         raise InputError("refine() takes one phase; solve the phases again with finer meshes instead")

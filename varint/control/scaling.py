@@ -35,13 +35,13 @@ class Scales:
 def scales(problem: Problem, x: np.ndarray) -> Scales:
     """Scales from the start values, the bounds and the derivatives at the start."""
     size, factor = np.ones(problem.unknowns), np.ones(len(problem.g_low))
-    if not problem.legs:  # a path of least action: its curvature grows with the steps and says nothing of its size
+    if not problem.legs:  # a program that is no optimal control: nothing is known of its units
         return Scales(size, 1.0, factor)
     rows, columns, values = _absolute(problem.program.jacobian(x, problem.p)[1])
     for one in problem.legs:
         _leg_scales(size, factor, one, problem, x, (rows, columns, values))
     rows, columns, curvature = _absolute(problem.program.hessian(x, problem.p, 1, np.zeros(len(problem.g_low))))
-    order = float((curvature * size[rows] * size[columns]).sum())
+    order = float((curvature * size[rows] ** 2)[rows == columns].sum())
     slope = np.abs(np.array(problem.program.gradient(x, problem.p)[1]).ravel()) * size
     return Scales(size, 1 / _power(max(order, float(slope.max(initial=0.0)))), factor)
 

@@ -18,7 +18,7 @@ from varint.trajectory import Trajectory
 def start_multipliers(problem: Problem) -> tuple[np.ndarray, np.ndarray] | None:
     """(lam_x, lam_g) where every phase starts from an earlier solution, else None."""
     guesses = [one.phase.guess for one in problem.legs]
-    if not all(isinstance(g, Trajectory) and g.solution is not None for g in guesses):
+    if not all(isinstance(g, Trajectory) and isinstance(g.solution, ControlSolution) for g in guesses):
         return None
     first = guesses[0].solution
     if all(_same(one, g.solution) for one, g in zip(problem.legs, guesses, strict=True)) and _same_size(problem, first):

@@ -19,11 +19,11 @@ from varint.models.control import (
     ControlModel,
     falling_cat,
     fastest_transfer,
+    fastest_wire,
     free_floating_robot,
     orbit_transfer,
     overhead_crane,
     rest_to_rest,
-    steered_brachistochrone,
     swing_up_acrobot,
     swing_up_cart_pole,
     swing_up_pendulum,
@@ -109,7 +109,7 @@ control_catalogue = {
     factory.__name__: factory
     for factory in (
         rest_to_rest, fastest_transfer, swing_up_cart_pole, swing_up_pendulum, swing_up_acrobot, overhead_crane,
-        steered_brachistochrone, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
+        fastest_wire, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
     )
 }  # fmt: skip
 

@@ -153,7 +153,7 @@ def overhead_crane(distance: float = 4.0, limit: float = 6.0) -> ControlModel:
     )  # fmt: skip
 
 
-def steered_brachistochrone(x: float = 10.0, drop: float = 5.0, g: float = 9.80665, steps: int = 20) -> ControlModel:
+def fastest_wire(x: float = 10.0, drop: float = 5.0, g: float = 9.80665, steps: int = 20) -> ControlModel:
     """Fastest wire from rest at 0 to (x, −drop): the wire pushes across the velocity, F = u (v_y, −v_x)."""
     q, v = coordinates("x", "y")
     u = ca.SX.sym("u")
@@ -164,7 +164,7 @@ def steered_brachistochrone(x: float = 10.0, drop: float = 5.0, g: float = 9.806
     )  # fmt: skip
     known = (x, drop, g) == (10.0, 5.0, 9.80665)
     return ControlModel(
-        name="steered_brachistochrone", phases=(phase,), cost=1.8016031224530813 if known else None,
+        name="fastest_wire", phases=(phase,), cost=1.8016031224530813 if known else None,
         claim="The cycloid; u is constant, minus twice the rate of the path's direction, as for a charge in E × B.",
         source="Johann Bernoulli 1696; numbers of the Dymos example, recomputed",
     )  # fmt: skip

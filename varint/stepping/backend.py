@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.rules import MOST_STAGES, Rule, gauss
-from varint.stepping.run import Block, Task, run
+from varint.stepping.rattle import eliminates_path
+from varint.stepping.run import Block, Position, Task, run
 from varint.system import System
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ BACKENDS = ("auto", "compiled", "interpreted")
 WORTH_COMPILING = 0.5  # seconds of interpreted work; the compiler takes 0.3 to 1, the first time
 INSTRUCTION = 4e-9  # seconds of CasADi's virtual machine for one operation
 ITERATIONS = 6  # evaluations of every stage in an implicit step
+UNKNOWN = 2e-6  # seconds of it for an unknown of Newton's method
+COMPILING = 0.03  # seconds of the compiler for an unknown or coordinate
 CALL = 3e-7  # seconds of CasADi's virtual machine for a step besides
 
 
@@ -57,13 +60,19 @@ def kernel_for(system: System, rule: Rule, task: Task, backend: str) -> Kernel |
 
 def _repays(system: System, rule: Rule, task: Task) -> bool:
     s = system.structure
-    explicit = bool(rule.kicks) and s.explicit
-    regular = s.quadratic_kinetic and not (s.constraints or s.nonholonomic or s.degenerate)
-    if not explicit and not (regular and rule == gauss(min(len(rule.nodes), MOST_STAGES))):
+    worth = WORTH_COMPILING
+    if rule.kicks and s.explicit:
+        work = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION
+    elif s.degenerate or s.contacts or not s.quadratic_kinetic or not rule.points:
         return False
-    evaluations = len(rule.nodes) * (1 if explicit else ITERATIONS)
-    work = point_function(system).n_instructions() * evaluations * INSTRUCTION + CALL
-    return work * task.steps > WORTH_COMPILING
+    elif not (s.constraints or s.nonholonomic) and rule == gauss(min(len(rule.nodes), MOST_STAGES)):
+        work = point_function(system).n_instructions() * len(rule.nodes) * ITERATIONS * INSTRUCTION
+    else:
+        path = 0 if s.constraints and eliminates_path(system, rule) else s.n * rule.degree
+        unknowns = path + s.constraints * rule.degree + s.nonholonomic
+        work = unknowns * UNKNOWN
+        worth += COMPILING * (s.n + unknowns)
+    return (work + CALL) * task.steps > worth
 
 
 _SAID: set[str] = set()
@@ -75,10 +84,12 @@ def _say_once(reason: str) -> None:
         warnings.warn(f"{reason}; until then everything works, slower", stacklevel=5)
 
 
-def blocks_of(system: System, rule: Rule, task: Task, kernel: Kernel | None) -> Iterator[Block]:
-    """The run block by block, compiled where there is a kernel."""
-    if kernel is None:
-        return run(system, rule, task)
+def blocks_of(
+    system: System, rule: Rule, task: Task, kernel: Kernel | None, at: Position | None = None
+) -> Iterator[Block]:
+    """The run block by block, compiled where there is a kernel; from a position on where one is given."""
+    if kernel is None or (at is not None and at.carry is None):
+        return run(system, rule, task, at)
     from varint.stepping.native import native_blocks
 
-    return native_blocks(system, rule, task, kernel)
+    return native_blocks(system, rule, task, kernel, at)

@@ -14,6 +14,7 @@ from varint.discrete import Interval, constraint_function, interval
 from varint.legendre import velocity_function
 from varint.manifold import rows_function, tangent_function
 from varint.rules import Rule
+from varint.stepping.equations import Equations
 from varint.stepping.newton import newton
 from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
@@ -30,42 +31,52 @@ TINY = 1e-100  # instead of zero under a division
 
 
 @per_system
-def constrained_stepper(system: System, rule: Rule) -> Stepper:
-    """Stepper for scenes with constraints: z_j = (Q_j − q0)/h and the multipliers from (q0, p0).
-
-    Equations: e_j = 0 at inner control points, p⁻ = p0 + ½h A(q0)ᵀν, g(Q_j) = 0 for j = 1 … d, Σ b_i A(q_i) v_i = 0.
-    """
+def constrained_equations(system: System, rule: Rule) -> Equations:
+    """e_j = 0 inside, p⁻ = p0 + ½h A(q0)ᵀν, g(Q_j) = 0 for j = 1 … d, Σ b_i A(q_i) v_i = 0, for z, λ_0 … λ_{d−1}, ν."""
     one = interval(system, rule)
     n, d = one.dq.shape
     m, k = one.lam.shape[0], system.nonholonomic.shape[0]
     z, lam, nu = ca.SX.sym("z", n, d), ca.SX.sym("lam", m, d), ca.SX.sym("nu", k)
-    p, sizes = ca.SX.sym("p", n), ca.SX.sym("sizes", 2 * (n + m + k))
-    y = ca.vertcat(ca.vec(z), ca.vec(lam), nu)
+    p, scale, sizes = ca.SX.sym("p", n), ca.SX.sym("scale", 2 * n), ca.SX.sym("sizes", 2 * (n + m + k))
     left, total = _equations(system, one, z, lam, nu, p)
     y_size, row_size = (ca.vertcat(ca.repmat(a, d, 1), ca.repmat(b, d, 1), c) for a, b, c in _parts(sizes, n, m, k))
-    arguments = [one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes]
-    unscaled = ca.substitute(left, y, y * y_size)
-    equations = ca.Function("constrained_step", [y, *arguments], [ca.densify(unscaled / row_size)], {"cse": True})
-    solve = newton("newton", equations)
-
-    x = ca.MX.sym("x", 4 * n + y.numel() + 1)
-    u, t, h, c = (ca.MX.sym(name, a.numel()) for name, a in zip("uthc", arguments[2:6], strict=True))
-    s = ca.MX.sym("s", 2 * n)
-    q0, _, p0, carry, guess, _ = ca.vertsplit(x, [0, n, 2 * n, 3 * n, 4 * n, 4 * n + y.numel(), x.numel()])
-    size = size_function(system)(q0, t, h, c, s)
-    unit = ca.Function("units", [sizes], [y_size])(size)
-    found = solve(guess / unit, q0, p0, u, t, h, c, size) * unit
-    moved = ca.Function("mean_velocities", [y], [ca.vec(z)])(found)
     slope = constraint_function(system)(one.q0, one.t, one.c)[1]
     pulls = ca.fabs(one.h) / d * ca.mtimes(ca.fabs(slope).T, ca.sum2(ca.fabs(lam))) if m else 0
-    advance = _advance(one, rule, y, z, p, sizes, left, total, row_size, pulls)
-    q1, cq1, gain, ahead, worst = advance(x, found, u, t, h, c, size, s)
+    # reactions set coordinates in motion that were at rest when the scales were taken, and hold massless ones at p = 0:
+    # count what is there now
+    strong, rest = ca.vertsplit(row_size, [0, n * d, left.numel()])
+    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + pulls + ROUNDABLE * strong[:n]
+    return Equations(
+        ca.vertcat(ca.vec(z), ca.vec(lam), nu), one.q0, p, ca.vec(one.u), one.t, one.h, one.c, scale, sizes,
+        left, y_size, row_size, ca.vertcat(ca.repmat(moving, d, 1), rest), one.h * z[:, -1], total,
+    )  # fmt: skip
+
+
+@per_system
+def constrained_stepper(system: System, rule: Rule) -> Stepper:
+    """Stepper for scenes with constraints: z_j = (Q_j − q0)/h and the multipliers from (q0, p0).
+
+    The momentum at the end is projected, which needs no unknowns of the step.
+    """
+    e, n = constrained_equations(system, rule), system.structure.n
+    arguments = [e.q, e.p, e.u, e.t, e.h, e.c, e.sizes]
+    equations = ca.Function("constrained_step", [e.y, *arguments], [e.scaled], {"cse": True})
+    solve = newton("newton", equations)
+
+    x = ca.MX.sym("x", 4 * n + e.y.numel() + 1)
+    u, t, h, c = (ca.MX.sym(name, a.numel()) for name, a in zip("uthc", arguments[2:6], strict=True))
+    s = ca.MX.sym("s", 2 * n)
+    q0, _, p0, carry, guess, _ = ca.vertsplit(x, [0, n, 2 * n, 3 * n, 4 * n, 4 * n + e.y.numel(), x.numel()])
+    size = size_function(system)(q0, t, h, c, s)
+    unit = ca.Function("units", [e.sizes], [e.y_size])(size)
+    found = solve(guess / unit, q0, p0, u, t, h, c, size) * unit
+    q1, cq1, gain, ahead, worst = _advance(e, rule)(x, found, u, t, h, c, size, s)
     _, pull = tangent_function(system)(q1, p0 + gain, t + h, c)
     p1, cp1 = sum_function(n)(p0, carry, gain + pull, h)
     inputs = [x, u, t, h, c, s]
     step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, worst)])
-    start = _start(system, rule, one, y.numel())
-    return Stepper(step, start, ca.Function("path", inputs, [h * moved]), solve)
+    start = _start(system, rule, interval(system, rule), e.y.numel())
+    return Stepper(step, start, ca.Function("path", inputs, [h * found[: n * rule.degree]]), solve)
 
 
 def _parts(sizes: ca.SX, n: int, m: int, k: int) -> list[list[ca.SX]]:
@@ -94,10 +105,19 @@ def _equations(system: System, one: Interval, z, lam, nu, p) -> tuple[ca.SX, ca.
 
 @per_system
 def size_function(system: System) -> ca.Function:
+    """`size_expressions` with derivatives defined to be zero, for steps that are differentiated."""
+    sizes = size_expressions(system)
+    inputs = sizes.sx_in()
+    options = {"is_diff_out": [False], "never_inline": True, "cse": True}
+    return ca.Function("sizes", inputs, sizes.call(inputs), options)
+
+
+@per_system
+def size_expressions(system: System) -> ca.Function:
     """(q, t, h, c, scale) → sizes of mean velocities, multipliers, momenta and of the residuals of the rows W v + w.
 
     A multiplier's size makes h Wᵀλ a momentum of the scene's size. They make the equations dimensionless and decide
-    when Newton's method stops; their derivatives are defined to be zero.
+    when Newton's method stops.
     """
     s = system
     n, m = s.q.numel(), s.constraint.numel()
@@ -114,33 +134,25 @@ def size_function(system: System) -> ca.Function:
     slow = ca.sqrt(ca.sum2(ca.mtimes(slope, ca.diag(v_size)) ** 2)) + TINY
     g_size, slow = ca.vertsplit(g_size, [0, m, g_size.numel()])[0], ca.vertsplit(slow, [0, m, slow.numel()])[1]
     sizes = ca.vertcat(v_size + floor, lam_size, strong, g_size, slow)
-    options = {"is_diff_out": [False], "never_inline": True, "cse": True}
-    return ca.Function("sizes", [s.q, s.t, h, s.c, scale], [ca.densify(sizes)], options)
+    return ca.Function("sizes", [s.q, s.t, h, s.c, scale], [ca.densify(sizes)], {"cse": True})
 
 
-def _advance(one: Interval, rule: Rule, y, z, p, sizes, left, total, row_size, pulls) -> ca.Function:
+def _advance(e: Equations, rule: Rule) -> ca.Function:
     """(x, y, …) → q and its carry, the momentum gain before projection, the next start values, the worst residual."""
-    n, d = z.shape
-    scale = ca.SX.sym("scale", 2 * n)
-    inputs = [y, one.q0, p, ca.vec(one.u), one.t, one.h, one.c, sizes, scale]
-    # reactions set coordinates in motion that were at rest when the scales were taken, and hold massless ones at p = 0:
-    # count what is there now
-    strong, rest = ca.vertsplit(row_size, [0, n * d, left.numel()])
-    moving = scale[n:] + ca.fabs(p) + ca.fabs(total) + pulls + ROUNDABLE * strong[:n]
-    remains = ca.densify(left / ca.vertcat(ca.repmat(moving, d, 1), rest))
-    check = ca.Function("check", inputs, [remains, total], {"cse": True})
-    q, cq, carry, guess, worst = (ca.SX.sym("x", i) for i in (n, n, n, y.numel(), 1))
-    x = ca.vertcat(q, cq, p, carry, guess, worst)
-    ahead = ca.vertcat(ca.vec(ca.mtimes(z, ca.DM(rule.extrapolation).T)), y[n * d :])
-    remains, gain = check(y, q, *inputs[2:])
-    q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
-    outputs = [q1, cq1, gain, ahead, ca.fmax(worst, ca.norm_inf(remains))]
-    return ca.Function("advance", [x, y, *inputs[3:]], outputs)
+    n, d = e.q.numel(), rule.degree
+    cq, carry, guess, worst = (ca.SX.sym("x", i) for i in (n, n, e.y.numel(), 1))
+    x = ca.vertcat(e.q, cq, e.p, carry, guess, worst)
+    z, others = ca.vertsplit(e.y, [0, n * d, e.y.numel()])
+    ahead = ca.vertcat(ca.vec(ca.mtimes(ca.reshape(z, n, d), ca.DM(rule.extrapolation).T)), others)
+    q1, cq1 = compensated(e.q, cq, e.increment, e.h)
+    outputs = [q1, cq1, e.gain, ahead, ca.fmax(worst, ca.norm_inf(e.remains))]
+    return ca.Function("advance", [x, e.y, e.u, e.t, e.h, e.c, e.sizes, e.scale], outputs, {"cse": True})
 
 
 def sum_function(n: int) -> ca.Function:
-    """Compensated p + gain."""
-    p, carry, gain, h = *(ca.SX.sym(name, n) for name in ("p", "carry", "gain")), ca.SX.sym("h")
+    """(p, carry, gain, h) → compensated p + gain."""
+    p, carry, gain = (ca.SX.sym(name, n) for name in ("p", "carry", "gain"))
+    h = ca.SX.sym("h")
     return ca.Function("gained", [p, carry, gain, h], list(compensated(p, carry, gain, h)))
 
 

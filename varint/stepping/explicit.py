@@ -7,7 +7,7 @@ import casadi as ca
 from varint.discrete import point_function, require_explicit
 from varint.legendre import mass_solve
 from varint.rules import Rule
-from varint.stepping.stepper import Stepper, compensated, verbatim, zeros
+from varint.stepping.stepper import Stepper, compensated, zeros
 from varint.system import System, per_system
 
 
@@ -29,17 +29,16 @@ def explicit_stepper(system: System, rule: Rule) -> Stepper:
     u = ca.SX.sym("u", s.structure.controls, len(rule.kicks))
     before = ca.vertcat(q, cq, p, cp, force, worst)
     q_start, drifts = q, []
-    with verbatim():
-        f = force if keeps else kick(q, u[:, 0], t, s.c)
-        for i, b in enumerate(rule.kicks):
-            if i:
-                q, cq = compensated(q, cq, drift(p, s.c) * (rule.drifts[i - 1] * h), h)
-                f = kick(q, u[:, i], t + rule.nodes[i] * h, s.c)
-                drifts.append(q - q_start)
-            p, cp = compensated(p, cp, f * (b * h), h)
-        after = ca.vertcat(q, cq, p, cp, f if keeps else force, worst)
-        inputs = [before, ca.vec(u), t, h, s.c, scale]
-        step, path = ca.Function("kick_drift", inputs, [after]), ca.Function("path", inputs, [ca.vertcat(*drifts)])
+    f = force if keeps else kick(q, u[:, 0], t, s.c)
+    for i, b in enumerate(rule.kicks):
+        if i:
+            q, cq = compensated(q, cq, drift(p, s.c) * (rule.drifts[i - 1] * h), h)
+            f = kick(q, u[:, i], t + rule.nodes[i] * h, s.c)
+            drifts.append(q - q_start)
+        p, cp = compensated(p, cp, f * (b * h), h)
+    after = ca.vertcat(q, cq, p, cp, f if keeps else force, worst)
+    inputs = [before, ca.vec(u), t, h, s.c, scale]
+    step, path = ca.Function("kick_drift", inputs, [after]), ca.Function("path", inputs, [ca.vertcat(*drifts)])
     q, p = ca.SX.sym("q", n), ca.SX.sym("p", n)
     first = kick(q, u[:, 0], t, s.c) if keeps else zeros(0)
     x0 = ca.vertcat(q, zeros(n), p, zeros(n), first, 0)

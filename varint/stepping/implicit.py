@@ -7,7 +7,8 @@ import casadi as ca
 from varint.discrete import Interval, interval
 from varint.legendre import velocity_function
 from varint.rules import Rule
-from varint.stepping.stepper import Stepper, compensated, verbatim
+from varint.stepping.equations import Equations
+from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
 
 # Newton's corrections are quadratic: one of 1e-9 (relative), applied, leaves an error at the round-off level.
@@ -17,59 +18,56 @@ QUIET = 1e-3  # of the largest momentum, and of |∂p/∂q| |q|: round-off of 1e
 
 
 @per_system
+def implicit_equations(system: System, rule: Rule) -> Equations:
+    """e_j = 0 at the inner control points and e_d = p0 + Σ_j e_j at the end, for z_j = (Q_j − q0)/h."""
+    one = interval(system, rule)
+    n, d = one.dq.shape
+    z, p, scale = ca.SX.sym("z", n, d), ca.SX.sym("p", n), ca.SX.sym("scale", 2 * n)
+    rows = ca.horzcat(one.inner, one.p_plus - p - one.total)
+    rows, total = ca.substitute([rows, one.total], [one.dq], [one.h * z])
+    v_scale, p_scale = scale[:n], scale[n:]
+    judged = ca.fmax(p_scale, _roundable(system, one, one.q0, z[:, -1], p))
+    return Equations(
+        ca.vec(z), one.q0, p, ca.vec(one.u), one.t, one.h, one.c, scale, ca.SX(0, 1), ca.densify(ca.vec(rows)),
+        ca.repmat(v_scale, d, 1), ca.repmat(p_scale, d, 1), ca.repmat(judged, d, 1), one.h * z[:, -1],
+        ca.densify(total),
+    )  # fmt: skip
+
+
+@per_system
 def implicit_stepper(system: System, rule: Rule) -> Stepper:
     """Stepper by the position–momentum form: given (q0, p0), solve for the mean velocities z_j = (Q_j − q0)/h.
 
-    The equations are e_j = 0 at the inner control points and e_d = p0 + Σ_j e_j at the end (momentum matching), then
-    q1 = q0 + h z_d and p1 = p0 + Σ_j e_j, both compensated (theory: Marsden & West 2001, §1.5.1).
+    With the solution of `implicit_equations`, q1 = q0 + h z_d and p1 = p0 + Σ_j e_j, both compensated (theory: Marsden
+    & West 2001, §1.5.1).
     """
-    n = system.structure.n
-    one = interval(system, rule)
-    d = one.dq.shape[1]
-    z, p = ca.SX.sym("z", n, d), ca.SX.sym("p", n)
-    scale = ca.SX.sym("scale", 2 * n)
-    v_scale, p_scale = scale[:n], scale[n:]
-    arguments = [one.q0, p, ca.vec(one.u), one.t, one.h, one.c, scale]
-    residual, total = _equations(one, z, p)
+    n, d = system.structure.n, rule.degree if rule.points else len(rule.drifts)
+    e = implicit_equations(system, rule)
     # scaled unknowns and rows, so that the iteration's end does not depend on the units
-    unscaled = ca.substitute(residual, z, z * ca.repmat(v_scale, 1, d))
-    equations = ca.Function(
-        "momentum_matching", [ca.vec(z), *arguments], [ca.vec(unscaled / ca.repmat(p_scale, 1, d))], {"cse": True}
-    )
+    arguments = [e.q, e.p, e.u, e.t, e.h, e.c, e.scale]
+    equations = ca.Function("momentum_matching", [e.y, *arguments], [e.scaled], {"cse": True})
     options = {"abstol": 0.0, "abstolStep": LAST_CORRECTION, "max_iter": MOST_ITERATIONS, "error_on_fail": False}
     solve = ca.rootfinder("newton", "fast_newton", equations, options)
-    finish = _finish(system, one, rule, z, p, scale, residual, total)
+    finish = _finish(e, rule)
     x = ca.MX.sym("x", 4 * n + n * d + 1)
     u, t, h, c, s = (ca.MX.sym(name, size) for name, size in zip("uthcs", map(ca.SX.numel, arguments[2:]), strict=True))
     q0, _, p0, _, guess, _ = ca.vertsplit(x, [0, n, 2 * n, 3 * n, 4 * n, 4 * n + n * d, 4 * n + n * d + 1])
     found = solve(guess / ca.repmat(s[:n], d, 1), q0, p0, u, t, h, c, s) * ca.repmat(s[:n], d, 1)
     inputs = [x, u, t, h, c, s]
     step = ca.Function("newton_step", inputs, [finish(x, found, u, t, h, c, s)])
-    return Stepper(step, _start(system, rule, one), ca.Function("path", inputs, [h * found]), solve)
+    return Stepper(step, _start(system, rule, interval(system, rule)), ca.Function("path", inputs, [h * found]), solve)
 
 
-def _equations(one: Interval, z: ca.SX, p: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Residual (n, d) and momentum gain (n,) as functions of the mean velocities z."""
-    rows = ca.horzcat(one.inner, one.p_plus - p - one.total)
-    return ca.substitute([rows, one.total], [one.dq], [one.h * z])
-
-
-def _finish(system: System, one: Interval, rule: Rule, z, p, scale, residual, total) -> ca.Function:
+def _finish(e: Equations, rule: Rule) -> ca.Function:
     """(x, z, …) → x after the step: compensated updates, the next start values, the worst residual so far."""
-    n, d = z.shape
-    gain = ca.Function("gain", [z, p, one.q0, one.u, one.t, one.h, one.c], [residual, total], {"cse": True})
-    q, cq, carry, guess, worst = (ca.SX.sym("x", k) for k in (n, n, n, n * d, 1))
-    x = ca.vertcat(q, cq, p, carry, guess, worst)
-    ahead = ca.mtimes(z, ca.DM(rule.extrapolation).T)
-    against = ca.fmax(scale[n:], _roundable(system, one, q, z[:, -1], p))
-    with verbatim():
-        left, gained = gain(z, p, q, one.u, one.t, one.h, one.c)
-        q1, cq1 = compensated(q, cq, one.h * z[:, -1], one.h)
-        p1, cp1 = compensated(p, carry, gained, one.h)
-        size = ca.norm_inf(ca.vec(left / ca.repmat(against, 1, d)))
-        after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead), ca.fmax(worst, size))
-        inputs = [x, ca.vec(z), ca.vec(one.u), one.t, one.h, one.c, scale]
-        return ca.Function("finish", inputs, [after])
+    n = e.q.numel()
+    cq, carry, guess, worst = (ca.SX.sym("x", k) for k in (n, n, e.y.numel(), 1))
+    x = ca.vertcat(e.q, cq, e.p, carry, guess, worst)
+    ahead = ca.mtimes(ca.reshape(e.y, n, -1), ca.DM(rule.extrapolation).T)
+    q1, cq1 = compensated(e.q, cq, e.increment, e.h)
+    p1, cp1 = compensated(e.p, carry, e.gain, e.h)
+    after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead), ca.fmax(worst, ca.norm_inf(e.remains)))
+    return ca.Function("finish", [x, e.y, e.u, e.t, e.h, e.c, e.scale], [after], {"cse": True})
 
 
 def _roundable(system: System, one: Interval, q: ca.SX, v: ca.SX, p: ca.SX) -> ca.SX:

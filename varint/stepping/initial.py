@@ -126,7 +126,7 @@ def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
 
 
 @per_system
-def _start_function(system: System) -> ca.Function:
+def start_function(system: System) -> ca.Function:
     """(q, v, u, t, c) → (p, M, ∂L/∂q + F) at the start."""
     s = system
     _, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
@@ -148,7 +148,7 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
     u, t = np.zeros(structure.controls), np.array([t0])
-    p, mass, push = call(_start_function(system), q, v, u, t, c)
+    p, mass, push = call(start_function(system), q, v, u, t, c)
     if not (np.isfinite(p).all() and np.isfinite(mass).all() and np.isfinite(push).all()):
         raise InputError(
             f"the Lagrangian's derivatives are not finite at the start, q0={q}, t0={t0:g}: a collision, a square root "

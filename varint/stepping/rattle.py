@@ -13,6 +13,7 @@ from varint.discrete import constraint_function
 from varint.manifold import rows_function
 from varint.rules import Rule, lobatto
 from varint.stepping.constrained import size_function, sum_function
+from varint.stepping.equations import Equations
 from varint.stepping.explicit import drift_function, kick_function
 from varint.stepping.newton import newton
 from varint.stepping.stepper import Stepper, compensated
@@ -37,7 +38,8 @@ def eliminates_path(system: System, rule: Rule) -> bool:
 def rattle_stepper(system: System, rule: Rule) -> Stepper:
     """Stepper by the multipliers alone; the same discrete motion as `constrained_stepper`."""
     s, n, m = system, system.structure.n, system.structure.constraints
-    solve, travel = _shake(s)
+    e = shake_equations(s)
+    solve, travel = _shake(e)
     kick, project = kick_function(s), _projection(s)
     offsets = [0, n, 2 * n, 3 * n, 4 * n, 5 * n, 5 * n + m, 5 * n + m + 1]
     x, scale = ca.MX.sym("x", offsets[-1]), ca.MX.sym("scale", 2 * n)
@@ -49,36 +51,47 @@ def rattle_stepper(system: System, rule: Rule) -> Stepper:
     force = kick(q0, u0, t, c) if s.structure.controls else kept
     size = size_function(s)(q0, t, h, c, scale)
     unit = ca.vertsplit(size, [0, n, n + m, 2 * (n + m)])[1]
-    lam = solve(guess / unit, q0, p0, force, t, h, c, size) * unit
-    q1, cq1, gain, increment, gap = travel(lam, q0, cq0, p0, force, t, h, c, size)
+    kicked = p0 + h / 2 * force
+    lam = solve(guess / unit, q0, kicked, t, h, c, size) * unit
+    q1, cq1, gain, increment, gap = travel(lam, q0, cq0, kicked, t, h, c, size)
     after = kick(q1, u1, t + h, c)
-    gain = gain + h / 2 * after
+    gain = gain + h / 2 * (force + after)
     p1, cp1 = sum_function(n)(p0, cp0, gain + project(q1, p0 + gain, t + h, c), h)
     inputs = [x, u, t, h, c, scale]
     step = ca.Function("rattle", inputs, [ca.vertcat(q1, cq1, p1, cp1, after, lam, ca.fmax(worst, gap))])
     return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), solve)
 
 
-def _shake(system: System) -> tuple[ca.Function, ca.Function]:
-    """The root finder for the multipliers, and what follows from them: q1, the momentum gain so far, the size of g."""
+@per_system
+def shake_equations(system: System) -> Equations:
+    """g(q1) = 0 for the multipliers alone, q1 = q0 + h M⁻¹(p + ½h G0ᵀλ) with p after the first half kick."""
     s, n, m = system, system.structure.n, system.structure.constraints
-    q, cq, p, force, lam = (ca.SX.sym(name, k) for name, k in (("q", n), ("cq", n), ("p", n), ("force", n), ("lam", m)))
-    t, h, sizes = ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("sizes", 2 * (n + m))
+    p, lam, t, h = ca.SX.sym("p", n), ca.SX.sym("lam", m), ca.SX.sym("t"), ca.SX.sym("h")
+    scale, sizes = ca.SX.sym("scale", 2 * n), ca.SX.sym("sizes", 2 * (n + m))
     _, lam_size, _, g_size = ca.vertsplit(sizes, [0, n, n + m, 2 * n + m, 2 * (n + m)])
     shape = constraint_function(s)
-    gain = h / 2 * (force + ca.mtimes(shape(q, t, s.c)[1].T, lam))
+    gain = h / 2 * ca.mtimes(shape(s.q, t, s.c)[1].T, lam)
     increment = h * drift_function(s)(p + gain, s.c)
-    gap = ca.densify(shape(q + increment, t + h, s.c)[0] / g_size)
-    arguments = [q, p, force, t, h, s.c, sizes]
-    equations = ca.Function("gaps", [lam, *arguments], [ca.substitute(gap, lam, lam * lam_size)], {"cse": True})
-    solve = newton("newton", equations, large=NEVER)
-    q1, cq1 = compensated(q, cq, increment, h)
-    outputs = [q1, cq1, gain, increment, ca.norm_inf(gap)]
-    return solve, ca.Function("travel", [lam, q, cq, p, force, t, h, s.c, sizes], outputs)
+    gap = ca.densify(shape(s.q + increment, t + h, s.c)[0])
+    u = ca.SX(0, 1)
+    return Equations(
+        lam, s.q, p, u, t, h, s.c, scale, sizes, gap, lam_size, g_size, g_size, increment, ca.densify(gain)
+    )
 
 
-def _projection(system: System) -> ca.Function:
-    """(q, p, t, c) → Δp = −Gᵀμ with G M⁻¹(p + Δp) = −∂g/∂t."""
+def _shake(e: Equations) -> tuple[ca.Function, ca.Function]:
+    """The root finder for the multipliers, and what follows from them: q1, the momentum gain so far, the size of g."""
+    arguments = [e.q, e.p, e.t, e.h, e.c, e.sizes]
+    solve = newton("newton", ca.Function("gaps", [e.y, *arguments], [e.scaled], {"cse": True}), large=NEVER)
+    cq = ca.SX.sym("cq", e.q.numel())
+    q1, cq1 = compensated(e.q, cq, e.increment, e.h)
+    outputs = [q1, cq1, e.gain, e.increment, ca.norm_inf(e.remains)]
+    return solve, ca.Function("travel", [e.y, e.q, cq, *arguments[1:]], outputs, {"cse": True})
+
+
+@per_system
+def hidden_functions(system: System) -> tuple[ca.Function, ca.Function]:
+    """(q, p, t, c) → G M⁻¹Gᵀ, its right side and the size of μ that makes it dimensionless; (q, t, c, μ) → −Gᵀμ."""
     s, n = system, system.structure.n
     p = ca.SX.sym("p", n)
     v = drift_function(s)(p, s.c)
@@ -89,7 +102,13 @@ def _projection(system: System) -> ca.Function:
     right = size * rows_function(s)(s.q, v, s.t, s.c)[0]
     parts = ca.Function("hidden", [s.q, p, s.t, s.c], [matrix, ca.densify(right), ca.densify(size)], {"cse": True})
     mu = ca.SX.sym("mu", s.structure.constraints)
-    pull = ca.Function("pull", [s.q, s.t, s.c, mu], [ca.densify(-ca.mtimes(slope.T, mu))])
+    return parts, ca.Function("pull", [s.q, s.t, s.c, mu], [ca.densify(-ca.mtimes(slope.T, mu))])
+
+
+def _projection(system: System) -> ca.Function:
+    """(q, p, t, c) → Δp = −Gᵀμ with G M⁻¹(p + Δp) = −∂g/∂t."""
+    s, n = system, system.structure.n
+    parts, pull = hidden_functions(s)
     q, p, t, c = (ca.MX.sym(name, k) for name, k in zip("qptc", (n, n, 1, s.c.numel()), strict=True))
     matrix, right, size = parts(q, p, t, c)
     return ca.Function("projection", [q, p, t, c], [pull(q, t, c, size * ca.solve(matrix, right, "ldl"))])

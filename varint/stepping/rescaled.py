@@ -13,6 +13,7 @@ import numpy as np
 from varint.arrays import call
 from varint.between import require_within, steps_ahead
 from varint.errors import ConvergenceError, InputError
+from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.initial import initial_task, number
@@ -20,7 +21,7 @@ from varint.stepping.plan import default_rule
 from varint.stepping.step_function import action_function, step_function
 from varint.stepping.time_scale import ENERGY, START, Rescaled, rescaled
 from varint.system import System
-from varint.trajectory import Event, Trajectory, own_symbols
+from varint.trajectory import Event, Trajectory
 
 FIRST_CHUNK = 64  # steps before the mean rate of the clock is known well enough to look further ahead
 PATIENCE = 8  # times the steps that the pace of the start would take
@@ -58,7 +59,7 @@ def rescaled_motion(
 
     def watched(wanted: Any, what: str) -> Any:
         expression, *direction = wanted if isinstance(wanted, tuple) else (wanted,)
-        inside = scene.translate(own_symbols(expression, system, what))
+        inside = scene.translate(in_own_symbols(expression, system, what))
         inside = ca.substitute(inside, clock, clock + task.t0) if task.t0 else inside
         return (inside, *direction) if direction else inside
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from varint.arrays import blocks, call
+from varint.arrays import call, over_columns
 from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
-from varint.stepping.step_function import SMALLEST, scale_function
+from varint.stepping.step_function import SMALLEST, inertia_function, scale_function
 from varint.system import System, per_system
 from varint.trajectory import Event
 
@@ -46,12 +46,28 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
+class Position:
+    """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
+
+    The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
+    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along.
+    """
+
+    x: np.ndarray
+    scale: np.ndarray
+    inertia: np.ndarray
+    k: int
+    largest: int
+    carry: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Block:
     """Some saved nodes: step counts k, coordinates, momenta.
 
     The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one. Scenes
     with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them;
-    compiled runs also count their iterations.
+    compiled runs also count their iterations. The run goes on from `after`, where it can be taken up again.
     """
 
     k: np.ndarray
@@ -64,10 +80,11 @@ class Block:
     phase: Phase | None = None
     events: tuple[Event, ...] = ()
     iterations: int = 0
+    after: Position | None = None
 
 
 @per_system
-def _rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
+def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
     """(x, u, t, h, c, scale) → states at `nodes` nodes, `every` steps apart."""
     stepper = plan(system, rule).build(system, rule)
     step = stepper.step
@@ -83,55 +100,118 @@ def _rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
     return ca.Function("rollout", [x, u, t, h, c, scale], [states])
 
 
-def run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
-    """The run, block after block; it ends with the first block that is not wholly good."""
+def beginning(system: System, rule: Rule, task: Task) -> Position:
+    """The position before the first step."""
+    u, t = task.controls(task.first, 1).reshape(1, -1), task.t0 + task.h * task.first
+    typical = np.abs(task.u).max(axis=(0, 1), initial=0.0)[None]
+    one = beginning_rows(system, rule, task.q0[None], task.p0[None], u, typical, t, np.array([task.h]), task.c[None])
+    return replace(one, x=one.x[0], scale=one.scale[0], inertia=one.inertia[0], k=task.first)
+
+
+def beginning_rows(
+    system: System,
+    rule: Rule,
+    q0: np.ndarray,
+    p0: np.ndarray,
+    u: np.ndarray,
+    typical: np.ndarray,
+    t0: float,
+    h: np.ndarray,
+    c: np.ndarray,
+) -> Position:
+    """The positions of several motions before the first step; arrays have the motions first.
+
+    `u` are the controls of the first step, `typical` the largest sizes of each control during the run.
+    """
+    t = np.full((len(q0), 1), t0)
     stepper = plan(system, rule).build(system, rule)
-    n, h, c = system.structure.n, np.array([task.h]), task.c
-    t0 = np.array([task.t0 + task.h * task.first])
-    typical = np.abs(task.u).max(axis=(0, 1), initial=0.0)
-    scale = call(scale_function(system), task.q0, task.p0, typical, t0, h, c)[0]
-    x = call(stepper.start, task.q0, task.p0, task.controls(task.first, 1), t0, h, c)[0]
-    k = task.first
-    largest = LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
-    for count, every in _grid(task.steps - task.first, task.save_every, largest):
+    x = over_columns(stepper.start, q0, p0, u, t, h, c)[0]
+    scale = over_columns(scale_function(system), q0, p0, typical, t, h, c)[0]
+    return Position(x, scale, over_columns(inertia_function(system), q0, p0, t, c)[0], 0, largest_block(x[0]))
+
+
+def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> Iterator[Block]:
+    """The run from a position on, block after block; it ends with the first block that is not wholly good."""
+    n, h = system.structure.n, np.array([task.h])
+    at = beginning(system, rule, task) if at is None else at
+    while at.k < task.steps:
+        count, every = next_block(at.k, task.steps, task.save_every, at.largest)
         total = count * every
-        times = task.t0 + task.h * np.arange(k, k + total)
-        function = _rollout(system, rule, count, every)
-        states = call(function, x, task.controls(k, total), times, h, c, scale)[0].reshape(count, -1)
-        finite = np.isfinite(states).all(axis=1) & (states[:, -1] <= RESIDUAL_LIMIT)
-        good = count if finite.all() else int(np.argmin(finite))
-        q, p = states[:, :n], states[:, 2 * n : 3 * n]
-        residual = float(states[good - 1, -1]) if good else 0.0
-        failed = 0.0 if good == count else _size(states[good])
-        yield Block(k + every * np.arange(1, count + 1), q[:good], p[:good], residual, good, failed)
+        times = task.t0 + task.h * np.arange(at.k, at.k + total)
+        function = rollout(system, rule, count, every)
+        states = call(function, at.x, task.controls(at.k, total), times, h, task.c, at.scale)[0].reshape(count, -1)
+        good = int(good_nodes(states))
+        worst = float(states[good - 1, -1]) if good else 0.0
+        after = _advanced(at, states[:good], task.h, every)
+        k = at.k + every * np.arange(1, count + 1)
+        if good == count and not is_saved(int(k[-1]), task.steps, task.save_every):  # within a long interval
+            k, states = k[:0], states[:0]
+        q, p = states[:good, :n], states[:good, 2 * n : 3 * n]
+        failed = 0.0 if good == count else size(states[good])
+        yield Block(k, q, p, worst, len(q), failed, after=after)
         if good < count:
             return
-        scale = _rescaled(scale, q, p, abs(task.h) * every)
-        x, k = states[-1].copy(), k + total
-        x[-1] = 0.0
+        at = after
 
 
-def _size(state: np.ndarray) -> float:
+def next_block(k: int, steps: int, every: int, largest: int) -> tuple[int, int]:
+    """(nodes, steps between them) of the block after k steps: a power of ten of nodes, or of steps within an interval.
+
+    It depends on the position alone, so a run that is taken up again has the blocks of the one that was not stopped.
+    """
+    whole = (steps - k) // every
+    if k % every or not whole or every > MOST_STEPS_IN_BLOCK:
+        return 1, _power_of_ten(min(every - k % every, steps - k, MOST_STEPS_IN_BLOCK))
+    return _power_of_ten(min(whole, largest, max(MOST_STEPS_IN_BLOCK // every, 1))), every
+
+
+def is_saved(k: int, steps: int, every: int) -> bool:
+    """Whether the node after k steps is kept."""
+    return k % every == 0 or k == steps
+
+
+def good_nodes(states: np.ndarray) -> np.ndarray:
+    """How many of the states (…, nodes, size), from the first on, are finite and solved."""
+    good = np.isfinite(states).all(axis=-1) & (states[..., -1] <= RESIDUAL_LIMIT)
+    return np.where(good.all(axis=-1), states.shape[-2], np.argmin(good, axis=-1))
+
+
+def _advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
+    """The position after the solved states, (nodes, size)."""
+    if not len(states):
+        return replace(at, largest=1)
+    x, k = states[-1].copy(), at.k + every * len(states)
+    x[-1] = 0.0
+    return replace(
+        at, x=x, scale=rescaled(at, states, abs(h) * every), k=k, largest=min(10 * at.largest, largest_block(x))
+    )
+
+
+def largest_block(x: np.ndarray) -> int:
+    """Nodes of a block: fewer where a state is large."""
+    return LARGEST_BLOCK if x.size < LARGE_STATE else LARGEST_BLOCK // 10
+
+
+def _power_of_ten(most: int) -> int:
+    size = 1
+    while 10 * size <= most:
+        size *= 10
+    return size
+
+
+def size(state: np.ndarray) -> float:
     """Residual of a state that failed: NaN where the state itself is not finite."""
     return float(state[-1]) if np.isfinite(state).all() else float("nan")
 
 
-def _grid(steps: int, every: int, largest: int) -> Iterator[tuple[int, int]]:
-    """Blocks (nodes, steps between nodes); a shorter last interval where `every` does not divide `steps`."""
-    while largest > 1 and largest * every > MOST_STEPS_IN_BLOCK:
-        largest //= 10
-    for count in blocks(steps // every, largest):
-        yield count, every
-    if steps % every:
-        yield 1, steps % every
-
-
-def _rescaled(scale: np.ndarray, q: np.ndarray, p: np.ndarray, apart: float) -> np.ndarray:
-    """Typical sizes of velocities and momenta as the last block (nodes, n) showed them; see `scale_function`."""
-    n = q.shape[-1]
-    speeds = np.abs(np.diff(q, axis=-2)).max(axis=-2, initial=0.0) / apart
-    new = np.concatenate([speeds, np.abs(p).max(axis=-2, initial=0.0)], axis=-1)
-    new = np.maximum(new, 0.1 * scale)
-    root = np.sqrt(scale[..., n:] / scale[..., :n])  # of the inertia
-    least = SMALLEST * (new[..., :n] * root).max(axis=-1, keepdims=True)
-    return np.maximum(new, np.concatenate([least / root, least * root], axis=-1))
+def rescaled(at: Position, states: np.ndarray, apart: float) -> np.ndarray:
+    """Typical sizes of velocities and momenta as the states (…, nodes, size) after `at` show; see `scale_function`."""
+    n = at.inertia.shape[-1]
+    q, p = states[..., :n], states[..., 2 * n : 3 * n]
+    path = np.concatenate([at.x[..., None, :n], q], axis=-2)
+    v_size = np.maximum(np.abs(np.diff(path, axis=-2)).max(axis=-2) / apart, 0.1 * at.scale[..., :n])
+    p_size = np.maximum(np.abs(p).max(axis=-2), 0.1 * at.scale[..., n:])
+    root = np.sqrt(at.inertia)
+    least = SMALLEST * (v_size * root).max(axis=-1, keepdims=True)
+    v_size = np.maximum(v_size, least / root)
+    return np.concatenate([v_size, np.maximum(p_size, v_size * at.inertia)], axis=-1)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -11,17 +13,19 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import ConvergenceError, InputError
+from varint.errors import InputError
 from varint.manifold import Phase
 from varint.progress import progress_bar
 from varint.rules import Rule
 from varint.stepping.accuracy import for_tolerance
 from varint.stepping.backend import blocks_of, kernel_for
+from varint.stepping.checkpoint import Checkpoint, checkpoint_of
+from varint.stepping.diagnosis import energy_jump, failure
 from varint.stepping.events import crossings, logged, watched
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import Plan, plan
 from varint.stepping.rescaled import rescaled_motion
-from varint.stepping.run import RESIDUAL_LIMIT, Block, Task
+from varint.stepping.run import Block, Task
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Event, Trajectory
@@ -52,6 +56,8 @@ def simulate(
     tol: float | None = None,
     progress: bool | None = None,
     backend: str = "auto",
+    checkpoint: Any = None,
+    on_failure: str = "raise",
 ) -> Trajectory:
     """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete Euler–Lagrange).
 
@@ -92,17 +98,26 @@ def simulate(
         Show a progress bar. Default: in a terminal, for runs longer than a second.
     backend : {"auto", "compiled", "interpreted"}
         Whether the run's inner loop is compiled C. By default it is where the run is long enough to repay the compiler.
+    checkpoint : path, optional
+        Write the run to this file every second or so. The same call goes on from there after a crash, a kill or Ctrl-C,
+        and ends with the same bytes as a run that was not stopped; after the end it returns the whole run at once.
+        One run a file, one process a run.
+    on_failure : {"raise", "subdivide"}
+        ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts (interpreted). They become nodes, and
+        `Trajectory.events` tells of it. The step changes there, so a symplectic rule loses its long-time guarantees
+        locally: for a rare close approach, not for a step that is too large everywhere.
 
     Returns
     -------
     Trajectory
+        After Ctrl-C the nodes until then, with ``stats["interrupted"]`` true.
 
     Raises
     ------
     InputError
         If the input is not a well-posed problem; the message says what to change.
     ConvergenceError
-        If a step cannot be solved: step, time, residual, and the trajectory up to there are attached.
+        If a step cannot be solved: step, time, residual, likely cause and the trajectory up to there are attached.
 
     Examples
     --------
@@ -150,31 +165,93 @@ def simulate(
     )  # fmt: skip
     if tol is not None:
         task = replace(task, level=LEVEL * tol)
+    file = None
+    if checkpoint is not None:
+        words = dict(until=repr(until), events=repr(events), backend=backend, on_failure=on_failure)
+        file = checkpoint_of(checkpoint, system, chosen.rule, task, **words)
+    nodes, blocks, kernel = _course(system, chosen, task, backend, on_failure, file)
+    done, interrupted = int(nodes[0].k[-1]), False
+    try:
+        with progress_bar(task.steps, "step", progress, done) as move:
+            for block in blocks:
+                last = _last_node(nodes)
+                nodes.append(block)
+                stop = []
+                if watches or stops:
+                    recent = _trajectory(system, chosen, task, [last, block], began, [])
+                    noted += [event for watch in watches for event in logged(recent, watch)]
+                    stop = crossings(recent, stops)[:1] if stops else []
+                if stop or block.good < len(block.k):
+                    motion = _trajectory(system, chosen, task, nodes, began, noted, kernel)
+                    if stop:
+                        return _cut(motion, len(motion) - len(recent) + stop[0][0] + 1, stop[0][1])
+                    raise failure(motion, _failed_step(block), block.failed, on_failure)
+                if block.good:
+                    note = partial(_energy_note, system, chosen, task, nodes[0], block)
+                    move(int(block.k[block.good - 1] - last.k[-1]), note)
+                if file and file.due():
+                    file.write(task.t0, task.h, nodes, noted)
+    except KeyboardInterrupt:
+        interrupted = True
+    if file and len(nodes) > 1:
+        file.write(task.t0, task.h, nodes, noted)
+    motion = _trajectory(system, chosen, task, nodes, began, noted, kernel, interrupted)
+    if jump := energy_jump(motion):
+        warnings.warn(f"{jump} scene can do: h = {task.h:g} is too large, try a smaller one", stacklevel=2)
+    return motion
+
+
+def _course(
+    system: System, chosen: Plan, task: Task, backend: str, on_failure: str, file: Checkpoint | None
+) -> tuple[list[Block], Iterator[Block], Kernel | None]:
+    """What there is of the run, the blocks that follow, and the compiled loop that makes them if one does."""
+    if on_failure not in ("raise", "subdivide"):
+        raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
+    if on_failure == "subdivide":
+        if system.structure.contacts or task.u.shape[1] > 1 or backend == "compiled":
+            raise InputError(
+                "on_failure='subdivide' is for scenes without contacts, controls that are constant on a step "
+                "(steps, k), and the interpreted backend"
+            )
+        backend = "interpreted"
     if system.structure.contacts:
         from varint.stepping.contact_run import contact_run
 
-        kernel, blocks = None, contact_run(system, chosen.rule, task)
-        nodes = [next(blocks)]
-    else:
-        scene = system if task.phase is None else task.phase.scene(system)
-        kernel = kernel_for(scene, chosen.rule, task, backend)
-        blocks = blocks_of(scene, chosen.rule, task, kernel)
-        nodes = [Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
-    with progress_bar(task.steps, "step", progress) as count:
-        for block in blocks:
-            nodes.append(block)
-            count(int(block.k[block.good - 1] - nodes[-2].k[-1]) if block.good else 0)
-            stop = []
-            if watches or stops:
-                recent = _trajectory(system, chosen, task, nodes[-2:], began, [])[nodes[-2].good - 1 :]
-                noted += [event for watch in watches for event in logged(recent, watch)]
-                stop = crossings(recent, stops)[:1] if stops else []
-            if stop or block.good < len(block.k):
-                motion = _trajectory(system, chosen, task, nodes, began, noted, kernel)
-                if stop:
-                    return _cut(motion, len(motion) - len(recent) + stop[0][0] + 1, stop[0][1])
-                raise _failure(motion, block, task)
-    return _trajectory(system, chosen, task, nodes, began, noted, kernel)
+        contacts = contact_run(system, chosen.rule, task)
+        return [next(contacts)], contacts, None
+    scene = system if task.phase is None else task.phase.scene(system)
+    kernel = kernel_for(scene, chosen.rule, task, backend)
+    nodes = [(file and file.read()) or Block(np.zeros(1, dtype=int), task.q0[None], task.p0[None], 0.0, 1)]
+    if on_failure == "subdivide":
+        from varint.stepping.subdivide import around_failures
+
+        return nodes, around_failures(scene, chosen.rule, task, nodes[0].after), None
+    return nodes, blocks_of(scene, chosen.rule, task, kernel, nodes[0].after), kernel
+
+
+def _last_node(nodes: list[Block]) -> Block:
+    """The last saved node alone: the blocks of a long interval between two nodes have none."""
+    block = next(b for b in reversed(nodes) if b.good)
+    i = block.good - 1
+    t = None if block.t is None else block.t[i:]
+    return replace(block, k=block.k[i : i + 1], q=block.q[i:], p=block.p[i:], t=t, good=1, events=(), iterations=0)
+
+
+def _failed_step(block: Block) -> int:
+    """Index of the first step that is not known to be solved."""
+    if block.after is not None:
+        return block.after.k
+    return int(block.k[block.good - 1]) if block.good else int(block.k[0]) - 1
+
+
+def _energy_note(system: System, chosen: Plan, task: Task, first: Block, last: Block) -> str:
+    """Energy error of the last node for the progress bar; the energy where forces or time may change it."""
+    ends = _trajectory(system, chosen, task, [_last_node([block]) for block in (first, last)], 0.0, [])
+    before, after = ends.energy
+    s = system.structure
+    if s.forced or not s.autonomous or before == 0:
+        return f"H={after:.6g}"
+    return f"ΔH/|H|={(after - before) / abs(before):.1e}"
 
 
 def _trajectory(
@@ -185,6 +262,7 @@ def _trajectory(
     began: float,
     noted: list[Event],
     kernel: Kernel | None = None,
+    interrupted: bool = False,
 ) -> Trajectory:
     k = np.concatenate([block.k[: block.good] for block in nodes])
     phases, phase = _phases(system, task, nodes)
@@ -210,6 +288,7 @@ def _trajectory(
                 "steps": int(k[-1]),
                 "iterations": sum(block.iterations for block in nodes),
                 "residual": max(block.residual for block in nodes),
+                "interrupted": interrupted,
                 "seconds": perf_counter() - began,
             }
         ),
@@ -232,18 +311,3 @@ def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:
     phase = None if motion.phase is None else np.concatenate([motion.phase[:kept], motion.phase[kept - 1 : kept]])
     before = tuple(event for event in motion.events if (t - event.time) * motion.h >= 0)
     return replace(motion, t=times, q=q, p=p, k=steps, phase=phase, events=before)
-
-
-def _failure(motion: Trajectory, block: Block, task: Task) -> ConvergenceError:
-    k, t = int(motion.k[-1]), float(motion.t[-1])
-    residual = block.failed
-    if np.isfinite(residual):
-        what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
-        cure = "h is too large for this motion or the scene is close to singular: try a smaller h"
-    else:
-        what = "gave values that are not finite"
-        cure = "a collision, a square root or logarithm of a negative number, or h too large: try a smaller h"
-    return ConvergenceError(
-        f"the step after t = {t:g} (step {k}) {what}; {cure}. Error.trajectory has the {len(motion)} nodes before it",
-        step=k, time=t, residual=residual, trajectory=motion,
-    )  # fmt: skip

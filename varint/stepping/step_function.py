@@ -80,16 +80,28 @@ def scale_function(system: System) -> ca.Function:
     v = velocity(q, p, t, c)
     gain = [ca.plus(*point(q, v, u, at, c)[2:]) for at in (t, t + h)]  # a push may begin with zero
     push = ca.fmax(*(ca.fabs(h * x) for x in gain))
-    v_size = ca.fabs(v) + ca.fabs(velocity(q, p + h * gain[0], t, c) - v)
     mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.fabs(system.mass_matrix)])(q, v, t, c)
+    inertia = inertia_function(system)(q, p, t, c)
+    # what the push does where nothing holds against it counts too: constraints may let it do nothing
+    v_size = ca.fabs(v) + ca.fabs(velocity(q, p + h * gain[0], t + h, c) - v) + push / inertia
     p_size = ca.fabs(p) + push + ca.mtimes(mass, v_size)
-    inertia = ca.diag(mass)
-    inertia = ca.if_else(inertia > 0, inertia, ca.norm_inf(p_size) / ca.fmax(ca.norm_inf(v_size), UNKNOWN))
     least = SMALLEST * ca.norm_inf(v_size * ca.sqrt(inertia))
-    v_scale = ca.fmax(v_size, least / ca.sqrt(ca.fmax(inertia, UNKNOWN)))
-    sizes = [ca.fmax(x, UNKNOWN) for x in (v_scale, ca.fmax(p_size, least * ca.sqrt(inertia)))]
+    sizes = [ca.fmax(v_size, least / ca.sqrt(inertia)), ca.fmax(p_size, least * ca.sqrt(inertia))]
+    sizes = [ca.fmax(x, UNKNOWN) for x in sizes]
     options = {"is_diff_out": [False], "never_inline": True}
     return ca.Function("scale", [q, p, u, t, h, c], [ca.vertcat(*sizes)], options)
+
+
+@per_system
+def inertia_function(system: System) -> ca.Function:
+    """(q, p, t, c) → what compares p with v in each coordinate, (n,): the mass, and |p|/|v| where there is none."""
+    s = system
+    q, p, t, c = (ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, s.q, s.t, s.c), strict=True))
+    v = velocity_function(s)(q, p, t, c)
+    own = ca.Function("masses", [s.q, s.v, s.t, s.c], [ca.densify(ca.fabs(ca.diag(s.mass_matrix)))])(q, v, t, c)
+    largest, p_size, v_size = ca.mmax(own), ca.norm_inf(p), ca.norm_inf(v)
+    ratio = ca.if_else(p_size * v_size > 0, p_size / v_size, 1)
+    return ca.Function("inertia", [q, p, t, c], [ca.if_else(own > 0, own, ca.if_else(largest > 0, largest, ratio))])
 
 
 SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones

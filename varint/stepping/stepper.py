@@ -5,8 +5,6 @@ The state vector x of a run is [q, q's compensation, p, p's compensation, the st
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import casadi as ca
@@ -32,12 +30,6 @@ class Stepper:
     start: ca.Function
     path: ca.Function
     solve: ca.Function | None = None
-
-
-@contextmanager
-def verbatim() -> Iterator[None]:
-    """Kept for callers of `compensated`, which needs no global switch any more."""
-    yield
 
 
 def compensated(x: ca.SX, carry: ca.SX, increment: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -16,8 +16,8 @@ from typing import Any
 import casadi as ca
 
 from varint.errors import InputError
+from varint.expressions import in_own_symbols
 from varint.system import Parameters, System, coordinates
-from varint.trajectory import own_symbols
 
 # names that no scene of a user's has; σ0 t' changes no motion, but round-off in t' − σ has a momentum to compare with
 TIME, ENERGY, START = "physical time", "initial energy", "initial time scale"
@@ -110,7 +110,7 @@ def _checked(system: System, sigma: Any) -> ca.SX:
                 f"time_scale needs the energy of the start all along, but {reason}; leave time_scale out and choose a "
                 "smaller h"
             )
-    sigma = own_symbols(sigma, system, "time_scale")
+    sigma = in_own_symbols(sigma, system, "time_scale")
     if sigma.numel() != 1:
         raise InputError(f"time_scale must be a scalar expression of q and the parameters, it has shape {sigma.shape}")
     strange = [x.name() for x in ca.symvar(ca.vertcat(system.v, system.t)) if ca.depends_on(sigma, x)]

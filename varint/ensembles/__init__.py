@@ -1,0 +1,1 @@
+"""Many motions of one system: broadcast starts and parameters, chunks for any executor, results on disk."""

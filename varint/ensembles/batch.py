@@ -1,0 +1,145 @@
+"""A chunk of members stepped together: the same functions as one run's, mapped over the members."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.ensembles.members import Members, arguments_of, momenta
+from varint.errors import ConvergenceError, InputError
+from varint.rules import Rule
+from varint.stepping.initial import controls
+from varint.stepping.run import Position, beginning_rows, good_nodes, is_saved, next_block, rescaled, rollout, size
+from varint.stepping.simulate import simulate
+from varint.system import System
+
+MOST_NUMBERS = 4_000_000  # in the states of one block of nodes
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Some members' motions.
+
+    Attributes
+    ----------
+    first : int
+        Number of the first member.
+    q, p : array (members, N + 1, n)
+        Rows from a member's `good` on are no data.
+    good : array of int (members,)
+        Number of nodes that are solved.
+    step : array of int (members,)
+        Steps done.
+    residual : array (members,)
+        Worst residual of the solved steps.
+    failed : array (members,)
+        Residual of the step that failed (infinite where its values were not finite); −1 where none did.
+    """
+
+    first: int
+    q: np.ndarray
+    p: np.ndarray
+    good: np.ndarray
+    step: np.ndarray
+    residual: np.ndarray
+    failed: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+
+def stepped(system: System, rule: Rule, members: Members) -> Chunk:
+    """All members of a chunk, each bit for bit what `simulate` makes of it."""
+    s = system.structure
+    nodes = len(members.k)
+    shape = (len(members), nodes, s.n)
+    chunk = Chunk(
+        members.first, np.zeros(shape), np.zeros(shape), np.zeros(len(members), dtype=int),
+        np.zeros(len(members), dtype=int), np.zeros(len(members)), np.full(len(members), -1.0),
+    )  # fmt: skip
+    if s.constraints or s.nonholonomic or s.contacts or s.degenerate:
+        _one_by_one(system, rule, members, chunk)
+    else:
+        _together(system, rule, members, chunk)
+    return chunk
+
+
+def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:
+    """Scenes whose start or phases differ from member to member."""
+    for i in range(len(members)):
+        try:
+            given = arguments_of(system, members, i)
+            motion, failed = simulate(system, rule, progress=False, backend="interpreted", **given), -1.0
+        except ConvergenceError as error:
+            motion, failed = error.trajectory, error.residual if np.isfinite(error.residual) else np.inf
+            chunk.step[i] = error.step
+        except InputError as error:
+            raise InputError(f"member {members.first + i}: {error}") from None
+        good = len(motion)
+        chunk.q[i, :good], chunk.p[i, :good] = motion.q, motion.p
+        chunk.good[i], chunk.residual[i], chunk.failed[i] = good, motion.stats["residual"], failed
+        if failed < 0:
+            chunk.step[i] = members.steps
+
+
+def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:
+    n, every, k = system.structure.n, members.save_every, 0
+    p0 = momenta(system, members)
+    chunk.q[:, 0], chunk.p[:, 0], chunk.good[:] = members.q0, p0, 1
+    u = _tables(system, rule, members)
+    h, c = np.array([members.h]), members.c
+    typical = np.abs(u).max(axis=(1, 2), initial=0.0)
+    at = beginning_rows(system, rule, members.q0, p0, _nodes(u, rule, 0, 1), typical, members.t0, h, c)
+    going, node = np.arange(len(members)), 1
+    while k < members.steps and len(going):
+        count, apart = next_block(k, members.steps, every, at.largest)
+        total = count * apart
+        times = members.t0 + members.h * np.arange(k, k + total)
+        function = rollout(system, rule, count, apart)
+        after = np.empty((len(going), at.x.shape[1]))
+        scale, good = np.empty_like(at.scale), np.empty(len(going), dtype=int)
+        most = max(MOST_NUMBERS // (count * at.x.shape[1]), 1)
+        for a in range(0, len(going), most):
+            part = slice(a, a + most)
+            rows = going[part]
+            controls_now = _nodes(u if len(u) == 1 else u[rows], rule, k, total)
+            here = Position(at.x[part], at.scale[part], at.inertia[part], k, at.largest)
+            states = over_columns(function, here.x, controls_now, times, h, c[rows], here.scale)[0]
+            states = states.reshape(len(rows), count, -1)
+            good[part] = good_nodes(states)
+            after[part], scale[part] = states[:, -1], rescaled(here, states, abs(members.h) * apart)
+            last = k + apart * good[part]
+            chunk.step[rows] = last
+            solved = np.arange(count) < good[part, None]
+            chunk.residual[rows] = np.maximum(
+                chunk.residual[rows], np.where(solved, states[:, :, -1], 0).max(axis=1, initial=0)
+            )
+            if is_saved(k + total, members.steps, every):
+                keep = np.where(solved[:, :, None], states, 0)
+                chunk.q[rows, node : node + count] = keep[:, :, :n]
+                chunk.p[rows, node : node + count] = keep[:, :, 2 * n : 3 * n]
+                chunk.good[rows] += good[part]
+            for j in np.flatnonzero(good[part] < count):
+                left = size(states[j, good[part][j]])
+                chunk.failed[rows[j]] = left if np.isfinite(left) else np.inf
+        node += count if is_saved(k + total, members.steps, every) else 0
+        k += total
+        on = good == count
+        after[:, -1] = 0.0
+        going = going[on]
+        at = Position(after[on], scale[on], at.inertia[on], k, at.largest)
+
+
+def _tables(system: System, rule: Rule, members: Members) -> np.ndarray:
+    """Controls (1 or members, steps, r or 1, k)."""
+    tables = [None] if members.u is None else members.u
+    return np.array([controls(system, rule, u, members.steps) for u in tables])
+
+
+def _nodes(u: np.ndarray, rule: Rule, k: int, count: int) -> np.ndarray:
+    """Controls of `count` steps from step k on at every node, (1 or members, count r k)."""
+    part = u[:, k : k + count]
+    part = np.broadcast_to(part, (*part.shape[:2], len(rule.nodes), part.shape[3]))
+    return np.ascontiguousarray(part).reshape(len(part), -1)

@@ -1,0 +1,140 @@
+"""Ensembles: one call for many motions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from varint.ensembles.batch import Chunk
+from varint.ensembles.executor import computed
+from varint.ensembles.members import members_of
+from varint.ensembles.result import Ensemble
+from varint.ensembles.store import Store, loaded, opened
+from varint.errors import InputError
+from varint.progress import progress_bar
+from varint.rules import Rule
+from varint.stepping.plan import plan
+from varint.system import System
+
+
+def ensemble(
+    system: System,
+    rule: Rule | None = None,
+    *,
+    q0: Any,
+    v0: Any = None,
+    p0: Any = None,
+    h: float | None = None,
+    steps: int | None = None,
+    duration: float | None = None,
+    t0: float = 0.0,
+    u: Any = None,
+    params: Mapping[str, Any] | None = None,
+    save_every: int = 1,
+    executor: Executor | None = None,
+    store: Any = None,
+    progress: bool | None = None,
+) -> Ensemble:
+    """Motions from many starts, parameters or controls: each is bit for bit what `simulate` makes of it, interpreted.
+
+    D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 for every member. Starts, parameters and controls may have a leading
+    axis of members; what has none is the same for all.
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Default: the scene's own.
+    q0, v0, p0 : array (n,) or (members, n)
+        Starts; for one coordinate also (members,).
+    h, steps, duration : float, int, float
+        Step size, number of steps, total time: two of the three, the same for all members.
+    t0 : float
+        Start time.
+    u : array, optional
+        Controls as for `simulate`, or (members, steps, k), or (members, steps, r, k).
+    params : dict, optional
+        Values of parameters, or one value a member along a leading axis.
+    save_every : int
+        Keep every so many steps.
+    executor : concurrent.futures.Executor, optional
+        Where chunks of members run: threads, processes, ``dask.distributed.Client().get_executor()``, an MPI pool. The
+        system travels as data. Chunks of lost workers are done again.
+    store : path, optional
+        Folder in which finished chunks are kept. The result reads them one by one, so that it may be larger than
+        memory; the same call after an interruption does what is missing.
+    progress : bool, optional
+        Show a progress bar. Default: in a terminal, for work longer than a second.
+
+    Returns
+    -------
+    Ensemble
+        A member that fails does not take the others along: `Ensemble.errors` has its error, its arrays end there.
+
+    Raises
+    ------
+    InputError
+        If the input is not a well-posed problem; the message says which members are wrong, and how.
+    VarintError
+        If members are lost with their workers again and again.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import numpy as np
+    >>> import varint as vi
+    >>> c = vi.Parameters(length=1.0, g=9.81)
+    >>> q, v = vi.coordinates("theta")
+    >>> pendulum = vi.System(q, v, c.length**2 * v**2 / 2 + c.g * c.length * ca.cos(q), params=c)
+    >>> lengths = np.linspace(0.5, 2, 200)
+    >>> sweep = vi.ensemble(pendulum, q0=0.05, v0=0.0, h=0.01, steps=100, params=dict(length=lengths))
+    >>> sweep.q.shape, len(sweep.failed), float(sweep[7].parameters["length"] - lengths[7])
+    ((200, 101, 1), 0, 0.0)
+    """
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise InputError(
+            f"executor must have a submit method as concurrent.futures.Executor has, got {type(executor).__name__}; "
+            "of a dask Client take client.get_executor()"
+        )
+    rule = plan(system, rule).rule
+    members = members_of(
+        system, rule,
+        q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
+    )  # fmt: skip
+    kept: Store | None = None if store is None else opened(Path(store), system, rule, members)
+    done = kept.ranges if kept is not None else []
+    chunks: list[Chunk] = []
+    before = sum(count for _, count in done)
+    with progress_bar(len(members), "member", progress, before) as move:
+        for chunk in computed(system, rule, members, _missing(done, len(members)), executor):
+            if kept is None:
+                chunks.append(chunk)
+            else:
+                kept.add(chunk)
+            move(len(chunk), partial(_note, chunk))
+    chunks.sort(key=lambda chunk: chunk.first)
+    return Ensemble(system, rule, members, chunks if kept is None else kept)
+
+
+def _note(chunk: Chunk) -> str:
+    failed = int((chunk.failed >= 0).sum())
+    return f"{failed} of the last {len(chunk)} failed" if failed else ""
+
+
+def load_ensemble(folder: Any) -> Ensemble:
+    """The complete ensemble that ``ensemble(…, store=folder)`` wrote; `varint.load` calls this for folders."""
+    system, rule, members, store = loaded(Path(folder))
+    return Ensemble(system, rule, members, store)
+
+
+def _missing(done: list[tuple[int, int]], total: int) -> list[tuple[int, int]]:
+    """Ranges (first, number) that are not among the sorted ones."""
+    gaps, at = [], 0
+    for first, count in [*done, (total, 0)]:
+        if first > at:
+            gaps.append((at, first - at))
+        at = first + count
+    return gaps

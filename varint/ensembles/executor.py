@@ -1,0 +1,142 @@
+"""Chunks of members on any `concurrent.futures.Executor`: sized by measurement, each done once, lost ones again."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, wait
+from dataclasses import asdict
+from functools import lru_cache
+from typing import Any
+
+from varint.description import describe, revive, rule_of
+from varint.ensembles.batch import Chunk, stepped
+from varint.ensembles.members import Members
+from varint.errors import VarintError
+from varint.rules import Rule
+from varint.system import System
+
+SECONDS = 0.5  # of work a chunk: long against sending it, short against losing it
+SAMPLE = 10  # members that are timed
+MOST_NUMBERS = 20_000_000  # in the result of a chunk
+ROUNDS = 4  # chunks a worker has at least, so that fast ones help slow ones
+UNKNOWN_WORKERS = 16
+MOST_TRIES = 4  # of a chunk whose worker is lost
+
+Range = tuple[int, int]
+
+
+def computed(
+    system: System, rule: Rule, members: Members, todo: list[Range], executor: Executor | None
+) -> Iterator[Chunk]:
+    """The chunks of the ranges (first, number) that are to be done, in the order in which they come."""
+    queue = _cut(todo, [1, SAMPLE])
+    began, done = time.perf_counter(), 0
+    for first, count in queue[:2]:  # the first builds the functions, the second tells what a member costs
+        began, done = time.perf_counter(), count
+        yield stepped(system, rule, members[first : first + count])
+    left = sum(count for _, count in queue[2:])
+    if not left:
+        return
+    per_member = max((time.perf_counter() - began) / done, 1e-9)
+    numbers = 2 * len(members.k) * system.structure.n
+    size = max(min(int(SECONDS / per_member), MOST_NUMBERS // numbers), 1)
+    if executor is None:
+        for first, count in _cut(queue[2:], [size] * left):
+            yield stepped(system, rule, members[first : first + count])
+        return
+    size = max(min(size, -(-left // (ROUNDS * _workers(executor)))), 1)
+    yield from _distributed(system, rule, members, _cut(queue[2:], [size] * left), executor)
+
+
+def _cut(ranges: list[Range], sizes: list[int]) -> list[Range]:
+    """The ranges in pieces of at most these sizes, one after the other; what is left when the sizes end stays whole."""
+    pieces, sizes = [], list(reversed(sizes))
+    for first, count in ranges:
+        while count:
+            size = min(sizes.pop(), count) if sizes else count
+            pieces.append((first, size))
+            first, count = first + size, count - size
+    return pieces
+
+
+def _distributed(
+    system: System, rule: Rule, members: Members, queue: list[Range], executor: Executor
+) -> Iterator[Chunk]:
+    """Chunks from the workers; never more of them under way than the workers need, so that memory stays bounded."""
+    what = json.dumps({"system": describe(system), "rule": asdict(rule)})
+    window, own = ROUNDS * _workers(executor), None
+    waiting, tries = list(reversed(queue)), dict.fromkeys(queue, 0)
+    running: dict[Any, Range] = {}
+    try:
+        while waiting or running:
+            lost: list[tuple[Range, BaseException]] = []
+            while waiting and len(running) < window:
+                piece = waiting.pop()
+                try:
+                    running[executor.submit(work, what, members[piece[0] : sum(piece)])] = piece
+                except BrokenExecutor as error:
+                    lost.append((piece, error))
+                    break
+            for future in wait(running, return_when=FIRST_COMPLETED).done if running else ():
+                piece = running.pop(future)
+                try:
+                    chunk = future.result()
+                except BaseException as error:
+                    if not _is_loss(error):
+                        raise
+                    lost.append((piece, error))
+                else:
+                    yield chunk
+            for piece, cause in lost:
+                tries[piece] += 1
+                if tries[piece] >= MOST_TRIES:
+                    raise VarintError(
+                        f"members {piece[0]} to {sum(piece) - 1} were lost with their workers {MOST_TRIES} times "
+                        f"({type(cause).__name__}); is there enough memory? With store= all other members are kept"
+                    ) from cause
+                waiting.append(piece)
+            if any(isinstance(cause, BrokenExecutor) for _, cause in lost) and not running:
+                if own is not None:
+                    own.shutdown(wait=False)
+                own = executor = _replacement(executor)
+    finally:
+        for future in running:
+            future.cancel()
+        if own is not None:
+            own.shutdown(wait=False, cancel_futures=True)
+
+
+def work(what: str, members: Members) -> Chunk:
+    """A chunk in a worker: plain data in, plain data out."""
+    system, rule = _scene(what)
+    return stepped(system, rule, members)
+
+
+@lru_cache(maxsize=8)
+def _scene(what: str) -> tuple[System, Rule]:
+    """System and rule of a description; kept, so that a worker builds its functions once."""
+    data = json.loads(what)
+    return revive(data["system"]), rule_of(data["rule"])
+
+
+def _is_loss(error: BaseException) -> bool:
+    """Whether a worker was lost, and not the work wrong."""
+    known = isinstance(error, (BrokenExecutor, CancelledError, ConnectionError, EOFError))
+    return known or type(error).__module__.startswith("distributed")
+
+
+def _workers(executor: Executor) -> int:
+    for name in ("_max_workers", "num_workers"):
+        count = getattr(executor, name, None)
+        if isinstance(count, int) and count > 0:
+            return count
+    return UNKNOWN_WORKERS
+
+
+def _replacement(executor: Executor) -> Executor:
+    """A pool of processes breaks as a whole when one of them is killed; a new one takes over."""
+    if not isinstance(executor, ProcessPoolExecutor):
+        raise VarintError(f"the executor {type(executor).__name__} broke and cannot be replaced; give a new one")
+    return ProcessPoolExecutor(_workers(executor), mp_context=getattr(executor, "_mp_context", None))

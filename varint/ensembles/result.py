@@ -1,0 +1,236 @@
+"""The result of `ensemble`: arrays with a leading axis of members, single trajectories, statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.ensembles.batch import Chunk
+from varint.ensembles.members import Members, arguments_of
+from varint.errors import ConvergenceError, InputError
+from varint.legendre import velocity_function
+from varint.rules import Rule
+from varint.stepping.diagnosis import failure
+from varint.stepping.initial import controls
+from varint.stepping.plan import plan
+from varint.stepping.step_function import action_function, step_function
+from varint.system import System
+from varint.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Ensemble:
+    """Many motions on one time grid; arrays have members first, then time.
+
+    A member that failed has only the nodes before its failure: arrays are masked behind them, and `errors` keeps its
+    error. Statistics are over the members that completed.
+
+    Attributes
+    ----------
+    system, rule : System, Rule
+        What moved, and by which discretisation.
+    members : Members
+        Starts, parameters and controls of the members.
+    chunks : sequence of Chunk
+        The motions, members in order; read from the disk one by one where the ensemble has a store.
+    """
+
+    system: System
+    rule: Rule
+    members: Members
+    chunks: Sequence[Chunk]
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def __repr__(self) -> str:
+        failed = f", {len(self.failed)} failed" if len(self.failed) else ""
+        return f"Ensemble({len(self)} members × {len(self.k)} nodes, {self.rule}{failed})"
+
+    def __getitem__(self, i: int) -> Trajectory:
+        """The trajectory of one member, up to its failure if it failed."""
+        i = range(len(self))[i]
+        at = int(np.searchsorted(self._firsts, i, side="right")) - 1
+        chunk, j = self.chunks[at], i - self._firsts[at]
+        good, m, rule, system = int(chunk.good[j]), self.members, self.rule, self.system
+        table = controls(system, rule, m.of("u", i), m.steps)
+        return Trajectory(
+            system=system,
+            rule=rule,
+            t=self.t[:good],
+            q=chunk.q[j, :good],
+            p=chunk.p[j, :good],
+            h=m.h,
+            k=self.k[:good],
+            u=table,
+            c=m.of("c", i),
+            functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
+            stats=MappingProxyType(
+                {
+                    "plan": self._plan,
+                    "steps": int(chunk.step[j]),
+                    "residual": float(chunk.residual[j]),
+                    "member": i,
+                }
+            ),
+        )
+
+    def __iter__(self) -> Iterator[Trajectory]:
+        return (self[i] for i in range(len(self)))
+
+    @property
+    def k(self) -> np.ndarray:
+        """Whole steps before each node, (N + 1,)."""
+        return self.members.k
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times of the nodes, (N + 1,)."""
+        return self.members.t0 + self.members.h * self.k
+
+    @property
+    def h(self) -> float:
+        """Step size."""
+        return self.members.h
+
+    @property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """Parameter values by name, members first."""
+        rows = [arguments_of(self.system, self.members, i)["params"] for i in range(len(self))]
+        return {name: np.array([row[name] for row in rows]) for name in self.system.defaults}
+
+    @cached_property
+    def _plan(self) -> str:
+        return str(plan(self.system, self.rule))
+
+    @cached_property
+    def _firsts(self) -> np.ndarray:
+        sizes = getattr(self.chunks, "sizes", None) or [len(chunk) for chunk in self.chunks]
+        return np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(int)
+
+    @cached_property
+    def good(self) -> np.ndarray:
+        """Number of solved nodes of every member."""
+        return np.concatenate([chunk.good for chunk in self.chunks])
+
+    @cached_property
+    def failed(self) -> np.ndarray:
+        """Numbers of the members that failed."""
+        return np.flatnonzero(np.concatenate([chunk.failed for chunk in self.chunks]) >= 0)
+
+    @cached_property
+    def completed(self) -> np.ndarray:
+        """Numbers of the members that did not."""
+        return np.setdiff1d(np.arange(len(self)), self.failed)
+
+    @cached_property
+    def errors(self) -> dict[int, ConvergenceError]:
+        """The error of every failed member, as `simulate` raises it."""
+        found = {}
+        for chunk in self.chunks:
+            for j in np.flatnonzero(chunk.failed >= 0):
+                left = float(chunk.failed[j]) if np.isfinite(chunk.failed[j]) else float("nan")
+                i = chunk.first + int(j)
+                found[i] = failure(self[i], int(chunk.step[j]), left, "raise")
+        return found
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """Coordinates, (members, N + 1, n); masked behind the last good node of a failed member."""
+        return self._array("q")
+
+    @cached_property
+    def p(self) -> np.ndarray:
+        """Momenta ∂L/∂v, (members, N + 1, n), masked like `q`."""
+        return self._array("p")
+
+    @cached_property
+    def v(self) -> np.ndarray:
+        """Velocities, (members, N + 1, n), masked like `q`."""
+        return self.value(self.system.v).reshape(len(self), len(self.k), -1)
+
+    @cached_property
+    def energy(self) -> np.ndarray:
+        """Energies, (members, N + 1), masked like `q`."""
+        return self.value(self.system.energy)
+
+    def value(self, expression: Any) -> np.ndarray:
+        """Value of an expression at every node of every member, as `Trajectory.value`: (members, N + 1, …).
+
+        Raises
+        ------
+        InputError
+            If the expression has symbols that the system does not know.
+        """
+        return self._joined(self.values(expression))
+
+    def values(self, expression: Any) -> list[np.ndarray]:
+        """Values of an expression along each member, one array a member, as long as it got."""
+        function = self[0].function_of(expression)
+        s = self.system.structure
+        if s.controls or s.constraints or s.nonholonomic or s.contacts:
+            return [motion.evaluated(function) for motion in self]
+        rows, columns = function.size_out(0)
+        shape = () if columns == rows == 1 else (rows,) if columns == 1 else (columns, rows)
+        return [part for chunk in self.chunks for part in self._along(chunk, function, shape)]
+
+    def _along(self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+        """Values for all members of a chunk at once."""
+        have = np.arange(len(self.k)) < chunk.good[:, None]
+        member, node = np.nonzero(have)
+        c = self.members.c[chunk.first + member]
+        q, p, t = chunk.q[have], chunk.p[have], self.t[node, None]
+        v = over_columns(velocity_function(self.system), q, p, t, c)[0]
+        flat = over_columns(function, q, v, t, np.empty((len(t), 0)), c)[0].reshape(-1, *shape)
+        flat = flat.swapaxes(1, 2) if len(shape) == 2 else flat
+        return iter(np.split(flat, np.cumsum(chunk.good)[:-1]))
+
+    def mean(self, expression: Any) -> np.ndarray:
+        """Mean over the completed members at every node, (N + 1, …)."""
+        return self._completed(expression).mean(axis=0)
+
+    def std(self, expression: Any) -> np.ndarray:
+        """Standard deviation (of the sample) over the completed members at every node, (N + 1, …)."""
+        return self._completed(expression).std(axis=0, ddof=1)
+
+    def quantiles(self, expression: Any, levels: Sequence[float] = (0.05, 0.5, 0.95)) -> np.ndarray:
+        """Quantiles over the completed members at every node, (levels, N + 1, …)."""
+        return np.quantile(self._completed(expression), levels, axis=0)
+
+    def plot(self, *expressions: Any) -> Figure:
+        """Figure of the spread over time: median, quartiles and the middle 90 %, of the coordinates by default."""
+        from varint.plot import ensemble_figure
+
+        return ensemble_figure(self, *expressions)
+
+    def _completed(self, expression: Any) -> np.ndarray:
+        if not len(self.completed):
+            raise InputError("no member completed; Ensemble.errors says why")
+        values = self.values(expression)
+        return np.array([values[i] for i in self.completed])
+
+    def _array(self, name: str) -> np.ndarray:
+        return self._masked(np.concatenate([getattr(chunk, name) for chunk in self.chunks]))
+
+    def _joined(self, parts: list[np.ndarray]) -> np.ndarray:
+        whole = np.zeros((len(parts), len(self.k), *parts[0].shape[1:]))
+        for row, part in zip(whole, parts, strict=True):
+            row[: len(part)] = part
+        return self._masked(whole)
+
+    def _masked(self, array: np.ndarray) -> np.ndarray:
+        if not len(self.failed):
+            return array
+        missing = np.arange(len(self.k)) >= self.good[:, None]
+        shape = missing.shape + (1,) * (array.ndim - 2)
+        return np.ma.array(array, mask=np.broadcast_to(missing.reshape(shape), array.shape))

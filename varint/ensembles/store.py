@@ -1,0 +1,117 @@
+"""An ensemble on disk: one folder, what it is in one file, each chunk of members in another."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from varint.description import describe, differences, identity, revive, rule_of
+from varint.ensembles.batch import Chunk
+from varint.ensembles.members import Members
+from varint.errors import InputError
+from varint.files import write_whole
+from varint.rules import Rule
+from varint.system import System
+
+FORMAT = "varint ensemble 1"
+INDEX = "ensemble.npz"
+ROWS = ("q0", "v0", "p0", "u", "c")
+
+
+@dataclass(frozen=True, eq=False)
+class Store(Sequence):
+    """The chunks in a folder as a sequence in order of members; each is read when asked for."""
+
+    folder: Path
+
+    @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """(first, number) of the chunks that are complete: a file is written under another name and then renamed."""
+        names = sorted(path.stem.split("_") for path in self.folder.glob("members_*_*.npz"))
+        return [(int(first), int(count)) for _, first, count in names]
+
+    @property
+    def sizes(self) -> list[int]:
+        """Number of members of each chunk."""
+        return [count for _, count in self.ranges]
+
+    def __len__(self) -> int:
+        return len(self.ranges)
+
+    def __getitem__(self, i: Any) -> Any:
+        first, count = self.ranges[i]
+        arrays = _read(self._path(first, count))
+        return Chunk(first, *(arrays[f.name] for f in fields(Chunk)[1:]))
+
+    def add(self, chunk: Chunk) -> None:
+        """Write a chunk."""
+        arrays: dict[str, Any] = {f.name: getattr(chunk, f.name) for f in fields(Chunk)[1:]}
+        write_whole(self._path(chunk.first, len(chunk)), lambda file: np.savez(file, **arrays))
+
+    def _path(self, first: int, count: int) -> Path:
+        return self.folder / f"members_{first:010}_{count:07}.npz"
+
+
+def opened(folder: Path, system: System, rule: Rule, members: Members) -> Store:
+    """The store of this ensemble in a folder: a new one, or the one that an earlier call began.
+
+    Raises
+    ------
+    InputError
+        If the folder holds another ensemble or cannot be written.
+    """
+    given = {name: getattr(members, name) for name in ROWS if getattr(members, name) is not None}
+    rows: dict[str, Any] = {name: given.get(name, np.zeros(0)) for name in ROWS}
+    numbers = {name: getattr(members, name) for name in ("t0", "h", "steps", "save_every")}
+    mine = identity(system, rule, **rows, **numbers)
+    index = folder / INDEX
+    if index.exists():
+        header = json.loads(str(_read(index)["header"]))
+        if changed := differences(header.get("identity", {}), mine):
+            raise InputError(
+                f"the folder {folder} holds another ensemble: it differs in {changed}; repeat the call that made it, "
+                "or give another folder"
+            )
+        return Store(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"the folder {folder} is not empty and holds no ensemble; give a new or an empty one")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror or error}") from None
+    header = {
+        "format": FORMAT, "identity": mine, "system": describe(system), "rule": asdict(rule), **numbers,
+        "given": list(given),
+    }  # fmt: skip
+    write_whole(index, lambda file: np.savez(file, header=np.array(json.dumps(header)), **rows))
+    return Store(folder)
+
+
+def loaded(folder: Path) -> tuple[System, Rule, Members, Store]:
+    """System, rule, members and chunks of a complete ensemble on disk."""
+    data = _read(folder / INDEX)
+    header = json.loads(str(data["header"]))
+    if header.get("format") != FORMAT:
+        raise InputError(f"{folder} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
+    rows: dict[str, Any] = {name: data[name] if name in header["given"] else None for name in ROWS}
+    members = Members(0, t0=header["t0"], h=header["h"], steps=header["steps"], save_every=header["save_every"], **rows)
+    store = Store(folder)
+    if sum(store.sizes) < len(members):
+        raise InputError(
+            f"the ensemble in {folder} is not complete ({sum(store.sizes)} of {len(members)} members); repeat the call "
+            "that began it"
+        )
+    return revive(header["system"]), rule_of(header["rule"]), members, store
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            return {name: data[name] for name in data.files}
+    except Exception as error:  # a torn or foreign file fails in many ways; all mean the same
+        raise InputError(f"{path} is torn or not from varint ({type(error).__name__}: {error}); delete it") from None

@@ -1,0 +1,201 @@
+"""Why a step failed, in words, and what to try: judged at the last good node and one step ahead of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.discrete import constraint_function, point_function
+from varint.errors import ConvergenceError
+from varint.legendre import velocity_function
+from varint.stepping.run import RESIDUAL_LIMIT
+from varint.system import System, per_system
+from varint.trajectory import Trajectory
+
+SAMPLES = 10
+GROSS = 0.25  # of the largest p·v, that is half of the kinetic energy
+NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
+LOOKED_AT = 20  # nodes before the failure
+STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
+FAST = 0.5  # h ω above which the step may be too large
+WEAK = 1e-6  # smallest eigenvalue of a scaled mass matrix, or singular value of constraints, that is nearly zero
+
+
+def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> ConvergenceError:
+    """The error of a step that failed; between two saved nodes it belongs to the steps after the last of them."""
+    t = float(motion.t[0] + motion.h * (step - motion.k[0]))
+    if np.isfinite(residual):
+        what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
+    else:
+        what = "gave values that are not finite"
+    tried = " (in 1024 parts, too)" if on_failure == "subdivide" else ""
+    hint = "" if tried else "; on_failure='subdivide' redoes such a step in smaller parts"
+    cause = likely_cause(motion)
+    return ConvergenceError(
+        f"the step after t = {t:g} (step {step}) {what}{tried}. Likely: {cause}{hint}. "
+        f"Error.trajectory has the {len(motion)} nodes before it",
+        step=step, time=t, residual=residual, trajectory=motion, cause=cause,
+    )  # fmt: skip
+
+
+class Jump(NamedTuple):
+    """The energy at some node is not the one of the start by far."""
+
+    time: float
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        return (
+            f"the energy went from {self.before:.6g} to {self.after:.6g} by t = {self.time:.6g}, which nothing in the"
+        )
+
+
+def energy_jump(motion: Trajectory) -> Jump | None:
+    """The first of ten nodes whose energy error is as large as the kinetic energy, in a scene that conserves energy.
+
+    A step that is much too large can have solutions that are none of the motion's, and an explicit rule beyond its
+    limit of stability is finite for long: nothing else tells.
+    """
+    s = motion.system.structure
+    if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
+        return None
+    i = np.arange(SAMPLES) * (len(motion) - 1) // (SAMPLES - 1)
+    q, p, t = motion.q[i], motion.p[i], motion.t[i, None]
+    if motion.phase is None:
+        v = over_columns(velocity_function(motion.system), q, p, t, motion.c)[0]
+    else:
+        v = replace(motion, t=t[:, 0], q=q, p=p, k=motion.k[i], phase=motion.phase[i]).v
+    found = over_columns(_energy_function(motion.system), q, v, t, motion.c, np.array([motion.h]))
+    energy, moving, kicked = (x[:, 0] for x in found)
+    change = np.abs(energy - energy[0])
+    wrong = ~(change <= max(GROSS * moving.max(), GROSS * kicked[0], NOTHING * np.abs(energy).max()))
+    if not wrong.any():
+        return None
+    k = int(np.argmax(wrong))
+    return Jump(float(motion.t[i[k]]), float(energy[0]), float(energy[k]))
+
+
+@per_system
+def _energy_function(system: System) -> ca.Function:
+    """(q, v, t, c, h) → H, p·v, and what a step from rest makes of p·v."""
+    s, h = system, ca.SX.sym("h")
+    mass = ca.fabs(ca.diag(s.mass_matrix))
+    kicked = ca.if_else(mass > 0, (h * ca.gradient(s.lagrangian, s.q)) ** 2 / mass, 0)
+    outputs = [s.energy, ca.fabs(ca.dot(s.momentum, s.v)), ca.sum1(kicked)]
+    return ca.Function("energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True})
+
+
+def likely_cause(motion: Trajectory) -> str:
+    """The likely cause of the failure of the step after the trajectory's last node, with what to try."""
+    if jump := energy_jump(motion):
+        return f"{jump} scene can do: h is too large, and steps before this one were wrong already: try a smaller h"
+    last = motion[-LOOKED_AT:]
+    causes = [*_singular(last), *_undefined(last)]
+    speeds = np.abs(motion.h) * _frequencies(last)
+    if len(speeds) and speeds[-1] > STEEPER * np.median(speeds):
+        causes.append(
+            f"a collision or near approach (the stiffness grew {(speeds[-1] / np.median(speeds)) ** 2:.1g}-fold over "
+            f"the last {len(speeds)} nodes; h ω = {speeds[-1]:.2g} now): try a smaller h"
+        )
+    elif len(speeds) and speeds[-1] > FAST:
+        causes.append(
+            f"h is too large for the fastest motion (h ω = {speeds[-1]:.2g} at the last node): try a smaller h"
+        )
+    return "; or ".join(causes) or "h is too large for this motion or the scene is close to singular: try a smaller h"
+
+
+def _singular(motion: Trajectory) -> list[str]:
+    """A mass matrix or constraints that nearly lose their rank at the last node."""
+    structure, names = motion.system.structure, motion.system.names
+    found = []
+    if not (structure.degenerate or structure.constraints or structure.nonholonomic):
+        mass = _local(motion)[0][-1]
+        size = np.sqrt(np.abs(np.diag(mass)))
+        values, vectors = np.linalg.eigh(mass / np.outer(size, size)) if (size > 0).all() else (np.zeros(1), None)
+        weakest = int(np.argmin(np.abs(values)))
+        if abs(values[weakest]) < WEAK:
+            part = np.ones(len(names)) if vectors is None else np.abs(vectors[:, weakest])
+            weak = [name for name, x in zip(names, part, strict=True) if x > 0.1 * part.max()]
+            found.append(
+                f"a singular configuration (the mass matrix nearly loses its rank in {weak}, as at a pole or gimbal "
+                "lock): use coordinates that are regular there, or start elsewhere"
+            )
+    if structure.constraints:
+        slope = over_columns(_dense_constraints(motion.system), motion.q[-1:], motion.t[-1:, None], motion.c)[0]
+        rows = slope.reshape(structure.n, structure.constraints)
+        size = np.linalg.norm(rows, axis=0)
+        values = np.linalg.svd(rows / np.where(size > 0, size, 1), compute_uv=False)
+        if values[-1] < WEAK:
+            found.append(
+                "a singular configuration (the constraints' gradients nearly depend on one another, as where a "
+                "linkage folds): try a smaller h, start elsewhere, or drop a redundant constraint"
+            )
+    return found
+
+
+def _undefined(motion: Trajectory) -> list[str]:
+    """Derivatives of L that are not finite one step ahead along the velocity."""
+    last = motion[-1]
+    if not np.isfinite(last.v).all():
+        return []
+    ahead = (last.q + motion.h * np.linspace(0, 1, 6)[:, None] * last.v)[1:]
+    point = point_function(motion.system)
+    u = np.zeros(motion.system.structure.controls)
+    v, t = np.broadcast_to(last.v, ahead.shape), np.full((len(ahead), 1), last.t)
+    values = np.concatenate(over_columns(_dense(point), ahead, v, u, t, motion.c), axis=1)
+    if np.isfinite(values).all():
+        return []
+    where = ahead[int(np.argmin(np.isfinite(values).all(axis=1)))]
+    return [
+        f"the Lagrangian or the force is not defined where the step leads, near q = {np.round(where, 6).tolist()} (a "
+        "square root or logarithm of a negative number, a division by zero): bound the motion, or try a smaller h"
+    ]
+
+
+def _frequencies(motion: Trajectory) -> np.ndarray:
+    """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
+    if motion.system.structure.degenerate or motion.system.structure.n > 60:
+        return np.empty(0)
+    mass, stiffness = _local(motion)
+    found = []
+    for m, k in zip(mass, stiffness, strict=True):
+        if not (np.isfinite(m).all() and np.isfinite(k).all()):
+            break
+        inertia = np.diag(m).copy()
+        if (inertia <= 0).any():
+            return np.empty(0)
+        found.append(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.pinv(m, hermitian=True) @ k)).max()))
+    return np.array(found)
+
+
+def _local(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """M and ∂(∂L/∂q + F)/∂q at every node, (N + 1, n, n)."""
+    n = motion.system.structure.n
+    found = over_columns(_local_function(motion.system), motion.q, motion.v, motion.t[:, None], motion.c)
+    mass, stiffness = (x.reshape(-1, n, n).transpose(0, 2, 1) for x in found)
+    return mass, stiffness
+
+
+@per_system
+def _local_function(system: System) -> ca.Function:
+    s = system
+    push = ca.gradient(s.lagrangian, s.q) + ca.substitute(s.force, s.control, 0 * s.control)
+    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(push, s.q))]
+    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+
+
+@per_system
+def _dense_constraints(system: System) -> ca.Function:
+    s = system
+    slope = ca.densify(constraint_function(s)(s.q, s.t, s.c)[1].T)
+    return ca.Function("slope", [s.q, s.t, s.c], [slope])
+
+
+def _dense(point: ca.Function) -> ca.Function:
+    symbols = [ca.SX.sym(f"x{i}", point.size1_in(i)) for i in range(point.n_in())]
+    return ca.Function("dense_point", symbols, [ca.densify(x) for x in point(*symbols)])
