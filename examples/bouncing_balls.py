@@ -54,7 +54,7 @@ def main(out: Path = Path("out")) -> None:
     # both fall from about 1 m, a millimetre apart: the lower one turns round at the floor and meets the upper one
     apart, speed = 0.001, np.sqrt(2 * G)
     pair = vi.simulate(two_balls(3.0, 1.0), q0=[1.0, 1.0 + apart], v0=[0.0, 0.0], h=0.005, duration=1.3)
-    floor, meet = pair.events[:2]
+    meet = pair.events[1]
     later = apart / (2 * speed)
     up = 2 * speed - G * later
     height = speed * later - G * later**2 / 2 + up**2 / (2 * G)
