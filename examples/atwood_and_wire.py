@@ -50,7 +50,8 @@ def main(out: Path = Path("out")) -> None:
         axes[1].plot(turning.t[:501], tension[:501], label=f"{name}, θ̇₀ = {rate} rad/s")
     axes[1].axhline(0, color="0.6", lw=1, ls="--")
     axes[1].set(xlabel="t in s", ylabel="tension in N", title=f"Pendulum in x and y, {RULE}")
-    axes[1].legend(loc="lower right")
+    axes[1].set_ylim(-10, 75)
+    axes[1].legend(loc="upper right")
 
     omega, r0, rdot0 = 1.5, 0.5, -0.3
     model = vi.models.turning_wire(omega, r0, rdot0)

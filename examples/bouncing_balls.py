@@ -2,7 +2,7 @@
 
 Claim: an impact is located between nodes, so the elastic ball keeps its energy and its rhythm; with restitution e each
 impact leaves e² of the energy and the ball rests after √(2h/g) (1 + e)/(1 − e), a finite time for infinitely many
-impacts; of two balls of masses 3 : 1 that fall together the lower one stops and the light one takes all the energy.
+impacts; of two balls of masses 3 : 1 that fall together the lower one almost stops and the light one rises fourfold.
 Source: Goldsmith, Impact (1960), ch. 1; Fetecau, Marsden, Ortiz & West, SIAM J. Appl. Dyn. Syst. 2 (2003) 381.
 Run: python examples/bouncing_balls.py [folder of the picture]
 """

@@ -4,7 +4,7 @@ Claim: bodies and joints suffice, no angle is singled out: the slider-crank has 
 the joint forces of the balance, and the parallelograms, whose constraints are dependent where the cranks lie level, run
 through that position on the parallel branch, as one crank with ((N+1)/3 + N) θ̈ = ((N+1)/2 + N) g sin θ.
 Source: Simeon, Computational Flexible Multibody Dynamics (2013), §1.3; IFToMM Technical Committee for Multibody
-Dynamics, benchmark A02. Reference values by extrapolation and Taylor series in extended precision.
+Dynamics, benchmark A02. Reference values in extended precision: quadrature and Jacobi's functions.
 Run: python examples/linkages.py [folder of the picture]
 """
 
@@ -28,7 +28,7 @@ CRANK_AT_4_S, RATE_AT_4_S = 12.684259593513971, 1.076511180085543  # of the para
 
 
 def main(out: Path = Path("out")) -> None:
-    figure, axes = plt.subplots(1, 4, figsize=(15, 4), layout="constrained")
+    figure, axes = plt.subplots(1, 4, figsize=(16, 4), layout="constrained")
     model = vi.models.slider_crank()
     phi = model.system.q[2]
     motion = vi.simulate(model.system, RULE, **model.start)
@@ -67,7 +67,7 @@ def main(out: Path = Path("out")) -> None:
             axes[2].plot([i, x], [0, y], lw=0.6, color=colour)
     axes[2].set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Two parallelograms, first turn")
     axes[3].plot(bars.t, angle / np.pi)
-    axes[3].set(xlabel="t in s", ylabel="crank angle / π", title="They pass the level positions, ½, 3/2, …")
+    axes[3].set(xlabel="t in s", ylabel="crank angle / π", title="Crank of the parallelograms")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "linkages.png", dpi=120)
 

@@ -1,8 +1,8 @@
 """The spherical pendulum in x, y, z: on a rod, without angles, through the poles.
 
-Claim: with |r|² = ℓ² as constraint no point of the sphere is singular: the azimuth is that of the angles, the height runs between
-the roots of 2 (E − g z)(1 − z²) = L_z², the rod carries 2E − 3 g z, and a bob that goes straight through the
-lowest and the highest point, where the azimuth jumps, is as accurate as any other. Energy and L_z are kept.
+Claim: with |r|² = ℓ² as constraint no point of the sphere is singular: its azimuth is the angle's, its height runs
+between the roots of 2 (E − g z)(1 − z²) = L_z², the rod carries 2E − 3 g z, and a bob that goes through the lowest
+and the highest point, where the azimuth jumps, is as accurate as any other. Energy and L_z are kept.
 Source: Landau & Lifshitz, Mechanics, §14, problem 1 (ℓ = m = 1).
 Run: python examples/spherical_pendulum_cartesian.py [folder of the picture]
 """
