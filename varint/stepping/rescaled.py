@@ -163,7 +163,7 @@ def _joined(inner: Trajectory | None, more: Trajectory) -> Trajectory:
     joined = _appended(inner, replace(more, k=more.k + inner.k[-1])[1:])
     stats = dict(more.stats) | {
         name: pick((inner.stats[name], more.stats[name]))
-        for name, pick in (("steps", sum), ("seconds", sum), ("residual", max))
+        for name, pick in (("steps", sum), ("iterations", sum), ("seconds", sum), ("residual", max))
         if name in inner.stats and name in more.stats
     }
     return replace(joined, stats=stats, events=inner.events + more.events)
