@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -156,6 +156,8 @@ def simulate(
         return motion[kept]
     began = perf_counter()
     stops = None if until is None else watched("until", until)
+    if not isinstance(events, (Mapping, NoneType)):
+        raise InputError(f"events must be a dictionary of names and expressions, got {type(events).__name__}")
     watches = [watched(name, wanted) for name, wanted in (events or {}).items()]
     noted: list[Event] = []
     chosen = plan(system, rule)
@@ -172,7 +174,7 @@ def simulate(
     nodes, blocks, kernel = _course(system, chosen, task, backend, on_failure, file)
     done, interrupted = int(nodes[0].k[-1]), False
     try:
-        with progress_bar(task.steps, "step", progress, done) as move:
+        with progress_bar(task.steps, "step", progress, done) as move, np.errstate(all="ignore"):  # blocks are checked
             for block in blocks:
                 last = _last_node(nodes)
                 nodes.append(block)
