@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
 PRECISE = Context(prec=50)  # 11 control points lose fewer than 15 of the digits
+
+MOST_STAGES = 10  # order 20: beyond it double precision has nothing left to gain
 
 _EXACT: dict[float, Decimal] = {}  # the 50-digit value behind each rounded node
 
@@ -59,10 +61,20 @@ def _table(points: tuple, at: tuple, times: int) -> np.ndarray:
 
 
 def _decimal(x) -> Decimal:
+    if isinstance(x, float) and 0 < x < 1 and x not in _EXACT:
+        _learn_the_families()  # a rule that came from a file or another process must have the tables it had there
     if x in _EXACT:
         return _EXACT[x]
     x = Fraction(x)
     return Decimal(x.numerator) / Decimal(x.denominator)
+
+
+@cache
+def _learn_the_families() -> None:
+    """The 50-digit values behind the nodes of every rule of the library."""
+    for stages in range(1, MOST_STAGES + 1):
+        rounded(gauss_nodes(stages))
+        rounded(lobatto_nodes(stages + 1))
 
 
 def lagrange_polynomials(points: list[Decimal]) -> list[list[Decimal]]:

@@ -18,9 +18,16 @@ import numpy as np
 
 from varint.compositions import COMPOSITIONS
 from varint.errors import InputError
-from varint.polynomials import PRECISE, gauss_nodes, interpolatory_weights, lagrange_table, lobatto_nodes, rounded
+from varint.polynomials import (
+    MOST_STAGES,
+    PRECISE,
+    gauss_nodes,
+    interpolatory_weights,
+    lagrange_table,
+    lobatto_nodes,
+    rounded,
+)
 
-MOST_STAGES = 10  # order 20: beyond it double precision has nothing left to gain
 ROUNDING = 1e-14  # of a sum of some 40 rounded weights of size 1
 
 

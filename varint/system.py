@@ -117,11 +117,13 @@ def _symbol_shape(value: np.ndarray) -> tuple[int, int]:
 def parameter_values(system: System, overrides: Mapping[str, Any] | None) -> np.ndarray:
     """The vector of parameter values of one run: the defaults with `overrides` put in, in the order of `system.c`."""
     defaults = system.defaults
-    if not overrides:
+    if overrides is None:
         return system.default_vector
     if not isinstance(overrides, Mapping):
         raise InputError(f"params must be a dictionary of names and values, got {type(overrides).__name__}")
-    unknown = sorted(set(overrides) - set(defaults))
+    if not overrides:
+        return system.default_vector
+    unknown = sorted(set(overrides) - set(defaults), key=str)
     if unknown:
         raise InputError(f"unknown parameters {unknown}; known: {sorted(defaults)}")
     parts = []

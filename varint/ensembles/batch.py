@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.ensembles.members import Members, arguments_of, momenta
+from varint.ensembles.members import Members, arguments_of, is_plain, momenta
 from varint.errors import ConvergenceError, InputError
 from varint.rules import Rule
 from varint.stepping.initial import controls
@@ -59,10 +59,7 @@ def stepped(system: System, rule: Rule, members: Members) -> Chunk:
         members.first, np.zeros(shape), np.zeros(shape), np.zeros(len(members), dtype=int),
         np.zeros(len(members), dtype=int), np.zeros(len(members)), np.full(len(members), -1.0),
     )  # fmt: skip
-    if s.constraints or s.nonholonomic or s.contacts or s.degenerate:
-        _one_by_one(system, rule, members, chunk)
-    else:
-        _together(system, rule, members, chunk)
+    (_together if is_plain(system) else _one_by_one)(system, rule, members, chunk)
     return chunk
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.errors import InputError
 from varint.rules import Rule
-from varint.stepping.initial import initial_task, start_function, time_grid
-from varint.stepping.run import Task
+from varint.stepping.initial import initial_task, number, start_function, time_grid
 from varint.system import System, parameter_values
 
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
@@ -90,6 +89,9 @@ def members_of(
     for name in ("q0", "v0", "p0"):
         if rows[name] is not None:
             rows[name] = np.ascontiguousarray(np.broadcast_to(rows[name], (total, n)))
+    members = Members(0, rows["q0"], rows["v0"], rows["p0"], number("t0", t0), step, count, save_every, rows["u"], c)
+    if is_plain(system) and (v0 is None) != (p0 is None):
+        momenta(system, members)
     # one ordinary task checks everything that is the same for all members
     task = initial_task(
         system, rule, q0=rows["q0"][0], v0=None if v0 is None else rows["v0"][0],
@@ -97,7 +99,13 @@ def members_of(
         u=None if u is None else rows["u"][0], params={name: _shaped(system, name, x[0]) for name, x in values.items()},
         save_every=save_every,
     )  # fmt: skip
-    return Members(0, rows["q0"], rows["v0"], rows["p0"], task.t0, step, count, task.save_every, rows["u"], c)
+    return replace(members, save_every=task.save_every)
+
+
+def is_plain(system: System) -> bool:
+    """Whether the members of the scene can be stepped together: their starts need nothing of their own."""
+    s = system.structure
+    return not (s.constraints or s.nonholonomic or s.contacts or s.degenerate)
 
 
 def momenta(system: System, members: Members) -> np.ndarray:
@@ -122,11 +130,6 @@ def momenta(system: System, members: Members) -> np.ndarray:
             "or other starts"
         )
     return p if members.p0 is None else members.p0
-
-
-def task_of(system: System, rule: Rule, members: Members, i: int) -> Task:
-    """The task of one member as `simulate` makes it."""
-    return initial_task(system, rule, **arguments_of(system, members, i))
 
 
 def arguments_of(system: System, members: Members, i: int) -> dict[str, Any]:

@@ -22,6 +22,7 @@ NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
 LOOKED_AT = 20  # nodes before the failure
 STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
 FAST = 0.5  # h ω above which the step may be too large
+LOST = 1e-3  # of the inertia that a coordinate had over these nodes
 WEAK = 1e-6  # smallest eigenvalue of a scaled mass matrix, or singular value of constraints, that is nearly zero
 
 
@@ -55,6 +56,7 @@ class Jump(NamedTuple):
         )
 
 
+@np.errstate(all="ignore")  # what is not finite is looked at
 def energy_jump(motion: Trajectory) -> Jump | None:
     """The first of ten nodes whose energy error is as large as the kinetic energy, in a scene that conserves energy.
 
@@ -100,6 +102,7 @@ def _energy_of_momentum(system: System) -> ca.Function:
     return ca.Function("energy", [q, p, t, c, h], _energy_function(system)(q, v, t, c, h))
 
 
+@np.errstate(all="ignore")
 def likely_cause(motion: Trajectory) -> str:
     """The likely cause of the failure of the step after the trajectory's last node, with what to try."""
     if jump := energy_jump(motion):
@@ -124,7 +127,14 @@ def _singular(motion: Trajectory) -> list[str]:
     structure, names = motion.system.structure, motion.system.names
     found = []
     if not (structure.degenerate or structure.constraints or structure.nonholonomic):
-        mass = _local(motion)[0][-1]
+        masses = _local(motion)[0]
+        mass, inertia = masses[-1], np.abs(np.einsum("mii->mi", masses))
+        lost = inertia[-1] < LOST * inertia.max(axis=0)
+        if lost.any():
+            found.append(
+                f"a singular configuration (the inertia of {[names[i] for i in np.flatnonzero(lost)]} vanishes, "
+                "as at a pole or in gimbal lock): use coordinates that are regular there, or start elsewhere"
+            )
         size = np.sqrt(np.abs(np.diag(mass)))
         values, vectors = np.linalg.eigh(mass / np.outer(size, size)) if (size > 0).all() else (np.zeros(1), None)
         weakest = int(np.argmin(np.abs(values)))
@@ -132,8 +142,8 @@ def _singular(motion: Trajectory) -> list[str]:
             part = np.ones(len(names)) if vectors is None else np.abs(vectors[:, weakest])
             weak = [name for name, x in zip(names, part, strict=True) if x > 0.1 * part.max()]
             found.append(
-                f"a singular configuration (the mass matrix nearly loses its rank in {weak}, as at a pole or gimbal "
-                "lock): use coordinates that are regular there, or start elsewhere"
+                f"a singular configuration (the mass matrix nearly loses its rank in {weak}): use coordinates that are "
+                "regular there, or start elsewhere"
             )
     if structure.constraints:
         slope = over_columns(_dense_constraints(motion.system), motion.q[-1:], motion.t[-1:, None], motion.c)[0]

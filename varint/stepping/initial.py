@@ -14,13 +14,14 @@ from varint.arrays import call
 from varint.consistency import check_gaps, check_start, independent_rows
 from varint.discrete import point_function
 from varint.errors import InputError
-from varint.manifold import Phase, tangent_function
+from varint.manifold import Phase, every_row_function, tangent_function
 from varint.rules import Rule
 from varint.stepping.run import Task
 from varint.system import System, parameter_values, per_system
 
 WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
+STEEPEST = 1e150  # of a gradient: its square must be a number, too
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -49,12 +50,34 @@ def initial_task(
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
     phase = None
+    _check_rows(system, q, t0, c)
     if system.structure.contacts:
         check_gaps(system, q, t0, c)
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
     u = controls(system, rule, u, count)
     return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase)
+
+
+@per_system
+def _held_function(system: System) -> ca.Function:
+    """(q, t, c) → constraints and gaps."""
+    s = system
+    return ca.Function("held", [s.q, s.t, s.c], [ca.densify(ca.vertcat(s.constraint, s.contact))])
+
+
+def _check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None:
+    """Constraints and contacts, and their gradients, have numbers at the start."""
+    s = system.structure
+    if not (s.constraints or s.nonholonomic or s.contacts):
+        return
+    rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
+    rows += call(_held_function(system), q, np.array([t0]), c)
+    if not all((np.abs(x) < STEEPEST).all() for x in rows):
+        raise InputError(
+            f"the constraints, the gaps or their gradients are not finite at the start, q0={q}, t0={t0:g}: a square "
+            "root or logarithm of a negative number, a division by zero; move the start or write them in another form"
+        )
 
 
 def _on_manifold(
@@ -102,7 +125,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
 def number(what: str, x: Any) -> float:
     try:
         value = float(x)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RuntimeError, NotImplementedError, OverflowError):
         raise InputError(f"{what} must be a number, got {x!r}") from None
     if not math.isfinite(value):
         raise InputError(f"{what} must be finite, got {x!r}")

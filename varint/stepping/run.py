@@ -19,7 +19,7 @@ from varint.trajectory import Event
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
 LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
-MOST_STEPS_IN_BLOCK = 100_000
+MOST_STEPS_IN_BLOCK = 10_000  # Ctrl-C waits for the block that runs
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from varint.stepping.run import Block, Position, Task, good_nodes, is_saved, run
 from varint.system import System
 from varint.trajectory import Event
 
+AGREED = 1e-8  # of the way of the step
 MOST_PARTS = 1024  # of a step: what still fails then is a singularity, not a step that is too large
 
 
@@ -45,13 +46,8 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
     divided: list[Event] = []
     x, k, worst, failed = at.x, at.k, 0.0, 0.0
     while k < end:
-        states, parts = _one_step(system, rule, task, k, x, at.scale), 1
-        good = good_nodes(states) == len(states)
-        while not good and parts < MOST_PARTS:
-            parts *= 2
-            states = _parts(system, rule, task, k, x, at.scale, parts)
-            good = good_nodes(states) == len(states)
-        if not good:
+        states, parts = _divided(system, rule, task, k, x, at.scale)
+        if good_nodes(states) < len(states):
             failed = size(states[-1])
             break
         t = task.t0 + task.h * (k + np.arange(1, parts + 1) / parts)
@@ -74,6 +70,26 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
         np.array(counts, dtype=int), saved[:, :n], saved[:, 2 * n : 3 * n], worst, len(nodes), failed,
         np.array([t for _, t, _ in nodes]), None, tuple(divided), 0, replace(at, x=x, k=k, largest=1),
     )  # fmt: skip
+
+
+def _divided(
+    system: System, rule: Rule, task: Task, k: int, x: np.ndarray, scale: np.ndarray
+) -> tuple[np.ndarray, int]:
+    """States at the ends of the parts of step k, and how many: one, or enough to be solved and to agree with half."""
+    states, parts = _one_step(system, rule, task, k, x, scale), 1
+    if good_nodes(states) == 1:
+        return states, 1
+    n, before = system.structure.n, None
+    while parts < MOST_PARTS:
+        parts *= 2
+        states = _parts(system, rule, task, k, x, scale, parts)
+        if good_nodes(states) < len(states):
+            continue
+        end = states[-1, :n]
+        if before is not None and np.abs(end - before).max() <= AGREED * np.abs(end - x[:n]).max():
+            break
+        before = end
+    return states, parts
 
 
 def _energy(system: System, t: float, x: np.ndarray, c: np.ndarray) -> float:

@@ -1,0 +1,233 @@
+"""Runs that are killed, interrupted, torn or foreign: nothing is lost, nothing is mixed up."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from scenes import double_pendulum, pendulum
+
+import varint as vi
+from varint.stepping import checkpoint as module
+from varint.stepping.run import next_block
+
+ARRAYS = ("t", "q", "p", "k")
+
+KILLED = r"""
+import json, os, random, signal, sys, time
+sys.path[:0] = sys.argv[1:3]
+import numpy as np
+import varint as vi
+from scenes import double_pendulum
+from varint.stepping import checkpoint
+
+checkpoint.PAUSE, checkpoint.MOST_SHARE = 0.0, 1e9  # after every block
+folder, seed = sys.argv[3], int(sys.argv[4])
+scene, moments = double_pendulum(), random.Random(seed)
+start = dict(q0=[np.pi / 2, np.pi / 2], v0=[0, 0], h=0.01, steps=30_000, save_every=3, backend="interpreted")
+
+
+def run(path):
+    return vi.simulate(scene, vi.gauss(2), checkpoint=path, **start)
+
+
+began = time.perf_counter()
+vi.simulate(scene, vi.gauss(2), **start).save(os.path.join(folder, "whole"))
+length = time.perf_counter() - began
+path, kills, resumed = os.path.join(folder, "run.checkpoint"), 0, set()
+while kills < 20:
+    child = os.fork()
+    if not child:
+        run(path)
+        os._exit(0)
+    time.sleep(moments.uniform(0.0, 0.3) * length)
+    os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    kills += 1
+    if os.path.exists(path):
+        with np.load(path) as data:
+            resumed.add(json.loads(str(data["header"]))["k"])
+        if json.loads(str(np.load(path)["header"]))["k"] == start["steps"]:
+            os.rename(path, os.path.join(folder, f"done{kills}"))
+motion = run(path)
+motion.save(os.path.join(folder, "killed"))
+print(json.dumps(sorted(resumed)))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs fork and SIGKILL")
+def test_a_run_killed_at_20_random_moments_ends_with_the_bytes_of_one_that_was_not(tmp_path):
+    here = Path(__file__).resolve().parent
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED)
+    call = [sys.executable, str(script), str(here.parent), str(here), str(tmp_path), "20"]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert len(found) >= 5, f"the kills left only these checkpoints: {found}"
+    whole, killed = vi.load(tmp_path / "whole.npz"), vi.load(tmp_path / "killed.npz")
+    for name in ARRAYS:
+        assert getattr(whole, name).tobytes() == getattr(killed, name).tobytes(), name
+
+
+def stopped_after(monkeypatch, blocks: int, error: type[BaseException]) -> None:
+    """The next run ends with an error as its `blocks`-th checkpoint has been written."""
+    monkeypatch.setattr(module, "PAUSE", 0.0)
+    monkeypatch.setattr(module, "MOST_SHARE", 1e9)
+    write, left = module.Checkpoint.write, [blocks]
+
+    def counted(self, *arguments):
+        write(self, *arguments)
+        left[0] -= 1
+        if not left[0]:
+            raise error
+
+    monkeypatch.setattr(module.Checkpoint, "write", counted)
+
+
+class Stopped(Exception):
+    pass
+
+
+PUSH = ca.SX.sym("push")
+
+
+def pushed() -> vi.System:
+    q, v = vi.coordinates("x")
+    return vi.System(q, v, v**2 / 2 - q**4 / 4, force=PUSH, control=PUSH)
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize("rule", [vi.composition("blanes-moan4"), vi.gauss(3)], ids=str)
+def test_a_run_goes_on_from_its_checkpoint_with_controls_and_any_loop(tmp_path, monkeypatch, rule, every, backend):
+    from varint.stepping import native
+
+    monkeypatch.setattr(native, "NODES_IN_BLOCK", 300)
+    u = np.sin(np.arange(5000) / 9)[:, None]
+    start = dict(q0=1.0, v0=0.2, h=0.05, steps=5000, u=u, save_every=every, backend=backend)
+    system, path = pushed(), tmp_path / "run"
+    whole = vi.simulate(system, rule, **start)
+    with monkeypatch.context() as patch:
+        stopped_after(patch, 2, Stopped)
+        with pytest.raises(Stopped):
+            vi.simulate(system, rule, checkpoint=path, **start)
+    assert 0 < module.Checkpoint(path, header_of(path)["identity"]).read().after.k < 5000
+    again = vi.simulate(system, rule, checkpoint=path, **start)
+    for name in ARRAYS:
+        assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
+
+
+def header_of(path: Path) -> dict:
+    with np.load(path) as data:
+        return json.loads(str(data["header"]))
+
+
+def test_events_and_divided_steps_of_before_are_kept(tmp_path, monkeypatch):
+    q, v = vi.coordinates("x", "y")
+    kepler = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    start = dict(
+        q0=[1, 0], v0=[0, 0.1], h=0.02, steps=2000, on_failure="subdivide", events=dict(turn=ca.dot(q, v)),
+    )  # fmt: skip
+    whole = vi.simulate(kepler, vi.gauss(4), **start)
+    assert any(event.kind.startswith("divided") for event in whole.events)
+    with monkeypatch.context() as patch:
+        stopped_after(patch, 3, Stopped)
+        with pytest.raises(Stopped):
+            vi.simulate(kepler, vi.gauss(4), checkpoint=tmp_path / "run", **start)
+    again = vi.simulate(kepler, vi.gauss(4), checkpoint=tmp_path / "run", **start)
+    assert again.events == whole.events
+    for name in ARRAYS:
+        assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
+
+
+def test_a_run_that_is_done_comes_back_at_once(tmp_path, monkeypatch):
+    start = dict(q0=1.0, v0=0.0, h=0.01, steps=2000, checkpoint=tmp_path / "run")
+    first = vi.simulate(pendulum(), **start)
+
+    def never(*arguments):
+        raise AssertionError("the run was stepped again")
+
+    monkeypatch.setattr("varint.stepping.run.call", never)
+    again = vi.simulate(pendulum(), **start)
+    assert again.q.tobytes() == first.q.tobytes()
+
+
+def test_torn_foreign_and_misplaced_checkpoints_are_refused(tmp_path):
+    path, start = tmp_path / "run", dict(q0=1.0, v0=0.0, h=0.01, steps=2000)
+    vi.simulate(pendulum(), checkpoint=path, **start)
+    whole = path.read_bytes()
+    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(vi.InputError, match="torn or no checkpoint"):
+            vi.simulate(pendulum(), checkpoint=path, **start)
+    for i in range(200, len(whole) - 2000, len(whole) // 7):
+        path.write_bytes(whole[:i] + bytes([whole[i] ^ 1]) + whole[i + 1 :])
+        with pytest.raises(vi.InputError, match="torn or no checkpoint"):
+            vi.simulate(pendulum(), checkpoint=path, **start)
+    path.write_bytes(whole)
+    others = [
+        (dict(q0=1.1), "q0"),
+        (dict(h=0.02), "h"),
+        (dict(steps=2001), "steps"),
+        (dict(save_every=2), "save_every"),
+    ]
+    for other, name in others:
+        with pytest.raises(vi.InputError, match=rf"another run: it differs in .*'{name}'"):
+            vi.simulate(pendulum(), checkpoint=path, **{**start, **other})
+    with pytest.raises(vi.InputError, match=r"another run: it differs in .*system"):
+        vi.simulate(double_pendulum(), checkpoint=path, q0=[1, 0], v0=[0, 0], h=0.01, steps=2000)
+    with pytest.raises(vi.InputError, match="there is no folder"):
+        vi.simulate(pendulum(), checkpoint=tmp_path / "no" / "run", **start)
+
+
+def test_ctrl_c_returns_what_there_is_and_the_checkpoint_goes_on_from_there(tmp_path, monkeypatch):
+    start = dict(q0=[0.4, 0.2], v0=[0, 0], h=0.01, steps=20_000, backend="interpreted")
+    whole = vi.simulate(double_pendulum(), vi.gauss(2), **start)
+    with monkeypatch.context() as patch:
+        stopped_after(patch, 3, KeyboardInterrupt)
+        partial = vi.simulate(double_pendulum(), vi.gauss(2), checkpoint=tmp_path / "run", **start)
+    assert partial.stats["interrupted"] and not whole.stats["interrupted"]
+    assert 1000 <= len(partial) < 20_000
+    np.testing.assert_array_equal(partial.q, whole.q[: len(partial)])
+    again = vi.simulate(double_pendulum(), vi.gauss(2), checkpoint=tmp_path / "run", **start)
+    assert again.p.tobytes() == whole.p.tobytes()
+
+
+def test_a_real_interrupt_ends_a_run_with_its_nodes():
+    code = (
+        "import os, signal, threading, sys; sys.path[:0] = sys.argv[1:3]\n"
+        "import varint as vi; from scenes import double_pendulum\n"
+        "threading.Timer(2.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()\n"
+        "start = dict(q0=[.4, .2], v0=[0, 0], h=0.01, save_every=10, backend='interpreted')\n"
+        "m = vi.simulate(double_pendulum(), vi.gauss(2), steps=10**8, **start)\n"
+        "print(m.stats['interrupted'], len(m) > 1, bool(abs(m.q).max() < 10))\n"
+    )
+    here = Path(__file__).resolve().parent
+    call = [sys.executable, "-c", code, str(here.parent), str(here)]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == ["True", "True", "True"], done.stderr
+
+
+@pytest.mark.parametrize("every", [1, 7, 1000, 250_000])
+def test_the_blocks_cover_every_step_once_and_depend_on_the_position_alone(every):
+    steps, k, nodes = 1_234_567, 0, 0
+    while k < steps:
+        count, apart = next_block(k, steps, every, 1000)
+        assert count * apart <= max(10_000, every)
+        k += count * apart
+        nodes += k % every == 0 or k == steps
+        assert count == 1 or apart == every
+    assert k == steps
+
+
+def test_contacts_have_no_checkpoints_and_say_so(tmp_path):
+    q, v = vi.coordinates("y")
+    ball = vi.System(q, v, v**2 / 2 - 9.81 * q, contact=q, restitution=0.5)
+    with pytest.raises(vi.InputError, match="leave checkpoint= out"):
+        vi.simulate(ball, q0=1.0, v0=0.0, h=0.01, steps=100, checkpoint=tmp_path / "run")

@@ -1,0 +1,180 @@
+"""Ensembles: bit for bit the loop of simulate, whatever the chunks; failures apart; shapes and refusals."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scenes import double_pendulum, driven_damped, henon_heiles
+
+import varint as vi
+from varint.ensembles import batch
+from varint.ensembles import executor as executor_module
+from varint.ensembles.executor import _cut
+
+
+def swinging() -> vi.System:
+    c = vi.Parameters(length=1.0, g=9.81)
+    q, v = vi.coordinates("theta")
+    return vi.System(q, v, c.length**2 * v**2 / 2 + c.g * c.length * ca.cos(q), params=c)
+
+
+def assert_members_are(motions: vi.Ensemble, system: vi.System, rule, starts: list[dict], members=None, **grid) -> None:
+    """Each member is bit for bit what `simulate` makes of its start."""
+    for i in range(len(starts)) if members is None else members:
+        one = vi.simulate(system, rule, backend="interpreted", **starts[i], **grid)
+        assert motions.q[i].tobytes() == one.q.tobytes() and motions.p[i].tobytes() == one.p.tobytes(), f"member {i}"
+        np.testing.assert_array_equal(motions.t, one.t)
+
+
+def test_ten_thousand_pendulums_are_the_loop_of_simulate_bit_for_bit():
+    system, count = swinging(), 10_000
+    angles, lengths = np.linspace(-3, 3, count), np.linspace(0.5, 2, count)
+    grid = dict(h=0.02, steps=60, save_every=7)
+    motions = vi.ensemble(system, q0=angles, v0=0.1, params=dict(length=lengths), **grid)
+    assert motions.q.shape == (count, 10, 1) and len(motions) == count
+    starts = [dict(q0=a, v0=0.1, params=dict(length=x)) for a, x in zip(angles, lengths, strict=True)]
+    assert_members_are(motions, system, None, starts, range(0, count, 97), **grid)
+
+
+def pushed() -> vi.System:
+    q, v, push = *vi.coordinates("x", "theta"), ca.SX.sym("push")
+    lagrangian = v[0] ** 2 + v[0] * v[1] * ca.cos(q[1]) + v[1] ** 2 / 2 + 9.81 * ca.cos(q[1])
+    return vi.System(q, v, lagrangian, force=ca.vertcat(push, 0), control=push)
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(2), vi.lobatto(3)], ids=str)
+@pytest.mark.parametrize("scene", [double_pendulum, driven_damped, henon_heiles], ids=lambda f: f.__name__)
+def test_every_kind_of_scene_is_the_loop_of_simulate_bit_for_bit(scene, rule):
+    system, rng = scene(), np.random.default_rng(1)
+    q0, v0, grid = rng.normal(size=(7, 2)) / 3, rng.normal(size=(7, 2)) / 3, dict(h=0.03, steps=123, t0=0.5)
+    motions = vi.ensemble(system, rule, q0=q0, v0=v0, **grid)
+    assert_members_are(motions, system, rule, [dict(q0=a, v0=b) for a, b in zip(q0, v0, strict=True)], **grid)
+
+
+@pytest.mark.parametrize("shape", [(40, 1), (40, 2, 1)])
+def test_controls_of_each_member_and_momenta_are_those_of_simulate(shape):
+    system, rule, rng = pushed(), vi.gauss(2), np.random.default_rng(2)
+    u, p0, grid = rng.normal(size=(5, *shape)), rng.normal(size=(5, 2)), dict(h=0.05, steps=40)
+    motions = vi.ensemble(system, rule, q0=[0, 0.3], p0=p0, u=u, **grid)
+    assert_members_are(motions, system, rule, [dict(q0=[0, 0.3], p0=p0[i], u=u[i]) for i in range(5)], **grid)
+    shared = vi.ensemble(system, rule, q0=[0, 0.3], p0=p0, u=u[0], **grid)
+    assert shared.q[0].tobytes() == motions.q[0].tobytes()
+
+
+def test_scenes_with_constraints_and_matrix_parameters_are_the_loop_too():
+    c = vi.Parameters(stiffness=np.eye(2), ell=1.0)
+    q, v = vi.coordinates("x", "y")
+    rod = ca.sumsqr(q) - c.ell**2
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - ca.bilin(c.stiffness, q, q) - 9.81 * q[1], constraint=rod, params=c)
+    rng = np.random.default_rng(3)
+    matrices, angle = rng.normal(size=(4, 2, 2)), np.array([0.1, 0.5, 1.0, 2.0])
+    q0, grid = np.stack([np.sin(angle), -np.cos(angle)], axis=1), dict(h=0.02, steps=30)
+    motions = vi.ensemble(system, q0=q0, v0=[0, 0], params=dict(stiffness=matrices), **grid)
+    starts = [dict(q0=q0[i], v0=[0, 0], params=dict(stiffness=matrices[i])) for i in range(4)]
+    assert_members_are(motions, system, None, starts, **grid)
+    free = vi.System(q, v, ca.sumsqr(v) / 2 - ca.bilin(c.stiffness, q, q), params=c)
+    motions = vi.ensemble(free, q0=q0, v0=[0, 0], params=dict(stiffness=matrices), **grid)
+    assert_members_are(motions, free, None, starts, **grid)
+    np.testing.assert_array_equal(motions.parameters["stiffness"], matrices)
+    np.testing.assert_array_equal(motions[2].parameters["stiffness"], matrices[2])
+
+
+def test_chunks_of_any_size_give_the_same_bits(monkeypatch):
+    system, grid = double_pendulum(), dict(h=0.02, steps=250, save_every=2)
+    q0 = np.random.default_rng(4).normal(size=(53, 2))
+    whole = vi.ensemble(system, q0=q0, v0=[0, 0], **grid)
+    for sample, seconds, numbers in ((1, 1e-9, 4_000_000), (3, 0.01, 4_000_000), (17, 10.0, 2000)):
+        monkeypatch.setattr(executor_module, "SAMPLE", sample)
+        monkeypatch.setattr(executor_module, "SECONDS", seconds)
+        monkeypatch.setattr(batch, "MOST_NUMBERS", numbers)
+        again = vi.ensemble(system, q0=q0, v0=[0, 0], **grid)
+        assert [chunk.first for chunk in again.chunks] != [chunk.first for chunk in whole.chunks] or numbers == 2000
+        assert again.q.tobytes() == whole.q.tobytes() and again.p.tobytes() == whole.p.tobytes()
+
+
+def test_ranges_are_cut_without_loss():
+    for ranges in ([(0, 100)], [(3, 1), (10, 5), (90, 10)], []):
+        for sizes in ([1, 10], [7] * 50, []):
+            pieces = _cut(ranges, sizes)
+            members = [i for first, count in pieces for i in range(first, first + count)]
+            assert members == [i for first, count in ranges for i in range(first, first + count)]
+
+
+def falling() -> vi.System:
+    q, v = vi.coordinates("x")
+    return vi.System(q, v, v**2 / 2 - q + ca.sqrt(q))
+
+
+@pytest.mark.parametrize("rule", [None, vi.gauss(2)], ids=str)
+@pytest.mark.parametrize("every", [1, 10])
+def test_a_member_that_fails_does_not_take_the_others_along(rule, every):
+    system, grid = falling(), dict(h=0.01, steps=100, save_every=every)
+    v0 = [0.0, -3.0, 0.1, -2.0, -0.5]
+    motions = vi.ensemble(system, rule, q0=1.0, v0=v0, **grid)
+    assert motions.failed.tolist() == [1, 3] and motions.completed.tolist() == [0, 2, 4]
+    for i in motions.completed:
+        one = vi.simulate(system, rule, q0=1.0, v0=v0[i], backend="interpreted", **grid)
+        assert motions[i].q.tobytes() == one.q.tobytes()
+    for i in motions.failed:
+        with pytest.raises(vi.ConvergenceError) as caught:
+            vi.simulate(system, rule, q0=1.0, v0=v0[i], backend="interpreted", **grid)
+        error, own = caught.value, motions.errors[i]
+        assert str(own) == str(error) and (own.step, own.time) == (error.step, error.time)
+        assert motions[i].q.tobytes() == error.trajectory.q.tobytes() == own.trajectory.q.tobytes()
+        assert motions.good[i] == len(error.trajectory)
+        assert motions.q.mask[i, : motions.good[i]].sum() == 0 and motions.q.mask[i, motions.good[i] :].all()
+    for array in (motions.q, motions.p, motions.v, motions.energy):
+        assert np.isfinite(array.compressed()).all() and np.ma.count(array) == motions.good.sum()
+    np.testing.assert_array_equal(motions.mean(system.q), motions.q[[0, 2, 4], :, 0].mean(axis=0))
+
+
+def test_statistics_are_those_of_the_members():
+    system, rng = henon_heiles(), np.random.default_rng(5)
+    q0 = rng.normal(size=(30, 2)) / 10
+    motions = vi.ensemble(system, q0=q0, v0=[0.1, 0], h=0.1, steps=50)
+    q, v = system.q, system.v
+    np.testing.assert_allclose(motions.mean(q[0]), motions.q[:, :, 0].mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(motions.std(q), motions.q.std(axis=0, ddof=1), rtol=1e-12)
+    np.testing.assert_allclose(motions.quantiles(v[1], [0.5])[0], np.median(motions.v[:, :, 1], axis=0), rtol=1e-14)
+    matrix = motions.value(q @ v.T)
+    np.testing.assert_allclose(matrix, motions.q[:, :, :, None] * motions.v[:, :, None, :], rtol=1e-14)
+    for i in (0, 29, -1):
+        np.testing.assert_array_equal(motions.energy[i], motions[i].energy)
+        np.testing.assert_array_equal(motions.v[i], motions[i].v)
+    figure = motions.plot(q[0], ca.sumsqr(v))
+    assert all(axes.get_ylabel() for axes in figure.axes) and figure.axes[-1].get_xlabel()
+
+
+def test_one_number_a_member_is_enough_for_one_coordinate():
+    motions = vi.ensemble(swinging(), q0=[0.1, 0.2, 0.3], v0=0.0, h=0.1, steps=5)
+    assert motions.q[:, 0, 0].tolist() == [0.1, 0.2, 0.3]
+    assert [round(m.q[0, 0], 9) for m in motions] == [0.1, 0.2, 0.3]
+    with pytest.raises(IndexError):
+        motions[3]
+
+
+def test_wrong_ensembles_are_refused_at_once():
+    system, grid = swinging(), dict(h=0.1, steps=5)
+    with pytest.raises(vi.InputError, match="no argument has a leading axis"):
+        vi.ensemble(system, q0=0.1, v0=0.0, **grid)
+    with pytest.raises(vi.InputError, match=r"numbers of members differ: \{'q0': 3, 'length': 4\}"):
+        vi.ensemble(system, q0=[1, 2, 3], v0=0.0, params=dict(length=[1, 2, 3, 4]), **grid)
+    with pytest.raises(vi.InputError, match=r"q0 is not finite in members \[1\]"):
+        vi.ensemble(system, q0=[1, np.nan, 3], v0=0.0, **grid)
+    with pytest.raises(vi.InputError, match=r"q0 has shape \(3, 3\); it must be \(2,\)"):
+        vi.ensemble(double_pendulum(), q0=np.eye(3), v0=[0, 0], **grid)
+    with pytest.raises(vi.InputError, match=r"unknown parameters \['lenght'\]"):
+        vi.ensemble(system, q0=[1, 2], v0=0.0, params=dict(lenght=1.0), **grid)
+    with pytest.raises(vi.InputError, match=r"mass matrix .* singular at the start of members \[2\]"):
+        vi.ensemble(system, q0=0.1, v0=0.0, params=dict(length=[1.0, 2.0, 0.0]), **grid)
+    with pytest.raises(vi.InputError, match=r"not finite at the start of members \[0, 3\]"):
+        vi.ensemble(falling(), q0=[-1.0, 1.0, 2.0, -3.0], v0=0.0, **grid)
+    with pytest.raises(vi.InputError, match="must have a submit method"):
+        vi.ensemble(system, q0=[1, 2], v0=0.0, executor=4, **grid)
+    with pytest.raises(vi.InputError, match="give two of h, steps, duration"):
+        vi.ensemble(system, q0=[1, 2], v0=0.0, h=0.1)
+    with pytest.raises(vi.InputError, match="give v0 or p0, not both"):
+        vi.ensemble(system, q0=[1, 2], v0=0.0, p0=0.0, **grid)
+    with pytest.raises(vi.InputError, match="may be one table"):
+        vi.ensemble(pushed(), vi.gauss(2), q0=[0, 0], v0=[0, 0], u=np.zeros((2, 2, 1)), h=0.1, steps=2)

@@ -1,0 +1,140 @@
+"""The failure contract: step, time, residual, likely cause, what to try, the nodes before; and the remedy."""
+
+from __future__ import annotations
+
+import pickle
+
+import casadi as ca
+import numpy as np
+import pytest
+from scenes import double_pendulum, pendulum
+
+import varint as vi
+
+
+def failure(system: vi.System, rule: vi.Rule | None = None, **start) -> vi.ConvergenceError:
+    with pytest.raises(vi.ConvergenceError) as caught:
+        vi.simulate(system, rule, **start)
+    error = caught.value
+    motion = error.trajectory
+    assert error.step == motion.k[-1] and error.time == motion.t[-1]
+    assert np.isfinite(motion.q).all() and np.isfinite(motion.p).all()
+    assert "try a smaller h" in str(error) or "start elsewhere" in str(error)
+    return error
+
+
+def kepler() -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+@pytest.mark.parametrize("rule", [vi.gauss(2), vi.composition("verlet")], ids=str)
+def test_a_square_root_of_a_negative_number_is_named(rule, backend):
+    q, v = vi.coordinates("x")
+    root = vi.System(q, v, v**2 / 2 - q + ca.sqrt(q))
+    error = failure(root, rule, q0=1.0, v0=-3.0, h=0.01, steps=1000, backend=backend)
+    assert "not defined where the step leads" in error.cause
+    assert 0.2 < error.time < 0.6
+
+
+def test_a_near_collision_is_named():
+    error = failure(kepler(), vi.gauss(2), q0=[1, 0], v0=[0, 1e-4], h=0.01, steps=1000)
+    assert "collision or near approach" in error.cause
+    assert 1.0 < error.time < 1.2  # free fall takes π/√8
+
+
+def test_a_step_too_large_for_the_fastest_motion_is_named_with_h_omega():
+    q, v = vi.coordinates("x")
+    stiff = vi.System(q, v, v**2 / 2 - 1e4 * ca.cosh(q))
+    error = failure(stiff, vi.lobatto(3), q0=4.0, v0=0.0, h=1.0, steps=100)
+    assert "h is too large for the fastest motion (h ω" in error.cause
+
+
+def test_a_pole_of_the_coordinates_is_named():
+    """A spherical pendulum that runs close past the pole θ = 0 of its angles."""
+    q, v = vi.coordinates("theta", "phi")
+    kinetic = (v[0] ** 2 + ca.sin(q[0]) ** 2 * v[1] ** 2) / 2
+    system = vi.System(q, v, kinetic + 9.81 * ca.cos(q[0]))
+    error = failure(system, vi.lobatto(3), q0=[0.5, 0], v0=[-1, 0.1], h=0.03, steps=200)
+    assert "the inertia of ['phi'] vanishes" in error.cause
+
+
+def test_a_folded_linkage_is_named():
+    q, v = vi.coordinates("x1", "y1", "x2", "y2")
+    rods = ca.vertcat(ca.sumsqr(q[:2]) - 1, ca.sumsqr(q[2:] - q[:2]) - 1, ca.sumsqr(q[2:] - ca.DM([2.0, 0])) - 1e-16)
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * (q[1] + q[3]), constraint=rods[:2])
+    motion = vi.simulate(system, q0=[1, 0, 2, 0], v0=[0, 0, 0, 0], h=1e-3, steps=1)
+    from dataclasses import replace
+
+    from varint.stepping.diagnosis import likely_cause
+
+    stretched = vi.System(q, v, ca.sumsqr(v) / 2, constraint=rods)
+    assert "singular configuration" in likely_cause(replace(motion[:1], system=stretched, phase=None))
+
+
+def test_an_energy_that_nothing_can_change_raises_the_alarm():
+    """A double pendulum thrown at 8 rad/s with h = 0.15 takes roots of its equations that are none of the motion's."""
+    with pytest.warns(UserWarning, match=r"the energy went from 36\.55.* h = 0.15 is too large"):
+        vi.simulate(double_pendulum(), vi.gauss(2), q0=[0.4, -0.3], v0=[8, 0], h=0.15, steps=10)
+    with pytest.warns(UserWarning, match="the energy went"):  # Verlet beyond h ω = 2
+        vi.simulate(pendulum(), vi.trapezoidal(), q0=0.1, v0=0.0, h=2.2, steps=20)
+    vi.simulate(double_pendulum(), vi.gauss(2), q0=[0.4, -0.3], v0=[8, 0], h=0.05, steps=100)
+
+
+@pytest.mark.parametrize("every", [1, 7, 100])
+def test_dividing_a_step_that_fails_passes_the_near_collision(every):
+    start = dict(q0=[1, 0], v0=[0, 0.1], h=0.02, steps=60)
+    failure(kepler(), vi.gauss(4), **start)
+    motion = vi.simulate(kepler(), vi.gauss(4), save_every=every, on_failure="subdivide", **start)
+    (event,) = motion.events
+    parts = int(event.kind.removeprefix("divided in "))
+    inside = (motion.t > event.time - 1e-9) & (motion.t < event.time + 0.02 + 1e-9)
+    assert event.time == pytest.approx(1.1) and inside.sum() == parts + 1
+    assert abs(event.energy_after - event.energy_before) < 1e-11
+    spin = motion.value(motion.system.q[0] * motion.system.v[1] - motion.system.q[1] * motion.system.v[0])
+    np.testing.assert_allclose(spin, 0.1, atol=1e-13)
+    assert set(range(0, 61, every)) <= set(motion.k.tolist()) and (np.diff(motion.t) > 0).all()
+    within = motion.t[inside]
+    between = motion.at((within[1:] + within[:-1]) / 2)  # dense output follows the parts
+    np.testing.assert_allclose(between.energy, event.energy_before, atol=1e-9)
+
+
+def test_a_run_that_need_not_be_divided_is_left_alone():
+    start = dict(q0=[0.4, 0.2], v0=[0, 0], h=0.05, steps=500)
+    plain = vi.simulate(double_pendulum(), vi.gauss(3), **start)
+    safe = vi.simulate(double_pendulum(), vi.gauss(3), on_failure="subdivide", **start)
+    assert safe.events == () and safe.q.tobytes() == plain.q.tobytes()
+
+
+def test_what_cannot_be_divided_fails_with_the_nodes_before_it():
+    q, v = vi.coordinates("x")
+    root = vi.System(q, v, v**2 / 2 - q + ca.sqrt(q))
+    error = failure(root, vi.gauss(2), q0=1.0, v0=-3.0, h=0.01, steps=1000, on_failure="subdivide")
+    assert "in 1024 parts, too" in str(error)
+
+
+def test_remedies_that_do_not_exist_are_refused():
+    start = dict(q0=1.0, v0=0.0, h=0.1, steps=10)
+    with pytest.raises(vi.InputError, match="'raise' or 'subdivide', got 'retry'"):
+        vi.simulate(pendulum(), on_failure="retry", **start)
+    with pytest.raises(vi.InputError, match="interpreted backend"):
+        vi.simulate(pendulum(), on_failure="subdivide", backend="compiled", **start)
+
+
+def test_errors_travel_between_processes():
+    error = failure(kepler(), vi.gauss(2), q0=[1, 0], v0=[0, 1e-4], h=0.01, steps=1000)
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), again.step, again.cause) == (type(error), str(error), error.step, error.cause)
+    solver = pickle.loads(pickle.dumps(vi.SolverError("no", status="Infeasible")))
+    assert (str(solver), solver.status) == ("no", "Infeasible")
+
+
+def test_progress_shows_rate_and_energy_error_and_is_silent_when_not_wanted(capsys):
+    start = dict(q0=[0.4, 0.2], v0=[0, 0], h=0.01, steps=20_000, backend="interpreted")
+    vi.simulate(double_pendulum(), vi.gauss(2), progress=True, **start)
+    shown = capsys.readouterr().err
+    assert "step/s" in shown and "ΔH/|H|=" in shown
+    vi.simulate(double_pendulum(), vi.gauss(2), progress=False, **start)
+    vi.simulate(double_pendulum(), vi.gauss(2), **start)  # no terminal: nobody watches
+    assert capsys.readouterr().err == ""
