@@ -146,10 +146,12 @@ def simulate(
             )
 
         def whole(chosen: Rule, span: float, count: int, every: int, level: float | None) -> Trajectory:
-            return simulate(
-                system, chosen, q0=q0, v0=v0, p0=p0, duration=span, steps=count, t0=t0, u=u, params=params,
-                save_every=every, tol=level, progress=False, backend=backend,
-            )  # fmt: skip
+            with warnings.catch_warnings():  # trials with steps too large are compared with others
+                warnings.filterwarnings("ignore", message="the energy went", category=UserWarning)
+                return simulate(
+                    system, chosen, q0=q0, v0=v0, p0=p0, duration=span, steps=count, t0=t0, u=u, params=params,
+                    save_every=every, tol=level, progress=False, backend=backend,
+                )  # fmt: skip
 
         motion = for_tolerance(whole, system, rule, duration, tol)
         kept = np.unique(np.append(np.arange(0, len(motion), save_every), len(motion) - 1))

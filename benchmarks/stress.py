@@ -1,0 +1,187 @@
+"""Scenes that break integrators, and what of each survives: `python benchmarks/stress.py` prints one line a scene.
+
+Every function returns what it measured; `tests/test_stress.py` bounds the same numbers for shorter runs.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from itertools import pairwise
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+
+import varint as vi
+
+RULES = {
+    "midpoint": vi.midpoint(),
+    "gauss(2)": vi.gauss(2),
+    "gauss(4)": vi.gauss(4),
+    "gauss(8)": vi.gauss(8),
+    "lobatto(2)": vi.lobatto(2),
+    "lobatto(3)": vi.lobatto(3),
+    "lobatto(4)": vi.lobatto(4),
+    **{name: vi.composition(name) for name in ("blanes-moan4", "yoshida4", "yoshida6", "kahan-li8")},
+}
+
+
+def oscillator() -> vi.System:
+    q, v = vi.coordinates("x")
+    return vi.System(q, v, v**2 / 2 - q**2 / 2)
+
+
+def traces(rule: vi.Rule, h_omega: np.ndarray) -> np.ndarray:
+    """|trace| of one step of the harmonic oscillator, by exact derivatives: above 2 the (symplectic) step grows."""
+    step = vi.step_function(oscillator(), rule)
+    q, p, h = ca.MX.sym("q"), ca.MX.sym("p"), ca.MX.sym("h")
+    out = step(q0=q, p0=p, t=0, h=h, u=ca.DM(0, len(rule.nodes)), params=ca.DM(0, 1))
+    trace = ca.jacobian(out["q1"], q) + ca.jacobian(out["p1"], p)
+    function = ca.Function("trace", [h], [ca.substitute(trace, ca.vertcat(q, p), ca.DM([0.3, 0.4]))])
+    return np.abs(np.array(function.map(len(h_omega))(h_omega))).ravel()
+
+
+def stability_limit(rule: vi.Rule, most: float = 30.0, grid: float = 1e-3) -> float:
+    """The first hω at which a step grows, to 1e-3, scanned up to `most` (∞ if there is none)."""
+    h = np.arange(grid, most, grid)
+    grows = traces(rule, h) > 2 + 1e-9
+    return float(h[np.argmax(grows)]) if grows.any() else np.inf
+
+
+def energy_error(motion: vi.Trajectory) -> float:
+    """Largest energy error relative to the largest kinetic energy."""
+    kinetic = np.abs((motion.p * motion.v).sum(axis=1)).max() / 2
+    return float(np.abs(motion.energy - motion.energy[0]).max() / kinetic)
+
+
+def chaotic_double_pendulum(duration: float = 1000.0, h: float = 0.01) -> float:
+    """Energy error of the double pendulum released at rest from (π/2, π/2)."""
+    q, v = vi.coordinates("a", "b")
+    kinetic = v[0] ** 2 + v[1] ** 2 / 2 + v[0] * v[1] * ca.cos(q[0] - q[1])
+    system = vi.System(q, v, kinetic + 9.81 * (2 * ca.cos(q[0]) + ca.cos(q[1])))
+    motion = vi.simulate(
+        system, vi.gauss(6), q0=[np.pi / 2, np.pi / 2], v0=[0, 0], h=h, duration=duration, save_every=10
+    )
+    return energy_error(motion)
+
+
+def stiff_chain(h_omega: float, duration: float = 200.0) -> tuple[float, float]:
+    """(energy error, change of the invariants) of the Fermi–Pasta–Ulam chain with ω = 50 by gauss(2)."""
+    model = vi.models.fpu_chain()
+    omega = 50.0
+    motion = vi.simulate(
+        model.system, vi.gauss(2), q0=model.q0, v0=model.v0, h=h_omega / omega, steps=int(duration * omega / h_omega)
+    )
+    values = [motion.value(x) for x in model.invariants.values()] if model.invariants else [motion.energy]
+    drift = max(float(np.ptp(x) / max(np.abs(x).max(), 1e-300)) for x in values)
+    return energy_error(motion), drift
+
+
+def near_collision(e: float, steps_an_orbit: int = 4000, orbits: int = 3) -> str:
+    """What a fixed step makes of a Kepler ellipse of eccentricity e from its far end: a result, an alarm, a refusal."""
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    start = dict(q0=[1 + e, 0], v0=[0, np.sqrt((1 - e) / (1 + e))], h=2 * np.pi / steps_an_orbit)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            motion = vi.simulate(system, vi.gauss(4), steps=orbits * steps_an_orbit, **start)
+        except vi.ConvergenceError as error:
+            return f"refused at t = {error.time:.3f}: {error.cause.split(':')[0]}"
+    size = f"energy error {energy_error(motion):.1e}"
+    return f"alarm, {size}" if caught else size
+
+
+def gimbal_lock(angle: float) -> str:
+    """A fast heavy top in Euler angles that passes within `angle` of the pole of its coordinates."""
+    model = vi.models.heavy_top()
+    q0 = np.array(model.q0, dtype=float)
+    q0[list(model.system.names).index("theta")] = angle
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            motion = vi.simulate(model.system, vi.gauss(4), q0=q0, v0=model.v0, h=1e-3, steps=2000)
+        except (vi.ConvergenceError, vi.InputError) as error:
+            return f"refused: {str(error)[:90]}"
+    return f"{'alarm, ' if caught else ''}energy error {energy_error(motion):.1e}"
+
+
+def hanging_chain(links: int) -> tuple[vi.System, np.ndarray]:
+    """A chain of rods in Cartesian coordinates, and its start stretched out sideways."""
+    names = [f"{axis}{i}" for i in range(links) for axis in "xy"]
+    q, v = vi.coordinates(*names)
+    points = [ca.SX.zeros(2), *(q[2 * i : 2 * i + 2] for i in range(links))]
+    length = 1.0 / links
+    rods = ca.vertcat(*(ca.sumsqr(b - a) / (2 * length) - length / 2 for a, b in pairwise(points)))
+    heights = ca.sum1(ca.vertcat(*(q[2 * i + 1] for i in range(links))))
+    system = vi.System(q, v, (ca.sumsqr(v) / 2 - 9.81 * heights) / links, constraint=rods)
+    start = np.zeros(2 * links)
+    start[::2] = length * np.arange(1, links + 1)
+    return system, start
+
+
+def whipping_chain(links: int, steps: int, h: float = 1e-4) -> tuple[float, float]:
+    """(largest |g| relative to a link, energy error) of a chain of rods let go from the horizontal."""
+    system, start = hanging_chain(links)
+    motion = vi.simulate(system, vi.lobatto(2), q0=start, v0=np.zeros(2 * links), h=h, steps=steps, save_every=10)
+    gap = float(np.abs(motion.value(system.constraint)).max()) * links
+    return gap, energy_error(motion)
+
+
+def round_off_drift(steps: int) -> tuple[float, float]:
+    """(slope, size) of the relative energy error of the pendulum by blanes-moan4 over many steps, sampled."""
+    q, v = vi.coordinates("theta")
+    system = vi.System(q, v, v**2 / 2 + ca.cos(q))
+    every = max(steps // 2000, 1)
+    motion = vi.simulate(system, vi.composition("kahan-li8"), q0=1.0, v0=0.0, h=0.05, steps=steps, save_every=every)
+    error = (motion.energy - motion.energy[0]) / abs(motion.energy[0])
+    half = len(error) // 2
+    return float(error[half:].mean() - error[:half].mean()), float(np.abs(error).max())
+
+
+def units(length: float, time: float, mass: float, rule: vi.Rule) -> float:
+    """How far a Kepler orbit in polar coordinates in these units is from the same orbit in units of one."""
+
+    def orbit(length: float, time: float, mass: float) -> np.ndarray:
+        q, v = vi.coordinates("r", "phi")
+        kinetic = (v[0] ** 2 + q[0] ** 2 * v[1] ** 2) / 2
+        system = vi.System(q, v, mass * (kinetic + length**3 / time**2 / q[0]))
+        start = dict(q0=[0.4 * length, 0.0], v0=[0.0, 5.0 / time], h=0.02 * time, steps=300, backend="interpreted")
+        return vi.simulate(system, rule, **start).q / [length, 1.0]
+
+    return float(np.abs(orbit(length, time, mass) - orbit(1.0, 1.0, 1.0)).max())
+
+
+def report(name: str, call: Callable[[], str]) -> None:
+    began = perf_counter()
+    print(f"{name:48} {call()}   [{perf_counter() - began:.1f} s]", flush=True)
+
+
+def main() -> None:
+    for name, rule in RULES.items():
+        limit = stability_limit(rule)
+        report(f"stability limit hω of {name}", lambda limit=limit: "none to 30" if limit == np.inf else f"{limit:.3f}")
+    report("double pendulum from (π/2, π/2), T = 1000", lambda: f"energy error {chaotic_double_pendulum():.1e}")
+    for h_omega in (0.5, 5.0, 30.0):
+        report(
+            f"FPU chain, hω = {h_omega:g}",
+            lambda h=h_omega: "energy error {:.1e}, invariants {:.1e}".format(*stiff_chain(h)),
+        )
+    for e in (0.9, 0.99, 0.999, 0.9999, 1 - 1e-8):
+        report(f"Kepler, e = {e:g}, 4000 steps an orbit", lambda e=e: near_collision(e))
+    for angle in (1e-1, 1e-2, 1e-4, 1e-8, 0.0):
+        report(f"heavy top, {angle:g} from the pole", lambda angle=angle: gimbal_lock(angle))
+    text = "|g| {:.1e} of a link, energy error {:.1e}"
+    for links, steps in ((20, 20_000), (200, 5000)):
+        report(f"chain of {links} rods, {steps} steps", lambda n=links, k=steps: text.format(*whipping_chain(n, k)))
+    drift = "mean drift {:.1e}, largest {:.1e}"
+    report("pendulum, 1e8 steps", lambda: drift.format(*round_off_drift(10**8)))
+    scales = (1e-20, 1.0, 1e20)
+    for name in ("gauss(2)", "lobatto(3)", "gauss(8)"):
+        worst = max(units(a, b, c, RULES[name]) for a in scales for b in scales for c in scales)
+        report(f"units 1e-20 to 1e20, {name}", lambda worst=worst: f"differ by {worst:.1e}")
+
+
+if __name__ == "__main__":
+    main()
