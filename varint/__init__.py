@@ -4,12 +4,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.parameters import Parameters
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
 from varint.sketch import Sketch
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
-from varint.system import Parameters, System, coordinates, time
+from varint.system import System, coordinates, time
 from varint.trajectory import State, Trajectory
 
 if TYPE_CHECKING:

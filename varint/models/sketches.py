@@ -10,8 +10,9 @@ import casadi as ca
 from varint.errors import InputError
 from varint.models.model import Model
 from varint.models.quaternions import rotation
+from varint.parameters import Parameters
 from varint.sketch import Sketch, cartesian
-from varint.system import Parameters, System
+from varint.system import System
 
 
 def sketch(model: Model) -> Sketch:

@@ -30,7 +30,7 @@ MOST_STEPS, MOST_PILOT_STEPS = 60_000_000, 40_000
 FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 PILOT_AIM = 0.3  # of the wanted error
 CAUTION = 0.5  # of the rule's order is counted on where a run is judged by a coarser one
-LEAST_FINER, MOST_FINER = 1.3, 4.0
+LEAST_FINER, MUCH_FINER, PATIENCE = 1.3, 2.0, 5
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that the step is too large
 MOST_RUNS = 10
 
@@ -96,10 +96,10 @@ def for_tolerance(run: Run, system: System, rule: Rule | None, duration: float, 
             return replace(fine, stats=MappingProxyType(stats))
         if len(differences) > 1 and NO_DIGITS > differences[-1] > differences[-2] / 2:
             break
-        if min(differences[-3:]) > NO_DIGITS and len(differences) >= 3:
+        if len(differences) >= PATIENCE and min(differences[-PATIENCE:]) > NO_DIGITS:
             break
         finer = 1.05 * (estimate / tol) ** (1 / best.rule.order)
-        unit = math.ceil(unit * (MOST_FINER if differences[-1] > NO_DIGITS else max(finer, LEAST_FINER)))
+        unit = math.ceil(unit * (MUCH_FINER if differences[-1] > NO_DIGITS else max(finer, LEAST_FINER)))
     raise InputError(
         f"tol={tol:g} is out of reach over the duration {duration:g}: smaller steps leave runs "
         f"{min(differences, default=math.nan):.1e} apart (relative to q). The motion is chaotic and past its horizon, "
