@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 import shutil
 from pathlib import Path
@@ -31,8 +30,7 @@ def _file(file: Path, source: Path) -> str:
     result = json.loads(file.read_text(encoding="utf-8"))
     result = result if isinstance(result, dict) else {"rows": result}
     title = result.pop("title", None) or _words(file.stem).capitalize()
-    day = result.pop("date", None) or datetime.date.fromtimestamp(file.stat().st_mtime).isoformat()
-    lines = [f"## {title}\n", f"Stored {day} as `benchmarks/results/{file.name}`.\n"]
+    lines = [f"## {title}\n", f"From `benchmarks/results/{file.name}`.\n"]
     picture = file.with_suffix(".png")
     if picture.exists():
         (source / "_build").mkdir(exist_ok=True)

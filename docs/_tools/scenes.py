@@ -73,6 +73,15 @@ CHAPTERS: dict[str, dict[str, str]] = {
         r" x - \tfrac12\ell\cos\theta \ge 0,\quad y - \tfrac12\ell\sin\theta = 0",
         "closed_loops": r"S = \int \bigl(L + \boldsymbol\lambda\cdot\mathbf g\bigr)\,dt,"
         r"\qquad \mathbf g(q) = 0\ \text{closes the loops}",
+        "atwood_and_wire": r"L = \tfrac12 m_1\dot x_1^2 + \tfrac12 m_2\dot x_2^2 + m_1 g x_1 + m_2 g x_2,"
+        r"\qquad x_1 + x_2 - c = 0",
+        "spherical_pendulum_cartesian": r"L = \tfrac12 |\dot{\mathbf r}|^2 - g z,\qquad |\mathbf r|^2 - \ell^2 = 0",
+        "rod_chain": r"L = \tfrac12 \sum_i (\dot x_i^2 + \dot y_i^2) - g \sum_i y_i,"
+        r"\qquad |\mathbf r_i - \mathbf r_{i-1}|^2 - \ell^2 = 0",
+        "linkages": r"L = T(q, \dot q) - V(q),\qquad \mathbf g(q) = 0\ \text{the joints}",
+        "bouncing_balls": r"L = \tfrac12 m\,|\dot{\mathbf r}|^2 - m g y,\qquad \mathrm{gap}(q) \ge 0",
+        "rolling": r"\frac{d}{dt}\frac{\partial L}{\partial\dot q} - \frac{\partial L}{\partial q}"
+        r" = A^{\mathsf T}\lambda,\qquad A(q)\,\dot q = 0",
     },
     "Paths between fixed end points": {
         "exact_actions": r"\delta\int_0^T L\,dt = 0,\qquad q(0) = q_a,\quad q(T) = q_b",
