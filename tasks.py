@@ -44,7 +44,8 @@ def bench(*arguments: str) -> None:
 def docs(*arguments: str) -> None:
     """Build the documentation into docs/_build/html."""
     prepare("docs")
-    run("-m", "sphinx", "-W", "--keep-going", "docs", "docs/_build/html", *arguments)
+    run("-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto", "docs", "docs/_build/html", *arguments)
+    print("wrote docs/_build/html/index.html")
 
 
 def prepare(*extras: str) -> None:

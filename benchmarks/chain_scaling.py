@@ -1,44 +1,79 @@
-"""Cost per step of a chain with N rods: linear in N? Ratios side by side; `python benchmarks/chain_scaling.py`.
+"""Cost per step of a chain with N rods: linear in N? Ratios side by side.  python benchmarks/chain_scaling.py
 
-The chain is released level. λ-only SHAKE and RATTLE (trapezoidal rule), then lobatto(3) with positions and multipliers.
-The last column compares the cost per link with that of the first row: 1 is linear.
+The chain is released level. λ-only SHAKE and RATTLE (trapezoidal rule), then lobatto(3) with positions and multipliers,
+interpreted and compiled. `ratio` compares the cost per link with that of the first row: 1 is linear.
 """
 
 from __future__ import annotations
 
-from time import process_time
+import sys
+from time import perf_counter, process_time
+
+import numpy as np
+from record import save, table
 
 import varint as vi
+from varint.compiled.kernel import DONE, run
+from varint.compiled.newton import newton_kernel
+from varint.stepping.initial import initial_task
+from varint.stepping.run import run as interpreted_run
 
-LINKS, STEPS, REPEATS = (10, 20, 50, 100, 200), 2000, 5
-
-
-def microseconds_per_step(links: int, rule: vi.Rule) -> float:
-    """Best of several runs: the difference of a long and a short run, so that checks of the start do not count."""
-    model = vi.models.chain_rods(links)
-    start = dict(q0=model.q0, v0=model.v0, h=1e-3)
-    best = []
-    for steps in (STEPS // 10, STEPS):
-        vi.simulate(model.system, rule, **start, steps=steps)
-        times = []
-        for _ in range(REPEATS):
-            began = process_time()
-            vi.simulate(model.system, rule, **start, steps=steps)
-            times.append(process_time() - began)
-        best.append(min(times))
-    return (best[1] - best[0]) / (STEPS - STEPS // 10) * 1e6
+LINKS, STEPS, REPEATS = (10, 20, 50, 100, 200), {"compiled": 2000, "interpreted": 200}, 7
 
 
-def main() -> None:
+def cost(model: vi.models.Model, rule: vi.Rule, backend: str) -> tuple[float, float]:
+    """Microseconds a step, best of several runs in turn with none of the checks of a start; seconds to build."""
+    steps = STEPS[backend]
+    task = initial_task(
+        model.system, rule, q0=model.q0, v0=model.v0, p0=None, h=1e-3, steps=steps, duration=None, t0=0.0, u=None,
+        params=None, save_every=steps,
+    )  # fmt: skip
+    began = perf_counter()
+    if backend == "compiled":
+        kernel = newton_kernel(model.system, rule)
+        built = perf_counter() - began
+
+        def call() -> None:
+            part = run(kernel, task.q0, task.p0, task.c, t0=0.0, h=task.h, steps=steps, save_every=steps)
+            assert part.status == DONE
+    else:
+
+        def call() -> None:
+            assert all(block.good == len(block.k) for block in interpreted_run(model.system, rule, task))
+
+        call()
+        built = perf_counter() - began
+    times = []
+    for _ in range(REPEATS):
+        began = process_time()
+        call()
+        times.append(process_time() - began)
+    return min(times) / steps * 1e6, built
+
+
+def main(links: tuple[int, ...], backends: tuple[str, ...]) -> None:
+    rows = []
     for rule in (vi.trapezoidal(), vi.lobatto(3)):
-        print(f"{rule}: {vi.plan(vi.models.chain_rods(2).system, rule).method}")
-        first = None
-        for links in LINKS:
-            cost = microseconds_per_step(links, rule)
-            first = first or cost / links
-            each = cost / links
-            print(f"  N = {links:4d}  {cost:8.1f} µs a step  {each:6.2f} µs a link  ratio {each / first:5.2f}")
+        for backend in backends:
+            first = None
+            for n in links:
+                if backend == "interpreted" and n > 50:
+                    continue
+                microseconds, built = cost(vi.models.chain_rods(n), rule, backend)
+                first = first or microseconds / n
+                rows.append({
+                    "rule": rule.name, "backend": backend, "links": n, "µs a step": microseconds,
+                    "ns a link": 1e3 * microseconds / n, "ratio": microseconds / n / first, "built in s": built,
+                })  # fmt: skip
+                print(rows[-1], flush=True)
+            save("chain_scaling", rows)
+    table(rows)
+    for rule in (vi.trapezoidal(), vi.lobatto(3)):
+        found = [row for row in rows if row["rule"] == rule.name and row["backend"] == "compiled"]
+        if len(found) > 1:
+            fit = np.polyfit(np.log([r["links"] for r in found]), np.log([r["µs a step"] for r in found]), 1)[0]
+            print(f"{rule}: compiled cost grows like N^{fit:.2f}")
 
 
 if __name__ == "__main__":
-    main()
+    main(tuple(map(int, sys.argv[1:])) or LINKS, ("compiled", "interpreted"))

@@ -144,7 +144,10 @@ def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
     """REBOUND's IAS15 at several tolerances and WHFast with several steps, for gravitating bodies in space."""
     import rebound
 
-    positions, speeds = q0.reshape(len(masses), -1), v0.reshape(len(masses), -1)
+    bodies = q0.size // 2 if q0.size == 2 else len(masses)  # one body: massless, around a mass at rest
+    positions, speeds = q0.reshape(bodies, -1), v0.reshape(bodies, -1)
+    if bodies < len(masses):
+        positions, speeds = (np.vstack([np.zeros_like(x), x]) for x in (positions, speeds))
     heaviest = int(np.argmax(masses))
     order = [heaviest, *(i for i in range(len(masses)) if i != heaviest)]  # WHFast wants the star first
 
@@ -162,19 +165,19 @@ def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
         for place, i in enumerate(order):
             body = sim.particles[place]
             found[i] = [body.x, body.y, body.z][: positions.shape[1]]
-        return found.ravel()
+        return found[-bodies:].ravel()
 
     def ias15(epsilon):
         sim = simulation()
         sim.integrator = "ias15"
-        sim.ri_ias15.epsilon = epsilon
+        sim.integrator.epsilon = epsilon
         sim.integrate(duration)
         return end(sim)
 
     def whfast(steps, corrector):
         sim = simulation()
         sim.integrator = "whfast"
-        sim.ri_whfast.corrector, sim.ri_whfast.safe_mode = corrector, 0
+        sim.integrator.corrector, sim.integrator.safe_mode = corrector, 0
         sim.dt = duration / steps
         sim.steps(steps)
         sim.synchronize()

@@ -40,7 +40,7 @@ class Scene:
 
 def kepler(e: float, steps: int) -> Scene:
     model = vi.models.kepler(e=e)
-    return Scene(model, 200 * np.pi, steps, vi.close_encounters(ca.norm_2(model.system.q)))
+    return Scene(model, 200 * np.pi, steps, vi.close_encounters(ca.norm_2(model.system.q)), ([1.0, 0.0], 1.0))
 
 
 def solar_system() -> Scene:
@@ -88,4 +88,4 @@ LONGER = {
     "pendulum": 50, "kepler 0.6": 10, "kepler 0.9": 5, "henon-heiles": 20, "double pendulum": 30, "solar system": 10,
     "spherical pendulum": 20, "pendulum on a cart": 10, "charged particle": 10, "chain of 10": 5,
 }  # fmt: skip
-SCENES |= {f"{name} ×{by}": (lambda f=SCENES[name], by=by: longer(f(), by)) for name, by in LONGER.items()}
+SCENES = {f"{name} ×{by}": (lambda f=SCENES[name], by=by: longer(f(), by)) for name, by in LONGER.items()} | SCENES

@@ -1,23 +1,77 @@
-"""Draw the pictures of the README and the documentation: `python docs/images.py` writes docs/images/*.png."""
+"""Draw the pictures of the README: `python docs/images.py` writes docs/images/*.png."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import casadi as ca
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
 
 import varint as vi
+from varint.plot import COLOURS
 
 IMAGES = Path(__file__).resolve().parent / "images"
+BLUE, RED = COLOURS[:2]
 
 
-def pendulum() -> vi.Trajectory:
+def pendulum() -> Figure:
     """The README's six lines."""
     q, v = vi.coordinates("theta")
     scene = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
-    return vi.simulate(scene, q0=1.0, v0=0.0, h=0.01, steps=1000)
+    return vi.simulate(scene, q0=1.0, v0=0.0, h=0.01, steps=1000).plot()
+
+
+def swing_up() -> Figure:
+    """A cart swings its pole up in two seconds with least ∫ u² dt (Kelly 2017)."""
+    (motion,) = vi.models.swing_up_cart_pole().solve()
+    c, q = motion.system.params, motion.system.q
+    bob = motion.value(ca.vertcat(q[0] + c.length * ca.sin(q[1]), -c.length * ca.cos(q[1])))
+    figure, (scene, force) = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained", width_ratios=[3, 2])
+    for k in range(0, len(motion), 2):
+        shade = plt.cm.viridis(k / len(motion))
+        scene.plot([motion.q[k, 0], bob[k, 0]], [0, bob[k, 1]], "-o", ms=3, lw=1.2, color=shade)
+    scene.set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Swing-up, every 0.1 s from dark to light")
+    times = np.linspace(0, motion.t[-1], 400)
+    force.plot(times, [motion.u_at(t)[0] for t in times], color=RED)
+    force.set(xlabel="time in s", ylabel="force in N", title=f"The push, ∫ u² dt = {motion.cost:.8f}")
+    force.grid(alpha=0.3)
+    return figure
+
+
+def ladder() -> Figure:
+    """Reactions of wall and floor on a falling ladder, and where the wall lets go."""
+    model = vi.models.falling_ladder()
+    motion = vi.simulate(model.system, **model.start)
+    leaves, lies = (event.time for event in motion.events)
+    figure, (scene, force) = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained", width_ratios=[2, 3])
+    ends = motion.at(np.append(np.linspace(0, lies, 13)[:-1], lies - 1e-9))
+    for x, y, theta, t in np.column_stack([ends.q, ends.t]):
+        arm = np.array([np.cos(theta), -np.sin(theta)])  # half of the ladder, whose length is 2
+        scene.plot([x - arm[0], x + arm[0]], [y - arm[1], y + arm[1]], color=BLUE if t < leaves else RED, lw=1)
+    scene.set(aspect="equal", xlabel="x in m", ylabel="y in m", title="On the wall (blue), off the wall (red)")
+    during = motion.t < lies - 1e-9
+    for i, (name, colour) in enumerate((("wall", BLUE), ("floor", RED))):
+        force.plot(motion.t[during], motion.multipliers[during, i], color=colour, label=name)
+    force.axvline(leaves, color="0.4", ls=":", label=f"the wall lets go, t = {leaves:.6f} s")
+    force.set(xlabel="time in s", ylabel="reaction in N", title="Multipliers are reactions")
+    force.legend(fontsize="small")
+    force.grid(alpha=0.3)
+    return figure
+
+
+def work_precision() -> Figure:
+    """Run time against error of the rules on Hénon and Heiles' scene."""
+    model = vi.models.henon_heiles()
+    rules = [vi.composition(name) for name in ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")]
+    rules += [vi.gauss(2), vi.gauss(4)]
+    steps = (200, 400, 800, 1600, 3200)
+    start = dict(q0=model.q0, v0=model.v0, duration=100.0, steps=steps, repeats=15)
+    return vi.diagnostics.work_precision(model.system, rules, **start).plot()
 
 
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
-    pendulum().plot().savefig(IMAGES / "pendulum.png", dpi=100)
+    for draw in (pendulum, swing_up, ladder, work_precision):
+        draw().savefig(IMAGES / f"{draw.__name__}.png", dpi=100)

@@ -19,6 +19,8 @@ import numpy as np
 
 import varint as vi
 
+plt.style.use("tableau-colorblind10")
+
 OUT = Path("out")
 ANGLES = np.array(  # at t = 0.03 s
     [

@@ -56,6 +56,7 @@ def main(out: Path = Path("out")) -> None:
         hold.plot(plan.t, np.abs(feedback(plan, np.array([0.02, 0.02]), k) - plan.q).max(axis=1), label=name)
     path.set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Swing-up in 2 s")
     control.set(xlabel="t in s", title="Control and costate")
+    order.set_xscale("log", base=2)
     order.set(xlabel="steps", ylabel="relative error of J", title="Error of the cost")
     hold.set(xlabel="t in s", ylabel="distance from the plan", title="Start 0.02 off", yscale="log")
     for axes in (control, order, hold):

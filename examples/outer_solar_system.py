@@ -22,6 +22,8 @@ import numpy as np
 
 import varint as vi
 
+plt.style.use("tableau-colorblind10")
+
 OUT = Path("out")
 BODIES = ("Jupiter", "Saturn", "Uranus", "Neptune", "Pluto", "Sun")
 DAYS = 200_000.0

@@ -119,8 +119,23 @@ def test_a_linear_scene_takes_one_solve_a_step_and_gives_what_newtons_method_giv
     motion = interpreted(system, rule, [1.0, -0.5], [0.3, 0.2], 0.1, 150, u=values)
     kernel = newton_kernel(system, rule)
     found = compiled(motion, kernel, u=values)
-    assert "factorised once" in kernel.about
+    assert "constant linear map" in kernel.about
     assert found.iterations == found.steps == 150
+    assert distance(found, motion) < 3e-14
+
+
+@needs_compiler
+def test_a_large_linear_scene_is_factorised_once():
+    n = 30
+    q, v = vi.coordinates(*(f"x{i}" for i in range(n)))
+    stretch = ca.vertcat(q, 0) - ca.vertcat(0, q)
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 0.1 * q[0] * v[1] - ca.sumsqr(stretch) / 2)
+    start = np.random.default_rng(4).uniform(-1, 1, (2, n))
+    motion = interpreted(system, vi.gauss(2), start[0], start[1], 0.2, 60)
+    kernel = newton_kernel(system, vi.gauss(2))
+    found = compiled(motion, kernel)
+    assert "factorised once" in kernel.about
+    assert found.iterations == found.steps
     assert distance(found, motion) < 3e-14
 
 

@@ -13,8 +13,8 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 # Lowest first. A module may import from lower layers and, within its own layer, as long as no circle arises.
 LAYERS = [
     {"errors", "polynomials", "arrays", "progress", "files"},
-    {"compositions", "structure"},
-    {"rules", "system"},
+    {"compositions", "structure", "parameters"},
+    {"rules", "system", "sketch"},
     {"manifold", "legendre", "description", "expressions"},
     {"between", "discrete", "symmetry", "assembly", "horizon", "geodesics"},
     {"trajectory"},
@@ -22,6 +22,7 @@ LAYERS = [
     {"ensembles", "diagnostics", "models", "archive"},
     {"plot", "plot_diagnostics", "animate"},
     {"__init__"},
+    {"__main__"},
 ]
 RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
 DRAWING = {"plot", "plot_diagnostics", "animate"}

@@ -26,13 +26,6 @@ def module(path: str):
     return found
 
 
-def test_the_python_code_of_the_readme_runs():
-    blocks = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    assert blocks
-    for block in blocks:
-        exec(block, {})
-
-
 def test_files_named_in_the_readme_exist():
     links = re.findall(r"\]\(([^)#]+)\)", README)
     assert links

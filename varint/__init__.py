@@ -4,11 +4,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
+from varint.parameters import Parameters
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
+from varint.sketch import Sketch
 from varint.stepping.plan import Plan, plan
 from varint.stepping.simulate import simulate
 from varint.stepping.step_function import step_function
-from varint.system import Parameters, System, coordinates, time
+from varint.system import System, coordinates, time
 from varint.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
@@ -36,13 +38,12 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "ConvergenceError", "Ensemble", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "SolverError",
-    "State", "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives", "close_encounters",
-    "closed_loop", "composition", "coordinates", "diagnostics", "ensemble", "free", "gauss", "geodesic",
-    "least_action", "load",
-    "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether", "optimal_control", "optimal_phases",
-    "paths", "plan", "project", "refine", "simulate", "start_momentum", "step_function", "symmetries", "time",
-    "trapezoidal",
+    "ConvergenceError", "Ensemble", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "Sketch",
+    "SolverError", "State", "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives",
+    "close_encounters", "closed_loop", "composition", "coordinates", "diagnostics", "ensemble", "free", "gauss",
+    "geodesic", "least_action", "load", "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether",
+    "optimal_control", "optimal_phases", "paths", "plan", "project", "refine", "simulate", "start_momentum",
+    "step_function", "symmetries", "time", "trapezoidal",
 ]  # fmt: skip
 
 # loaded when first named: a simulation does not pay for what it does not use

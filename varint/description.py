@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import VarintError
+from varint.parameters import Parameters
 from varint.rules import Rule
-from varint.system import Parameters, System, per_system
+from varint.system import System, per_system
 
 
 @per_system

@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.errors import InputError
-from varint.system import Parameters, System
+from varint.parameters import Parameters
+from varint.system import System
 
 
 def geodesic(q: ca.SX, v: ca.SX, metric: ca.SX, *, params: Parameters | None = None) -> System:

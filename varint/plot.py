@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 # Okabe & Ito's colours, told apart by colour-blind readers and in grey print
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MOST_LINES = 7  # coordinates drawn one by one; more are drawn as the first and the last ones
+MOST_EVENTS = 40  # marked; bounces that pile up would paint the figure grey
+EVENT_STYLES = ("--", ":", "-.", (0, (1, 3)))
 MOST_POINTS = 20_000  # a line with more is thinned for drawing, keeping its last point
 GREEK = {
     "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu", "xi",
@@ -25,7 +27,7 @@ GREEK = {
 
 
 def trajectory_figure(motion: Trajectory, *expressions: Any) -> Figure:
-    """Coordinates over time, phase portrait and energy error; or the given expressions over time.
+    """Coordinates, phase portrait, energy; multipliers, momenta, controls where there are; or the given expressions.
 
     Parameters
     ----------
@@ -88,10 +90,23 @@ def label(name: str) -> str:
 
 
 def _overview(motion: Trajectory) -> Figure:
+    """Coordinates, phase portrait and energy; below them what else the scene has: multipliers, momenta, controls."""
     import matplotlib.pyplot as plt
 
-    fig, (top, phase, error) = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
-    shown = _shown(motion.system.structure.n)
+    structure = motion.system.structure
+    extra = [
+        draw
+        for draw, present in (
+            (_draw_multipliers, np.any(motion.multipliers)),
+            (_draw_momenta, _conserved_momenta(motion)),
+            (_draw_controls, structure.controls),
+        )
+        if present
+    ]
+    rows, columns = (2 if extra else 1), (2 if len(extra) == 1 else 3)
+    fig, grid = plt.subplots(rows, columns, figsize=(4 * columns, 3.5 * rows + 0.1), layout="constrained")
+    top, phase, error, *others = grid.ravel()
+    shown = _shown(structure.n)
     names = [label(motion.system.names[i]) for i in shown]
     keep = _thinned(len(motion))
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
@@ -102,8 +117,66 @@ def _overview(motion: Trajectory) -> Figure:
     if len(names) > 1:
         top.legend(fontsize="small", loc="best")
     _draw_energy(error, motion, keep)
+    for axes, draw in zip(others, extra, strict=False):
+        draw(axes, motion, keep)
+    for axes in others[len(extra) :]:
+        axes.remove()
+    for axes in fig.axes:
+        if axes is not phase:
+            _mark_events(axes, motion, named=axes is top)
     fig.suptitle(f"{motion.rule}, h = {motion.h:.4g}", fontsize="medium")
     return fig
+
+
+def _mark_events(axes: Axes, motion: Trajectory, named: bool) -> None:
+    """A line at each event, one style a kind; where there are very many, at the first ones."""
+    kinds = list(dict.fromkeys(event.kind for event in motion.events))
+    named_before = set()
+    for event in motion.events[:MOST_EVENTS]:
+        first = event.kind not in named_before
+        named_before.add(event.kind)
+        style = EVENT_STYLES[kinds.index(event.kind) % len(EVENT_STYLES)]
+        axes.axvline(event.time, color="0.35", lw=0.8, ls=style, label=event.kind if first else None, zorder=0)
+    if named and kinds:
+        axes.legend(fontsize="small", loc="best")
+
+
+def _draw_multipliers(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    count = motion.multipliers.shape[1]
+    shown = _shown(count)
+    for colour, i in zip(COLOURS, shown, strict=False):
+        axes.plot(motion.t[keep], motion.multipliers[keep, i], color=colour, lw=1.2, label=f"$\\lambda_{{{i + 1}}}$")
+    _name_axes(axes, "time $t$", r"$\lambda$", "Multipliers")
+    if count > 1:
+        axes.legend(fontsize="small", loc="best")
+
+
+def _conserved_momenta(motion: Trajectory) -> list[int]:
+    """Cyclic coordinates whose momentum nothing changes."""
+    s = motion.system.structure
+    held = s.constraints or s.nonholonomic or s.contacts or s.forced
+    return [] if held else list(s.cyclic)
+
+
+def _draw_momenta(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    cyclic = _conserved_momenta(motion)
+    for colour, i in zip(COLOURS, cyclic, strict=False):
+        name = label(motion.system.names[i]).strip("$")
+        change = motion.p[keep, i] - motion.p[0, i]
+        axes.plot(motion.t[keep], change, color=colour, lw=0.9, label=f"$p_{{{name}}}$ = {motion.p[0, i]:.6g}")
+    _name_axes(axes, "time $t$", "$p - p_0$", "Momenta of cyclic coordinates")
+    axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
+    axes.legend(fontsize="small", loc="best")
+
+
+def _draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    names = [label(name) for name in motion.system.control_names]
+    for colour, i, name in zip(COLOURS, _shown(len(names)), names, strict=False):
+        values = motion.value(motion.system.control[i])
+        axes.plot(motion.t[keep], values[keep], color=colour, lw=1.2, label=name, drawstyle="steps-post")
+    _name_axes(axes, "time $t$", names[0] if len(names) == 1 else "controls $u$", "Controls")
+    if len(names) > 1:
+        axes.legend(fontsize="small", loc="best")
 
 
 def _draw_energy(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
@@ -127,6 +200,7 @@ def _expressions(motion: Trajectory, expressions: tuple) -> Figure:
         values = motion.value(expression).reshape(len(motion), -1)
         for colour, column in zip(COLOURS, values[keep].T, strict=False):
             axes.plot(motion.t[keep], column, color=colour, lw=1.2)
+        _mark_events(axes, motion, named=axes is rows[0, 0])
         text = str(expression)
         axes.set_ylabel(label(text) if text.isidentifier() else text if len(text) < 40 else text[:37] + "…")
         axes.grid(alpha=0.3)

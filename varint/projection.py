@@ -11,7 +11,8 @@ import numpy as np
 from varint.arrays import call
 from varint.errors import InputError
 from varint.manifold import rows_function
-from varint.system import System, _finite_array, parameter_values, per_system
+from varint.parameters import finite_array
+from varint.system import System, parameter_values, per_system
 
 OFF = 1e-11  # of what the coordinates themselves contribute to g: larger is a wrong start, smaller is round-off
 MOST_ITERATIONS = 100
@@ -80,8 +81,8 @@ def project(
     (array([1., 0.]), array([0., 2.]))
     """
     n, names = system.structure.n, system.names
-    q = _finite_array("q0", q0).ravel()
-    v = np.zeros(n) if v0 is None else _finite_array("v0", v0).ravel()
+    q = finite_array("q0", q0).ravel()
+    v = np.zeros(n) if v0 is None else finite_array("v0", v0).ravel()
     if q.shape != (n,) or v.shape != (n,):
         raise InputError(f"q0 has {q.size} and v0 {v.size} numbers; each needs {n}, one for each of {list(names)}")
     c = parameter_values(system, params)

@@ -21,10 +21,12 @@ from varint.rules import Rule
 from varint.system import System
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
     from varint.control.solution import ControlSolution, Costates
     from varint.diagnostics.momentum import Conserved, MomentumMap
+    from varint.sketch import Sketch
     from varint.symmetry import Symmetry
 
 
@@ -384,6 +386,44 @@ class Trajectory:
         from varint.plot import trajectory_figure
 
         return trajectory_figure(self, *expressions)
+
+    def animate(
+        self,
+        path: Any = None,
+        *,
+        sketch: Sketch | None = None,
+        speed: float = 1.0,
+        fps: float = 25.0,
+        trace: float | None = None,
+    ) -> FuncAnimation:
+        """Film of the motion, true to time: `speed` units of time a second.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Where to write it, ending in .gif, .mp4 (needs ffmpeg) or .html.
+        sketch : Sketch, optional
+            What to draw. Default: the bodies of a scene whose coordinates are called x, y (, z) or x1, y1, x2, …
+        speed : float
+            Time of the motion per second of film.
+        fps : float
+            Frames a second; of a gif the nearest that it can keep.
+        trace : float, optional
+            Length of the traces in time; default: all of the past.
+
+        Returns
+        -------
+        matplotlib.animation.FuncAnimation
+            In a notebook, ``HTML(film.to_jshtml())`` shows it.
+
+        Raises
+        ------
+        InputError
+            If it is not known what to draw, the file's kind is unknown, or ffmpeg is missing.
+        """
+        from varint.animate import trajectory_animation
+
+        return trajectory_animation(self, path, sketch=sketch, speed=speed, fps=fps, trace=trace)
 
     def save(self, path: Any) -> None:
         """Write everything to one compressed ``.npz`` file without pickle; `varint.load` reads it."""

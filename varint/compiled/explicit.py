@@ -48,7 +48,7 @@ def explicit_kernel(system: System, rule: Rule) -> Kernel:
 def _built(system: System, rule: Rule) -> Kernel:
     q, t, u = system.q, system.t, system.control
     p = ca.SX.sym("p", q.numel())
-    functions = emitted(system.c, rhs=([q, t, u], [force(system)]), velocity=([q, p, t], [velocity(system, p)]))
+    functions = emitted(system.c, {"rhs": ([q, t, u], [force(system)]), "velocity": ([q, p, t], [velocity(system, p)])})
     kicks = len(rule.kicks)
     unrolled = kicks if functions["rhs"].operations * kicks <= UNROLLED_OPERATIONS else 1
     data = "".join(

@@ -80,13 +80,8 @@ def _built(system: System, stages: int, form: int) -> Kernel:
         right = ([q, v, t, u], [acceleration(system)])
     else:
         right = ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])
-    functions = emitted(
-        system.c,
-        str(padded // lanes),
-        rhs=right,
-        velocity=([q, p, t], [speed]),
-        momentum=([q, v, t], [system.momentum]),
-    )
+    at_nodes = {"velocity": ([q, p, t], [speed]), "momentum": ([q, v, t], [system.momentum])}
+    functions = emitted(system.c, {"rhs": right, **at_nodes}, str(padded // lanes))
     on_velocity = int(form == 2 and system.structure.force_on_velocity)
     defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW}
     about = f"Gauss, {stages} stages in {padded // lanes} vector(s) of {lanes}, " + (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from ctypes import addressof, c_char, c_char_p, c_int, c_int64
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,8 @@ DONE, NOT_CONVERGED, NOT_FINITE = range(3)
 MOST_ITERATIONS = 60  # a scene that needs more contracts so poorly that Newton's method is cheaper
 FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
 MOST_OPERATIONS = 50_000  # of a right-hand side: more takes the compiler minutes
+LARGE_SOURCE = 20_000  # operations from which on the compiler's time matters more than the last tenth of the run's
+FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
 _ARGUMENTS = struct.Struct("4q3d6P")
 _STATS = 6
 
@@ -175,7 +177,8 @@ def build(
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
         heads["MANY_ROOTS"] = 1
-    source = "".join(f"#define {key} {value}\n" for key, value in heads.items())
+    source = FAST_COMPILATION if sum(f.operations for f in functions.values()) > LARGE_SOURCE else ""
+    source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
     source += text("lanes.h") + data + "\n".join(f.source for f in functions.values()) + text(loop)
     compiled = library(source)
     entry = compiled.run
@@ -185,7 +188,9 @@ def build(
     return Kernel(about, system.q.numel(), system.control.numel(), nodes, operations, entry, size, opening)
 
 
-def emitted(constants: ca.SX, stride: str = "1", **expressions: tuple[list[ca.SX], list[ca.SX]]) -> dict[str, Emitted]:
+def emitted(
+    constants: ca.SX, expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]], stride: str = "1"
+) -> dict[str, Emitted]:
     """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs."""
     result = {}
     for name, (inputs, outputs) in expressions.items():

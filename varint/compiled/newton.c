@@ -3,7 +3,8 @@
    Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
    nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
-   equations are linear, the matrix is factorised once and `equations` is their residual at y = 0. KICKED: half kicks stand
+   equations are linear, the matrix is factorised once and `equations` is their residual at y = 0; MAP: they are few, and
+   `finish` is a constant affine map of q and p that needs no unknowns. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. */
 #include <stdlib.h>
@@ -121,16 +122,14 @@ LARGE void corrected(const double *jacobian, double *matrix, double *b) {
 
 enum { DONE, NOT_CONVERGED, NOT_FINITE };
 
+#if !MAP
 /* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. */
 INLINE int solved(double *y, const double *q, const double *p, const double *u, double t, const double *w,
                   const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
     for (int i = 0; i < most; i++) {
         double b[Y + REACH] = {0}, worst = 0;
         *count += 1;
-#if LINEAR && CLOSED
-        equations(q, p, &t, u, w + EQUATIONS_AT, y);
-        return 1;
-#elif LINEAR
+#if LINEAR
         equations(q, p, &t, u, w + EQUATIONS_AT, b);
         substitute(Y, BELOW, REACH, matrix, pivots, b);
         for (int k = 0; k < Y; k++) y[PERM[k]] = -b[k];
@@ -151,6 +150,7 @@ INLINE int solved(double *y, const double *q, const double *p, const double *u, 
     }
     return 0;
 }
+#endif
 
 #if HELD
 /* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
@@ -204,18 +204,20 @@ LARGE void save(double *row, const double *q, const double *p, double t, const d
 
 /* What depends on parameters, step and sizes alone. */
 LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
-    equations_prepare(k, w + EQUATIONS_AT), finish_prepare(k, w + FINISH_AT), units_prepare(k, w + UNITS_AT);
-    speed_prepare(k, w + SPEED_AT);
+    finish_prepare(k, w + FINISH_AT), speed_prepare(k, w + SPEED_AT);
+#if !MAP
+    equations_prepare(k, w + EQUATIONS_AT), units_prepare(k, w + UNITS_AT);
+    double size[Y];
+    units(w + UNITS_AT, size);
+    for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
+#endif
 #if KICKED
     kick_prepare(k, w + KICK_AT);
 #endif
 #if HELD
     sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT), pulled_prepare(k, w + PULLED_AT);
 #endif
-    double size[Y];
-    units(w + UNITS_AT, size);
-    for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
-#if LINEAR && !CLOSED
+#if LINEAR && !MAP
     double jacobian[NONZEROS];
     slope_prepare(k, w + SLOPE_AT), slope(w + SLOPE_AT, jacobian);
     memset(matrix, 0, BAND_SIZE * sizeof(double));
@@ -242,7 +244,7 @@ LARGE void rescale(double *scale, double *seen) {
 int run(const Args *a) {
     const int64_t steps = a->steps, first = a->first;
     const int most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
-    const double t0 = a->t0, h = a->h;
+    const double t0 = a->t0, h = a->h, per_h = 1 / h;
     const double *u = a->u;
     double *rows = a->rows, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
     double *const scale = k + C + 1, *const sizes = scale + 2 * N;
@@ -252,7 +254,7 @@ int run(const Args *a) {
     int64_t iterations = 0, largest_count = 0, done = 0, unsaved = 0;
     int status = DONE;
     double left = 0;
-#if !CLOSED || HELD
+#if MATRIX_SIZE
     matrix = malloc(MATRIX_SIZE * sizeof(double));
     if (!matrix) return NOT_FINITE;
 #endif
@@ -293,6 +295,10 @@ int run(const Args *a) {
         p_start = kicked;
 #endif
         int64_t count = 0;
+#if MAP
+        finish(q, p, &t, u, w + FINISH_AT, increment, gain);
+        count = 1;
+#else
         for (;;) { /* once more from the last step alone where the continued start is too far */
             const int known = (int)state->known;
             guess(known, y + 1, state->speed, y[0]);
@@ -304,6 +310,7 @@ int run(const Args *a) {
             if (!status || known < 2) break;
             state->known = 1;
         }
+#endif
         iterations += count;
         largest_count = count > largest_count ? count : largest_count;
         if (status) break;
@@ -327,17 +334,19 @@ int run(const Args *a) {
         }
         if (!(zero == 0)) { status = NOT_FINITE; break; }
         for (int d = 0; d < N; d++) {
-            const double v = fabs(increment[d] / h), m = fabs(p1[d]);
+            const double v = fabs(increment[d] * per_h), m = fabs(p1[d]);
             seen[d] = v > seen[d] ? v : seen[d], seen[N + d] = m > seen[N + d] ? m : seen[N + d];
             q[d] = q1[d], p[d] = p1[d], state->rest_q[d] = rest_q[d], state->rest_p[d] = rest_p[d];
         }
 #if KICKED
         memcpy(state->force, after, sizeof after);
 #endif
+#if !MAP
         double *const oldest = y[HISTORY];
         for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
         y[0] = oldest;
         state->known += state->known < HISTORY;
+#endif
         state->age += 1;
         if ((int64_t)state->age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);
         u += NODES * NU;

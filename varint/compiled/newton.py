@@ -29,6 +29,7 @@ from varint.stepping.run import RESIDUAL_LIMIT
 from varint.stepping.step_function import SMALLEST, scale_function
 from varint.system import System, per_system
 
+MAPPED = 12  # so many unknowns of a linear scene: a full matrix times (q, p) is the cheapest step
 CLOSED = 3  # so many unknowns are solved for by the adjugate matrix, which is straight-line code
 HISTORY = {1: 3, 2: 2, 3: 2}  # steps that start values are continued from, by degree; else 1: more amplifies round-off
 Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
@@ -70,10 +71,7 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
         e = constrained_equations(system, rule) if held else implicit_equations(system, rule)
     constants = ca.vertcat(e.c, e.h, e.scale, e.sizes)
     solve = _solve(e, s.linear and not held)
-    functions = solve.functions | {
-        "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
-        "units": ([], [e.y_size]),
-    }
+    functions = solve.functions
     projection = _projection(system, e, eliminates) if held else None
     if projection:
         functions |= projection.functions
@@ -87,9 +85,12 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
         " in closed form" if solve.closed else f" in a band of {solve.band.below} and {solve.band.above} diagonals"
     )
     if solve.linear:
-        about = about.replace("Newton's method", "one linear solve, factorised once")
-    sources = emitted(constants, "1", **functions)
-    return build(about, system, len(rule.nodes), sources, defines, data, "newton.c", _opening(system))
+        about = about.replace("Newton's method", "one linear solve a step, factorised once")
+    if solve.map:
+        about = "one constant linear map a step"
+    return build(
+        about, system, len(rule.nodes), emitted(constants, functions), defines, data, "newton.c", _opening(system)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,28 +101,42 @@ class _Solve:
     band: Band
     closed: bool
     linear: bool
+    map: bool
 
 
 def _solve(e: Equations, linear: bool) -> _Solve:
     left = ca.densify(e.left / e.row_size)
     matrix = ca.jacobian(left, e.y)
     linear = linear and not ca.depends_on(matrix, ca.vertcat(e.y, e.q, e.p, e.t, e.u))
-    order = band(matrix.sparsity())
-    closed = e.y.numel() <= CLOSED
-    inputs = [e.q, e.p, e.t, e.u]
-    if linear:
-        left = ca.densify(ca.substitute(left, e.y, ca.SX.zeros(e.y.shape)))
-    else:
-        inputs = [e.y, *inputs]
-    if closed:
+    unordered = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
+    if linear and e.y.numel() <= MAPPED:
+        return _Solve({"finish": ([e.q, e.p, e.t, e.u], _map(e, left, matrix))}, unordered, True, True, True)
+    after = {
+        "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
+        "units": ([], [e.y_size]),
+    }
+    inputs = [e.y, e.q, e.p, e.t, e.u]
+    if not linear and e.y.numel() <= CLOSED:
         correction = ca.mtimes(ca.inv_minor(ca.densify(matrix)), left)
-        outputs = [-correction] if linear else [correction]
-        order = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
-        return _Solve({"equations": (inputs, outputs)}, order, closed, linear)
-    left = left[order.order.tolist()]
+        return _Solve({"equations": (inputs, [correction]), **after}, unordered, True, False, False)
+    order = band(matrix.sparsity())
+    ordered = left[order.order.tolist()]
     if linear:
-        return _Solve({"equations": (inputs, [left]), "slope": ([], [matrix.nz[:]])}, order, closed, linear)
-    return _Solve({"equations": (inputs, [left, matrix.nz[:]])}, order, closed, linear)
+        at_rest = ca.substitute(ordered, e.y, ca.SX.zeros(e.y.shape))
+        functions = {"equations": (inputs[1:], [at_rest]), "slope": ([], [matrix.nz[:]])}
+        return _Solve(functions | after, order, False, True, False)
+    return _Solve({"equations": (inputs, [ordered, matrix.nz[:]]), **after}, order, False, False, False)
+
+
+def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> list[ca.SX]:
+    """Increment of q and gain of p as constant matrices times (q, p), and what time and controls add."""
+    start, n = ca.vertcat(e.q, e.p), e.q.numel()
+    zeros = ca.SX.zeros(e.y.shape)
+    y = -ca.mtimes(ca.inv(ca.densify(matrix)), ca.substitute(left, e.y, zeros))
+    after = ca.substitute(ca.vertcat(e.increment, e.gain), e.y, y)
+    slope = ca.substitute(ca.jacobian(after, start), start, ca.SX.zeros(start.shape))
+    moved = ca.mtimes(slope, start) + ca.substitute(after, start, ca.SX.zeros(start.shape))
+    return [moved[:n], moved[n:]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +179,13 @@ def _described(
     defines = {
         "LANES": 1, "NODES": len(rule.nodes), "Y": e.y.numel(), "C": e.c.numel(), "SIZES": e.sizes.numel(),
         "HISTORY": history, "DEGREE": degree, "PATH": 0 if eliminates else s.n, "MULTIPLIERS": s.constraints,
-        "ROWS": s.nonholonomic, "CLOSED": int(solve.closed), "LINEAR": int(solve.linear), "KICKED": int(eliminates),
-        "HELD": int(projection is not None), "BELOW": solve.band.below, "REACH": solve.band.reach, "BAND_SIZE": size,
-        "NONZEROS": len(solve.band.places), "LAST_CORRECTION": LAST_CORRECTION, "MOST_ITERATIONS": MOST_ITERATIONS,
-        "RESIDUAL_LIMIT": RESIDUAL_LIMIT, "SMALLEST": SMALLEST,
+        "ROWS": s.nonholonomic, "CLOSED": int(solve.closed), "LINEAR": int(solve.linear), "MAP": int(solve.map),
+        "KICKED": int(eliminates), "HELD": int(projection is not None), "BELOW": solve.band.below,
+        "REACH": solve.band.reach, "BAND_SIZE": size, "NONZEROS": len(solve.band.places),
+        "LAST_CORRECTION": LAST_CORRECTION, "MOST_ITERATIONS": MOST_ITERATIONS, "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
+        "SMALLEST": SMALLEST,
     }  # fmt: skip
-    for name in ("kick", "sized", "hidden", "pulled", "slope"):
+    for name in ("equations", "units", "kick", "sized", "hidden", "pulled", "slope"):
         defines[f"{name.upper()}_W"] = 0
     tables = {"PERM": solve.band.order, "AT": solve.band.places}
     if projection:

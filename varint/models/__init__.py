@@ -79,6 +79,7 @@ from varint.models.quaternions import body_omega, free_body_quaternion, heavy_to
 from varint.models.robots import acrobot, cart_pole, two_link_arm
 from varint.models.rolling import chaplygin_sleigh, knife_edge, rolling_disc
 from varint.models.rotating import foucault_pendulum, rotating_frame, turntable
+from varint.models.sketches import sketch
 from varint.models.sliding import block_on_wedge, rotating_hoop, rotating_hoop_period, rotating_wire, swinging_atwood
 from varint.models.tops import body_rates, euler_rates, free_rigid_body, heavy_rigid_body, heavy_top
 
@@ -117,5 +118,5 @@ __all__ = [
     "FIGURE_EIGHT_PERIOD", "ControlModel", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue",
     "charged_particle", "control_catalogue", "cycloid", "euler_rates", "fpu_stiff_energies", "inverse_distance_period",
     "kapitza_frequency", "pairs", "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period",
-    "rotation", "sliding_support_period", *catalogue, *control_catalogue,
+    "rotation", "sketch", "sliding_support_period", *catalogue, *control_catalogue,
 ]  # fmt: skip

@@ -9,7 +9,8 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 Potential = Callable[[ca.SX, Parameters], ca.SX]
 KEPLER_STEPS = 12  # Newton steps; 6 to 8 reach round-off at e = 0.99

@@ -9,7 +9,8 @@ import numpy as np
 
 from varint.models.model import Model, energy
 from varint.models.pendulums import swing
-from varint.system import Parameters, System, coordinates, time
+from varint.parameters import Parameters
+from varint.system import System, coordinates, time
 
 
 def pendulum_cartesian(

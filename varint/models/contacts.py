@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 
 def falling_ladder(theta0: float = np.pi / 3, mass: float = 1.0, length: float = 2.0, gravity: float = 9.81) -> Model:

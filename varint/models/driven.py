@@ -7,7 +7,8 @@ import numpy as np
 
 from varint.models.model import Model
 from varint.models.pendulums import swing
-from varint.system import Parameters, System, coordinates, time
+from varint.parameters import Parameters
+from varint.system import System, coordinates, time
 
 
 def _moved_pivot(x: ca.SX, y: ca.SX, q: ca.SX, v: ca.SX, t: ca.SX, c: Parameters) -> ca.SX:

@@ -15,7 +15,8 @@ from varint.errors import InputError
 from varint.models.central import eccentric_anomaly
 from varint.models.model import Model
 from varint.models.rotating import turned
-from varint.system import Parameters, System, coordinates, time
+from varint.parameters import Parameters
+from varint.system import System, coordinates, time
 
 Gauge = Callable[[ca.SX, ca.SX], ca.SX]
 

@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 
 def slider_crank(phi0: float = 0.3, phidot0: float = 20.0) -> Model:

@@ -10,7 +10,8 @@ import numpy as np
 
 from varint.models.central import kepler_motion, require_ellipse
 from varint.models.model import Model, Motion, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 PairPotential = Callable[[ca.SX, int, int], ca.SX]
 

@@ -8,7 +8,8 @@ import numpy as np
 from varint.errors import InputError
 from varint.geodesics import geodesic
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 MOST_ITERATIONS = 200  # of bisections; 60 reach round-off
 

@@ -10,7 +10,8 @@ import numpy as np
 from varint.models.gyration import gyration
 from varint.models.model import Model, energy
 from varint.models.quadrature import PeriodicIntegral
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 AGM_STEPS = 12  # of the arithmetic-geometric mean, quadratically convergent: enough for 1 − |θ₀|/π = 1e-15
 

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 
 def body_omega(q: ca.SX, v: ca.SX) -> ca.SX:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import casadi as ca
 
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 
 def cart_pole(

@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 
 def knife_edge(incline: float = 0.4, spin: float = 1.3, gravity: float = 9.81) -> Model:

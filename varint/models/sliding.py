@@ -7,7 +7,8 @@ import numpy as np
 
 from varint.models.model import Model, energy
 from varint.models.quadrature import PeriodicIntegral
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 
 def rotating_hoop(

@@ -10,7 +10,8 @@ import numpy as np
 from varint.errors import InputError
 from varint.models.gyration import euler_top, gyration
 from varint.models.model import Model, energy
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 SINGULAR = 1e-8  # sin θ below which φ and ψ have no eight digits left
 

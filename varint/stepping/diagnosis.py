@@ -68,11 +68,12 @@ def energy_jump(motion: Trajectory) -> Jump | None:
         return None
     i = np.arange(SAMPLES) * (len(motion) - 1) // (SAMPLES - 1)
     q, p, t = motion.q[i], motion.p[i], motion.t[i, None]
+    h = np.array([motion.h])
     if motion.phase is None:
-        v = over_columns(velocity_function(motion.system), q, p, t, motion.c)[0]
+        found = over_columns(_energy_of_momentum(motion.system), q, p, t, motion.c, h)
     else:
         v = replace(motion, t=t[:, 0], q=q, p=p, k=motion.k[i], phase=motion.phase[i]).v
-    found = over_columns(_energy_function(motion.system), q, v, t, motion.c, np.array([motion.h]))
+        found = over_columns(_energy_function(motion.system), q, v, t, motion.c, h)
     energy, moving, kicked = (x[:, 0] for x in found)
     change = np.abs(energy - energy[0])
     wrong = ~(change <= max(GROSS * moving.max(), GROSS * kicked[0], NOTHING * np.abs(energy).max()))
@@ -90,6 +91,15 @@ def _energy_function(system: System) -> ca.Function:
     kicked = ca.if_else(mass > 0, (h * ca.gradient(s.lagrangian, s.q)) ** 2 / mass, 0)
     outputs = [s.energy, ca.fabs(ca.dot(s.momentum, s.v)), ca.sum1(kicked)]
     return ca.Function("energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True})
+
+
+@per_system
+def _energy_of_momentum(system: System) -> ca.Function:
+    """(q, p, t, c, h) → the same."""
+    n = system.structure.n
+    q, p, t, c, h = (ca.MX.sym(x, k) for x, k in zip("qptch", (n, n, 1, system.c.numel(), 1), strict=True))
+    v = velocity_function(system)(q, p, t, c)
+    return ca.Function("energy", [q, p, t, c, h], _energy_function(system)(q, v, t, c, h))
 
 
 @np.errstate(all="ignore")

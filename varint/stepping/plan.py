@@ -12,6 +12,7 @@ from varint.rules import Rule, composition, gauss, lobatto
 from varint.stepping.constrained import constrained_stepper
 from varint.stepping.explicit import explicit_stepper
 from varint.stepping.implicit import implicit_stepper
+from varint.stepping.linear import is_linear, linear_stepper
 from varint.stepping.rattle import eliminates_path, rattle_stepper
 from varint.stepping.stepper import Stepper
 from varint.system import System
@@ -124,6 +125,10 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
             "projection of the momentum onto the hidden constraint at the end of the step",
         )
         return Plan(rule, "Newton's method with multipliers", runs, tuple(skipped), constrained_stepper)
+    if is_linear(system, rule):
+        runs = (f"one constant linear map for {rule.degree} × {s.n} unknowns, inverted once for the whole run",)
+        skipped.insert(0, "root finding: L is quadratic and the forces are linear")
+        return Plan(rule, "linear map", runs, tuple(skipped), linear_stepper)
     runs = (
         f"Newton's method for {rule.degree} × {s.n} unknowns, exact sparse Jacobian",
         "start values continued from the last step's polynomial",

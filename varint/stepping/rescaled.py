@@ -23,7 +23,7 @@ from varint.stepping.time_scale import ENERGY, START, Rescaled, rescaled
 from varint.system import System
 from varint.trajectory import Event, Trajectory
 
-FIRST_CHUNK = 64  # steps before the mean rate of the clock is known well enough to look further ahead
+FIRST_CHUNK = 200  # steps before the mean rate of the clock is known well enough to look further ahead
 PATIENCE = 8  # times the steps that the pace of the start would take
 MARGIN = 1.02  # more steps than that rate asks for: they are cheaper than another look
 LOCATED = 4 * np.finfo(float).eps  # relative to |t|
@@ -123,7 +123,7 @@ def _for_duration(
         done = int(inner.k[-1])
         if done > PATIENCE * (expected + FIRST_CHUNK):  # does the clock stand still where σ vanishes?
             _require_level(scene, inner)
-        ahead = min(MARGIN * (total - inner.q[-1, -1]) / (inner.q[-1, -1] / done) + 1, 4 * done)
+        ahead = min(MARGIN * (total - inner.q[-1, -1]) / (inner.q[-1, -1] / done) + 1, 16 * done)
     if abs(inner.q[-1, -1]) < abs(total):
         return inner
     kept = int(np.searchsorted(np.abs(inner.q[:, -1]), abs(total) * (1 - LOCATED)))  # nodes before the end
@@ -163,7 +163,7 @@ def _joined(inner: Trajectory | None, more: Trajectory) -> Trajectory:
     joined = _appended(inner, replace(more, k=more.k + inner.k[-1])[1:])
     stats = dict(more.stats) | {
         name: pick((inner.stats[name], more.stats[name]))
-        for name, pick in (("steps", sum), ("seconds", sum), ("residual", max))
+        for name, pick in (("steps", sum), ("iterations", sum), ("seconds", sum), ("residual", max))
         if name in inner.stats and name in more.stats
     }
     return replace(joined, stats=stats, events=inner.events + more.events)

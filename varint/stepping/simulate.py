@@ -17,6 +17,7 @@ from varint.errors import InputError
 from varint.manifold import Phase
 from varint.progress import progress_bar
 from varint.rules import Rule
+from varint.stepping.accuracy import for_tolerance
 from varint.stepping.backend import blocks_of, kernel_for
 from varint.stepping.checkpoint import Checkpoint, checkpoint_of
 from varint.stepping.diagnosis import energy_jump, failure
@@ -89,8 +90,10 @@ def simulate(
         nodes' ``t`` are physical times, and `duration` is physical too (the last step ends there). Give h and either
         steps or duration; see `close_encounters`.
     tol : float, optional
-        Wanted error of q, relative to the size of the motion. With h, compiled iterations end where they no longer
-        matter for it, in place of round-off; the invariants are then kept to the same accuracy only.
+        Wanted error of q, relative to the largest |q|. With `duration` alone, rule (where none is given) and step are
+        chosen for it by a pilot and checked over the whole run; ``stats["error_estimate"]`` says what they stand for.
+        With h or steps, compiled iterations end where they no longer matter for tol, in place of round-off; the
+        invariants are then kept to the same accuracy only.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
     backend : {"auto", "compiled", "interpreted"}
@@ -134,6 +137,25 @@ def simulate(
             params=params, save_every=save_every, until=until, events=events,
             options={"progress": progress, "backend": backend, "tol": tol},
         )  # fmt: skip
+    if tol is not None and h is None and steps is None:
+        stopped = until is not None or events
+        if duration is None or stopped or np.ndim(u) > 1 or system.structure.contacts:
+            raise InputError(
+                "tol without h chooses the steps of a whole run: give duration, constant controls, and neither until "
+                "nor events nor contacts"
+            )
+
+        def whole(chosen: Rule, span: float, count: int, every: int, level: float | None) -> Trajectory:
+            with warnings.catch_warnings():  # trials with steps too large are compared with others
+                warnings.filterwarnings("ignore", message="the energy went", category=UserWarning)
+                return simulate(
+                    system, chosen, q0=q0, v0=v0, p0=p0, duration=span, steps=count, t0=t0, u=u, params=params,
+                    save_every=every, tol=level, progress=False, backend=backend,
+                )  # fmt: skip
+
+        motion = for_tolerance(whole, system, rule, duration, tol)
+        kept = np.unique(np.append(np.arange(0, len(motion), save_every), len(motion) - 1))
+        return motion[kept]
     began = perf_counter()
     stops = None if until is None else watched("until", until)
     if not isinstance(events, (Mapping, NoneType)):

@@ -17,7 +17,8 @@ import casadi as ca
 
 from varint.errors import InputError
 from varint.expressions import in_own_symbols
-from varint.system import Parameters, System, coordinates
+from varint.parameters import Parameters
+from varint.system import System, coordinates
 
 # names that no scene of a user's has; σ0 t' changes no motion, but round-off in t' − σ has a momentum to compare with
 TIME, ENERGY, START = "physical time", "initial energy", "initial time scale"

@@ -1,0 +1,58 @@
+"""Python blocks of Markdown pages, and how they run: in order, one namespace a page, so what is printed is true."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import tempfile
+import warnings
+from dataclasses import dataclass
+
+FENCE = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
+FIGURE = re.compile(r"^# figure: (.+)$", re.M)
+DPI = 110
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a block printed, and the figures it left open as PNG, each with its description."""
+
+    text: str
+    figures: tuple[tuple[str, bytes], ...]
+
+
+def python_blocks(markdown: str) -> list[str]:
+    """The code of all Python blocks of a page."""
+    return FENCE.findall(markdown)
+
+
+def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Outcome:
+    """Run one block, in an empty folder that it may write to.
+
+    A line ``# figure: words`` describes a figure for those who do not see it, and captions it.
+    """
+    import matplotlib.pyplot as plt
+
+    printed = io.StringIO()
+    before = os.getcwd()
+    folder = namespace.setdefault("__folder__", tempfile.mkdtemp())
+    os.chdir(folder)
+    try:
+        with contextlib.redirect_stdout(printed), warnings.catch_warnings():
+            warnings.simplefilter("error")
+            exec(compile(code, where, "exec"), namespace)
+        pictures = []
+        for number in plt.get_fignums():
+            png = io.BytesIO()
+            if draw:
+                plt.figure(number).savefig(png, dpi=DPI, format="png")
+            pictures.append(png.getvalue())
+    finally:
+        plt.close("all")
+        os.chdir(before)
+    words = FIGURE.findall(code)
+    if len(words) != len(pictures):
+        raise ValueError(f"{where}: {len(pictures)} figures but {len(words)} lines '# figure: …' to describe them")
+    return Outcome(printed.getvalue(), tuple(zip(words, pictures, strict=True)))

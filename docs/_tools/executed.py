@@ -1,0 +1,75 @@
+"""Sphinx extension: runs the Python blocks of every page and puts what they print and draw beneath them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+from blocks import FIGURE, outcome
+from docutils import nodes
+from sphinx.transforms import SphinxTransform
+from sphinx.util import logging
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+LOG = logging.getLogger(__name__)
+WIDE = 105  # characters
+
+
+class Execute(SphinxTransform):
+    """Runs a page's Python blocks in order."""
+
+    default_priority = 210  # before Sphinx collects images
+
+    def apply(self, **_: object) -> None:
+        namespace: dict = {"__name__": "page"}
+        for block in list(self.document.findall(nodes.literal_block)):
+            if block.get("language") != "python" or "still" in block.get("classes", ()):
+                continue
+            code = block.astext()
+            where = f"{self.env.docname}, line {block.line}"
+            try:
+                result = outcome(code, namespace, where)
+            except Exception as error:
+                LOG.warning(
+                    f"the block failed: {type(error).__name__}: {error}", location=(self.env.docname, block.line)
+                )
+                return
+            shown = FIGURE.sub("", code).rstrip()
+            block.rawsource = shown
+            block.children = [nodes.Text(shown)]
+            self._insert(block, result)
+
+    def _insert(self, block: nodes.literal_block, result) -> None:
+        parent, at = block.parent, block.parent.index(block) + 1
+        if result.text.strip():
+            wide = any(len(line) > WIDE for line in result.text.splitlines())
+            kind = ["output", "wrapped"] if wide and "──" not in result.text else ["output"]  # tables stay in columns
+            text = nodes.literal_block(result.text, result.text.rstrip(), classes=kind)
+            text["language"] = "text"
+            parent.insert(at, text)
+            at += 1
+        for words, png in result.figures:
+            parent.insert(at, figure(self._stored(png), words))
+            at += 1
+
+    def _stored(self, png: bytes) -> str:
+        """Path of the picture in the source folder's scratch space, from the root of the documentation."""
+        folder = Path(self.env.srcdir) / "_build" / "figures"
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{hashlib.sha256(png).hexdigest()[:16]}.png"
+        path.write_bytes(png)
+        return "/" + str(path.relative_to(self.env.srcdir))
+
+
+def figure(uri: str, words: str) -> nodes.figure:
+    """A picture with its description as caption and as alternative text."""
+    node = nodes.figure(classes=["executed"], ids=[f"figure-{Path(uri).stem}"])
+    node += nodes.image(uri=uri, alt=words)
+    node += nodes.caption(words, words)
+    return node
+
+
+def setup(app):
+    app.add_transform(Execute)
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

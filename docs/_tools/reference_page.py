@@ -1,0 +1,48 @@
+"""The reference page lists every public name, so that none is forgotten."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from pathlib import Path
+
+from gallery import write_if_changed
+
+import varint as vi
+
+ORDER = [
+    ("Scenes", ["coordinates", "time", "Parameters", "System"]),
+    ("Rules", ["midpoint", "trapezoidal", "gauss", "lobatto", "composition", "Rule", "plan", "Plan"]),
+    ("Motion", ["simulate", "project", "step_function", "scale_function"]),
+    ("Many at once", ["ensemble", "Ensemble"]),
+    ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
+    ("Optimal control", ["optimal_control", "optimal_phases", "Phase", "Link", "refine", "multistart"]),
+    ("Feedback", ["mpc", "closed_loop", "lqr"]),
+    ("Results", ["Trajectory", "State", "load", "Sketch"]),
+    ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
+]  # fmt: skip
+ERRORS = ["VarintError", "InputError", "ConvergenceError", "SolverError"]
+MODULES = ["diagnostics", "models"]
+
+
+def write(path: Path) -> None:
+    """Sections in reading order; public names without a place come under "More"."""
+    placed = {name for _, names in ORDER for name in names} | {*ERRORS, *MODULES}
+    sections = [*ORDER, ("More", sorted(set(vi.__all__) - placed)), ("Errors", ERRORS)]
+    parts = ["Reference\n=========\n\nEvery public name, ``import varint as vi``.\n"]
+    for title, names in sections:
+        there = [name for name in names if name in vi.__all__]
+        if there:
+            parts.append(f"{title}\n{'-' * len(title)}\n\n" + "\n".join(_entry("varint", name) for name in there))
+    for module in MODULES:
+        members = importlib.import_module(f"varint.{module}")
+        parts.append(f"varint.{module}\n{'-' * (7 + len(module))}\n\n{inspect.getdoc(members)}\n\n")
+        parts += [_entry(f"varint.{module}", name) for name in members.__all__ if callable(getattr(members, name))]
+    write_if_changed(path, "\n".join(parts))
+
+
+def _entry(module: str, name: str) -> str:
+    what = getattr(importlib.import_module(module), name)
+    if inspect.isclass(what):
+        return f".. autoclass:: {module}.{name}\n   :members:\n"
+    return f".. autofunction:: {module}.{name}\n"

@@ -1,0 +1,129 @@
+"""Films last as long as they say, show the points where they are, and refuse what cannot be shown."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from matplotlib import animation
+from PIL import Image
+
+import varint as vi
+from varint.animate import frame_times
+
+
+@pytest.fixture(scope="module")
+def swing():
+    model = vi.models.pendulum()
+    motion = vi.simulate(model.system, vi.gauss(4), q0=model.q0, v0=model.v0, h=0.05, duration=2.0)
+    return model, motion
+
+
+@pytest.mark.parametrize(("speed", "fps"), [(1.0, 5.0), (4.0, 30.0), (0.5, 8.0)])
+def test_a_gif_lasts_as_long_as_the_motion_divided_by_the_speed(swing, tmp_path, speed, fps):
+    model, motion = swing
+    motion = motion.at(np.linspace(0.0, 0.8, 9))
+    motion.animate(tmp_path / "film.gif", sketch=vi.models.sketch(model), speed=speed, fps=fps)
+    with Image.open(tmp_path / "film.gif") as film:
+        lengths = []
+        for frame in range(film.n_frames):
+            film.seek(frame)
+            lengths.append(film.info["duration"] / 1000)
+    assert sum(lengths[:-1]) == pytest.approx(0.8 / speed, abs=lengths[0])
+
+
+def test_frames_are_true_to_time_and_the_first_shows_the_start(swing):
+    _, motion = swing
+    times = frame_times(motion, 0.5, 1 / 25)
+    assert np.allclose(np.diff(times), 0.02) and times[0] == 0.0 and times[-1] == pytest.approx(2.0)
+    backwards = vi.simulate(motion.system, vi.gauss(2), q0=1.0, v0=0.0, h=-0.1, steps=10)
+    assert np.allclose(frame_times(backwards, 1.0, 0.1), -0.1 * np.arange(11))
+
+
+def test_a_frame_shows_the_points_where_the_motion_is(swing):
+    model, motion = swing
+    film = motion.animate(sketch=vi.models.sketch(model), fps=10)
+    axes = film._fig.axes[0]
+    for frame in (0, 7, 20):
+        film._func(frame)
+        theta = model.exact(frame / 10)[0][0, 0]
+        bob = [line.get_xydata()[-1] for line in axes.lines if len(line.get_xydata())]
+        wanted = np.array([np.sin(theta), -np.cos(theta)])
+        assert min(np.abs(place - wanted).max() for place in bob) < 1e-6
+        assert axes.get_title() == f"t = {frame / 10:.2f}"
+
+
+def test_a_trace_of_given_length_forgets_the_older_past(swing):
+    model, motion = swing
+    short = motion.animate(sketch=vi.models.sketch(model), fps=10, trace=0.2)
+    whole = motion.animate(sketch=vi.models.sketch(model), fps=10)
+    lengths = []
+    for film in (short, whole):
+        film._func(20)
+        lengths.append(max(len(line.get_xydata()) for line in film._fig.axes[0].lines))
+    assert lengths[0] < 0.25 * lengths[1]
+
+
+def test_html_and_scenes_in_space_are_written(tmp_path):
+    model = vi.models.spherical_pendulum_cartesian()
+    motion = vi.simulate(model.system, q0=model.q0, v0=model.v0, h=0.05, steps=8)
+    motion.animate(tmp_path / "film.html", fps=5)
+    assert "image/png;base64" in (tmp_path / "film.html").read_text()
+
+
+@pytest.mark.skipif(not animation.FFMpegWriter.isAvailable(), reason="needs ffmpeg")
+def test_mp4_is_written(swing, tmp_path):
+    model, motion = swing
+    motion[:5].animate(tmp_path / "film.mp4", sketch=vi.models.sketch(model), fps=10)
+    assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_what_cannot_be_shown_is_refused_with_the_remedy(swing, tmp_path, monkeypatch):
+    model, motion = swing
+    with pytest.raises(vi.InputError, match=r"do not say where anything is; give sketch=varint.Sketch"):
+        motion.animate()
+    drawn = vi.models.sketch(model)
+    with pytest.raises(vi.InputError, match=r"ends in .gif, .mp4 or .html"):
+        motion.animate(tmp_path / "film.avi", sketch=drawn)
+    with pytest.raises(vi.InputError, match="speed"):
+        motion.animate(sketch=drawn, speed=0)
+    with pytest.raises(vi.InputError, match="too many"):
+        motion.animate(sketch=drawn, speed=1e-6)
+    monkeypatch.setattr(animation.FFMpegWriter, "isAvailable", lambda: False)
+    with pytest.raises(vi.InputError, match="ffmpeg"):
+        motion.animate(tmp_path / "film.mp4", sketch=drawn)
+    with pytest.raises(vi.InputError, match="2 coordinates or all have 3"):
+        vi.Sketch({"a": [0, 0], "b": [1, 2, 3]})
+    with pytest.raises(vi.InputError, match=r"unknown points \['c'\]"):
+        vi.Sketch({"a": [0, 0]}, rods=[("a", "c")])
+    with pytest.raises(vi.InputError, match="at least one point"):
+        vi.Sketch({})
+    with pytest.raises(vi.InputError, match="has no sketch"):
+        vi.models.sketch(vi.models.toda_chain())
+
+
+def test_cartesian_scenes_need_no_sketch():
+    model = vi.models.figure_eight()
+    motion = vi.simulate(model.system, q0=model.q0, v0=model.v0, h=0.1, steps=5)
+    film = motion.animate(fps=5)
+    assert len(film._fig.axes[0].lines) == 6  # a trace and a dot of each body
+
+
+def test_rods_of_sketches_keep_their_lengths():
+    drawn = 0
+    for name, factory in vi.models.catalogue.items():
+        model = factory()
+        try:
+            sketch = vi.models.sketch(model)
+        except vi.InputError:
+            continue
+        if sketch.rods and name != "swinging_atwood":  # whose string grows longer
+            rods = ca.vertcat(*(ca.norm_2(sketch.points[a] - sketch.points[b]) for a, b in sketch.rods))
+            motion = vi.simulate(model.system, q0=model.q0, v0=model.v0, h=model.h, steps=10, **_controls(model))
+            lengths = motion.value(rods).reshape(len(motion), -1)
+            assert np.ptp(lengths, axis=0).max() < 1e-9 and lengths.min() > 1e-3, name
+            drawn += 1
+    assert drawn >= 20
+
+
+def _controls(model):
+    controls = model.system.structure.controls
+    return {"u": np.zeros(controls)} if controls else {}
