@@ -1,7 +1,7 @@
 """Ten thousand pendulums of different lengths: one call of `ensemble` beside a loop of `simulate`, side by side.
 
-`python benchmarks/ensemble.py` prints the ratio for each backend and run length, and how far the two are apart. The loop
-is timed on every 100th member and scaled; both have run once before, so no set-up is counted.
+`python benchmarks/ensemble.py` prints the ratio for each backend and run length, and how far the two are apart. The
+loop is timed on every 100th member and scaled; both have run once before, so no set-up is counted.
 """
 
 from __future__ import annotations
@@ -83,7 +83,8 @@ def processes() -> None:
         same = kept.q.tobytes() == plain.q.tobytes()
         largest = max(len(chunk) for chunk in kept.chunks)
     print(
-        f"  two processes, on disk: {together:.2f} s beside {alone:.2f} s in one; same bits: {same}; chunks of {largest}"
+        f"  two processes, on disk: {together:.2f} s beside {alone:.2f} s in one; same bits: {same}; "
+        f"chunks of at most {largest}"
     )
 
 
