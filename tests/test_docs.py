@@ -12,7 +12,7 @@ sys.path.insert(0, str(DOCS / "_tools"))
 
 from blocks import FIGURE, outcome, python_blocks  # noqa: E402  (only findable now)
 from gallery import example  # noqa: E402
-from scenes import CHAPTERS  # noqa: E402
+from chapters import CHAPTERS  # noqa: E402
 
 GENERATED = {DOCS / "verification.md", DOCS / "benchmarks.md", *(DOCS / "gallery").glob("*.md")}
 PAGES = sorted({*ROOT.glob("*.md"), *DOCS.glob("*.md"), *DOCS.glob("*/*.md")} - GENERATED)

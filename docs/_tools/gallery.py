@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenes import CHAPTERS
+from chapters import CHAPTERS
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
