@@ -31,10 +31,41 @@ def test_ten_thousand_pendulums_are_the_loop_of_simulate_bit_for_bit():
     system, count = swinging(), 10_000
     angles, lengths = np.linspace(-3, 3, count), np.linspace(0.5, 2, count)
     grid = dict(h=0.02, steps=60, save_every=7)
-    motions = vi.ensemble(system, q0=angles, v0=0.1, params=dict(length=lengths), **grid)
+    motions = vi.ensemble(system, q0=angles, v0=0.1, params=dict(length=lengths), backend="interpreted", **grid)
     assert motions.q.shape == (count, 10, 1) and len(motions) == count
     starts = [dict(q0=a, v0=0.1, params=dict(length=x)) for a, x in zip(angles, lengths, strict=True)]
     assert_members_are(motions, system, None, starts, range(0, count, 97), **grid)
+
+
+@pytest.mark.parametrize("rule", [None, vi.composition("verlet"), vi.composition("kahan-li8")], ids=str)
+def test_compiled_members_are_the_interpreted_ones_to_round_off_in_any_chunks(rule, monkeypatch):
+    system, count = swinging(), 1003
+    start = dict(q0=np.linspace(-3, 3, count), v0=np.linspace(0, 1, count), h=0.02, steps=301, save_every=4, t0=0.3)
+    start["params"] = dict(length=np.linspace(0.5, 2, count))
+    plain = vi.ensemble(system, rule, backend="interpreted", **start)
+    lanes = vi.ensemble(system, rule, backend="compiled", **start)
+    np.testing.assert_allclose(lanes.q, plain.q, atol=1e-11)
+    np.testing.assert_allclose(lanes.p, plain.p, atol=1e-11)
+    np.testing.assert_array_equal(lanes.t, plain.t)
+    monkeypatch.setattr(executor_module, "SECONDS", 1e-9)
+    again = vi.ensemble(system, rule, backend="compiled", **start)
+    assert len(again.chunks) > 50 and again.q.tobytes() == lanes.q.tobytes() and again.p.tobytes() == lanes.p.tobytes()
+
+
+def test_compiled_members_that_fail_do_not_take_their_neighbours_along():
+    """Sixteen members in two vectors; the force is not defined below zero, where three of them go."""
+    v0 = np.linspace(-2.4, 2.0, 16)
+    start = dict(q0=1.0, v0=v0, h=0.01, steps=100, save_every=7)
+    plain = vi.ensemble(falling(), vi.composition("verlet"), backend="interpreted", **start)
+    lanes = vi.ensemble(falling(), vi.composition("verlet"), backend="compiled", **start)
+    assert lanes.failed.tolist() == plain.failed.tolist() and 0 < len(lanes.failed) < 16
+    np.testing.assert_array_equal(lanes.good, plain.good)
+    np.testing.assert_allclose(lanes.q.compressed(), plain.q.compressed(), atol=1e-12)
+    assert "not defined where the step leads" in lanes.errors[0].cause
+    alone = vi.ensemble(
+        falling(), vi.composition("verlet"), backend="compiled", **start | dict(v0=v0[list(lanes.completed)])
+    )
+    assert alone.q.tobytes() == np.asarray(lanes.q[lanes.completed]).tobytes()
 
 
 def pushed() -> vi.System:
@@ -84,7 +115,8 @@ def test_chunks_of_any_size_give_the_same_bits(monkeypatch):
     system, grid = double_pendulum(), dict(h=0.02, steps=250, save_every=2)
     q0 = np.random.default_rng(4).normal(size=(53, 2))
     whole = vi.ensemble(system, q0=q0, v0=[0, 0], **grid)
-    for sample, seconds, numbers in ((1, 1e-9, 4_000_000), (3, 0.01, 4_000_000), (17, 10.0, 2000)):
+    for group, sample, seconds, numbers in ((1, 1, 1e-9, 4_000_000), (3, 3, 0.01, 4_000_000), (1, 17, 10.0, 2000)):
+        monkeypatch.setattr(executor_module, "GROUP", group)
         monkeypatch.setattr(executor_module, "SAMPLE", sample)
         monkeypatch.setattr(executor_module, "SECONDS", seconds)
         monkeypatch.setattr(batch, "MOST_NUMBERS", numbers)
@@ -111,7 +143,7 @@ def falling() -> vi.System:
 def test_a_member_that_fails_does_not_take_the_others_along(rule, every):
     system, grid = falling(), dict(h=0.01, steps=100, save_every=every)
     v0 = [0.0, -3.0, 0.1, -2.0, -0.5]
-    motions = vi.ensemble(system, rule, q0=1.0, v0=v0, **grid)
+    motions = vi.ensemble(system, rule, q0=1.0, v0=v0, backend="interpreted", **grid)
     assert motions.failed.tolist() == [1, 3] and motions.completed.tolist() == [0, 2, 4]
     for i in motions.completed:
         one = vi.simulate(system, rule, q0=1.0, v0=v0[i], backend="interpreted", **grid)
@@ -176,5 +208,9 @@ def test_wrong_ensembles_are_refused_at_once():
         vi.ensemble(system, q0=[1, 2], v0=0.0, h=0.1)
     with pytest.raises(vi.InputError, match="give v0 or p0, not both"):
         vi.ensemble(system, q0=[1, 2], v0=0.0, p0=0.0, **grid)
+    with pytest.raises(vi.InputError, match="unknown backend 'fast'"):
+        vi.ensemble(system, q0=[1, 2], v0=0.0, backend="fast", **grid)
+    with pytest.raises(vi.VarintError, match="without controls"):
+        vi.ensemble(pushed(), vi.gauss(2), q0=[[0, 0], [1, 1]], v0=[0, 0], u=1.0, backend="compiled", **grid)
     with pytest.raises(vi.InputError, match="may be one table"):
         vi.ensemble(pushed(), vi.gauss(2), q0=[0, 0], v0=[0, 0], u=np.zeros((2, 2, 1)), h=0.1, steps=2)

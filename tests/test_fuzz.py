@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import varint as vi
 
-QUICK, LONG = (500, 1500), (20_000, 80_000)  # scenes, inputs
+QUICK, LONG = (300, 1700), (15_000, 85_000)  # scenes, inputs
 UNITS = st.sampled_from([1e-20, 1e-6, 1.0, 1.0, 1.0, 1e6, 1e20])
 NUMBERS = st.one_of(
     st.floats(-3, 3),

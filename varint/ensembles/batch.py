@@ -50,8 +50,10 @@ class Chunk:
         return len(self.q)
 
 
-def stepped(system: System, rule: Rule, members: Members) -> Chunk:
-    """All members of a chunk, each bit for bit what `simulate` makes of it."""
+def stepped(system: System, rule: Rule, members: Members, backend: str) -> Chunk:
+    """All members of a chunk; interpreted, each is bit for bit what `simulate` makes of it."""
+    if backend == "compiled":
+        return _compiled(system, rule, members)
     s = system.structure
     nodes = len(members.k)
     shape = (len(members), nodes, s.n)
@@ -61,6 +63,19 @@ def stepped(system: System, rule: Rule, members: Members) -> Chunk:
     )  # fmt: skip
     (_together if is_plain(system) else _one_by_one)(system, rule, members, chunk)
     return chunk
+
+
+def _compiled(system: System, rule: Rule, members: Members) -> Chunk:
+    """Members in the lanes of vectors."""
+    from varint.compiled.members import members_kernel, run_members
+
+    p0, k, kernel = momenta(system, members), members.k, members_kernel(system, rule)
+    q, p, good = run_members(
+        kernel, members.q0, p0, members.c, t0=members.t0, h=members.h, steps=members.steps,
+        save_every=members.save_every, nodes=len(k),
+    )  # fmt: skip
+    failed = np.where(good < len(k), np.inf, -1.0)
+    return Chunk(members.first, q, p, good, k[good - 1], np.zeros(len(members)), failed)
 
 
 def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:

@@ -8,14 +8,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from varint.discrete import point_function
 from varint.ensembles.batch import Chunk
 from varint.ensembles.executor import computed
-from varint.ensembles.members import members_of
+from varint.ensembles.members import Members, members_of
 from varint.ensembles.result import Ensemble
 from varint.ensembles.store import Store, loaded, opened
 from varint.errors import InputError
 from varint.progress import progress_bar
 from varint.rules import Rule
+from varint.stepping.backend import BACKENDS, CALL, INSTRUCTION, WORTH_COMPILING
 from varint.stepping.plan import plan
 from varint.system import System
 
@@ -37,8 +39,9 @@ def ensemble(
     executor: Executor | None = None,
     store: Any = None,
     progress: bool | None = None,
+    backend: str = "auto",
 ) -> Ensemble:
-    """Motions from many starts, parameters or controls: each is bit for bit what `simulate` makes of it, interpreted.
+    """Motions from many starts, parameters or controls: interpreted, each is what `simulate` makes of it to the bit.
 
     D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 for every member. Starts, parameters and controls may have a leading
     axis of members; what has none is the same for all.
@@ -68,6 +71,9 @@ def ensemble(
         memory; the same call after an interruption does what is missing.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for work longer than a second.
+    backend : {"auto", "compiled", "interpreted"}
+        Compiled, members fill the lanes of vectors: compositions of separable scenes with constant mass, without
+        controls. By default so where the work is large enough to repay the compiler. Chunks do not show in either.
 
     Returns
     -------
@@ -104,12 +110,13 @@ def ensemble(
         system, rule,
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
-    kept: Store | None = None if store is None else opened(Path(store), system, rule, members)
+    loop = _backend(system, rule, members, backend)
+    kept: Store | None = None if store is None else opened(Path(store), system, rule, members, loop)
     done = kept.ranges if kept is not None else []
     chunks: list[Chunk] = []
     before = sum(count for _, count in done)
     with progress_bar(len(members), "member", progress, before) as move:
-        for chunk in computed(system, rule, members, _missing(done, len(members)), executor):
+        for chunk in computed(system, rule, members, _missing(done, len(members)), executor, loop):
             if kept is None:
                 chunks.append(chunk)
             else:
@@ -117,6 +124,32 @@ def ensemble(
             move(len(chunk), partial(_note, chunk))
     chunks.sort(key=lambda chunk: chunk.first)
     return Ensemble(system, rule, members, chunks if kept is None else kept)
+
+
+def _backend(system: System, rule: Rule, members: Members, wanted: str) -> str:
+    """The loop that steps the members; it depends on the input alone, so the same input gives the same digits."""
+    if wanted not in BACKENDS:
+        raise InputError(f"unknown backend {wanted!r}; known: {list(BACKENDS)}")
+    if wanted == "interpreted" or (wanted == "auto" and not _repays(system, rule, members)):
+        return "interpreted"
+    from varint.compiled.cache import CompileError
+    from varint.compiled.graph import NotCompilable
+    from varint.compiled.members import members_kernel
+
+    try:
+        members_kernel(system, rule)
+    except (NotCompilable, CompileError):
+        if wanted == "compiled":
+            raise
+        return "interpreted"
+    return "compiled"
+
+
+def _repays(system: System, rule: Rule, members: Members) -> bool:
+    if not (rule.kicks and system.structure.explicit):
+        return False
+    a_step = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION + CALL
+    return a_step * members.steps * len(members) > WORTH_COMPILING
 
 
 def _note(chunk: Chunk) -> str:

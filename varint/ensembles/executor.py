@@ -18,7 +18,8 @@ from varint.rules import Rule
 from varint.system import System
 
 SECONDS = 0.5  # of work a chunk: long against sending it, short against losing it
-SAMPLE = 10  # members that are timed
+GROUP = 8  # members that a compiled loop steps together: chunks hold whole groups, so that groups are always the same
+SAMPLE = 16  # members that are timed
 MOST_NUMBERS = 20_000_000  # in the result of a chunk
 ROUNDS = 4  # chunks a worker has at least, so that fast ones help slow ones
 UNKNOWN_WORKERS = 16
@@ -28,14 +29,14 @@ Range = tuple[int, int]
 
 
 def computed(
-    system: System, rule: Rule, members: Members, todo: list[Range], executor: Executor | None
+    system: System, rule: Rule, members: Members, todo: list[Range], executor: Executor | None, backend: str
 ) -> Iterator[Chunk]:
     """The chunks of the ranges (first, number) that are to be done, in the order in which they come."""
-    queue = _cut(todo, [1, SAMPLE])
+    queue = _cut(todo, [GROUP, SAMPLE])
     began, done = time.perf_counter(), 0
     for first, count in queue[:2]:  # the first builds the functions, the second tells what a member costs
         began, done = time.perf_counter(), count
-        yield stepped(system, rule, members[first : first + count])
+        yield stepped(system, rule, members[first : first + count], backend)
     left = sum(count for _, count in queue[2:])
     if not left:
         return
@@ -43,11 +44,15 @@ def computed(
     numbers = 2 * len(members.k) * system.structure.n
     size = max(min(int(SECONDS / per_member), MOST_NUMBERS // numbers), 1)
     if executor is None:
-        for first, count in _cut(queue[2:], [size] * left):
-            yield stepped(system, rule, members[first : first + count])
+        for first, count in _cut(queue[2:], [_whole_groups(size)] * left):
+            yield stepped(system, rule, members[first : first + count], backend)
         return
-    size = max(min(size, -(-left // (ROUNDS * _workers(executor)))), 1)
-    yield from _distributed(system, rule, members, _cut(queue[2:], [size] * left), executor)
+    size = _whole_groups(min(size, -(-left // (ROUNDS * _workers(executor)))))
+    yield from _distributed(system, rule, members, _cut(queue[2:], [size] * left), executor, backend)
+
+
+def _whole_groups(size: int) -> int:
+    return max(size // GROUP, 1) * GROUP
 
 
 def _cut(ranges: list[Range], sizes: list[int]) -> list[Range]:
@@ -62,10 +67,10 @@ def _cut(ranges: list[Range], sizes: list[int]) -> list[Range]:
 
 
 def _distributed(
-    system: System, rule: Rule, members: Members, queue: list[Range], executor: Executor
+    system: System, rule: Rule, members: Members, queue: list[Range], executor: Executor, backend: str
 ) -> Iterator[Chunk]:
     """Chunks from the workers; never more of them under way than the workers need, so that memory stays bounded."""
-    what = json.dumps({"system": describe(system), "rule": asdict(rule)})
+    what = json.dumps({"system": describe(system), "rule": asdict(rule), "backend": backend})
     window, own = ROUNDS * _workers(executor), None
     waiting, tries = list(reversed(queue)), dict.fromkeys(queue, 0)
     running: dict[Any, Range] = {}
@@ -110,15 +115,15 @@ def _distributed(
 
 def work(what: str, members: Members) -> Chunk:
     """A chunk in a worker: plain data in, plain data out."""
-    system, rule = _scene(what)
-    return stepped(system, rule, members)
+    system, rule, backend = _scene(what)
+    return stepped(system, rule, members, backend)
 
 
 @lru_cache(maxsize=8)
-def _scene(what: str) -> tuple[System, Rule]:
-    """System and rule of a description; kept, so that a worker builds its functions once."""
+def _scene(what: str) -> tuple[System, Rule, str]:
+    """System, rule and backend of a description; kept, so that a worker builds its functions once."""
     data = json.loads(what)
-    return revive(data["system"]), rule_of(data["rule"])
+    return revive(data["system"]), rule_of(data["rule"]), data["backend"]
 
 
 def _is_loss(error: BaseException) -> bool:

@@ -57,7 +57,7 @@ class Store(Sequence):
         return self.folder / f"members_{first:010}_{count:07}.npz"
 
 
-def opened(folder: Path, system: System, rule: Rule, members: Members) -> Store:
+def opened(folder: Path, system: System, rule: Rule, members: Members, backend: str) -> Store:
     """The store of this ensemble in a folder: a new one, or the one that an earlier call began.
 
     Raises
@@ -68,7 +68,7 @@ def opened(folder: Path, system: System, rule: Rule, members: Members) -> Store:
     given = {name: getattr(members, name) for name in ROWS if getattr(members, name) is not None}
     rows: dict[str, Any] = {name: given.get(name, np.zeros(0)) for name in ROWS}
     numbers = {name: getattr(members, name) for name in ("t0", "h", "steps", "save_every")}
-    mine = identity(system, rule, **rows, **numbers)
+    mine = identity(system, rule, backend=backend, **rows, **numbers)
     index = folder / INDEX
     if index.exists():
         header = json.loads(str(_read(index)["header"]))

@@ -159,11 +159,12 @@ def _singular(motion: Trajectory) -> list[str]:
 
 
 def _undefined(motion: Trajectory) -> list[str]:
-    """Derivatives of L that are not finite one step ahead along the velocity."""
+    """Derivatives of L that are not finite ahead along the velocity, as far as nodes are apart."""
     last = motion[-1]
     if not np.isfinite(last.v).all():
         return []
-    ahead = (last.q + motion.h * np.linspace(0, 1, 6)[:, None] * last.v)[1:]
+    far = motion.h * (int(motion.k[-1] - motion.k[-2]) if len(motion) > 1 else 1)
+    ahead = (last.q + (far or motion.h) * np.linspace(0, 1, 11)[:, None] * last.v)[1:]
     point = point_function(motion.system)
     u = np.zeros(motion.system.structure.controls)
     v, t = np.broadcast_to(last.v, ahead.shape), np.full((len(ahead), 1), last.t)
