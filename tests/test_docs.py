@@ -1,5 +1,6 @@
 """Every Python block of README and documentation runs; pictures have words; links in the project lead somewhere."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS / "_tools"))
 
+import benchmark_page  # noqa: E402  (only findable now)
 from blocks import FIGURE, outcome, python_blocks  # noqa: E402  (only findable now)
 from chapters import CHAPTERS  # noqa: E402
 from gallery import example  # noqa: E402
@@ -84,3 +86,44 @@ def test_every_page_is_in_a_table_of_contents():
             listed |= {(page.parent / entry).with_suffix(".md").resolve() for entry in entries}
     pages = {page for page in PAGES if DOCS in page.parents} - {DOCS / "index.md", DOCS / "known_limits.md"}
     assert not {name_of(page) for page in pages - listed}
+
+
+def test_the_benchmark_page_shows_what_was_measured_when_and_on_what_and_says_what_was_not(tmp_path):
+    rows = [
+        {"wanted": 1e-6, "tool": "varint", "seconds": 0.0005, "error": 3e-7, "setting": "gauss(8)", "setup": 0.1},
+        {"wanted": 1e-6, "tool": "peer", "seconds": 0.001, "error": 8e-7, "setting": "", "setup": 0.0},
+        {"wanted": 1e-9, "tool": "peer", "seconds": 0.002, "error": 8e-10, "setting": "", "setup": 0.0},
+    ]
+    ratios = [{"ratio": 0.5, "scene": "comet", "wanted": 1e-6}]
+    about = {"date": "2026-01-31", "processor": "abacus", "cores": 3, "varint": "9.9"}
+    scenes = {"comet": {"apart": 1e-14, "rows": rows, "all": rows, "setup": {}}}
+    results = tmp_path / "results"
+    results.mkdir()
+    whole = {"measured_with": about, "scenes": scenes, "geometric mean": 0.5, "ratios": ratios}
+    (results / "work_precision.json").write_text(json.dumps(whole))
+    (results / "long_run.json").write_text(json.dumps({"rows": [{"steps": 10**8, "drift": -1.25e-7, "none": None}]}))
+    page = tmp_path / "page" / "benchmarks.md"
+    benchmark_page.write(page, results)
+    text = page.read_text()
+    assert "Measured on abacus, 3 cores, 2026-01-31, varint 9.9." in text and "date not recorded" in text
+    assert "geometric mean 0.50" in text and "| comet | 0.5 |" in text
+    assert "| 1e-06 | 0.5 | 1 |" in text and "| 1e-09 | – | 2 |" in text
+    assert "| 100,000,000 | −1.2e−7 | – |" in text
+    assert (page.parent / "_build" / "work_precision.png").read_bytes().startswith(b"\x89PNG")
+    missing = text.partition("## Not measured")[2]
+    assert "`stress`" in missing and "`work_precision`" not in missing
+    benchmark_page.write(page, tmp_path / "nothing")
+    assert "`work_precision`" in page.read_text()
+
+
+def test_every_stored_result_has_a_title_and_words_on_the_page():
+    stored = {path.stem for path in (ROOT / "benchmarks" / "results").glob("*.json")}
+    assert stored and stored <= set(benchmark_page.KNOWN)
+
+
+def test_a_benchmark_stores_date_machine_and_versions():
+    import record  # benchmark_page has put its folder on the path
+
+    about = record.measured_with()
+    assert set(about) >= {"date", "machine", "processor", "cores", "python", "varint", "casadi", "numpy"}
+    assert all(about.values()) and re.fullmatch(r"\d{4}-\d\d-\d\d", about["date"])
