@@ -65,7 +65,7 @@ def ladder() -> Figure:
 
 
 def work_precision() -> Figure:
-    """Run time against error beside other tools, as the benchmark stored it; of the rules alone where it has not run."""
+    """Run time against error beside other tools, as the benchmark stored it; of the rules alone if it has not run."""
     sys.path.insert(0, str(BENCHMARKS))
     import fronts
 
