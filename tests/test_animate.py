@@ -51,6 +51,24 @@ def test_a_frame_shows_the_points_where_the_motion_is(swing):
         assert axes.get_title() == f"t = {frame / 10:.2f}"
 
 
+@pytest.mark.parametrize("name", ["double_pendulum", "heavy_top"])
+def test_a_frame_of_a_file_looks_like_the_same_frame_drawn_in_full(name, tmp_path):
+    model = vi.models.catalogue[name]()
+    motion = vi.simulate(model.system, **model.start | {"duration": 0.4, "h": 0.01})
+    sketch = vi.models.sketch(model)
+    motion.animate(tmp_path / "film.gif", sketch=sketch, fps=10)
+    film = motion.animate(sketch=sketch, fps=10)
+    film._func(3)
+    film._fig.canvas.draw()
+    whole = np.asarray(film._fig.canvas.buffer_rgba())[..., :3].astype(float)
+    with Image.open(tmp_path / "film.gif") as file:
+        file.seek(3)
+        frame = np.asarray(file.convert("RGB")).astype(float)
+    differs = np.abs(frame - whole).max(axis=2) > 60  # a GIF has 256 colours
+    assert frame.shape == whole.shape and differs.mean() < 1e-3
+    assert (np.abs(whole - 255).max(axis=2) > 60).mean() > 0.01  # there is something to see
+
+
 def test_a_trace_of_given_length_forgets_the_older_past(swing):
     model, motion = swing
     short = motion.animate(sketch=vi.models.sketch(model), fps=10, trace=0.2)

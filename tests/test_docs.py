@@ -1,7 +1,10 @@
 """Every Python block of README and documentation runs; pictures have words; links in the project lead somewhere."""
 
 import json
+import os
 import re
+import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,7 +15,7 @@ DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS / "_tools"))
 
 import benchmark_page  # noqa: E402  (only findable now)
-from blocks import FIGURE, outcome, python_blocks  # noqa: E402  (only findable now)
+from blocks import FIGURE, marked_blocks, outcome, python_blocks  # noqa: E402  (only findable now)
 from chapters import CHAPTERS  # noqa: E402
 from gallery import example  # noqa: E402
 
@@ -33,6 +36,47 @@ def test_every_python_block_runs(page):
         if page.parent == ROOT:  # GitHub shows no comment as a caption: README has its picture below the block
             code = code.replace("motion.plot()", "motion.plot()\n# figure: below")
         outcome(code, namespace, f"{name_of(page)}, block {number}", draw=False)
+
+
+SCRIPTS = [(page, code) for page in PAGES for kind, code in marked_blocks(page.read_text("utf-8")) if kind == "script"]
+
+
+@pytest.mark.parametrize(("page", "code"), SCRIPTS, ids=lambda x: name_of(x) if isinstance(x, Path) else "")
+def test_every_script_runs_as_a_file(page, code, tmp_path):
+    (tmp_path / "script.py").write_text(code, encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    command = [sys.executable, "-W", "error", "script.py"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_there_is_no_python_that_does_not_run_but_for_tools_that_pip_does_not_install():
+    fences = re.compile(r"^ *```+ *(\{code-block\} *)?python\b", re.M)
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        marked = [kind for kind, _ in marked_blocks(text)]
+        assert len(fences.findall(text)) == len(python_blocks(text)) + len(marked), page
+        allowed = {"still", "illustration"} if page.name == "coming-from.md" else {"script"}  # test_coming_from.py
+        assert set(marked) <= allowed, page
+        assert not re.search(r"^```\s*\n(?=import |from )", text, re.M), f"{page}: Python without a language"
+
+
+COMMAND = re.compile(r"python -m varint ((?:list|run|check|bench)\b[^`|\n]*)")
+COMMANDS = sorted({found.strip() for page in PAGES for found in COMMAND.findall(page.read_text("utf-8"))})
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_of_the_pages_runs(command, tmp_path, monkeypatch, capsys):
+    from varint import __main__ as shell
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(shell, "STEPS", (16, 32))  # of a benchmark: that it runs, not how fast
+    short = [] if command == "list" or "--duration" in command else ["--duration", "1"]
+    assert shell.main(shlex.split(command) + short) == 0
+    assert capsys.readouterr().out
+    for file in re.findall(r"\S+\.(?:png|gif|npz)", command):
+        assert (tmp_path / file).stat().st_size > 1000
 
 
 def test_a_block_that_fails_or_warns_or_draws_without_words_is_found():
