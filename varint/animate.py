@@ -78,7 +78,7 @@ def trajectory_animation(
 
     film = FuncAnimation(fig, draw, frames=len(times), interval=1000 * seconds, repeat=True)
     film._draw_was_started = True  # type: ignore[attr-defined]  # shown or saved later by whoever asked: no warning if it is neither
-    if writer is not None:
+    if target is not None and writer is not None:
         _freeze(fig, axes, [*trails.values(), *rods, *dots.values(), clock])
         with writer.saving(fig, target, DPI):
             for frame in range(len(times)):
