@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from varint.compiled.graph import Graph, graph_of, needed, uniform_nodes
+from varint.compiled.algebra import graph_of
+from varint.compiled.graph import Graph, needed, uniform_nodes
 
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 
