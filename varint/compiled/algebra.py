@@ -276,7 +276,7 @@ def _power(graph: Graph, base: int, exponent: Fraction, kind: str) -> int:
     inverse_root = graph.node("rsqrt", base) if kind == "root" else None
     root = graph.node("sqrt", base) if inverse_root is None else graph.node("mul", base, inverse_root)
     quarters = int(4 * abs(exponent))
-    parts = [graph.node("sqrt", root)] if quarters & 1 else []
+    parts = [graph.node("sqrt", graph.node("sqrt", base))] if quarters & 1 else []  # two roots side by side
     if exponent > 0:
         parts += [root] if quarters & 2 else []
         parts += [whole_power(graph, base, quarters // 4)]

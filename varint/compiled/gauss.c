@@ -1,6 +1,7 @@
 /* Gauss collocation with all stages in vectors, by fixed-point iteration.
 
-   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau and the scene's functions.
+   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau, the scene's functions, and
+   NEEDS_Q, NEEDS_P: whose values at the stages are needed.
    FORM 2: unknown L_i = h^2 b_i G_i with accelerations G = g(Q, V, t, u);
            Q_i = q + c_i w + sum_j M_ij L_j,  h V_i = w + sum_j m_ij L_j;  q += w + sum (1 - c_j) L_j, w += sum L_j
            with w = h v, which leaves constants only that need no rounding.
@@ -109,24 +110,33 @@ INLINE void set_base(const double *y, const double *rest, const Nodes *at, V bas
 }
 
 /* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
-   With FORM 2 another h: the unknowns are lengths. */
+   With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
+   stay the same. */
 LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, const double *w, const double *m2,
                      const double *m1, const Unknowns x, const double *m2_older, const double *m1_older,
                      const Unknowns older, Unknowns fresh) {
     V first[N][VECTORS], second[N][VECTORS];
-    for (int d = 0; d < N; d++) {
+    UNROLL for (int d = 0; d < N; d++) {
         for (int k = 0; k < VECTORS; k++) first[d][k] = base[d][k], second[d][k] = base[N + d][k];
 #if FORM == 2
-        add_product(m2, x[d], first[d]);
-        if (older) add_product(m2_older, older[d], first[d]);
+        if (NEEDS_Q[d]) {
+            add_product(m2, x[d], first[d]);
+            if (older) add_product(m2_older, older[d], first[d]);
+        }
 #if ON_VELOCITY
         add_product(m1, x[d], second[d]);
         if (older) add_product(m1_older, older[d], second[d]);
         for (int k = 0; k < VECTORS; k++) second[d][k] *= 1 / h;
 #endif
 #else
-        add_product(m1, x[d], first[d]), add_product(m1, x[N + d], second[d]);
-        if (older) add_product(m1_older, older[d], first[d]), add_product(m1_older, older[N + d], second[d]);
+        if (NEEDS_Q[d]) {
+            add_product(m1, x[d], first[d]);
+            if (older) add_product(m1_older, older[d], first[d]);
+        }
+        if (NEEDS_P[d]) {
+            add_product(m1, x[N + d], second[d]);
+            if (older) add_product(m1_older, older[N + d], second[d]);
+        }
 #endif
     }
     for (int k = 0; k < VECTORS; k++) {

@@ -88,7 +88,19 @@ def _built(system: System, stages: int, form: int) -> Kernel:
         "unknown accelerations" if form == 2 else "unknown velocities and forces"
     )
     diagonals = q.numel() <= FEW and 4 * stages > 3 * padded
-    return build(about, system, stages, functions, defines, _tableau(stages, lanes, diagonals), "gauss.c")
+    data = _tableau(stages, lanes, diagonals) + _needs(right)
+    return build(about, system, stages, functions, defines, data, "gauss.c")
+
+
+def _needs(right: tuple[list[ca.SX], list[ca.SX]]) -> str:
+    """NEEDS_Q and NEEDS_P of gauss.c: does the right-hand side depend on q_i, does the momentum p_i change?"""
+    (q, *_), rates = right
+    needed = {"NEEDS_Q": ca.which_depends(ca.vertcat(*rates), q, 1, False)}
+    needed["NEEDS_P"] = [not rate.is_zero() for rate in ca.vertsplit(ca.densify(rates[-1]))]
+    return "".join(
+        f"static const char {name}[] __attribute__((unused)) = {{{', '.join(str(int(x)) for x in values)}}};\n"
+        for name, values in needed.items()
+    )
 
 
 @lru_cache(maxsize=64)
