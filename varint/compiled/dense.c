@@ -16,25 +16,38 @@ INLINE V dot(const V *a, const V *b, int n) {
     return (s[0] + s[1]) + (s[2] + s[3]);
 }
 
-/* x := M^-1 x by M = L D L^T, in place. */
+#define ROW(m, i) ((m) + (i) * ((i) + 1) / 2 * STRIDE)
+#define BLOCK 4
+
+/* x := M^-1 x by M = L D L^T, in place. Four rows at a time, so that the rows above are read a quarter as often. */
 static __attribute__((noinline)) void solve(V *m, V *x) {
-    V inverse[N], *row = m;
-    for (int i = 0; i < N; row += ++i * STRIDE) {
-        const V *other = m;
-        for (int j = 0; j < i; other += ++j * STRIDE) row[j * STRIDE] -= dot(row, other, j); /* l_ij d_j */
-        V d = row[i * STRIDE];
-        for (int k = 0; k < i; k++) {
-            V l = row[k * STRIDE] * inverse[k];
-            d -= row[k * STRIDE] * l, row[k * STRIDE] = l;
+    V inverse[N];
+    for (int first = 0; first < N; first += BLOCK) {
+        const int rows = N - first < BLOCK ? N - first : BLOCK;
+        V *a[BLOCK];
+        for (int r = 0; r < BLOCK; r++) a[r] = ROW(m, first + (r < rows ? r : 0));
+        for (int j = 0; j < first; j++) { /* a_ij = l_ij d_j */
+            const V *above = ROW(m, j);
+            V s[BLOCK] = {a[0][j * STRIDE], a[1][j * STRIDE], a[2][j * STRIDE], a[3][j * STRIDE]};
+            for (int k = 0; k < j; k++)
+                for (int r = 0; r < BLOCK; r++) s[r] -= a[r][k * STRIDE] * above[k * STRIDE];
+            for (int r = 0; r < rows; r++) a[r][j * STRIDE] = s[r];
         }
-        inverse[i] = 1.0 / d;
-        x[i * STRIDE] -= dot(row, x, i);
+        for (int r = 0; r < rows; r++) {
+            const int i = first + r;
+            for (int j = first; j < i; j++) a[r][j * STRIDE] -= dot(a[r], ROW(m, j), j);
+            V d = a[r][i * STRIDE];
+            for (int k = 0; k < i; k++) {
+                V l = a[r][k * STRIDE] * inverse[k];
+                d -= a[r][k * STRIDE] * l, a[r][k * STRIDE] = l;
+            }
+            inverse[i] = 1.0 / d;
+            x[i * STRIDE] -= dot(a[r], x, i);
+        }
     }
     for (int i = 0; i < N; i++) x[i * STRIDE] *= inverse[i];
-    for (int i = N - 1; i > 0; i--) {
-        row = m + i * (i + 1) / 2 * STRIDE;
-        for (int k = 0; k < i; k++) x[k * STRIDE] -= row[k * STRIDE] * x[i * STRIDE];
-    }
+    for (int i = N - 1; i > 0; i--)
+        for (int k = 0; k < i; k++) x[k * STRIDE] -= ROW(m, i)[k * STRIDE] * x[i * STRIDE];
 }
 
 INLINE void rhs_prepare(const double *c, double *w) { inertia_prepare(c, w), push_prepare(c, w + INERTIA_W); }

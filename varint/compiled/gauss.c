@@ -24,7 +24,7 @@
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
 #if N > FEW
-#define LARGE static __attribute__((noinline))
+#define LARGE static __attribute__((noinline, noclone))
 #else
 #define LARGE INLINE
 #endif
