@@ -12,17 +12,18 @@ Errors are the largest component of q at the end, measured against the closed fo
 
 import json
 import os
-import platform
 import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
 
-import matplotlib
+import fronts
+import matplotlib.pyplot
 import numpy as np
 import peers
 from heyoka_peer import taylor
 from peers import Setting
+from record import measured_with
 from scenes import SCENES, Scene
 
 import varint as vi
@@ -195,7 +196,7 @@ def setup_of_varint(scene: Scene):
 
 
 def main(names):
-    results = {"machine": platform.processor() or platform.machine(), "turns": TURNS, "scenes": {}}
+    results = {"measured_with": measured_with(), "turns": TURNS, "scenes": {}}
     ratios = []
     for name in names or SCENES:
         scene = SCENES[name]()
@@ -234,41 +235,8 @@ def keep(results, ratios, names):
     RESULTS.mkdir(exist_ok=True)
     suffix = "".join("_" + name.replace(" ", "-") for name in names)
     (RESULTS / f"work_precision{suffix}.json").write_text(json.dumps(results, indent=1, ensure_ascii=False))
-    draw(results, RESULTS / f"work_precision{suffix}.png")
-
-
-def draw(results, path):
-    """Time over error, every tool's front, one panel a scene."""
-    from matplotlib import pyplot as plt
-
-    scenes = results["scenes"]
-    columns = min(3, len(scenes))
-    lines = -(-len(scenes) // columns)
-    figure, axes = plt.subplots(lines, columns, figsize=(5 * columns, 3.6 * lines), squeeze=False)
-    tools = sorted({row["tool"] for scene in scenes.values() for row in scene["all"]})
-    colours = dict(zip(tools, plt.get_cmap("tab10").colors, strict=False))
-    for ax, (name, scene) in zip(axes.flat, scenes.items(), strict=False):
-        for tool in tools:
-            points = sorted((row["error"], row["seconds"]) for row in scene["all"] if row["tool"] == tool)
-            front, best = [], np.inf
-            for error, seconds in points:
-                if seconds < best:
-                    front.append((max(error, 1e-16), 1e3 * seconds))
-                    best = seconds
-            if front:
-                ax.loglog(*zip(*front, strict=True), ".-", color=colours[tool], label=tool, lw=1, ms=4)
-        ax.set_title(name, fontsize=10)
-        ax.set_xlim(1e-14, 1)
-        ax.set_xlabel("error of q at the end")
-        ax.set_ylabel("time / ms")
-        ax.grid(alpha=0.3)
-    for ax in axes.flat[len(scenes) :]:
-        ax.axis("off")
-    handles = {h.get_label(): h for ax in axes.flat for h in ax.get_legend_handles_labels()[0]}
-    figure.legend(handles.values(), handles.keys(), loc="upper center", ncols=4, frameon=False)
-    figure.tight_layout(rect=(0, 0, 1, 0.95))
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    fronts.figure(results).savefig(RESULTS / f"work_precision{suffix}.png", dpi=110)
+    matplotlib.pyplot.close("all")
 
 
 if __name__ == "__main__":
