@@ -273,17 +273,16 @@ def _power(graph: Graph, base: int, exponent: Fraction, kind: str) -> int:
     """base^exponent for multiples of 1/4, by products, roots, and the reciprocal that the kind says."""
     if exponent < 0 and kind == "inverse":
         return _power(graph, graph.node("div", graph.one, base), -exponent, "")
-    inverse_root = graph.node("rsqrt", base) if kind == "root" else None
-    root = graph.node("sqrt", base) if inverse_root is None else graph.node("mul", base, inverse_root)
     quarters = int(4 * abs(exponent))
     parts = [graph.node("sqrt", graph.node("sqrt", base))] if quarters & 1 else []  # two roots side by side
-    if exponent > 0:
-        parts += [root] if quarters & 2 else []
-        parts += [whole_power(graph, base, quarters // 4)]
-    else:
+    inverse_root = graph.node("rsqrt", base) if kind == "root" and (quarters & 2 or exponent < 0) else None
+    if exponent < 0:
         assert inverse_root is not None
-        halves = (quarters + (quarters & 1)) // 2  # x^(-1/4) = x^(1/4) x^(-1/2)
-        parts += [whole_power(graph, inverse_root, halves)]
+        parts.append(whole_power(graph, inverse_root, (quarters + (quarters & 1)) // 2))  # x^-¼ = x^¼ x^-½
+    else:
+        if quarters & 2:
+            parts.append(graph.node("sqrt", base) if inverse_root is None else graph.node("mul", base, inverse_root))
+        parts.append(whole_power(graph, base, quarters // 4))
     result = graph.one
     for part in parts:
         result = graph.times(result, part)

@@ -9,6 +9,7 @@ from varint.system import System
 WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
 FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
 
+
 def constant_part(system: System) -> ca.SX:
     """d(c) of the momentum p = M v + d of a separable scene with constant mass."""
     return ca.substitute(system.momentum, system.v, ca.SX.zeros(system.v.numel()))
