@@ -8,7 +8,7 @@ a user calls it. A call costs 0.1 ms whatever the run, so that every scene is al
 milliseconds; the summary is of these, and of the short ones apart.
 Errors are those of the end: the largest component of q, against the closed form or a run of order 32, and the energy,
 relative to the largest kinetic energy |p·v|/2 at both ends and the energy. Set-up (building, compiling) is reported
-beside the run times. Results: benchmarks/results/work_precision.json and .png.
+beside the run times. Results: benchmarks/results/work_precision.json and .png; of chosen scenes out/ in their place.
 """
 
 import json
@@ -46,6 +46,7 @@ LEVELS = (None, 1e-9, 1e-7, 1e-5, 1e-4)
 TURNS = 9
 LONGEST = 0.2  # seconds of a run that is worth timing
 RESULTS = Path(__file__).parent / "results"
+PART = Path("out")  # for some scenes only
 GENERAL = ("heyoka", "compiled DOP853", "REBOUND IAS15", "SciPy DOP853", "CasADi cvodes", "CasADi idas")
 
 
@@ -281,10 +282,10 @@ def keep(results, ratios, names):
     }
     results["geometric means"] = {k: float(np.exp(np.mean(np.log(r)))) for k, r in groups.items() if r}
     results["ratios"] = ratios
-    RESULTS.mkdir(exist_ok=True)
-    suffix = "".join("_" + name.replace(" ", "-") for name in names)
-    (RESULTS / f"work_precision{suffix}.json").write_text(json.dumps(results, indent=1, ensure_ascii=False))
-    fronts.figure(results).savefig(RESULTS / f"work_precision{suffix}.png", dpi=110)
+    folder = PART if names else RESULTS
+    folder.mkdir(exist_ok=True)
+    (folder / "work_precision.json").write_text(json.dumps(results, indent=1, ensure_ascii=False))
+    fronts.figure(results).savefig(folder / "work_precision.png", dpi=110)
     matplotlib.pyplot.close("all")
 
 
