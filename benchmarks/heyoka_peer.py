@@ -4,7 +4,8 @@ import casadi as ca
 import heyoka as hy
 import numpy as np
 
-from varint.compiled.graph import Graph, graph_of
+from varint.compiled.algebra import graph_of
+from varint.compiled.graph import Graph
 from varint.compiled.mechanics import acceleration, force, solved, velocity
 from varint.system import System
 

@@ -139,19 +139,19 @@ def test_the_benchmark_page_shows_what_was_measured_when_and_on_what_and_says_wh
         {"wanted": 1e-6, "tool": "peer", "seconds": 0.001, "error": 8e-7, "setting": "", "setup": 0.0},
         {"wanted": 1e-9, "tool": "peer", "seconds": 0.002, "error": 8e-10, "setting": "", "setup": 0.0},
     ]
-    ratios = [{"ratio": 0.5, "scene": "comet", "wanted": 1e-6}]
+    ratios = [{"ratio": 0.5, "scene": "comet", "wanted": 1e-6, "measure": "q", "long": True}]
     about = {"date": "2026-01-31", "processor": "abacus", "cores": 3, "varint": "9.9"}
     scenes = {"comet": {"apart": 1e-14, "rows": rows, "all": rows, "setup": {}}}
     results = tmp_path / "results"
     results.mkdir()
-    whole = {"measured_with": about, "scenes": scenes, "geometric mean": 0.5, "ratios": ratios}
+    whole = {"measured_with": about, "scenes": scenes, "geometric means": {"error of q": 0.5}, "ratios": ratios}
     (results / "work_precision.json").write_text(json.dumps(whole))
     (results / "long_run.json").write_text(json.dumps({"rows": [{"steps": 10**8, "drift": -1.25e-7, "none": None}]}))
     page = tmp_path / "page" / "benchmarks.md"
     benchmark_page.write(page, results)
     text = page.read_text()
     assert "Measured on abacus, 3 cores, 2026-01-31, varint 9.9." in text and "date not recorded" in text
-    assert "geometric mean 0.50" in text and "| comet | 0.5 |" in text
+    assert "- error of q: 0.50" in text and "| comet | 0.5 |" in text
     assert "| 1e-06 | 0.5 | 1 |" in text and "| 1e-09 | – | 2 |" in text
     assert "| 100,000,000 | −1.2e−7 | – |" in text
     assert (page.parent / "_build" / "work_precision.png").read_bytes().startswith(b"\x89PNG")
