@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -94,14 +95,63 @@ def test_a_block_that_fails_or_warns_or_draws_without_words_is_found():
     assert drawn[0][0] == "a line" and drawn[0][1].startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_to_files_and_pictures_have_words(page):
+LINK = re.compile(r"(!?)\[([^\]]*)\]\((<[^>]+>|[^)\s]+)\)")
+
+
+def links(page):
+    """(! or nothing, words, target) of the links of a page, outside code."""
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S)
+    return [(bang, words, target.strip("<>")) for bang, words, target in LINK.findall(text)]
+
+
+def anchors(page):
+    """Names that a page's headings can be linked by."""
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
-    for bang, words, target in re.findall(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)", text):
+    headings = re.findall(r"^#+ (.+)$", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_to_files_and_headings_and_pictures_have_words(page):
+    for bang, words, target in links(page):
         assert not bang or len(words) > 10, f"{target} needs a description"
-        path = target.split("#")[0]
-        if path and not re.match(r"\w+:", path) and not MADE.match(path):
-            assert (page.parent / path).exists(), f"{name_of(page)} links to {target}"
+        path, _, anchor = target.partition("#")
+        if re.match(r"\w+:", path) or MADE.match(path):
+            continue
+        file = page.parent / path if path else page
+        assert file.exists(), f"{name_of(page)} links to {target}"
+        assert not anchor or anchor in anchors(file), f"{name_of(page)} links to {target}"
+
+
+def test_links_that_lead_outside_are_well_formed_and_the_documentation_has_those_of_the_readme():
+    outside = {page: {t for _, _, t in links(page) if re.match(r"\w+:", t)} for page in PAGES}
+    known = set().union(*(found for page, found in outside.items() if DOCS in page.parents))  # what linkcheck tries
+    assert outside[ROOT / "README.md"] <= known
+    for target in set().union(*outside.values()):
+        parts = urlsplit(target)
+        assert parts.scheme == "https" and "." in parts.netloc and not re.search(r"[\s<>\"]", target), target
+        if parts.netloc == "doi.org":
+            assert re.fullmatch(r"/10\.\d{4,9}/\S+", parts.path), target
+
+
+def test_a_doi_is_written_as_it_is_linked_and_as_it_is_cited():
+    found = {t: words for _, words, t in links(DOCS / "theory" / "literature.md") if "doi.org" in t}
+    assert len(found) > 10 and all(words == "doi:" + t.removeprefix("https://doi.org/") for t, words in found.items())
+    cited = re.findall(r"^ +doi: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
+    assert cited and {f"https://doi.org/{doi}" for doi in cited} <= set(found)
+
+
+def test_a_picture_without_words_is_found_while_the_documentation_is_built():
+    nodes, utils = pytest.importorskip("docutils.nodes"), pytest.importorskip("docutils.utils")
+    pytest.importorskip("sphinx")
+    from alternatives import wordless
+
+    page = utils.new_document("page")
+    page += nodes.image(uri="good.png", alt="a line that rises from left to right")
+    page += nodes.raw("", '<img src="good.png" alt="two circles, one in the other">', format="html")
+    assert not wordless(page)
+    page += [nodes.image(uri="bad.png"), nodes.raw("", '<img src="worse.png" alt="">', format="html")]
+    assert wordless(page) == ["bad.png", '<img src="worse.png" alt="">']
 
 
 def test_figures_of_the_pages_are_described_in_whole_sentences():
