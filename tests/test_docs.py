@@ -20,6 +20,9 @@ from blocks import FIGURE, marked_blocks, outcome, python_blocks  # noqa: E402  
 from chapters import CHAPTERS  # noqa: E402
 from gallery import example  # noqa: E402
 
+import varint as vi  # noqa: E402
+from varint.compositions import COMPOSITIONS  # noqa: E402
+
 GENERATED = {DOCS / "verification.md", DOCS / "benchmarks.md", *(DOCS / "gallery").glob("*.md")}
 PAGES = sorted({*ROOT.glob("*.md"), *DOCS.glob("*.md"), *DOCS.glob("*/*.md")} - GENERATED)
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -222,3 +225,33 @@ def test_a_benchmark_stores_date_machine_and_versions():
     about = record.measured_with()
     assert set(about) >= {"date", "machine", "processor", "cores", "python", "varint", "casadi", "numpy"}
     assert all(about.values()) and re.fullmatch(r"\d{4}-\d\d-\d\d", about["date"])
+
+
+def test_the_readme_lists_the_rules_that_there_are():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for family in (vi.gauss, vi.lobatto):
+        last = int(re.search(rf"`{family.__name__}\(s\)`, s = \d+ … (\d+);", text)[1])
+        assert family(last)
+        with pytest.raises(vi.InputError):
+            family(last + 1)
+    (row,) = re.findall(r"^\| `composition\(name\)`.*$", text, re.M)
+    assert set(re.findall(r"`([a-z-]+\d*)`", row)) == set(COMPOSITIONS)
+
+
+def test_the_readme_s_run_times_are_those_of_the_benchmark():
+    sys.path.insert(0, str(DOCS))
+    import images
+
+    def scene(**seconds):
+        return {"rows": [{"tool": tool, "wanted": images.WANTED, "seconds": s} for tool, s in seconds.items()]}
+
+    first, second, *_ = images.SHOWN
+    about = {"processor": "abacus", "date": "2026-01-31"}
+    result = {"measured_with": about, "scenes": {first: scene(varint=0.002, peer=0.003), second: scene(varint=0.0005)}}
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in images.measured(result).splitlines()[:4]]
+    assert rows[0][1:] == [images.SHOWN[first], images.SHOWN[second]]
+    assert rows[2:] == [["varint", "2 ms", "0.5 ms"], ["peer", "1.5", "–"]]
+    assert "abacus, 2026-01-31" in images.measured(result)
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = images.BETWEEN.search(text)
+    assert found and re.search(r"\d{4}-\d\d-\d\d", found[0]) and "| heyoka |" in found[0]
