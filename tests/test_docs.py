@@ -95,6 +95,12 @@ def test_a_block_that_fails_or_warns_or_draws_without_words_is_found():
     assert outcome("x = 2", kept, "here").text == ""
     assert outcome("print(x + 1)", kept, "here").text == "3\n"
     drawn = outcome("import matplotlib.pyplot as plt; plt.plot([1, 2])\n# figure: a line", kept, "here").figures
+    import matplotlib.pyplot as plt
+
+    before = plt.rcParams["axes.prop_cycle"]
+    outcome("plt.style.use('tableau-colorblind10')", kept, "here")
+    outcome("assert plt.rcParams['axes.prop_cycle'].by_key()['color'][0] == '#006BA4'", kept, "here")
+    assert plt.rcParams["axes.prop_cycle"] == before  # of another page
     assert drawn[0][0] == "a line" and drawn[0][1].startswith(b"\x89PNG")
 
 
