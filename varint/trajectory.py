@@ -338,7 +338,7 @@ class Trajectory:
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         if self.fictitious is not None:
-            from varint.stepping.rescaled import at_times
+            from varint.stepping.clock import at_times
 
             found = at_times(self, times)
         else:

@@ -42,9 +42,7 @@ def kernel_for(system: System, rule: Rule, task: Task, backend: str) -> Kernel |
         raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
     if backend == "interpreted" or (backend == "auto" and not _repays(system, rule, task)):
         return None
-    from varint.compiled.cache import CompileError
-    from varint.compiled.graph import NotCompilable
-    from varint.stepping.native import kernel_of
+    from varint.stepping.native import CompileError, NotCompilable, kernel_of
 
     try:
         return kernel_of(system, rule)
@@ -88,7 +86,7 @@ def blocks_of(
     system: System, rule: Rule, task: Task, kernel: Kernel | None, at: Position | None = None
 ) -> Iterator[Block]:
     """The run block by block, compiled where there is a kernel; from a position on where one is given."""
-    if kernel is None or (at is not None and at.carry is None):
+    if kernel is None or (at is not None and at.carry is None and not at.by_newton):
         return run(system, rule, task, at)
     from varint.stepping.native import native_blocks
 

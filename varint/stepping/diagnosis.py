@@ -66,7 +66,8 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     s = motion.system.structure
     if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
         return None
-    i = np.arange(SAMPLES) * (len(motion) - 1) // (SAMPLES - 1)
+    last = len(motion) - 1
+    i = np.arange(SAMPLES) * last // (SAMPLES - 1) if last >= SAMPLES else np.arange(last + 1)
     q, p, t = motion.q[i], motion.p[i], motion.t[i, None]
     h = np.array([motion.h])
     if motion.phase is None:
@@ -74,13 +75,13 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     else:
         v = replace(motion, t=t[:, 0], q=q, p=p, k=motion.k[i], phase=motion.phase[i]).v
         found = over_columns(_energy_function(motion.system), q, v, t, motion.c, h)
-    energy, moving, kicked = (x[:, 0] for x in found)
-    change = np.abs(energy - energy[0])
-    wrong = ~(change <= max(GROSS * moving.max(), GROSS * kicked[0], NOTHING * np.abs(energy).max()))
-    if not wrong.any():
-        return None
-    k = int(np.argmax(wrong))
-    return Jump(float(motion.t[i[k]]), float(energy[0]), float(energy[k]))
+    energy, moving, kicked = (x[:, 0].tolist() for x in found)  # so few that lists are faster than arrays
+    before = energy[0]
+    largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
+    for k, after in enumerate(energy):
+        if not abs(after - before) <= largest:
+            return Jump(float(motion.t[i[k]]), before, after)
+    return None
 
 
 @per_system
@@ -96,10 +97,11 @@ def _energy_function(system: System) -> ca.Function:
 @per_system
 def _energy_of_momentum(system: System) -> ca.Function:
     """(q, p, t, c, h) → the same."""
-    n = system.structure.n
-    q, p, t, c, h = (ca.MX.sym(x, k) for x, k in zip("qptch", (n, n, 1, system.c.numel(), 1), strict=True))
-    v = velocity_function(system)(q, p, t, c)
-    return ca.Function("energy", [q, p, t, c, h], _energy_function(system)(q, v, t, c, h))
+    n, velocity = system.structure.n, velocity_function(system)
+    symbol = ca.SX.sym if velocity.is_a("SXFunction") else ca.MX.sym
+    q, p, t, c, h = (symbol(x, k) for x, k in zip("qptch", (n, n, 1, system.c.numel(), 1), strict=True))
+    outputs = _energy_function(system)(q, velocity(q, p, t, c), t, c, h)
+    return ca.Function("energy", [q, p, t, c, h], outputs)
 
 
 @np.errstate(all="ignore")

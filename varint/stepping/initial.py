@@ -22,6 +22,7 @@ from varint.system import System, parameter_values, per_system
 WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
+LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -39,6 +40,7 @@ def initial_task(
     u: Any,
     params: Mapping[str, Any] | None,
     save_every: int,
+    level: float = 0.0,
 ) -> Task:
     """Checked and completed input of one run."""
     n = system.structure.n
@@ -56,7 +58,7 @@ def initial_task(
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
     u = controls(system, rule, u, count)
-    return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase)
+    return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase, level=level)
 
 
 @per_system
@@ -172,7 +174,7 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
     u, t = np.zeros(structure.controls), np.array([t0])
     p, mass, push = call(start_function(system), q, v, u, t, c)
-    if not (np.isfinite(p).all() and np.isfinite(mass).all() and np.isfinite(push).all()):
+    if not np.isfinite(np.concatenate((p, mass, push))).all():
         raise InputError(
             f"the Lagrangian's derivatives are not finite at the start, q0={q}, t0={t0:g}: a collision, a square root "
             "or logarithm of a negative number, or a parameter value; move the start or change the parameters"

@@ -15,7 +15,7 @@ from varint.stepping.implicit import implicit_stepper
 from varint.stepping.linear import is_linear, linear_stepper
 from varint.stepping.rattle import eliminates_path, rattle_stepper
 from varint.stepping.stepper import Stepper
-from varint.system import System
+from varint.system import System, per_system
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,14 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
       skipped  matrix solves: M is diagonal
       skipped  time: the scene is autonomous
     """
-    rule = default_rule(system) if rule is None else rule
-    if not isinstance(rule, Rule):
+    if rule is not None and not isinstance(rule, Rule):
         raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
+    return _plan(system, rule)
+
+
+@per_system
+def _plan(system: System, rule: Rule | None) -> Plan:
+    rule = default_rule(system) if rule is None else rule
     s = system.structure
     refuse_what_no_stepper_has(system, rule)
     if s.contacts:

@@ -50,7 +50,8 @@ class Position:
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
-    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along.
+    next block may have (few after a failure). Of a compiled run: q and p as x, what its loop carries along, and whether
+    Newton's method has taken over from fixed-point iteration.
     """
 
     x: np.ndarray
@@ -59,6 +60,7 @@ class Position:
     k: int
     largest: int
     carry: np.ndarray | None = None
+    by_newton: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,116 @@
+"""The clock of a run with a time scale: its nodes, and states between them, at physical times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from varint.between import require_within, steps_ahead
+from varint.stepping.run import Task
+from varint.stepping.step_function import action_function, step_function
+from varint.system import System
+from varint.trajectory import Event, Trajectory
+
+if TYPE_CHECKING:
+    from varint.compiled.kernel import Kernel
+
+Ahead = Callable[[np.ndarray], tuple[np.ndarray, ...]]  # times → q, p, v and whole steps there
+
+LOCATED = 4 * np.finfo(float).eps  # relative to |t|
+MOST_ITERATIONS = 60
+
+
+def physical(system: System, t0: float, inner: Trajectory) -> Trajectory:
+    """The motion in physical time; the motion in fictitious time stays with it."""
+    n, rule = system.q.numel(), inner.rule
+    return replace(
+        inner,
+        system=system,
+        t=t0 + inner.q[:, n],
+        q=inner.q[:, :n],
+        p=inner.p[:, :n],
+        c=inner.c[:-2],
+        functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
+        events=(),
+        fictitious=inner,
+    )
+
+
+def happened(system: System, t0: float, inner: Trajectory) -> tuple[Event, ...]:
+    """The events up to the last node, at physical times."""
+    before = [event for event in inner.events if (inner.t[-1] - event.time) * inner.h >= 0]
+    if not before:
+        return ()
+    at = physical(system, t0, inner.at([event.time for event in before]))
+    return tuple(
+        replace(event, time=float(t), energy_before=float(e), energy_after=float(e))
+        for event, t, e in zip(before, at.t, at.energy, strict=True)
+    )
+
+
+def reached(left: Trajectory, right: Trajectory, times: np.ndarray, ahead: Ahead | None = None) -> Trajectory:
+    """Nodes of the rescaled motion where its clock shows `times`, each between a node of `left` and one of `right`.
+
+    τ(t) by Hermite's cubic, then Newton's method on the clock with the rule's own sub-steps, dt/dτ = σ.
+    """
+    ahead = ahead or partial(_ahead, left)
+    a, b = left.t, right.t
+    ta, tb, sa, sb = left.q[:, -1], right.q[:, -1], left.v[:, -1], right.v[:, -1]
+    x = (times - ta) / (tb - ta)
+    rise = b - a
+    tau = a + x**2 * (3 - 2 * x) * rise + (tb - ta) * (x * (1 - x) ** 2 / sa - x**2 * (1 - x) / sb)
+    low, high, close = a, b, LOCATED * np.maximum(np.abs(times), np.abs(tb - ta))
+    for _ in range(MOST_ITERATIONS):
+        q, p, v, k = ahead(tau)
+        off = times - q[:, -1]
+        step = off / v[:, -1]
+        good = (np.abs(off) <= close) | (np.abs(step) <= LOCATED * np.maximum(np.abs(tau), np.abs(rise)))
+        if good.all():
+            break
+        short = step * rise > 0
+        low, high = np.where(short, tau, low), np.where(short, high, tau)
+        tau = np.where(good, tau, tau + step)
+        tau = np.where((tau - low) * (high - tau) < 0, (low + high) / 2, tau)
+    return replace(left, t=tau, q=q, p=p, k=k, events=())
+
+
+def _ahead(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, ...]:
+    """q, p, v and k of every node carried on to a later time of its own, by steps of the same rule."""
+    states = [motion.q.copy(), motion.p.copy(), motion.k.copy()]
+    for _ in steps_ahead(motion, np.arange(len(motion)), times - motion.t, states):
+        continue
+    q, p, k = states
+    return q, p, replace(motion, t=times, q=q, p=p, k=k, events=()).v, k
+
+
+def ahead_by(kernel: Kernel | None, task: Task, near: Trajectory) -> Ahead | None:
+    """The same of the first node alone, by the compiled loop; None where there is none."""
+    if kernel is None:
+        return None
+    from varint.stepping.native import one_step
+
+    t, q, p = float(near.t[0]), near.q[0], near.p[0]
+
+    def ahead(times: np.ndarray) -> tuple[np.ndarray, ...]:
+        found = one_step(kernel, task, t, q, p, float(times[0]) - t)
+        return _ahead(near[:1], times) if found is None else (*found[:, None], near.k[:1])
+
+    return ahead
+
+
+def at_times(motion: Trajectory, times: np.ndarray) -> Trajectory:
+    """The physical motion at physical times, from its motion in fictitious time."""
+    inner = motion.fictitious
+    assert inner is not None
+    require_within(motion, times)
+    clock = inner.q[:, -1]
+    direction = 1.0 if inner.h > 0 else -1.0
+    wanted = times - motion.t[0] + clock[0]
+    node = np.searchsorted(direction * clock, direction * wanted, side="right") - 1
+    node = np.clip(node, 0, max(len(inner) - 2, 0))
+    found = reached(inner[node], inner[np.minimum(node + 1, len(inner) - 1)], wanted)
+    return replace(physical(motion.system, motion.t[0] - clock[0], found), t=times, events=())
