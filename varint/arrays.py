@@ -61,15 +61,13 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     for i, (argument, size) in enumerate(zip(arguments, sizes, strict=True)):
         if argument.size != size:
             raise AssertionError(f"{function.name()}: input {i} has {argument.size} numbers, not {size}")
-    if own:
-        for memory, argument in zip(own[0], arguments, strict=True):
-            memory[:] = argument.reshape(-1)
-        trigger()
-        return [memory.copy() for memory in own[1]]
-    outputs = [np.empty(size) for size in out]
-    _hand_over(buffer, arguments, outputs)
+        if own and size:
+            own[0][i][:] = argument if argument.ndim == 1 else argument.reshape(-1)
+    outputs = [np.empty(size) for size in out] if own is None else own[1]
+    if own is None:
+        _hand_over(buffer, arguments, outputs)
     trigger()
-    return outputs
+    return outputs if own is None else [memory.copy() for memory in outputs]
 
 
 @lru_cache(maxsize=256)

@@ -137,7 +137,7 @@ class Trajectory:
     def __getitem__(self, index: int | slice | np.ndarray) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
         if isinstance(index, (slice, np.ndarray)):
-            return replace(
+            part = replace(
                 self,
                 t=self.t[index],
                 q=self.q[index],
@@ -147,6 +147,9 @@ class Trajectory:
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
             )
+            if "v" in self.__dict__:  # once known, known of every part
+                part.__dict__["v"] = self.v[index]
+            return part
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
     @cached_property

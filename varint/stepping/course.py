@@ -175,10 +175,9 @@ def trajectory(
     """The motion that these blocks of the run hold."""
     system, chosen, task, _, _, kernel, began = course
     k = np.concatenate([block.k[: block.good] for block in nodes])
+    t = task.t0 + task.h * k
     if any(block.t is not None for block in nodes):
         t = np.concatenate([task.t0 + task.h * b.k[: b.good] if b.t is None else b.t for b in nodes])
-    else:
-        t = task.t0 + task.h * k
     phases, phase = _phases(system, task, nodes)
     events = [*noted, *(event for block in nodes for event in block.events)]
     if len(events) > 1:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -56,7 +55,6 @@ class Jump(NamedTuple):
         )
 
 
-@np.errstate(all="ignore")  # what is not finite is looked at
 def energy_jump(motion: Trajectory) -> Jump | None:
     """The first of ten nodes whose energy error is as large as the kinetic energy, in a scene that conserves energy.
 
@@ -67,20 +65,19 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
         return None
     last = len(motion) - 1
-    i = np.arange(SAMPLES) * last // (SAMPLES - 1) if last >= SAMPLES else np.arange(last + 1)
-    q, p, t = motion.q[i], motion.p[i], motion.t[i, None]
-    h = np.array([motion.h])
+    if last > SAMPLES:
+        motion = motion[np.arange(SAMPLES) * last // (SAMPLES - 1)]
+    q, t, h = motion.q, motion.t[:, None], np.array([motion.h])
     if motion.phase is None:
-        found = over_columns(_energy_of_momentum(motion.system), q, p, t, motion.c, h)
+        found = over_columns(_energy_of_momentum(motion.system), q, motion.p, t, motion.c, h)
     else:
-        v = replace(motion, t=t[:, 0], q=q, p=p, k=motion.k[i], phase=motion.phase[i]).v
-        found = over_columns(_energy_function(motion.system), q, v, t, motion.c, h)
+        found = over_columns(_energy_function(motion.system), q, motion.v, t, motion.c, h)
     energy, moving, kicked = (x[:, 0].tolist() for x in found)  # so few that lists are faster than arrays
     before = energy[0]
     largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
     for k, after in enumerate(energy):
         if not abs(after - before) <= largest:
-            return Jump(float(motion.t[i[k]]), before, after)
+            return Jump(float(motion.t[k]), before, after)
     return None
 
 

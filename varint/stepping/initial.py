@@ -172,7 +172,7 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
     elif v0 is None and p0 is None:
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
-    u, t = np.zeros(structure.controls), np.array([t0])
+    u, t = np.zeros(structure.controls), np.array((t0,))
     p, mass, push = call(start_function(system), q, v, u, t, c)
     if not np.isfinite(np.concatenate((p, mass, push))).all():
         raise InputError(

@@ -17,7 +17,7 @@ from varint.compiled.kernel import run as compiled_run
 from varint.compiled.newton import CLOSED, newton_kernel
 from varint.rules import MOST_STAGES, Rule, gauss
 from varint.stepping.run import Block, Position, Task, run
-from varint.system import System
+from varint.system import System, per_system
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
@@ -26,6 +26,7 @@ PILOT = 1000  # steps after which fixed-point iteration must have shown that it 
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 
+@per_system
 def kernel_of(system: System, rule: Rule) -> Kernel:
     """The compiled loop of a system and a rule.
 
@@ -105,8 +106,10 @@ def _by_newton(system: System, rule: Rule, task: Task, compiled: bool = True) ->
         yield from run(system, rule, task)
         return
     for block in native_blocks(system, rule, task, kernel):
-        compiled_on = block.after is not None and block.after.carry is not None  # not handed on to the interpreted one
-        yield replace(block, after=replace(block.after, by_newton=True)) if compiled_on else block
+        at = block.after
+        if at is not None and at.carry is not None:  # not handed on to the interpreted one
+            block = replace(block, after=replace(at, by_newton=True))
+        yield block
 
 
 def _pieces(steps: int, every: int, pilot: bool) -> Iterator[tuple[int, int]]:

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.arrays import call
+from varint.arrays import call, over_columns
 from varint.errors import ConvergenceError, InputError
 from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
@@ -159,9 +159,12 @@ def _ended(course: Course, inner: Trajectory, total: float) -> Trajectory:
         fine = trajectory(course, [first_node(part), *blocks_of(moving(course), course.plan.rule, part, course.kernel)])
         i = int(np.searchsorted(np.abs(fine.q[:, -1]), abs(total) * (1 - LOCATED)))
         near = fine[i - 1 : i + 1]
+    near.v  # noqa: B018  # of both at once
     end = reached(near[:1], near[1:], np.array([total]), ahead_by(course.kernel, course.task, near))
     wanted = np.flatnonzero(inner.k[:kept] % course.task.save_every == 0)
-    joined = {name: np.concatenate([getattr(inner, name)[wanted], getattr(end, name)]) for name in "tqpk"}
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(inner, name)[wanted], getattr(end, name)]) for name in "tqpk"
+    }
     phase = None if inner.phase is None or end.phase is None else np.concatenate([inner.phase[wanted], end.phase])
     return replace(inner, phase=phase, **joined)
 
@@ -181,12 +184,12 @@ def _require_level(scene: Rescaled, course: Course, inner: Trajectory) -> None:
         )
     kinetic = np.abs((p[:-1, :n] * rise[:, :n]).sum(axis=1) / passed).max()
     start, c, t = inner.c[-2], inner.c[:-2], np.zeros(1)
-    velocity = velocity_function(moving(course))
-    for k in (slowest, slowest + 1):
-        (v,) = call(velocity, q[k], p[k], t, inner.c)
-        energy = call(scene.energy, q[k, :n], v[:n] / v[n], t, c)[0][0]
+    q, p = q[slowest : slowest + 2], p[slowest : slowest + 2]
+    (v,) = over_columns(velocity_function(moving(course)), q, p, t, inner.c)
+    energies = over_columns(scene.energy, q[:, :n], v[:, :n] / v[:, n:], t, c)[0][:, 0].tolist()
+    for energy, clock in zip(energies, q[:, n].tolist(), strict=True):
         if not abs(energy - start) <= OFF_LEVEL * kinetic:
             raise InputError(
-                f"the energy is {energy:g} at t = {q[k, n]:g} and was {start:g} at the start: time_scale comes "
+                f"the energy is {energy:g} at t = {clock:g} and was {start:g} at the start: time_scale comes "
                 "too close to zero there, or h is too large; choose another time_scale or a smaller h"
             )
