@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.rules import MOST_STAGES, Rule, gauss
-from varint.stepping.rattle import eliminates_path
 from varint.stepping.run import Block, Position, Task, run
 from varint.system import System
 
@@ -66,6 +65,8 @@ def _repays(system: System, rule: Rule, task: Task) -> bool:
     elif not (s.constraints or s.nonholonomic) and rule == gauss(min(len(rule.nodes), MOST_STAGES)):
         work = point_function(system).n_instructions() * len(rule.nodes) * ITERATIONS * INSTRUCTION
     else:
+        from varint.stepping.rattle import eliminates_path
+
         path = 0 if s.constraints and eliminates_path(system, rule) else s.n * rule.degree
         unknowns = path + s.constraints * rule.degree + s.nonholonomic
         work = unknowns * UNKNOWN

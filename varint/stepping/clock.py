@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from varint.between import require_within, steps_ahead
+from varint.stepping.course import step_functions
 from varint.stepping.run import Task
-from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Event, Trajectory
 
@@ -26,7 +26,7 @@ MOST_ITERATIONS = 60
 
 def physical(system: System, t0: float, inner: Trajectory) -> Trajectory:
     """The motion in physical time; the motion in fictitious time stays with it."""
-    n, rule = system.q.numel(), inner.rule
+    n = system.q.numel()
     return replace(
         inner,
         system=system,
@@ -34,7 +34,7 @@ def physical(system: System, t0: float, inner: Trajectory) -> Trajectory:
         q=inner.q[:, :n],
         p=inner.p[:, :n],
         c=inner.c[:-2],
-        functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
+        functions=partial(step_functions, inner.rule, system),
         events=(),
         fictitious=inner,
     )

@@ -12,20 +12,21 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from varint.errors import InputError
-from varint.manifold import Phase
 from varint.progress import progress_bar
+from varint.rules import Rule
 from varint.stepping.backend import blocks_of, kernel_for
-from varint.stepping.checkpoint import Checkpoint
-from varint.stepping.diagnosis import failure
 from varint.stepping.events import Watch, crossings, logged
 from varint.stepping.plan import Plan
 from varint.stepping.run import Block, Task
-from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Event, Trajectory
 
 if TYPE_CHECKING:
+    import casadi as ca
+
     from varint.compiled.kernel import Kernel
+    from varint.manifold import Phase
+    from varint.stepping.checkpoint import Checkpoint
 
 
 class Course(NamedTuple):
@@ -132,6 +133,8 @@ def travelled(
                     motion = trajectory(course, nodes, noted)
                     if found:
                         return _cut(motion, len(motion) - len(recent) + found[0][0] + 1, found[0][1])
+                    from varint.stepping.diagnosis import failure
+
                     raise failure(motion, _failed_step(block), block.failed, on_failure)
                 if block.good:
                     before, reached = reached, int(block.k[block.good - 1])
@@ -192,7 +195,7 @@ def trajectory(
         k=k,
         u=task.u,
         c=task.c,
-        functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
+        functions=partial(step_functions, chosen.rule, system),
         phases=phases,
         phase=phase,
         events=tuple(events),
@@ -208,6 +211,14 @@ def trajectory(
             }
         ),
     )
+
+
+def step_functions(rule: Rule, own: System, scene: System | None = None) -> tuple[ca.Function, ca.Function]:
+    """Step function and action function of a system, or of a scene that moves in one of its phases."""
+    from varint.stepping.step_function import action_function, step_function
+
+    scene = scene or own
+    return step_function(scene, rule), action_function(scene, rule)
 
 
 def _phases(system: System, task: Task, nodes: Sequence[Block]) -> tuple[tuple[Phase, ...], np.ndarray | None]:

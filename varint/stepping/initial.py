@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from varint.arrays import call
-from varint.consistency import check_gaps, check_start, independent_rows
 from varint.discrete import point_function
 from varint.errors import InputError
-from varint.manifold import Phase, every_row_function, tangent_function
 from varint.rules import Rule
 from varint.stepping.run import Task
 from varint.system import System, parameter_values, per_system
+
+if TYPE_CHECKING:
+    from varint.manifold import Phase
 
 WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
@@ -54,6 +55,8 @@ def initial_task(
     phase = None
     _check_rows(system, q, t0, c)
     if system.structure.contacts:
+        from varint.consistency import check_gaps
+
         check_gaps(system, q, t0, c)
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
@@ -73,6 +76,8 @@ def _check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None
     s = system.structure
     if not (s.constraints or s.nonholonomic or s.contacts):
         return
+    from varint.manifold import every_row_function
+
     rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
     rows += call(_held_function(system), q, np.array([t0]), c)
     if not all((np.abs(x) < STEEPEST).all() for x in rows):
@@ -86,6 +91,9 @@ def _on_manifold(
     system: System, q: np.ndarray, v: np.ndarray | None, p: np.ndarray, t0: float, c: np.ndarray
 ) -> tuple[np.ndarray, Phase]:
     """The momentum without its round-off across the constraints, and the rows that are solved."""
+    from varint.consistency import check_start, independent_rows
+    from varint.manifold import Phase, tangent_function
+
     t = np.array([t0])
     phase = Phase(independent_rows(system, q, np.zeros(len(q)) if v is None else v.ravel(), t0, c))
     tangent = tangent_function(phase.scene(system))

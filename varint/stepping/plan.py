@@ -7,13 +7,7 @@ from dataclasses import dataclass, replace
 
 from varint.discrete import require_explicit
 from varint.errors import InputError
-from varint.manifold import Phase
 from varint.rules import Rule, composition, gauss, lobatto
-from varint.stepping.constrained import constrained_stepper
-from varint.stepping.explicit import explicit_stepper
-from varint.stepping.implicit import implicit_stepper
-from varint.stepping.linear import is_linear, linear_stepper
-from varint.stepping.rattle import eliminates_path, rattle_stepper
 from varint.stepping.stepper import Stepper
 from varint.system import System, per_system
 
@@ -100,6 +94,8 @@ def _plan(system: System, rule: Rule | None) -> Plan:
     s = system.structure
     refuse_what_no_stepper_has(system, rule)
     if s.contacts:
+        from varint.manifold import Phase
+
         free = plan(Phase(tuple(range(s.constraints))).scene(system), rule)
         watch = "a look at gaps and contact multipliers after every block of steps; sub-steps where one changes sign"
         return replace(free, method=f"{free.method}, contacts watched", runs=(*free.runs, watch), build=_not_one_step)
@@ -107,6 +103,8 @@ def _plan(system: System, rule: Rule | None) -> Plan:
     if s.autonomous:
         skipped.append("time: the scene is autonomous")
     if rule.kicks and (s.explicit or not rule.points):
+        from varint.stepping.explicit import explicit_stepper
+
         require_explicit(system, rule)
         if s.diagonal_mass:
             skipped.insert(0, "matrix solves: M is diagonal")
@@ -116,6 +114,9 @@ def _plan(system: System, rule: Rule | None) -> Plan:
         runs: tuple[str, ...] = (f"{evaluations} force evaluation{'s' * (evaluations > 1)} a step{kept}",)
         return Plan(rule, "kick and drift", runs, tuple(skipped), explicit_stepper)
     if s.constraints or s.nonholonomic:
+        from varint.stepping.constrained import constrained_stepper
+        from varint.stepping.rattle import eliminates_path, rattle_stepper
+
         if eliminates_path(system, rule):
             runs = (
                 f"Newton's method for {s.constraints} multipliers, banded for chains (SHAKE)",
@@ -130,6 +131,9 @@ def _plan(system: System, rule: Rule | None) -> Plan:
             "projection of the momentum onto the hidden constraint at the end of the step",
         )
         return Plan(rule, "Newton's method with multipliers", runs, tuple(skipped), constrained_stepper)
+    from varint.stepping.implicit import implicit_stepper
+    from varint.stepping.linear import is_linear, linear_stepper
+
     if is_linear(system, rule):
         runs = (f"one constant linear map for {rule.degree} × {s.n} unknowns, inverted once for the whole run",)
         skipped.insert(0, "root finding: L is quadratic and the forces are linear")

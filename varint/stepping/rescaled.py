@@ -21,9 +21,9 @@ from varint.rules import Rule
 from varint.stepping.backend import blocks_of
 from varint.stepping.clock import LOCATED, ahead_by, happened, physical, reached
 from varint.stepping.course import Course, course_of, first_node, moving, trajectory, travelled
-from varint.stepping.diagnosis import energy_jump
 from varint.stepping.events import watched, watched_events
 from varint.stepping.initial import LEVEL, initial_task, number
+from varint.stepping.jump import energy_jump
 from varint.stepping.plan import plan
 from varint.stepping.run import Block, Task
 from varint.stepping.time_scale import Rescaled, rescaled

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from varint.arrays import call, over_columns
-from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, inertia_function, scale_function
 from varint.system import System, per_system
 from varint.trajectory import Event
+
+if TYPE_CHECKING:
+    from varint.manifold import Phase
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run

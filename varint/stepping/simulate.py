@@ -12,14 +12,11 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.rules import Rule
-from varint.stepping.accuracy import for_tolerance
-from varint.stepping.checkpoint import checkpoint_of
 from varint.stepping.course import course_of, travelled
-from varint.stepping.diagnosis import energy_jump
 from varint.stepping.events import watched, watched_events
 from varint.stepping.initial import LEVEL, initial_task
+from varint.stepping.jump import energy_jump
 from varint.stepping.plan import plan
-from varint.stepping.rescaled import rescaled_motion
 from varint.system import System
 from varint.trajectory import Trajectory
 
@@ -120,6 +117,8 @@ def simulate(
     if time_scale is not None:
         if u is not None:
             raise InputError("time_scale takes no controls u: they change the energy that it is built on")
+        from varint.stepping.rescaled import rescaled_motion
+
         return rescaled_motion(
             system, rule, time_scale, q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, params=params,
             save_every=save_every, until=until, events=events, progress=progress, backend=backend, tol=tol,
@@ -140,6 +139,8 @@ def simulate(
                     save_every=every, tol=level, progress=False, backend=backend,
                 )  # fmt: skip
 
+        from varint.stepping.accuracy import for_tolerance
+
         motion = for_tolerance(whole, system, rule, duration, tol)
         kept = np.unique(np.append(np.arange(0, len(motion), save_every), len(motion) - 1))
         return motion[kept]
@@ -154,6 +155,8 @@ def simulate(
     )  # fmt: skip
     file = None
     if checkpoint is not None:
+        from varint.stepping.checkpoint import checkpoint_of
+
         words = dict(until=repr(until), events=repr(events), backend=backend, on_failure=on_failure)
         file = checkpoint_of(checkpoint, system, chosen.rule, task, **words)
     course = course_of(system, chosen, task, began, backend=backend, on_failure=on_failure, file=file)
