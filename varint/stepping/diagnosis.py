@@ -44,7 +44,7 @@ def likely_cause(motion: Trajectory) -> str:
         return f"{jump} scene can do: h is too large, and steps before this one were wrong already: try a smaller h"
     last = motion[-LOOKED_AT:]
     causes = [*_singular(last), *_undefined(last)]
-    speeds = np.abs(motion.h) * _frequencies(last)
+    speeds = np.abs(motion.h) * frequencies(last)
     if len(speeds) and speeds[-1] > STEEPER * np.median(speeds):
         causes.append(
             f"a collision or near approach (the stiffness grew {(speeds[-1] / np.median(speeds)) ** 2:.1g}-fold over "
@@ -113,7 +113,7 @@ def _undefined(motion: Trajectory) -> list[str]:
     ]
 
 
-def _frequencies(motion: Trajectory) -> np.ndarray:
+def frequencies(motion: Trajectory) -> np.ndarray:
     """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
     if motion.system.structure.degenerate or motion.system.structure.n > 60:
         return np.empty(0)

@@ -78,8 +78,7 @@ def native_blocks(
             if not poor:
                 continue
         else:
-            if wanted:
-                yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, float("nan"), iterations=part.iterations)
+            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, float("nan"), iterations=part.iterations)
             if part.status != NOT_CONVERGED:
                 return
             k += every * good

@@ -131,17 +131,11 @@ def simulate(
                 "nor events nor contacts"
             )
 
-        def whole(chosen: Rule, span: float, count: int, every: int, level: float | None) -> Trajectory:
-            with warnings.catch_warnings():  # trials with steps too large are compared with others
-                warnings.filterwarnings("ignore", message="the energy went", category=UserWarning)
-                return simulate(
-                    system, chosen, q0=q0, v0=v0, p0=p0, duration=span, steps=count, t0=t0, u=u, params=params,
-                    save_every=every, tol=level, progress=False, backend=backend,
-                )  # fmt: skip
-
         from varint.stepping.accuracy import for_tolerance
 
-        motion = for_tolerance(whole, system, rule, duration, tol)
+        motion = for_tolerance(
+            system, rule, duration=duration, tol=tol, q0=q0, v0=v0, p0=p0, t0=t0, u=u, params=params, backend=backend
+        )
         kept = np.unique(np.append(np.arange(0, len(motion), save_every), len(motion) - 1))
         return motion[kept]
     began = perf_counter()
