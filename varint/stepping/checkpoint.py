@@ -111,5 +111,5 @@ def checkpoint_of(path: Any, system: System, rule: Rule, task: Task, **words: st
     """
     if system.structure.contacts:
         raise InputError("a run with contacts cannot be taken up from a checkpoint; leave checkpoint= out")
-    numbers = {name: getattr(task, name) for name in ("q0", "p0", "t0", "h", "steps", "save_every", "u")}
+    numbers = {name: getattr(task, name) for name in ("q0", "p0", "t0", "h", "steps", "save_every", "u", "level")}
     return Checkpoint(Path(path), identity(system, rule, params=task.c, **numbers, **words))

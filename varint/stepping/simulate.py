@@ -117,6 +117,7 @@ def simulate(
     if time_scale is not None:
         if u is not None:
             raise InputError("time_scale takes no controls u: they change the energy that it is built on")
+        _require_whole("time_scale", checkpoint, on_failure)
         from varint.stepping.rescaled import rescaled_motion
 
         return rescaled_motion(
@@ -131,6 +132,7 @@ def simulate(
                 "nor events nor contacts"
             )
 
+        _require_whole("tol without h", checkpoint, on_failure)
         from varint.stepping.accuracy import for_tolerance
 
         motion = for_tolerance(
@@ -158,3 +160,10 @@ def simulate(
     if jump := energy_jump(motion):
         warnings.warn(f"{jump} scene can do: h = {motion.h:g} is too large, try a smaller one", stacklevel=2)
     return motion
+
+
+def _require_whole(what: str, checkpoint: Any, on_failure: str) -> None:
+    """Refuse what these runs would otherwise silently leave undone."""
+    if checkpoint is not None or on_failure != "raise":
+        given = "checkpoint" if checkpoint is not None else "on_failure"
+        raise InputError(f"{what} takes no {given}: leave it out, or give h and steps alone")
