@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from varint.between import require_within, steps_ahead
-from varint.stepping.course import step_functions
+from varint.stepping.course import Course, step_functions
 from varint.stepping.run import Task
 from varint.system import System
 from varint.trajectory import Event, Trajectory
@@ -52,18 +52,27 @@ def happened(system: System, t0: float, inner: Trajectory) -> tuple[Event, ...]:
     )
 
 
-def reached(left: Trajectory, right: Trajectory, times: np.ndarray, ahead: Ahead | None = None) -> Trajectory:
-    """Nodes of the rescaled motion where its clock shows `times`, each between a node of `left` and one of `right`.
+def reached(
+    before: tuple[np.ndarray, ...], after: tuple[np.ndarray, ...], times: np.ndarray, ahead: Ahead
+) -> tuple[np.ndarray, ...]:
+    """τ, q, p and k where the clock of the rescaled motion shows `times`, each between two nodes.
 
     τ(t) by Hermite's cubic, then Newton's method on the clock with the rule's own sub-steps, dt/dτ = σ.
+
+    Parameters
+    ----------
+    before, after : (τ, t, σ)
+        Of the nodes before and after each time.
+    times : array
+    ahead : callable
+        τ → q, p, v, k there, from the nodes before.
     """
-    ahead = ahead or partial(_ahead, left)
-    a, b = left.t, right.t
-    ta, tb, sa, sb = left.q[:, -1], right.q[:, -1], left.v[:, -1], right.v[:, -1]
-    x = (times - ta) / (tb - ta)
-    rise = b - a
-    tau = a + x**2 * (3 - 2 * x) * rise + (tb - ta) * (x * (1 - x) ** 2 / sa - x**2 * (1 - x) / sb)
-    low, high, close = a, b, LOCATED * np.maximum(np.abs(times), np.abs(tb - ta))
+    (a, ta, sa), (b, tb, sb) = before, after
+    rise, passed = b - a, tb - ta
+    x = (times - ta) / passed
+    y = 1 - x
+    tau = a + x * (x * (3 - 2 * x) * rise + passed * y * (y / sa - x / sb))
+    low, high, close = a, b, LOCATED * np.maximum(np.abs(times), np.abs(passed))
     for _ in range(MOST_ITERATIONS):
         q, p, v, k = ahead(tau)
         off = times - q[:, -1]
@@ -75,10 +84,15 @@ def reached(left: Trajectory, right: Trajectory, times: np.ndarray, ahead: Ahead
         low, high = np.where(short, tau, low), np.where(short, high, tau)
         tau = np.where(good, tau, tau + step)
         tau = np.where((tau - low) * (high - tau) < 0, (low + high) / 2, tau)
-    return replace(left, t=tau, q=q, p=p, k=k, events=())
+    return tau, q, p, k
 
 
-def _ahead(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, ...]:
+def _clock_of(inner: Trajectory) -> tuple[np.ndarray, ...]:
+    """τ, t and σ = dt/dτ at the nodes."""
+    return inner.t, inner.q[:, -1], inner.v[:, -1]
+
+
+def ahead_of(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, ...]:
     """q, p, v and k of every node carried on to a later time of its own, by steps of the same rule."""
     states = [motion.q.copy(), motion.p.copy(), motion.k.copy()]
     for _ in steps_ahead(motion, np.arange(len(motion)), times - motion.t, states):
@@ -87,19 +101,24 @@ def _ahead(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, ...]:
     return q, p, replace(motion, t=times, q=q, p=p, k=k, events=()).v, k
 
 
-def ahead_by(kernel: Kernel | None, task: Task, near: Trajectory) -> Ahead | None:
-    """The same of the first node alone, by the compiled loop; None where there is none."""
-    if kernel is None:
-        return None
+def ahead_by(kernel: Kernel, task: Task, near: Trajectory) -> Ahead:
+    """The same of the first node alone, by the compiled loop."""
     from varint.stepping.native import one_step
 
-    t, q, p = float(near.t[0]), near.q[0], near.p[0]
+    t, q, p, k = float(near.t[0]), near.q[0], near.p[0], near.k[:1]
 
     def ahead(times: np.ndarray) -> tuple[np.ndarray, ...]:
         found = one_step(kernel, task, t, q, p, float(times[0]) - t)
-        return _ahead(near[:1], times) if found is None else (*found[:, None], near.k[:1])
+        return ahead_of(near[:1], times) if found is None else (*found[:, None], k)
 
     return ahead
+
+
+def end_at(course: Course, near: Trajectory, time: float) -> tuple[np.ndarray, ...]:
+    """τ, q, p, k of the one state between two nodes where the clock shows `time`."""
+    ahead = ahead_by(course.kernel, course.task, near) if course.kernel else partial(ahead_of, near[:1])
+    first, second = ([x[i : i + 1] for x in _clock_of(near)] for i in (0, 1))
+    return reached(tuple(first), tuple(second), np.array((time,)), ahead)
 
 
 def at_times(motion: Trajectory, times: np.ndarray) -> Trajectory:
@@ -112,5 +131,7 @@ def at_times(motion: Trajectory, times: np.ndarray) -> Trajectory:
     wanted = times - motion.t[0] + clock[0]
     node = np.searchsorted(direction * clock, direction * wanted, side="right") - 1
     node = np.clip(node, 0, max(len(inner) - 2, 0))
-    found = reached(inner[node], inner[np.minimum(node + 1, len(inner) - 1)], wanted)
-    return replace(physical(motion.system, motion.t[0] - clock[0], found), t=times, events=())
+    left, right = inner[node], inner[np.minimum(node + 1, len(inner) - 1)]
+    tau, q, p, k = reached(_clock_of(left), _clock_of(right), wanted, partial(ahead_of, left))
+    found = replace(left, t=tau, q=q, p=p, k=k)
+    return replace(physical(motion.system, motion.t[0] - clock[0], found), t=times)

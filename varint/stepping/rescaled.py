@@ -19,7 +19,7 @@ from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.backend import blocks_of
-from varint.stepping.clock import LOCATED, ahead_by, happened, physical, reached
+from varint.stepping.clock import LOCATED, end_at, happened, physical
 from varint.stepping.course import Course, course_of, first_node, moving, trajectory, travelled
 from varint.stepping.events import watched, watched_events
 from varint.stepping.initial import LEVEL, initial_task, number
@@ -159,14 +159,11 @@ def _ended(course: Course, inner: Trajectory, total: float) -> Trajectory:
         fine = trajectory(course, [first_node(part), *blocks_of(moving(course), course.plan.rule, part, course.kernel)])
         i = int(np.searchsorted(np.abs(fine.q[:, -1]), abs(total) * (1 - LOCATED)))
         near = fine[i - 1 : i + 1]
-    near.v  # noqa: B018  # of both at once
-    end = reached(near[:1], near[1:], np.array([total]), ahead_by(course.kernel, course.task, near))
-    wanted = np.flatnonzero(inner.k[:kept] % course.task.save_every == 0)
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(inner, name)[wanted], getattr(end, name)]) for name in "tqpk"
-    }
-    phase = None if inner.phase is None or end.phase is None else np.concatenate([inner.phase[wanted], end.phase])
-    return replace(inner, phase=phase, **joined)
+    end = end_at(course, near, total)
+    wanted = np.flatnonzero(inner.k[:kept] % course.task.save_every == 0) if course.task.save_every > 1 else slice(kept)
+    t, q, p, k = (np.concatenate((getattr(inner, x)[wanted], y)) for x, y in zip("tqpk", end, strict=True))
+    phase = None if inner.phase is None else np.append(inner.phase[wanted], inner.phase[kept - 1])
+    return replace(inner, t=t, q=q, p=p, k=k, phase=phase)
 
 
 def _require_level(scene: Rescaled, course: Course, inner: Trajectory) -> None:
