@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -39,20 +39,21 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     s = motion.system.structure
     if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
         return None
-    last = len(motion) - 1
-    if last > SAMPLES:
-        motion = motion[np.arange(SAMPLES) * last // (SAMPLES - 1)]
-    q, t, h = motion.q, motion.t[:, None], np.array([motion.h])
+    last, h = len(motion) - 1, np.array((motion.h,))
+    i: Any = slice(None) if last < SAMPLES else np.arange(SAMPLES) * last // (SAMPLES - 1)
+    q, t = motion.q[i], motion.t[i]
     if motion.phase is None:
-        found = over_columns(_energy_of_momentum(motion.system), q, motion.p, t, motion.c, h)
+        found = over_columns(_energy_of_momentum(motion.system), q, motion.p[i], t[:, None], motion.c, h)
     else:
-        found = over_columns(_energy_function(motion.system), q, motion.v, t, motion.c, h)
+        found = over_columns(
+            _energy_function(motion.system), q, motion[np.arange(last + 1)[i]].v, t[:, None], motion.c, h
+        )
     energy, moving, kicked = (x[:, 0].tolist() for x in found)  # so few that lists are faster than arrays
     before = energy[0]
     largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
     for k, after in enumerate(energy):
         if not abs(after - before) <= largest:
-            return Jump(float(motion.t[k]), before, after)
+            return Jump(float(t[k]), before, after)
     return None
 
 

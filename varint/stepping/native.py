@@ -51,7 +51,7 @@ def native_blocks(
 ) -> Iterator[Block]:
     """The compiled run block by block; where fixed-point iteration hardly contracts Newton's method takes over."""
     k, carry = (task.first, None) if at is None else (at.k, at.carry)
-    q, p = (task.q0, task.p0) if at is None else np.split(at.x, 2)
+    q, p = (task.q0, task.p0) if at is None else (at.x[: len(at.x) // 2], at.x[len(at.x) // 2 :])
     taken_over = at is not None and at.by_newton
     if taken_over and carry is None:
         yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k))
