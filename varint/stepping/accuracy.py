@@ -1,7 +1,7 @@
 """Accuracy on demand: rule and step for a wanted error, from a short pilot and a check of the whole run.
 
 The pilot runs candidate rules over a small part of the time, every time with twice as many steps, and reads off from
-the differences how many each needs; the cheapest by the number of evaluations is taken (never by the clock: the same
+the differences how many each needs; the cheapest by the number of operations is taken (never by the clock: the same
 input gives the same digits). The whole run is then done twice, with steps of different size. Their difference, reduced
 by what three quarters of the rule's order make of such a change of step, bounds the error; the step is refined until
 the bound meets the wanted error, or the run is refused.
@@ -20,6 +20,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.rules import Rule, composition, gauss, lobatto
+from varint.stepping.backend import interpreted_seconds, repays
 from varint.stepping.course import Course, course_of, first_node, trajectory
 from varint.stepping.diagnosis import frequencies
 from varint.stepping.initial import LEVEL, initial_task
@@ -53,8 +54,8 @@ class Candidate:
     work: float
 
 
-def candidates(system: System) -> dict[Rule, float]:
-    """Rules worth a try, with the work of a step in evaluations of the right-hand side."""
+def candidates(system: System, compiled: bool) -> dict[Rule, float]:
+    """Rules worth a try, with the work of a step: evaluations of a compiled one, seconds of an interpreted one."""
     s = system.structure
     if s.nonholonomic or s.degenerate or s.contacts:
         return {default_rule(system): 1.0}
@@ -63,7 +64,7 @@ def candidates(system: System) -> dict[Rule, float]:
     rules = {gauss(k): 5.0 * k / min(k, 4) for k in (2, 4, 6, 8)}  # stages run side by side in vector registers
     if s.explicit:
         rules |= {r: float(len(r.kicks)) for r in (composition("blanes-moan4"), composition("kahan-li8"))}
-    return rules
+    return rules if compiled else {rule: interpreted_seconds(system, rule) for rule in rules}
 
 
 def for_tolerance(
@@ -81,8 +82,11 @@ def for_tolerance(
             f"tol is relative to the size of the motion, between {LEAST_TOL:g} and {MOST_TOL:g}; got {tol!r}"
         )
     began = perf_counter()
-    rules = {plan(system, rule).rule: 1.0} if rule else candidates(system)
-    start = initial_task(system, next(iter(rules)), h=None, steps=1, duration=duration, u=u, save_every=1, **given)
+    own = plan(system, rule).rule
+    start = initial_task(system, own, h=None, steps=1, duration=duration, u=u, save_every=1, **given)
+    first = _first_steps(system, own, start)
+    compiled = backend == "compiled" or (backend == "auto" and repays(system, own, first * PILOT))
+    rules = {own: 1.0} if rule else candidates(system, compiled)
     duration = start.h
 
     def run(chosen: Rule, span: float, steps: int, every: int, tol: float | None) -> Course | None:
@@ -90,7 +94,7 @@ def for_tolerance(
         return _travelled(system, chosen, start, began, backend, span / steps, steps, every, level, tol is None)
 
     with np.errstate(all="ignore"):  # trials with steps too large are compared with others
-        best = _pilot(run, rules, duration, tol, _first_steps(system, next(iter(rules)), start))
+        best = _pilot(run, rules, duration, tol, first)
         piloted = perf_counter() - began
         few, many = (1, 2) if 2**best.rule.order * tol < NO_DIGITS / 10 else (2, 3)
         counted_on = CAUTION * best.rule.order
@@ -170,9 +174,10 @@ def _pilot(run: Run, rules: dict[Rule, float], duration: float, tol: float, firs
     part = duration / PILOT
     target = max(PILOT_AIM * tol / PILOT, 4 * FLOOR)  # errors of a regular motion grow in proportion to time
     best: Candidate | None = None
-    for rule, work in sorted(rules.items(), key=lambda pair: -pair[0].order):  # what needs more steps is soon left
+    # the likely winner first: the others are soon left
+    for rule, work in sorted(rules.items(), key=lambda pair: (pair[1] / pair[0].order, -pair[0].order)):
         most = MOST_PILOT_STEPS if best is None else min(MOST_PILOT_STEPS, best.work / (PILOT * work))
-        found = _measured(run, rule, work, part, target, first, most)
+        found = _measured(run, rule, work, part, target, first, most) if most >= first / 2 else None
         if found and (best is None or found.work < best.work):
             best = found
     if best is None:
