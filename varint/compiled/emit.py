@@ -13,7 +13,7 @@ from varint.compiled.graph import Graph, needed, uniform_nodes
 from varint.compiled.rolled import INFIX, loops, sorted_by_form, written
 
 LONG = 300  # operations from which on a function is not written into its callers: the compiler takes longer, no gain
-WRITTEN_OUT = 2000  # operations; longer functions become loops over operations of the same form
+WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Emitted:
     length: int
 
 
-def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
+def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTEN_OUT) -> Emitted:
     """C source of the SX function f(x0, …, c), whose last argument c, the parameters, is the same in all lanes.
 
     Parameters
@@ -50,6 +50,8 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
         SX function; sparse outputs are written densely.
     stride : str
         C expression: component i of an argument is found at ``x[i * stride]``.
+    written_out : int
+        Operations from which on the source has loops over operations of the same form.
     """
     graph = graph_of(f)
     last = f.n_in() - 1
@@ -69,7 +71,7 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
 
     prepare = [f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names]
     operations = sum(not uniform[i] for i in live)
-    if operations > WRITTEN_OUT:
+    if operations > written_out:
         body, places = loops(sorted_by_form(graph, live, uniform), stride, constant, place)
     else:
         body, places = _statements(graph, live, uniform, stride, constant)

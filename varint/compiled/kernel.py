@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.compiled.cache import library
-from varint.compiled.emit import Emitted, emit
+from varint.compiled.emit import WRITTEN_OUT, Emitted, emit
 from varint.compiled.graph import NotCompilable
 from varint.system import System
 
@@ -191,7 +191,10 @@ def build(
 
 
 def emitted(
-    constants: ca.SX, expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]], stride: str = "1"
+    constants: ca.SX,
+    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
+    stride: str = "1",
+    written_out: int = WRITTEN_OUT,
 ) -> dict[str, Emitted]:
     """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs.
 
@@ -205,7 +208,7 @@ def emitted(
                 f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
                 'backend="interpreted", or fewer coordinates'
             )
-        result[name] = emit(name, f, stride if name in AT_STAGES else "1")
+        result[name] = emit(name, f, stride if name in AT_STAGES else "1", written_out)
         if result[name].length > MOST_STATEMENTS:
             raise NotCompilable(
                 f"{name} has {result[name].length} statements; {MOST_STATEMENTS} compile in reasonable time; use "
