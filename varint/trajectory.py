@@ -16,7 +16,6 @@ from varint.between import controls_at_nodes, functions_of, states_at, steps_ahe
 from varint.errors import InputError
 from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
-from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.rules import Rule
 from varint.system import System
 
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
     from varint.control.solution import ControlSolution, Costates
     from varint.diagnostics.momentum import Conserved, MomentumMap
+    from varint.manifold import Phase
     from varint.sketch import Sketch
     from varint.symmetry import Symmetry
 
@@ -137,7 +137,7 @@ class Trajectory:
     def __getitem__(self, index: int | slice | np.ndarray) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
         if isinstance(index, (slice, np.ndarray)):
-            return replace(
+            part = replace(
                 self,
                 t=self.t[index],
                 q=self.q[index],
@@ -147,6 +147,9 @@ class Trajectory:
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
             )
+            if "v" in self.__dict__:  # once known, known of every part
+                part.__dict__["v"] = self.v[index]
+            return part
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
     @cached_property
@@ -160,6 +163,8 @@ class Trajectory:
 
     def _phases(self) -> list[tuple[np.ndarray, Phase]]:
         """Nodes of each phase, and the phase."""
+        from varint.manifold import Phase
+
         if self.phase is None:
             return [(np.arange(len(self)), Phase(tuple(range(self.system.structure.constraints))))]
         return [(np.flatnonzero(self.phase == i), self.phases[i]) for i in np.unique(self.phase)]
@@ -171,6 +176,8 @@ class Trajectory:
         They follow from q and v at the node by the twice differentiated constraints, so they have the order of q and v
         (Hairer & Wanner II, VII.1: the index-1 relation). Contacts that do not touch have λ = 0.
         """
+        from varint.manifold import multipliers_along
+
         rows = self.system.structure
         lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
         u = controls_at_nodes(self)
@@ -182,6 +189,8 @@ class Trajectory:
     @cached_property
     def reaction_forces(self) -> np.ndarray:
         """Forces Wᵀλ by which constraints and contacts hold the motion, in the coordinates q, (N + 1, n)."""
+        from varint.manifold import every_row_function
+
         lam = self.multipliers
         slope = over_columns(every_row_function(self.system), self.q, self.v, self.t[:, None], self.c)[1]
         return np.einsum("ijk,ik->ij", slope.reshape(*self.q.shape, -1), lam)
@@ -338,7 +347,7 @@ class Trajectory:
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         if self.fictitious is not None:
-            from varint.stepping.rescaled import at_times
+            from varint.stepping.clock import at_times
 
             found = at_times(self, times)
         else:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from varint.arrays import call, over_columns
-from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, inertia_function, scale_function
 from varint.system import System, per_system
 from varint.trajectory import Event
+
+if TYPE_CHECKING:
+    from varint.manifold import Phase
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
@@ -42,6 +45,8 @@ class Task:
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
         u = self.u[k : k + count]
+        if not u.size:
+            return np.empty((len(u), self.nodes, 0))
         return np.ascontiguousarray(np.broadcast_to(u, (len(u), self.nodes, u.shape[2])))
 
 
@@ -50,7 +55,8 @@ class Position:
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
-    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along.
+    next block may have (few after a failure). Of a compiled run: q and p as x, what its loop carries along, and whether
+    Newton's method has taken over from fixed-point iteration.
     """
 
     x: np.ndarray
@@ -59,6 +65,7 @@ class Position:
     k: int
     largest: int
     carry: np.ndarray | None = None
+    by_newton: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,10 +131,19 @@ def beginning_rows(
     `u` are the controls of the first step, `typical` the largest sizes of each control during the run.
     """
     t = np.full((len(q0), 1), t0)
-    stepper = plan(system, rule).build(system, rule)
-    x = over_columns(stepper.start, q0, p0, u, t, h, c)[0]
-    scale = over_columns(scale_function(system), q0, p0, typical, t, h, c)[0]
-    return Position(x, scale, over_columns(inertia_function(system), q0, p0, t, c)[0], 0, largest_block(x[0]))
+    x, scale, inertia = over_columns(_beginning_function(system, rule), q0, p0, u, typical, t, h, c)
+    return Position(x, scale, inertia, 0, largest_block(x[0]))
+
+
+@per_system
+def _beginning_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, typical, t, h, c) → x, typical sizes, and the inertia between them."""
+    start, n = plan(system, rule).build(system, rule).start, system.structure.n
+    sizes = (n, n, start.numel_in(2), system.structure.controls, 1, 1, system.c.numel())
+    q, p, u, typical, t, h, c = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    scale = scale_function(system)(q, p, typical, t, h, c)
+    outputs = [start(q, p, u, t, h, c), scale, inertia_function(system)(q, p, t, c)]
+    return ca.Function("beginning", inputs, outputs)
 
 
 def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> Iterator[Block]:
@@ -208,8 +224,8 @@ def rescaled(at: Position, states: np.ndarray, apart: float) -> np.ndarray:
     """Typical sizes of velocities and momenta as the states (…, nodes, size) after `at` show; see `scale_function`."""
     n = at.inertia.shape[-1]
     q, p = states[..., :n], states[..., 2 * n : 3 * n]
-    path = np.concatenate([at.x[..., None, :n], q], axis=-2)
-    v_size = np.maximum(np.abs(np.diff(path, axis=-2)).max(axis=-2) / apart, 0.1 * at.scale[..., :n])
+    before = np.concatenate([at.x[..., None, :n], q[..., :-1, :]], axis=-2)
+    v_size = np.maximum(np.abs(q - before).max(axis=-2) / apart, 0.1 * at.scale[..., :n])
     p_size = np.maximum(np.abs(p).max(axis=-2), 0.1 * at.scale[..., n:])
     root = np.sqrt(at.inertia)
     least = SMALLEST * (v_size * root).max(axis=-1, keepdims=True)
