@@ -96,7 +96,7 @@ class Trajectory:
     events : tuple of Event
         What happened on the way, in order of time.
     stats : mapping
-        Plan, worst residual, iterations, timings.
+        Plan, worst residual, timings, and the iterations that solved its steps (0 where steps are explicit).
     fictitious : Trajectory or None
         The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
     solution : ControlSolution, Contacts or None

@@ -18,7 +18,7 @@ from varint.stepping.run import Block, Position, Task
 from varint.system import System
 from varint.trajectory import Event
 
-FORMAT = "varint checkpoint 1"
+FORMAT = "varint checkpoint 2"
 PAUSE = 1.0  # seconds between two checkpoints, more where writing them would take more than a tenth of the run
 MOST_SHARE = 0.1
 NODES = ("k", "t", "q", "p")

@@ -48,6 +48,15 @@ def step_function(system: System, rule: Rule | None = None) -> ca.Function:
 
 @per_system
 def _step_function(system: System, rule: Rule) -> ca.Function:
+    counting = counting_step_function(system, rule)
+    inputs = counting.mx_in()
+    outputs = [counting.name_out(i) for i in range(3)]
+    return ca.Function("step", inputs, counting.call(inputs, True, False)[:3], counting.name_in(), outputs)
+
+
+@per_system
+def counting_step_function(system: System, rule: Rule) -> ca.Function:
+    """`step_function` with one more output: the iterations of the step."""
     stepper, n, r = plan(system, rule).build(system, rule), system.structure.n, len(rule.nodes)
     q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("params", system.c.numel())
@@ -55,9 +64,10 @@ def _step_function(system: System, rule: Rule) -> ca.Function:
     x = stepper.step(
         stepper.start(q, p, column, t, h, c), column, t, h, c, scale_function(system)(q, p, _typical(u), t, h, c)
     )
-    q1, _, p1, _, worst = ca.vertsplit(x, [0, n, 2 * n, 3 * n, x.numel() - 1, x.numel()])
-    names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual"]
-    return ca.Function("step", [q, p, u, c, t, h], [q1, p1, worst], *names)
+    q1, _, p1 = ca.vertsplit(x[: 3 * n], n)
+    count = x[-2] if stepper.counts else ca.MX(0)
+    names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual", "iterations"]
+    return ca.Function("step", [q, p, u, c, t, h], [q1, p1, x[-1], count], *names)
 
 
 def _typical(u: ca.MX) -> ca.MX:
