@@ -32,6 +32,25 @@ vi.simulate(pendulum, q0=1.0, v0=0.0, h=0.01, steps=1000, backend=BACKEND)
 print(perf_counter() - began)
 """
 
+TODA = """
+from time import perf_counter
+import varint as vi
+began = perf_counter()
+ring = vi.models.toda_chain(200)
+vi.simulate(ring.system, q0=ring.q0, v0=ring.v0, h=0.01, steps=1, backend="interpreted")
+print(perf_counter() - began)
+"""
+VERLET = """
+import casadi as ca
+from time import perf_counter
+import varint as vi
+q, v = vi.coordinates("theta")
+pendulum = vi.System(q, v, v**2 / 2 + ca.cos(q))
+began = perf_counter()
+vi.simulate(pendulum, vi.trapezoidal(), q0=1.0, v0=0.0, h=0.01, steps=1_000_000, backend="interpreted")
+print(perf_counter() - began)
+"""
+
 
 def process(code: str, cache: str) -> tuple[float, str]:
     """Seconds and output of a fresh interpreter."""
@@ -90,6 +109,11 @@ def main() -> None:
         ):
             seconds = float(process(SCENE.replace("BACKEND", repr(backend)), cache)[1])
             rows.append({"what": what, "seconds": seconds})
+        for what, code in (
+            ("200-site Toda chain: system built and first step made", TODA),
+            ("1e6 Verlet steps of the pendulum, interpreted, no compiler, every node kept", VERLET),
+        ):
+            rows.append({"what": what, "seconds": float(process(code, cache)[1])})
     rows += overhead()
     table(rows)
     save("startup", rows)
