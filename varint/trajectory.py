@@ -251,10 +251,11 @@ class Trajectory:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
         if self.fictitious is not None:
             raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
-        total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
-        if len(self) > 1:
-            for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
-                total[active] += over_columns(integrand(scene), *arguments)[0]
+        total = np.zeros((len(self) - 1, 1))
+        for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
+            values = over_columns(integrand(scene), *arguments)[0]  # a scene with contacts has no step of its own
+            total = total if total.shape[1] == values.shape[1] else np.zeros((len(total), values.shape[1]))
+            total[active] += values
         return total
 
     def momentum_map(self, symmetry: Symmetry) -> MomentumMap:

@@ -78,7 +78,25 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     inputs = [x, u, t, h, c, s]
     step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, done)])
     start = _start(system, rule, interval(system, rule), e.y.numel())
-    return Stepper(step, start, ca.Function("path", inputs, [h * found[: n * rule.degree]]), counts=True)
+    path = ca.Function("path", inputs, [h * found[: n * rule.degree]])
+    pushes = ca.horzcat(_pushes(system, rule)(found, q0, t, h, c), pull)
+    return Stepper(step, start, path, ca.Function("reactions", inputs, [pushes]), counts=True)
+
+
+def _pushes(system: System, rule: Rule) -> ca.Function:
+    """(z, λ, ν), q0, t, h, c → h w_j G(Q_j)ᵀλ_j at the control points j < d, with ½h A(q0)ᵀν at the first, (n, d)."""
+    s, n, d = system, system.structure.n, rule.degree
+    m, k = s.structure.constraints, s.structure.nonholonomic
+    z, lam, nu = ca.SX.sym("z", n, d), ca.SX.sym("lam", m, d), ca.SX.sym("nu", k)
+    h, pushes = ca.SX.sym("h"), []
+    at = ca.Function("A", [s.q, s.t, s.c], [s.nonholonomic])
+    for j in range(d):
+        q = s.q + h * z[:, j - 1] if j else s.q
+        slope = constraint_function(s)(q, s.t + h * rule.points[j], s.c)[1]
+        push = h * rule.weights[j] * ca.mtimes(slope.T, lam[:, j]) if m else ca.SX.zeros(n)
+        pushes.append(push if j or not k else push + h / 2 * ca.mtimes(at(s.q, s.t, s.c).T, nu))
+    y = ca.vertcat(ca.vec(z), ca.vec(lam), nu)
+    return ca.Function("pushes", [y, s.q, s.t, h, s.c], [ca.densify(ca.horzcat(*pushes))], {"cse": True})
 
 
 def _parts(sizes: ca.SX, n: int, m: int, k: int) -> list[list[ca.SX]]:

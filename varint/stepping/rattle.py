@@ -53,13 +53,16 @@ def rattle_stepper(system: System, rule: Rule) -> Stepper:
     lam, more = ca.vertsplit(solve(ca.vertcat(guess / unit, 0), q0, kicked, t, h, c, size), [0, m, m + 1])
     lam = lam * unit
     q1, cq1, gain, increment, gap = travel(lam, q0, cq0, kicked, t, h, c, size)
-    after = kick(q1, u1, t + h, c)
+    after = ca.densify(kick(q1, u1, t + h, c))  # CasADi drops zeros that a scene without forces has
     gain = gain + h / 2 * (force + after)
-    p1, cp1 = sum_function(n)(p0, cp0, gain + project(q1, p0 + gain, t + h, c), h)
+    pull = project(q1, p0 + gain, t + h, c)
+    p1, cp1 = sum_function(n)(p0, cp0, gain + pull, h)
     inputs = [x, u, t, h, c, scale]
     done = count + iterations(more), ca.fmax(worst, gap)
     step = ca.Function("rattle", inputs, [ca.vertcat(q1, cq1, p1, cp1, after, lam, *done)])
-    return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), counts=True)
+    push = h / 2 * ca.mtimes(constraint_function(s)(q0, t, c)[1].T, lam)
+    reactions = ca.Function("reactions", inputs, [ca.horzcat(push, pull)])
+    return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), reactions, counts=True)
 
 
 @per_system
@@ -119,7 +122,7 @@ def _start(system: System) -> ca.Function:
     s, n = system, system.structure.n
     q, p, t, h = ca.SX.sym("q", n), ca.SX.sym("p", n), ca.SX.sym("t"), ca.SX.sym("h")
     u = ca.SX.sym("u", 2 * s.structure.controls)
-    force = kick_function(s)(q, u[: s.structure.controls], t, s.c)
+    force = ca.densify(kick_function(s)(q, u[: s.structure.controls], t, s.c))
     zeros = ca.SX.zeros(n)
     x = ca.vertcat(q, zeros, p, zeros, force, ca.SX.zeros(s.structure.constraints + 2))
     return ca.Function("start", [q, p, u, t, h, s.c], [x])

@@ -120,7 +120,7 @@ UNKNOWN = 1e-100  # of what rests with nothing to push it: below all units, so t
 
 @per_system
 def path_function(system: System, rule: Rule) -> ca.Function:
-    """(q0, p0, u, params, t, h) → increments Q_j − q0 of the control points of the step that starts there."""
+    """(q0, p0, u, params, t, h) → increments Q_j − q0 of the control points of the step that starts there, reactions."""
     stepper = plan(system, rule).build(system, rule)
     sizes = (
         system.structure.n,
@@ -134,7 +134,11 @@ def path_function(system: System, rule: Rule) -> ca.Function:
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
     scale = scale_function(system)(q, p, _typical(ca.reshape(u, system.structure.controls, len(rule.nodes))), t, h, c)
-    return ca.Function("path", inputs, [stepper.path(x, u, t, h, c, scale)])
+    increments = stepper.path(x, u, t, h, c, scale)
+    points = increments.numel() // system.structure.n + 1
+    none = ca.MX(system.structure.n, points)
+    reactions = stepper.reactions(x, u, t, h, c, scale) if stepper.reactions else none
+    return ca.Function("path", inputs, [increments, ca.densify(reactions)])
 
 
 @per_system
@@ -144,11 +148,19 @@ def action_function(system: System, rule: Rule) -> ca.Function:
     return along_step(system, rule, one, [one.action])
 
 
-def along_step(system: System, rule: Rule, one: Interval, outputs: list[ca.SX]) -> ca.Function:
-    """(q0, p0, u, params, t, h) → expressions of the step's interval, along the step that starts there."""
+def along_step(
+    system: System, rule: Rule, one: Interval, outputs: list[ca.SX], reactions: ca.SX | None = None
+) -> ca.Function:
+    """(q0, p0, u, params, t, h) → expressions of the step's interval, along the step that starts there.
+
+    They may also depend on symbols `reactions`, (n, d + 1): the momenta that constraints give at the control points.
+    """
     path = path_function(system, rule)
     inputs = [ca.MX.sym(path.name_in(i), path.numel_in(i)) for i in range(path.n_in())]
     q, _, u, c, t, h = inputs
     outputs = ca.substitute(outputs, [one.lam], [ca.SX.zeros(*one.lam.shape)])  # constraints do no work: λ·g = 0
-    values = ca.Function("along", [one.q0, ca.vec(one.dq), ca.vec(one.u), one.c, one.t, one.h], outputs, {"cse": True})
-    return ca.Function("along_step", inputs, ca.Function.call(values, [q, path(*inputs), u, c, t, h]))
+    pushes = ca.SX.sym("reactions", one.dq.shape[0], one.dq.shape[1] + 1) if reactions is None else reactions
+    symbols = [one.q0, ca.vec(one.dq), pushes, ca.vec(one.u), one.c, one.t, one.h]
+    values = ca.Function("along", symbols, outputs, {"cse": True})
+    found = values.call([q, *path(*inputs), u, c, t, h])
+    return ca.Function("along_step", inputs, [ca.densify(x) for x in found])  # CasADi drops outputs that are zero

@@ -103,13 +103,15 @@ class Symmetry:
         """
         if self.broken_by:
             return f"broken by {', '.join(self.broken_by)}"
+        return "exactly" if self.shared_by(rule) else f"to order {rule.order}"
+
+    def shared_by(self, rule: Rule) -> bool:
+        """Whether the discrete Lagrangian of `rule` has the symmetry too: J, or its balance, is exact to round-off."""
         if not self.tau.is_zero():
             s = self.system.structure
-            exact = self.gauge.is_zero() and self.xi.is_zero() and s.linear and s.autonomous and is_gauss(rule)
-        else:
-            degree = max(rule.degree, 1)  # a composition's path is straight between kicks
-            exact = self._is_affine(degree) and self._gauge_degree(degree) <= exactness(rule)
-        return "exactly" if exact else f"to order {rule.order}"
+            return self.gauge.is_zero() and self.xi.is_zero() and s.linear and s.autonomous and is_gauss(rule)
+        degree = max(rule.degree, 1)  # a composition's path is straight between kicks
+        return self._is_affine(degree) and self._gauge_degree(degree) <= exactness(rule)
 
     def _is_affine(self, degree: int) -> bool:
         """Whether ξ = A q + b(t) with constant A and b of at most the given degree."""
