@@ -236,12 +236,8 @@ def _jumps(motion: Trajectory, symmetry: Symmetry) -> np.ndarray | None:
             continue
         node = int(np.argmin(np.abs(passed)))
         held = motion.phases[motion.phase[max(node - 1, 0)]] if motion.phase is not None else None
-        if (
-            motion.t[node] != event.time
-            or s.structure.nonholonomic
-            or s.structure.constraints
-            or (held and held.holding)
-        ):
+        others = s.structure.nonholonomic or s.structure.constraints or (held is not None and held.holding)
+        if others or motion.t[node] != event.time:
             return None
         if symmetry.tau.is_zero():
             along = np.array(gaps(motion.q[node], motion.t[node], motion.c)).ravel()[event.contact]

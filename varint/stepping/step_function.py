@@ -120,7 +120,7 @@ UNKNOWN = 1e-100  # of what rests with nothing to push it: below all units, so t
 
 @per_system
 def path_function(system: System, rule: Rule) -> ca.Function:
-    """(q0, p0, u, params, t, h) → increments Q_j − q0 of the control points of the step that starts there, reactions."""
+    """(q0, p0, u, params, t, h) → increments Q_j − q0, and reactions, at the control points of the step."""
     stepper = plan(system, rule).build(system, rule)
     sizes = (
         system.structure.n,
