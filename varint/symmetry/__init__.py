@@ -14,6 +14,7 @@ from varint.symmetry.basis import generators
 from varint.symmetry.gauge import quadratic_gauge
 from varint.symmetry.naming import groups_of, name_of
 from varint.symmetry.sampling import Region
+from varint.symmetry.search import null_space
 from varint.symmetry.symmetry import Symmetry
 from varint.symmetry.table import Symmetries
 from varint.symmetry.verify import TOLERANCE, broken_by, residual
@@ -87,11 +88,15 @@ def symmetries(
             f"{basis.dependent} more conserve functions of these quantities: rotations of the centre of mass alone"
         )
     if basis.unrecognised:
-        notes.append(f"{basis.unrecognised} more, coefficients no monomials of the parameters: give params={{}}")
+        notes.append(f"{basis.unrecognised} more whose dependence on the parameters is unclear: give params={{}}")
+    if basis.unclear:
+        notes.append(f"the scene keeps {basis.unclear} combinations that depend on the parameters: give params={{}}")
+    if basis.left_out:
+        notes.append(f"{basis.left_out} more of L alone: linear ones that the rest of the scene breaks")
     if region.c is None and system.c.numel():
-        here = generators(Region(system, system.default_vector, region.near), groups, rng)
-        if here.dimension > basis.dimension:
-            notes.append(f"{here.dimension - basis.dimension} more at the default parameters: give params={{}}")
+        here = null_space(Region(system, system.default_vector, region.near), groups, rng)[0].shape[1]
+        if here > basis.dimension:
+            notes.append(f"{here - basis.dimension} more at the default parameters: give params={{}}")
     return Symmetries(tuple(found), rule, "\n".join(notes))
 
 

@@ -31,9 +31,7 @@ def particles(names: tuple[str, ...]) -> Particles:
     """Particles by the names of their coordinates, as in x1, y1, x2, y2 or sun_x, sun_y; other names are left out."""
     found: dict[str, dict[str, int]] = {}
     for i, name in enumerate(names):
-        match = re.fullmatch(
-            r"(?P<axis>[xyz])_?(?P<rest>\d*|_\w+)|(?P<body>\w*?)_?(?P<last>[xyz])", name, re.IGNORECASE
-        )
+        match = re.fullmatch(AXIS_IN_NAME, name, re.IGNORECASE)
         if match:
             axis = (match["axis"] or match["last"]).lower()
             found.setdefault((match["rest"] or match["body"] or "").strip("_"), {})[axis] = i
@@ -75,10 +73,10 @@ def name_of(system: System, xi: ca.SX, tau: ca.SX, gauge: ca.SX) -> str:
         return _shift_name(system, shift, gauge)
     if slope.is_zero() and shift.is_zero():
         return _along(system, boost, "Galilean boost") or "boost of " + _listed(system, boost)
+    turn = _rotation(system, slope, shift)
     if boost.is_zero():
-        turn = _rotation(system, slope, shift)
         return turn or "linear symmetry of " + _listed(system, ca.sum2(ca.fabs(slope)))
-    return "affine symmetry"
+    return f"{turn} in a moving frame" if turn else "affine symmetry"
 
 
 def _shift_name(system: System, shift: ca.SX, gauge: ca.SX) -> str:

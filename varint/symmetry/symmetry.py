@@ -14,6 +14,7 @@ from varint.system import System
 
 HIGHEST_DEGREE = 10  # in time, of a polynomial that a rule can still integrate exactly
 ROUNDING = 1e-13
+LONGEST_TEXT = 120  # characters of a coefficient
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,8 +154,10 @@ def _signed(factor: ca.SX) -> tuple[str, ca.SX]:
 
 
 def _plain(expression: ca.SX) -> str:
-    """CasADi's text, without the parentheses around a whole product."""
+    """CasADi's text, without the parentheses around a whole product; long ones as a function of what they depend on."""
     text = str(expression)
+    if "@" in text or len(text) > LONGEST_TEXT:
+        return f"f({', '.join(sorted(x.name() for x in ca.symvar(expression)))})"
     return text[1:-1] if re.fullmatch(r"\([^()+-]*\)", text) else text
 
 
