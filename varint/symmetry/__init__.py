@@ -12,7 +12,7 @@ from varint.errors import InputError
 from varint.rules import Rule
 from varint.symmetry.basis import generators
 from varint.symmetry.gauge import quadratic_gauge
-from varint.symmetry.naming import groups_of, name_of
+from varint.symmetry.naming import groups_of, name_of, reach
 from varint.symmetry.sampling import Region
 from varint.symmetry.search import null_space
 from varint.symmetry.symmetry import Symmetry
@@ -61,7 +61,11 @@ def symmetries(
 
     Affine point symmetries only: neither the Runge–Lenz vector (no point symmetry) nor symmetries with generators such
     as cos(ωt) are found; `noether` checks any generator ξ(q, t). With more than 40 coordinates A is looked for only
-    among the matrices that act alike on all particles, told by coordinate names such as x1, y1, x2, y2.
+    within single particles, told by coordinate names such as x1, y1, x2, y2, and within small groups that nothing
+    couples to others; with very many only among the matrices that act alike on all particles. The table says so.
+
+    Symmetries of L that forces, constraints or contacts break are listed too: what they add to J is known, see
+    `Trajectory.momentum_map`. Combinations of them that the whole scene keeps come in their place.
 
     References
     ----------
@@ -82,7 +86,7 @@ def symmetries(
     groups = groups_of(system, MOST_COORDINATES)
     basis = generators(region, groups, rng)
     found = sorted((_built(region, groups, vector, rng) for vector in basis.vectors), key=_order)
-    notes = []
+    notes = [reach(system, groups)] if reach(system, groups) else []
     if basis.dependent:
         notes.append(
             f"{basis.dependent} more conserve functions of these quantities: rotations of the centre of mass alone"
