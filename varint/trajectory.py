@@ -134,9 +134,11 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice | np.ndarray) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray | list) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
-        if isinstance(index, (slice, np.ndarray)):
+        if isinstance(index, (slice, np.ndarray, list)):
+            if not len(self.t[index]):
+                raise InputError(f"no node of the {len(self)} is left in [{index}]")
             return replace(
                 self,
                 t=self.t[index],
@@ -337,7 +339,7 @@ class Trajectory:
         InputError
             If a time lies outside the trajectory.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = self._times(t)
         if self.fictitious is not None:
             from varint.stepping.rescaled import at_times
 
@@ -357,9 +359,19 @@ class Trajectory:
         """Costates of an optimal control: derivatives of the cost-to-go with respect to q and p, (N + 1, n) each."""
         return self._solution("costates").costates
 
+    def _times(self, t: Any) -> np.ndarray:
+        """Times as numbers (k,), or an error that says what they must be."""
+        try:
+            times = np.atleast_1d(np.asarray(t, dtype=float))
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError(f"a time or several (k,) must be given, got {t!r}") from None
+        if times.ndim > 1 or not times.size:
+            raise InputError(f"a time or several (k,) must be given, got an array of shape {times.shape}")
+        return times
+
     def u_at(self, t: Any) -> np.ndarray:
         """Controls of an optimal control at any times within it, by the polynomial of each step, (k,) or (M, k)."""
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = self._times(t)
         if not self.system.structure.controls:
             raise InputError("u_at(): the scene has no controls")
         found = self._solution("u_at()").u((times - self.t[0]) / self.duration)

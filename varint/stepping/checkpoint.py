@@ -107,6 +107,8 @@ def checkpoint_of(path: Any, system: System, rule: Rule, task: Task, **words: st
     InputError
         If the scene has contacts.
     """
+    if not isinstance(path, (str, Path)):
+        raise InputError(f"checkpoint must be the path of a file, got {path!r}")
     if system.structure.contacts:
         raise InputError("a run with contacts cannot be taken up from a checkpoint; leave checkpoint= out")
     numbers = {name: getattr(task, name) for name in ("q0", "p0", "t0", "h", "steps", "save_every", "u")}

@@ -89,6 +89,8 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
       skipped  matrix solves: M is diagonal
       skipped  time: the scene is autonomous
     """
+    if not isinstance(system, System):
+        raise InputError(f"the first argument must be a varint System, got {type(system).__name__}")
     rule = default_rule(system) if rule is None else rule
     if not isinstance(rule, Rule):
         raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
