@@ -234,7 +234,7 @@ def _jumps(motion: Trajectory, symmetry: Symmetry) -> np.ndarray | None:
         passed = (event.time - motion.t) * motion.h
         if passed[0] <= 0 or passed[-1] > 0:
             continue
-        node = int(np.argmin(np.abs(passed)))
+        node = len(motion) - 1 - int(np.argmin(np.abs(passed[::-1])))  # of two at the same time the one after it
         held = motion.phases[motion.phase[max(node - 1, 0)]] if motion.phase is not None else None
         others = s.structure.nonholonomic or s.structure.constraints or (held is not None and held.holding)
         if others or motion.t[node] != event.time:
