@@ -10,6 +10,12 @@ from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.system import System, per_system
 
+SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
+# The same in a step that is differentiated: rows of sizes that differ more cost digits of the linear solve, 1e-16 times
+# their ratio. Newton's method is quadratic: its last correction leaves round-off whatever the sizes.
+BALANCED = 1e-2
+UNKNOWN = 1e-100  # of what rests with nothing to push it: below all units, so that Newton's method iterates on
+
 
 def step_function(system: System, rule: Rule | None = None) -> ca.Function:
     """One step (q0, p0) → (q1, p1) of `system` by `rule` as a CasADi function, differentiable to any order.
@@ -61,9 +67,8 @@ def counting_step_function(system: System, rule: Rule) -> ca.Function:
     q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("params", system.c.numel())
     column = ca.vec(u)
-    x = stepper.step(
-        stepper.start(q, p, column, t, h, c), column, t, h, c, scale_function(system)(q, p, _typical(u), t, h, c)
-    )
+    scale = scale_function(system, BALANCED)(q, p, _typical(u), t, h, c)
+    x = stepper.step(stepper.start(q, p, column, t, h, c), column, t, h, c, scale)
     q1, _, p1 = ca.vertsplit(x[: 3 * n], n)
     count = x[-2] if stepper.counts else ca.MX(0)
     names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual", "iterations"]
@@ -76,12 +81,13 @@ def _typical(u: ca.MX) -> ca.MX:
 
 
 @per_system
-def scale_function(system: System) -> ca.Function:
+def scale_function(system: System, smallest: float = SMALLEST) -> ca.Function:
     """(q, p, u, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the start of a step.
 
     A coordinate at rest is measured against the moving ones by its energy: v² M and p²/M compare metres with radians,
     where v with v and p with p would not. Controls count by their typical size, since a motion from rest may have no
-    other. The sizes only decide when Newton's method stops, so their derivatives are defined to be zero.
+    other. The sizes only decide when Newton's method stops, so their derivatives are defined to be zero. None is less
+    than `smallest` of the largest.
     """
     n = system.structure.n
     q, p, u = ca.MX.sym("q", n), ca.MX.sym("p", n), ca.MX.sym("u", system.structure.controls)
@@ -90,12 +96,16 @@ def scale_function(system: System) -> ca.Function:
     v = velocity(q, p, t, c)
     gain = [ca.plus(*point(q, v, u, at, c)[2:]) for at in (t, t + h)]  # a push may begin with zero
     push = ca.fmax(*(ca.fabs(h * x) for x in gain))
-    mass = ca.Function("mass", [system.q, system.v, system.t, system.c], [ca.fabs(system.mass_matrix)])(q, v, t, c)
+    twist = ca.fabs(ca.jacobian(system.momentum, system.q))
+    parts = [ca.fabs(system.mass_matrix), ca.densify(twist + twist.T)]
+    mass, twist = ca.Function("parts", [system.q, system.v, system.t, system.c], parts)(q, v, t, c)
     inertia = inertia_function(system)(q, p, t, c)
     # what the push does where nothing holds against it counts too: constraints may let it do nothing
     v_size = ca.fabs(v) + ca.fabs(velocity(q, p + h * gain[0], t + h, c) - v) + push / inertia
     p_size = ca.fabs(p) + push + ca.mtimes(mass, v_size)
-    least = SMALLEST * ca.norm_inf(v_size * ca.sqrt(inertia))
+    # the momentum of a massless coordinate may be zero, the terms that add up to it are not
+    p_size += ca.if_else(ca.diag(mass) > 0, 0, ca.mtimes(twist, ca.fabs(h) * v_size))
+    least = smallest * ca.norm_inf(v_size * ca.sqrt(inertia))
     sizes = [ca.fmax(v_size, least / ca.sqrt(inertia)), ca.fmax(p_size, least * ca.sqrt(inertia))]
     sizes = [ca.fmax(x, UNKNOWN) for x in sizes]
     options = {"is_diff_out": [False], "never_inline": True}
@@ -114,10 +124,6 @@ def inertia_function(system: System) -> ca.Function:
     return ca.Function("inertia", [q, p, t, c], [ca.if_else(own > 0, own, ca.if_else(largest > 0, largest, ratio))])
 
 
-SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
-UNKNOWN = 1e-100  # of what rests with nothing to push it: below all units, so that Newton's method iterates on
-
-
 @per_system
 def path_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, params, t, h) → increments Q_j − q0, and reactions, at the control points of the step."""
@@ -133,7 +139,8 @@ def path_function(system: System, rule: Rule) -> ca.Function:
     inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), sizes, strict=True)]
     q, p, u, c, t, h = inputs
     x = stepper.start(q, p, u, t, h, c)
-    scale = scale_function(system)(q, p, _typical(ca.reshape(u, system.structure.controls, len(rule.nodes))), t, h, c)
+    typical = _typical(ca.reshape(u, system.structure.controls, len(rule.nodes)))
+    scale = scale_function(system, BALANCED)(q, p, typical, t, h, c)
     increments = stepper.path(x, u, t, h, c, scale)
     points = increments.numel() // system.structure.n + 1
     none = ca.MX(system.structure.n, points)

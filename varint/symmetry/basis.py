@@ -63,7 +63,8 @@ def generators(region: Region, groups: Sequence[Pairs], rng: np.random.Generator
         if np.abs((values - rows[i]) / size).max() <= AGREES * np.abs(rows[i] / size).max():
             found.append((rows[i], coefficients))
     lost = len(turns) + len(kept) - len(found)
-    if s.structure.constraints or s.structure.nonholonomic or s.structure.forced or s.structure.contacts:
+    more = s.structure.constraints or s.structure.nonholonomic or s.structure.forced or s.structure.contacts
+    if found and more:
         found, left_out, unclear = _with_shared(region, here, groups, found, len(turns), (basis, size, order), rng)
         return Found([x for _, x in found], dependent, lost, left_out, unclear)
     return Found([x for _, x in found], dependent, lost)
