@@ -355,3 +355,12 @@ def test_tables_print_for_terminals_and_notebooks():
     table = vi.symmetries(central(gravity), vi.gauss(2))
     assert "kept by gauss(2)" in str(table) and "-y p_x + x p_y" in str(table)
     assert "<td>rotation about z</td>" in table._repr_html_()
+
+
+def test_a_generator_that_does_nothing_is_refused():
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2)
+    with pytest.raises(vi.InputError, match="the generator is zero"):
+        vi.noether(system, [0, 0])
+    with pytest.raises(vi.InputError, match="tau must be a number, got 'now'"):
+        vi.noether(system, [1, 0], tau="now")

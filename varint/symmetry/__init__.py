@@ -153,6 +153,10 @@ def noether(
     region = _region(system, params, near)
     field = _field("the generator xi", xi, system, system.structure.n)
     gauge = _field("the gauge term", gauge, system, 1)
+    if not isinstance(tau, (int, float)) or not np.isfinite(tau):
+        raise InputError(f"tau must be a number, got {tau!r}")
+    if field.is_zero() and not tau:
+        raise InputError("the generator is zero: xi = 0 and tau = 0 change nothing and conserve nothing")
     shift = ca.SX(float(tau))
     rng = np.random.default_rng(SEED)
     left, where = residual(region, field, shift, gauge, rng)
