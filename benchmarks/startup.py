@@ -34,6 +34,25 @@ vi.simulate(pendulum, q0=1.0, v0=0.0, h=0.01, steps=1000, backend=BACKEND)
 print(process_time() - spent, perf_counter() - began)
 """
 
+TODA = """
+from time import perf_counter, process_time
+import varint as vi
+began, spent = perf_counter(), process_time()
+ring = vi.models.toda_chain(200)
+vi.simulate(ring.system, q0=ring.q0, v0=ring.v0, h=0.01, steps=1, backend="interpreted")
+print(process_time() - spent, perf_counter() - began)
+"""
+VERLET = """
+import casadi as ca
+from time import perf_counter, process_time
+import varint as vi
+q, v = vi.coordinates("theta")
+pendulum = vi.System(q, v, v**2 / 2 + ca.cos(q))
+began, spent = perf_counter(), process_time()
+vi.simulate(pendulum, vi.trapezoidal(), q0=1.0, v0=0.0, h=0.01, steps=1_000_000, backend="interpreted")
+print(process_time() - spent, perf_counter() - began)
+"""
+
 
 def process(code: str, cache: str) -> tuple[float, float, str]:
     """Processor seconds, seconds and output of a fresh interpreter."""
@@ -160,6 +179,12 @@ def main() -> None:
             ("first run of a pendulum, compiled, cached", "compiled"),
         ):
             processor, seconds = process(SCENE.replace("BACKEND", repr(backend)), cache)[2].split()
+            rows.append({"what": what, "processor seconds": float(processor), "seconds": float(seconds)})
+        for what, code in (
+            ("200-site Toda chain: system built and first step made", TODA),
+            ("1e6 Verlet steps of the pendulum, interpreted, no compiler, every node kept", VERLET),
+        ):
+            processor, seconds = process(code, cache)[2].split()
             rows.append({"what": what, "processor seconds": float(processor), "seconds": float(seconds)})
     rows += single_steps() + whole_runs()
     table(rows)

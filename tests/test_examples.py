@@ -33,4 +33,4 @@ def test_an_example_finds_what_it_claims_and_draws_it(path, tmp_path, monkeypatc
 def test_an_example_states_its_claim_and_source(path):
     text = path.read_text()
     assert "\nClaim: " in text and "\nSource: " in text and "\nRun: python" in text
-    assert len(text.splitlines()) <= 120
+    assert 60 <= len(text.splitlines()) <= 120

@@ -96,7 +96,7 @@ class Trajectory:
     events : tuple of Event
         What happened on the way, in order of time.
     stats : mapping
-        Plan, worst residual, iterations, timings.
+        Plan, worst residual, timings, and the iterations that solved its steps (0 where steps are explicit).
     fictitious : Trajectory or None
         The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
     solution : ControlSolution, Contacts or None
@@ -134,9 +134,11 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice | np.ndarray) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray | list) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
-        if isinstance(index, (slice, np.ndarray)):
+        if isinstance(index, (slice, np.ndarray, list)):
+            if not len(self.t[index]):
+                raise InputError(f"no node of the {len(self)} is left in [{index}]")
             part = replace(
                 self,
                 t=self.t[index],
@@ -260,10 +262,11 @@ class Trajectory:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
         if self.fictitious is not None:
             raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
-        total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
-        if len(self) > 1:
-            for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
-                total[active] += over_columns(integrand(scene), *arguments)[0]
+        total = np.zeros((len(self) - 1, 1))
+        for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
+            values = over_columns(integrand(scene), *arguments)[0]  # a scene with contacts has no step of its own
+            total = total if total.shape[1] == values.shape[1] else np.zeros((len(total), values.shape[1]))
+            total[active] += values
         return total
 
     def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
@@ -345,7 +348,7 @@ class Trajectory:
         InputError
             If a time lies outside the trajectory.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = self._times(t)
         if self.fictitious is not None:
             from varint.stepping.clock import at_times
 
@@ -365,9 +368,19 @@ class Trajectory:
         """Costates of an optimal control: derivatives of the cost-to-go with respect to q and p, (N + 1, n) each."""
         return self._solution("costates").costates
 
+    def _times(self, t: Any) -> np.ndarray:
+        """Times as numbers (k,), or an error that says what they must be."""
+        try:
+            times = np.atleast_1d(np.asarray(t, dtype=float))
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError(f"a time or several (k,) must be given, got {t!r}") from None
+        if times.ndim > 1 or not times.size:
+            raise InputError(f"a time or several (k,) must be given, got an array of shape {times.shape}")
+        return times
+
     def u_at(self, t: Any) -> np.ndarray:
         """Controls of an optimal control at any times within it, by the polynomial of each step, (k,) or (M, k)."""
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = self._times(t)
         if not self.system.structure.controls:
             raise InputError("u_at(): the scene has no controls")
         found = self._solution("u_at()").u((times - self.t[0]) / self.duration)

@@ -18,7 +18,7 @@ from varint.stepping.run import Block, Position, Task
 from varint.system import System
 from varint.trajectory import Event
 
-FORMAT = "varint checkpoint 1"
+FORMAT = "varint checkpoint 2"
 PAUSE = 1.0  # seconds between two checkpoints, more where writing them would take more than a tenth of the run
 MOST_SHARE = 0.1
 NODES = ("k", "t", "q", "p")
@@ -109,6 +109,8 @@ def checkpoint_of(path: Any, system: System, rule: Rule, task: Task, **words: st
     InputError
         If the scene has contacts.
     """
+    if not isinstance(path, (str, Path)):
+        raise InputError(f"checkpoint must be the path of a file, got {path!r}")
     if system.structure.contacts:
         raise InputError("a run with contacts cannot be taken up from a checkpoint; leave checkpoint= out")
     numbers = {name: getattr(task, name) for name in ("q0", "p0", "t0", "h", "steps", "save_every", "u", "level")}

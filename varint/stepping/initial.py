@@ -24,6 +24,7 @@ WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
 LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
+MOST_STEPS = 10**15  # years of the cheapest steps
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -114,6 +115,8 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
     if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
         raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
+    if steps is not None and steps > MOST_STEPS:
+        raise InputError(f"steps={steps} is more than any run can take; at most {MOST_STEPS}")
     for name, x in (("h", h), ("duration", duration)):
         if x is not None and number(name, x) == 0:
             raise InputError(f"{name} must not be zero")
@@ -160,10 +163,10 @@ def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
 
 @per_system
 def start_function(system: System) -> ca.Function:
-    """(q, v, u, t, c) → (p, M, ∂L/∂q + F) at the start."""
+    """(q, v, u, t, c) → (p, M, ∂L/∂q + F, L) at the start."""
     s = system
-    _, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
-    outputs = [ca.densify(x) for x in (momentum, s.mass_matrix, gradient + force)]
+    value, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
+    outputs = [ca.densify(x) for x in (momentum, s.mass_matrix, gradient + force, value)]
     return ca.Function("start_values", [s.q, s.v, s.control, s.t, s.c], outputs)
 
 
@@ -181,11 +184,13 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
     u, t = np.zeros(structure.controls), np.array((t0,))
-    p, mass, push = call(start_function(system), q, v, u, t, c)
-    if not np.isfinite(np.concatenate((p, mass, push))).all():
+    p, mass, push, value = call(start_function(system), q, v, u, t, c)
+    if not np.isfinite(np.concatenate((p, mass, push, value))).all():
+        what = "the Lagrangian" if np.isfinite(p).all() and np.isfinite(push).all() else "the Lagrangian's derivatives"
         raise InputError(
-            f"the Lagrangian's derivatives are not finite at the start, q0={q}, t0={t0:g}: a collision, a square root "
-            "or logarithm of a negative number, or a parameter value; move the start or change the parameters"
+            f"{what} {'is' if what == 'the Lagrangian' else 'are'} not finite at the start, q0={q}, t0={t0:g}: a "
+            "collision, a square root or logarithm of a negative number, or a parameter value; move the start or "
+            "change the parameters"
         )
     if not (structure.degenerate or structure.constraints or structure.nonholonomic):
         _check_mass(system, mass.reshape(n, n), c)

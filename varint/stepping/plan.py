@@ -83,6 +83,8 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
       skipped  matrix solves: M is diagonal
       skipped  time: the scene is autonomous
     """
+    if not isinstance(system, System):
+        raise InputError(f"the first argument must be a varint System, got {type(system).__name__}")
     if rule is not None and not isinstance(rule, Rule):
         raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
     return _plan(system, rule)

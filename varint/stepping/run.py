@@ -73,8 +73,9 @@ class Block:
     """Some saved nodes: step counts k, coordinates, momenta.
 
     The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one. Scenes
-    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them;
-    compiled runs also count their iterations. The run goes on from `after`, where it can be taken up again.
+    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them.
+    `iterations` are those of Newton's method, or of the stages, in the solved steps; `counts` the sums up to each node,
+    where runs may be cut. The run goes on from `after`, where it can be taken up again.
     """
 
     k: np.ndarray
@@ -88,6 +89,7 @@ class Block:
     events: tuple[Event, ...] = ()
     iterations: int = 0
     after: Position | None = None
+    counts: np.ndarray | None = None
 
 
 @per_system
@@ -158,13 +160,14 @@ def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> I
         states = call(function, at.x, task.controls(at.k, total), times, h, task.c, at.scale)[0].reshape(count, -1)
         good = int(good_nodes(states))
         worst = float(states[good - 1, -1]) if good else 0.0
-        after = _advanced(at, states[:good], task.h, every)
+        after, counts = _advanced(at, states[:good], task.h, every), counted(system, rule, at.x, states[:good])
         k = at.k + every * np.arange(1, count + 1)
         if good == count and not is_saved(int(k[-1]), task.steps, task.save_every):  # within a long interval
             k, states = k[:0], states[:0]
         q, p = states[:good, :n], states[:good, 2 * n : 3 * n]
         failed = 0.0 if good == count else size(states[good])
-        yield Block(k, q, p, worst, len(q), failed, after=after)
+        total = int(counts[-1]) if good else 0
+        yield Block(k, q, p, worst, len(q), failed, iterations=total, after=after, counts=counts)
         if good < count:
             return
         at = after
@@ -190,6 +193,12 @@ def good_nodes(states: np.ndarray) -> np.ndarray:
     """How many of the states (…, nodes, size), from the first on, are finite and solved."""
     good = np.isfinite(states).all(axis=-1) & (states[..., -1] <= RESIDUAL_LIMIT)
     return np.where(good.all(axis=-1), states.shape[-2], np.argmin(good, axis=-1))
+
+
+def counted(system: System, rule: Rule, before: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Iterations since the state `before`, at each of the states (nodes, size) that follow it."""
+    iterates = plan(system, rule).build(system, rule).counts
+    return states[:, -2] - before[-2] if iterates else np.zeros(len(states))
 
 
 def _advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:

@@ -114,6 +114,8 @@ def simulate(
     >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
     ((1001, 1), True)
     """
+    if tol is not None and not (isinstance(tol, (float, int)) and 0 < tol < 1):
+        raise InputError(f"tol must be a relative error between 0 and 1, got {tol!r}")
     if time_scale is not None:
         if u is not None:
             raise InputError("time_scale takes no controls u: they change the energy that it is built on")
