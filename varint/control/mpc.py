@@ -20,6 +20,8 @@ from varint.stepping.initial import vector
 from varint.stepping.simulate import simulate
 from varint.trajectory import Trajectory
 
+SOLVES = 500  # of one controller, about: what compiling its kernels is weighed against
+
 
 @dataclass(frozen=True, eq=False)
 class Controller:
@@ -78,14 +80,16 @@ class Controller:
         return judged(self.problem, outcome)[0]
 
 
-def mpc(phase: Phase, *, solver: str = "ipopt", options: Mapping[str, Any] | None = None) -> Controller:
+def mpc(
+    phase: Phase, *, solver: str = "ipopt", options: Mapping[str, Any] | None = None, backend: str = "auto"
+) -> Controller:
     """A controller that looks ahead: build the problem once, solve it from each new state in milliseconds.
 
     Parameters
     ----------
     phase : Phase
         The problem over the horizon: system, rule, duration, steps, costs, end, bounds; leave the start free.
-    solver, options
+    solver, options, backend
         As in `optimal_control`.
 
     Returns
@@ -114,7 +118,7 @@ def mpc(phase: Phase, *, solver: str = "ipopt", options: Mapping[str, Any] | Non
         raise InputError(f"mpc takes a varint.Phase, got {type(phase).__name__}")
     if phase.start:
         raise InputError("mpc() gets its start with every call; leave start= out of the phase")
-    one = problem([phase], [], 0.0)
+    one = problem([phase], [], 0.0, nlp.backend_for(solver, backend), SOLVES)
     x = start_values(one)
     return Controller(one, nlp.solver(one, x, solver, options), x)
 

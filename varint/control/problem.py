@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
+import casadi as ca
 import numpy as np
 
-from varint.assembly import Program, assembled
+from varint.assembly import Kernels, Program, assembled
+from varint.compiled.functions import compiled_functions, compiled_where_it_pays
 from varint.control.contradictions import refuse_contradictions
 from varint.control.leg import Leg, leg
 from varint.control.links import Link, Linked, linked
@@ -29,6 +31,7 @@ class Problem:
     g_low: np.ndarray
     g_high: np.ndarray
     seconds: float
+    kernels: Kernels | None = None
 
     @property
     def unknowns(self) -> int:
@@ -36,9 +39,14 @@ class Problem:
         return len(self.x_low)
 
 
-def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_options: dict | None = None) -> Problem:
-    """Transcribe the phases; those after a phase of free duration begin at an unknown time."""
-    began = perf_counter()
+def problem(
+    phases: Sequence[Phase], links: Sequence[Link], t0: float, backend: str = "interpreted", solves: float = 1
+) -> Problem:
+    """Transcribe the phases; those after a phase of free duration begin at an unknown time.
+
+    `backend`, `solves`: how the kernels run, and how often the problem will be solved; see `kernels_by`.
+    """
+    began, kernels = perf_counter(), kernels_by(backend, solves)
     checks = [checked(phase) for phase in phases]
     links = [*links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]
     for link in links:
@@ -60,7 +68,7 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
         ties.append(tie)
         x, g = x + tie.unknowns, g + tie.rows
     elements = [e for one in legs for e in one.elements] + [e for tie in ties for e in tie.elements]
-    program = assembled(elements, x, p, g, kernel_options)
+    program = assembled(elements, x, p, g, kernels)
     return Problem(
         legs=legs,
         links=ties,
@@ -71,7 +79,28 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
         g_low=np.concatenate([*(one.g_low for one in legs), *(np.zeros(t.rows) for t in ties)]),
         g_high=np.concatenate([*(one.g_high for one in legs), *(np.zeros(t.rows) for t in ties)]),
         seconds=perf_counter() - began,
+        kernels=kernels,
     )
+
+
+ITERATIONS = 20  # of a solver, about
+CALLS = 2, 2, 1, 1  # of value, gradient, Jacobian and Hessian an iteration
+BACKENDS = ("auto", "compiled", "interpreted")
+
+
+def kernels_by(backend: str, solves: float = 1) -> Kernels | None:
+    """How kernels are run: compiled, interpreted, or ("auto") compiled where that pays over so many solves."""
+    if backend not in BACKENDS:
+        raise InputError(f"backend={backend!r} is unknown; known: {list(BACKENDS)}")
+    if backend == "interpreted":
+        return None
+
+    def kernels(made: list[ca.Function], copies: int) -> list[ca.Function]:
+        if backend == "compiled":
+            return compiled_functions(made)
+        return compiled_where_it_pays(made, [copies * solves * ITERATIONS * calls for calls in CALLS])
+
+    return kernels
 
 
 def _ties_all(link: Link) -> bool:

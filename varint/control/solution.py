@@ -88,7 +88,7 @@ class ControlSolution:
     @property
     def iterations(self) -> int:
         """Iterations of the solver."""
-        return max(len(self.history.get("cost", ())) - 1, 0)
+        return self.outcome.iterations
 
 
 def trajectories(problem: Problem, outcome: Outcome, data: np.ndarray | None = None) -> list[Trajectory]:
