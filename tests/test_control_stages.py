@@ -120,7 +120,7 @@ def test_without_a_compiler_everything_works(monkeypatch):
 
 
 def test_backends_that_cannot_be_are_refused():
-    with pytest.raises(vi.InputError, match="known: .*interpreted"):
+    with pytest.raises(vi.InputError, match=r"known: .*interpreted"):
         move(vi.gauss(2), 5, backend="gpu")
-    with pytest.raises(vi.InputError, match="sqpmethod.*interpreted"):
+    with pytest.raises(vi.InputError, match=r"sqpmethod.*interpreted"):
         move(vi.gauss(2), 5, backend="compiled", solver="sqpmethod")
