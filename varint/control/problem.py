@@ -23,7 +23,7 @@ class Problem:
     """A discrete optimal control problem min f(x, p), g_low ≤ g(x, p) ≤ g_high, x_low ≤ x ≤ x_high."""
 
     legs: list[Leg]
-    links: list[Linked]
+    links: list[Linked]  # with what periodic ends ask for
     program: Program
     p: np.ndarray
     x_low: np.ndarray
@@ -32,6 +32,7 @@ class Problem:
     g_high: np.ndarray
     seconds: float
     kernels: Kernels | None = None
+    given_links: tuple[Link, ...] = ()
 
     @property
     def unknowns(self) -> int:
@@ -48,6 +49,7 @@ def problem(
     """
     began, kernels = perf_counter(), kernels_by(backend, solves)
     checks = [checked(phase) for phase in phases]
+    given_links = tuple(links)
     links = [*links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]
     for link in links:
         if not (0 <= link.before < len(checks) and 0 <= link.after < len(checks)):
@@ -80,6 +82,7 @@ def problem(
         g_high=np.concatenate([*(one.g_high for one in legs), *(np.zeros(t.rows) for t in ties)]),
         seconds=perf_counter() - began,
         kernels=kernels,
+        given_links=given_links,
     )
 
 
