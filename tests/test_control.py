@@ -336,7 +336,7 @@ def _free_fall():
         (dict(solver="nosuch"), "unknown solver"),
         (dict(options={"nonsense": 1}), "nonsense"),
         (dict(guess=dict(x=1)), "unknown keys"),
-        (dict(guess=dict(q=np.zeros((3, 2)))), "finite numbers"),
+        (dict(guess=dict(q=np.zeros((3, 2)))), "it takes (samples, 1)"),
         (dict(guess=3), "guess must be"),
         (dict(mesh=[0, 0.5, 0.4, 1]), "increase from 0 to 1"),
         (dict(params=dict(mass=1)), "unknown parameters"),
@@ -371,3 +371,63 @@ def test_ends_off_the_constraint_are_refused():
         _rod_swing(vi.lobatto(3), 10, end=dict(q=[0, 1], v=[0, 1]))
     with pytest.raises(vi.InputError, match="say the same"):
         _rod_swing(vi.lobatto(3), 10, end=dict(q=[None, 1], v=[0, 0]))
+
+
+def test_saved_solution_comes_back_with_cost_costates_controls_replay_and_report(tmp_path, capsys):
+    motion = vi.models.overhead_crane().solve()[0]
+    motion.save(tmp_path / "crane.npz")
+    again = vi.load(tmp_path / "crane.npz")
+    assert (again.cost, again.solution.status, again.solution.iterations) == (
+        motion.cost, motion.solution.status, motion.solution.iterations,
+    )  # fmt: skip
+    t = np.linspace(0, motion.duration, 50)
+    assert np.array_equal(again.u_at(t), motion.u_at(t))
+    assert np.array_equal(again.costates.p, motion.costates.p) and np.array_equal(again.costates.q, motion.costates.q)
+    assert again.solution.active.keys() == motion.solution.active.keys() != set()
+    assert replay_defect(again) == replay_defect(motion)
+    texts = []
+    for one in (motion, again):
+        one.report()
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+    warm = vi.optimal_phases([replace(vi.models.overhead_crane().phases[0], guess=again)])[0]
+    assert warm.cost == pytest.approx(motion.cost, rel=1e-8)
+    with pytest.raises(vi.InputError, match="guess=motion"):
+        vi.refine(again)
+
+
+def test_part_of_an_optimal_motion_and_times_outside_have_no_controls():
+    motion = move(vi.gauss(2), 10)
+    with pytest.raises(vi.InputError, match="from 0 to 1"):
+        motion.u_at(1.5)
+    part = motion[2:5]
+    with pytest.raises(vi.InputError, match="optimal_control"):
+        part.u_at(0.3)
+    assert repr(motion.solution).count("\n") == 0
+
+
+def test_figure_draws_the_controls_as_functions_of_time():
+    motion = move(vi.gauss(2), 3)
+    axes = next(x for x in motion.plot().axes if x.get_title() == "Controls")
+    t, u = axes.lines[0].get_data()
+    assert u == pytest.approx(6 - 12 * t, abs=1e-9)  # the exact control, between the nodes as well
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(guess=dict(q=[[0], [np.nan]])), "not finite in 1"),
+        (dict(guess=dict(u=lambda t: [np.nan])), "not finite in 10"),
+        (dict(guess=dict(duration=-1)), "positive number"),
+        (dict(guess=dict(duration="long")), "positive number"),
+        (dict(cost=np.nan), "cost is not finite"),
+        (dict(mesh="abc", steps=0), "increase from 0 to 1"),
+        (dict(options=[1]), "dictionary"),
+        (dict(t0=np.nan), "t0"),
+        (dict(steps=1, control="constant"), "3 conditions on 2 unknowns"),
+    ],
+)
+def test_what_cannot_be_a_problem_is_said_before_a_solver_runs(change, message, capfd):
+    with pytest.raises(vi.InputError, match=message):
+        move(vi.gauss(2), **(dict(steps=5) | change))
+    assert "WARNING" not in "".join(capfd.readouterr())

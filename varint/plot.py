@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
+import casadi as ca
 import numpy as np
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ MOST_LINES = 7  # coordinates drawn one by one; more are drawn as the first and 
 MOST_EVENTS = 40  # marked; bounces that pile up would paint the figure grey
 EVENT_STYLES = ("--", ":", "-.", (0, (1, 3)))
 MOST_POINTS = 20_000  # a line with more is thinned for drawing, keeping its last point
+CONTROL_POINTS = 1001  # of an optimal control, a function of time
 GREEK = {
     "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu", "xi",
     "pi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega",
@@ -171,9 +173,11 @@ def _draw_momenta(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
 
 def _draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
     names = [label(name) for name in motion.system.control_names]
+    optimal = hasattr(motion.solution, "costates")  # then the controls are a function of time
+    t = np.linspace(motion.t[0], motion.t[-1], CONTROL_POINTS) if optimal else motion.t[keep]
+    u = motion.u_at(t) if optimal else np.array([motion.value(x)[keep] for x in ca.vertsplit(motion.system.control)]).T
     for colour, i, name in zip(COLOURS, _shown(len(names)), names, strict=False):
-        values = motion.value(motion.system.control[i])
-        axes.plot(motion.t[keep], values[keep], color=colour, lw=1.2, label=name, drawstyle="steps-post")
+        axes.plot(t, u[:, i], color=colour, lw=1.2, label=name, drawstyle="default" if optimal else "steps-post")
     _name_axes(axes, "time $t$", names[0] if len(names) == 1 else "controls $u$", "Controls")
     if len(names) > 1:
         axes.legend(fontsize="small", loc="best")

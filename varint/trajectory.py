@@ -146,6 +146,7 @@ class Trajectory:
                 phase=None if self.phase is None else self.phase[index],
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
+                solution=None if hasattr(self.solution, "costates") else self.solution,  # it belongs to the whole
             )
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
@@ -361,7 +362,11 @@ class Trajectory:
         times = np.atleast_1d(np.asarray(t, dtype=float))
         if not self.system.structure.controls:
             raise InputError("u_at(): the scene has no controls")
-        found = self._solution("u_at()").u((times - self.t[0]) / self.duration)
+        first, last = self.t[0], self.t[-1]
+        slack = 1e-12 * max(abs(first), abs(last))
+        if not ((times >= first - slack) & (times <= last + slack)).all():
+            raise InputError(f"u_at() takes times from {first:g} to {last:g}, got {t!r}")
+        found = self._solution("u_at()").u((times - first) / self.duration)
         return found[0] if np.ndim(t) == 0 else found
 
     def replay(self) -> Trajectory:

@@ -54,11 +54,21 @@ def phase_guess(phase: Checked, t0: float) -> Guess:
     unknown = sorted(set(given) - set(KEYS))
     if unknown:
         raise InputError(f"unknown keys {unknown} in guess; known: {list(KEYS)}")
-    duration = float(given.get("duration", phase.duration[0]))
+    duration = _guessed_duration(given.get("duration", phase.duration[0]))
     s = phase.system.structure
     q = _path("q", given["q"], s.n, t0, duration) if "q" in given else _straight(phase, t0)
     u = _path("u", given["u"], s.controls, t0, duration) if "u" in given else None
     return Guess(q, u, duration, phase.c)
+
+
+def _guessed_duration(value: Any) -> float:
+    try:
+        duration = float(value)
+    except (TypeError, ValueError):
+        duration = np.nan
+    if not (np.isfinite(duration) and duration > 0):
+        raise InputError(f"the guess of the duration must be a positive number, got {value!r}")
+    return duration
 
 
 def _straight(phase: Checked, t0: float) -> Path:
@@ -129,8 +139,10 @@ def _path(what: str, given: Any, size: int, t0: float, duration: float) -> Path:
 
 
 def _checked_samples(what: str, values: np.ndarray, size: int) -> np.ndarray:
-    if values.ndim != 2 or values.shape[1] != size or not np.isfinite(values).all():
-        raise InputError(f"the guess of {what} has shape {values.shape}; it takes finite numbers (samples, {size})")
+    if not np.isfinite(values).all():
+        raise InputError(f"the guess of {what} is not finite in {int((~np.isfinite(values)).sum())} of its numbers")
+    if values.ndim != 2 or values.shape[1] != size:
+        raise InputError(f"the guess of {what} has shape {values.shape}; it takes (samples, {size})")
     return values
 
 

@@ -69,7 +69,10 @@ class Controller:
             data[2 * one.phase.steps] = t
         x, multipliers = self.start, None
         if previous is not None:
-            outcome = previous.solution.outcome  # type: ignore[union-attr]
+            origin = getattr(previous.solution, "origin", None)
+            if origin is None or len(origin.outcome.x) != self.problem.unknowns:
+                raise InputError("previous= takes the last answer of this controller")
+            outcome = origin.outcome
             x = _shifted_unknowns(one, outcome.x)
             multipliers = _shifted_unknowns(one, outcome.lam_x), _shifted_rows(one, outcome.lam_g)
         outcome = self.solver(np.clip(x, low, high), multipliers, x_low=low, x_high=high, p=data, progress=False)

@@ -73,7 +73,7 @@ def multistart(
     (36.64, True)
     """
     solves = starts if isinstance(starts, (int, np.integer)) else len(starts)
-    one = problem([phase], [], float(t0), nlp.backend_for(solver, backend), solves)
+    one = problem([phase], [], t0, nlp.backend_for(solver, backend), solves)
     x = start_values(one)
     run = nlp.solver(one, x, solver, options)
     kept: list[tuple[Trajectory, int]] = []

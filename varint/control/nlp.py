@@ -146,6 +146,14 @@ def solver(problem: Problem, x: np.ndarray, name: str = "ipopt", options: Mappin
     if not isinstance(name, str) or not ca.has_nlpsol(name):
         known = [x for x in KNOWN if ca.has_nlpsol(x)]
         raise InputError(f"unknown solver {name!r}; installed: {known}")
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f'options must be a dictionary such as {{"ipopt": {{"max_iter": 100}}}}, got {options!r}')
+    conditions, chosen = int((problem.g_low == problem.g_high).sum()), int((problem.x_low < problem.x_high).sum())
+    if conditions > chosen:
+        raise InputError(
+            f"{conditions} conditions on {chosen} unknowns cannot hold together: free an end or the duration, or take "
+            'more steps, or control="nodes"'
+        )
     order = staged(problem) if name == "fatrop" else plain(problem)
     units = scales(problem, x)
     program = order.program if units.natural else scaled(order.program, units.f, *order.scales(units.x, units.g))
@@ -178,7 +186,7 @@ KNOWN = ("ipopt", "fatrop", "sqpmethod", "blocksqp", "knitro", "snopt", "worhp",
 
 
 def _settings(program: Program, name: str, given: Mapping[str, Any], extra: dict, watch: _Watch, order: Arrangement):
-    settings: dict[str, Any] = {"print_time": False, "error_on_fail": False}
+    settings: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
     if name == "ipopt":
         settings |= dict(grad_f=program.gradient, jac_g=program.jacobian, hess_lag=program.hessian)
         settings |= {"no_nlp_grad": True, "iteration_callback": watch, "ipopt": IPOPT | extra}

@@ -48,6 +48,12 @@ def problem(
     `backend`, `solves`: how the kernels run, and how often the problem will be solved; see `kernels_by`.
     """
     began, kernels = perf_counter(), kernels_by(backend, solves)
+    try:
+        t0 = float(t0)
+    except (TypeError, ValueError):
+        t0 = np.nan
+    if not np.isfinite(t0):
+        raise InputError("t0 must be a finite number, the time at which the first phase begins")
     checks = [checked(phase) for phase in phases]
     given_links = tuple(links)
     links = [*links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]

@@ -15,7 +15,7 @@ from typing import Any, overload
 import numpy as np
 
 from varint.control.optimal import optimal_phases
-from varint.control.solution import ControlSolution
+from varint.control.solution import ControlSolution, Origin
 from varint.errors import InputError, SolverError
 from varint.rules import Rule, gauss, lobatto
 from varint.trajectory import Trajectory
@@ -97,12 +97,12 @@ def refine(
         raise InputError(f"tol must be a positive number, got {tol!r}")
     single = isinstance(motion, Trajectory)
     low = _solved_together([motion] if isinstance(motion, Trajectory) else list(motion))
-    t0, links = float(low[0].t[0]), _solution(low[0]).problem.given_links
+    t0, links = float(low[0].t[0]), _origin(low[0]).problem.given_links
     history: list[tuple[str, int, float, float]] = []
 
     def solve(rules: Sequence[Rule], meshes: Sequence[np.ndarray], guesses: Sequence[Trajectory]) -> list[Trajectory]:
         phases = [
-            replace(_solution(guess).phase.given, rule=rule, mesh=mesh, steps=0, guess=guess)
+            replace(_origin(guess).phase.given, rule=rule, mesh=mesh, steps=0, guess=guess)
             for rule, mesh, guess in zip(rules, meshes, guesses, strict=True)
         ]
         return optimal_phases(phases, links, t0=t0, solver=solver, options=options, backend=backend)
@@ -148,11 +148,20 @@ def _solution(motion: Trajectory) -> ControlSolution:
     return motion.solution
 
 
+def _origin(motion: Trajectory) -> Origin:
+    origin = _solution(motion).origin
+    if origin is None:
+        raise InputError(
+            "this motion was loaded from a file, which does not hold its problem; solve it with guess=motion"
+        )
+    return origin
+
+
 def _solved_together(motions: list[Trajectory]) -> list[Trajectory]:
     """The phases of one problem, in its order."""
-    problems = {id(_solution(x).problem) for x in motions}
-    wanted = [] if not motions else [leg.phase for leg in _solution(motions[0]).problem.legs]
-    if len(problems) != 1 or [id(_solution(x).phase) for x in motions] != [id(x) for x in wanted]:
+    origins = [_origin(x) for x in motions]
+    wanted = origins[0].problem.legs if origins else []
+    if not origins or [x.leg for x in origins] != wanted:
         raise InputError(
             f"refine() takes one trajectory, or all {len(wanted)} phases that optimal_phases returned, in their order; "
             f"got {len(motions)}"
