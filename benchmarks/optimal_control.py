@@ -1,6 +1,6 @@
 """Optimal control: assembly of large problems, and cost error against time beside other transcriptions.
 
-Run: python benchmarks/optimal_control.py [folder of the picture]
+Run: python benchmarks/optimal_control.py. Results: benchmarks/results/control_*.json and optimal_control.png.
 
 1. Cart with 4 links, midpoint, 2000 steps, 12,015 unknowns: the same program assembled from one-interval kernels
    (interpreted, compiled) and differentiated by CasADi through ``map``; build and solve times and their ratios.
@@ -15,7 +15,6 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
@@ -23,7 +22,7 @@ from time import perf_counter
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
-from record import save, table
+from record import FOLDER, save, table
 
 import varint as vi
 from varint.control.guess import start_values
@@ -284,7 +283,7 @@ def peers() -> dict[str, list[tuple[int, float, float]]]:
     return rows
 
 
-def work_and_precision(out: Path) -> None:
+def work_and_precision() -> None:
     """Table and figure of cost error against time."""
     found: dict[str, list[tuple[int, float, float]]] = {}
     for name, stages in METHODS.items():
@@ -313,11 +312,10 @@ def work_and_precision(out: Path) -> None:
     )  # fmt: skip
     axes.legend(fontsize="small", ncols=2)
     axes.grid(alpha=0.3)
-    out.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out / "optimal_control.png", dpi=120)
+    figure.savefig(FOLDER / "optimal_control.png", dpi=120)
 
 
 if __name__ == "__main__":
     large_problem()
     stage_solver()
-    work_and_precision(Path(sys.argv[1] if sys.argv[1:] else "out"))
+    work_and_precision()

@@ -174,7 +174,7 @@ def test_compiled_compositions_have_their_order(name, order):
         assert slope([np.abs(end[part] - exact[part]).max() for end in ends], counts) == pytest.approx(order, abs=0.15)
 
 
-@pytest.mark.parametrize("stages", range(1, 11))
+@pytest.mark.parametrize("stages", range(1, 17))
 def test_rounded_tableaux_are_symplectic_and_symmetric_without_rounding_error(stages):
     t = gauss_tableau(stages)
     c, m, mm = t["STAGE_C"][0], t["STAGE_M1"], t["STAGE_M2"]

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from varint.compiled.graph import Graph, graph_of, needed, uniform_nodes
+from varint.compiled.algebra import graph_of
+from varint.compiled.graph import Graph, needed, uniform_nodes
 
+LONG = 300  # operations from which on a function is not written into its callers: the compiler takes longer, no gain
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 
 
@@ -91,10 +93,11 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
     source = "\n    ".join(
         [f"INLINE void {name}_prepare(const double *c, double *w) {{", "(void)c, (void)w;", *prepare]
     )
+    kind = "INLINE" if len(body) <= LONG else "static __attribute__((noinline, noclone, unused))"
     unused = " ".join(f"(void)i{k};" for k in range(last))
     source += (
         "\n}\n"
-        + "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body])
+        + "\n    ".join([f"{kind} void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body])
         + "\n}\n"
     )
     roots = sum(1 for i in live if graph.nodes[i][0] in ("rsqrt", "sqrt") and not uniform[i])
