@@ -1,6 +1,6 @@
 """Optimal control: assembly of large problems, and cost error against time beside other transcriptions.
 
-Run: python benchmarks/optimal_control.py. Results: benchmarks/results/control_*.json and optimal_control.png.
+Run: python benchmarks/optimal_control.py. Results: benchmarks/results/optimal_control*.json and .png.
 
 1. Cart with 4 links, midpoint, 2000 steps, 12,015 unknowns: the same program assembled from one-interval kernels
    (interpreted, compiled) and differentiated by CasADi through ``map``; build and solve times and their ratios.
@@ -94,7 +94,7 @@ def large_problem(steps: int = 2000) -> None:
         row["solve / map"] = row["solve s"] / rows[-1]["solve s"]
     print(f"cart with 4 links, midpoint, {steps} steps, {one.unknowns} unknowns, {outcome.iterations} iterations")
     table(rows)
-    save("control_assembly", rows)
+    save("optimal_control_assembly", rows)
 
 
 def stage_solver() -> None:
@@ -111,7 +111,7 @@ def stage_solver() -> None:
         row["difference of cost"] = abs(row.pop("fatrop cost") / row.pop("ipopt cost") - 1)
         rows.append(row)
     table(rows)
-    save("control_stages", rows)
+    save("optimal_control_solvers", rows)
 
 
 def dynamics() -> ca.Function:
@@ -293,17 +293,17 @@ def work_and_precision() -> None:
         found[kind] = [(n, *timed(lambda n=n, k=kind: collocation(k, n))) for n in STEPS[order]]
     found |= peers()
     rows = [
-        {"method": name, "steps": steps, "ms": 1e3 * seconds, "error of J": abs(cost / EXACT - 1)}
+        {"method": name, "steps": steps, "ms": 1e3 * seconds, "relative error of J": abs(cost / EXACT - 1)}
         for name, runs in found.items()
         for steps, seconds, cost in runs
     ]
     table(rows)
-    save("control_precision", rows)
+    save("optimal_control", rows)
     figure, axes = plt.subplots(figsize=(7.5, 5), layout="constrained")
     for i, name in enumerate(found):
         mine = [row for row in rows if row["method"] == name]
         axes.loglog(
-            [row["ms"] for row in mine], [max(row["error of J"], 1e-15) for row in mine],
+            [row["ms"] for row in mine], [max(row["relative error of J"], 1e-15) for row in mine],
             "o-" if name.startswith("varint") else "s--", ms=4, label=name, color=plt.get_cmap("tab20")(i),
         )  # fmt: skip
     axes.set(
