@@ -1,7 +1,7 @@
 """The many ways to swing up a pendulum: local minima by multi-start, and orders of the double integrator's cost.
 
-Claim: from 24 random starts the swing-up in 3 s has several local minima, the cheapest 36.6402890624; piecewise constant
-controls of the double integrator cost J_N = 12 N²/(N² − 1) exactly; Fatrop on the chain of stages finds what Ipopt finds.
+Claim: from 24 random starts the swing-up in 3 s has several local minima, the cheapest 36.6402890624; Fatrop on the
+chain of stages finds what Ipopt finds; constant controls of the double integrator cost 12 N²/(N² − 1) exactly.
 Source: Ober-Blöbaum, Junge, Marsden, ESAIM: COCV 17 (2011) 322; Bryson & Ho, Applied Optimal Control, §2.3.
 Run: python examples/control_minima.py [folder of the picture and the film]
 """

@@ -1,8 +1,8 @@
 """Model predictive control: a cart-pole swung up and held against pushes, by plans renewed at every step.
 
 Claim: with the cost-to-go as terminal cost the first control of every plan is that of the linear–quadratic regulator,
-J(1, 0) = √3 for x'' = u and ∫ x² + v² + u² dt; the same controller swings up a pole it does not know exactly, within its
-bounds, pushed on the way; a plan takes milliseconds, started warm from the one before.
+J(1, 0) = √3 for x'' = u and ∫ x² + v² + u² dt; a pole that is not known exactly is swung up within bounds, pushed on
+the way; a plan takes milliseconds, started warm from the one before.
 Source: Rawlings, Mayne, Diehl, Model Predictive Control, 2nd ed., §1.3 and §2.5; cart-pole of Kelly (2017).
 Run: python examples/mpc_cart_pole.py [folder of the picture and the film]
 """
@@ -76,7 +76,7 @@ def main(out: Path = Path("out")) -> None:
     path.legend(fontsize="small")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "mpc_cart_pole.png", dpi=120)
-    motion.animate(out / "mpc_cart_pole.gif", sketch=vi.models.sketch(vi.models.cart_pole()), fps=20, trace=0.5)
+    motion.animate(out / "mpc_cart_pole.gif", sketch=vi.models.sketch(vi.models.cart_pole()), fps=12, trace=0.5)
 
 
 if __name__ == "__main__":
