@@ -107,3 +107,27 @@ def test_points_that_cannot_be_brought_onto_the_constraints_stay_where_they_are(
     )
     assert fits.all()
     assert held == pytest.approx(np.array([[0.6, 0.8]]))
+
+
+def test_predictive_control_balances_a_particle_on_its_rod():
+    scene = models.swing_up_rod().phases[0].system
+    top = ca.sumsqr(scene.q - ca.DM([0, 1])) + ca.sumsqr(scene.v) / 10
+    controller = vi.mpc(vi.Phase(scene, vi.lobatto(3), 1.0, 15, top + 0.01 * scene.control**2))
+    start = np.array([np.sin(2.8), -np.cos(2.8)])
+    motion, plans = vi.closed_loop(controller, start, [0.0, 0.0], 25)
+    assert motion.q[-1] == pytest.approx([0, 1], abs=0.02)
+    assert np.abs((motion.q**2).sum(axis=1) - 1).max() < 1e-10
+    assert plans[0].q[0] == pytest.approx(start, abs=1e-12)
+    with pytest.raises(vi.InputError, match="q violates constraint 0"):
+        controller([1.0, 1.0], [0, 0])
+    with pytest.raises(vi.InputError, match="G v = 0 of constraint 0"):
+        controller([0.0, -1.0], [0, 1.0])
+
+
+def test_ranks_of_constraints_are_judged_where_they_hold():
+    """At q = 0, where a free end's guess lies, the circle's constraint has no gradient."""
+    scene = models.swing_up_rod().phases[0].system
+    cost = scene.control**2 + scene.q[1] + ca.sumsqr(scene.v)
+    motion = vi.optimal_control(scene, duration=1.0, steps=10, cost=cost, end=dict(v=[0, 0]))
+    assert np.abs(motion.q[-1]) == pytest.approx([0, 1], abs=1e-6)  # at rest, hanging or standing
+    assert np.abs((motion.q**2).sum(axis=1) - 1).max() < 1e-10

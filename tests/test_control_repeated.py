@@ -271,3 +271,24 @@ def test_refinement_refuses_some_of_the_phases():
     for some in (legs[0], legs[::-1], []):
         with pytest.raises(vi.InputError, match="all"):
             vi.refine(some)
+
+
+def test_closed_loops_and_multistarts_refuse_what_they_cannot_do():
+    q, v = particle().q, particle().v
+    ahead = vi.Phase(particle(), vi.gauss(2), 3.0, 15, q**2 + v**2 + U**2, bounds=[(-1, U, 1)])
+    controller = vi.mpc(ahead)
+    for change, message in (
+        (dict(steps=0), "at least 1"),
+        (dict(steps=10, disturbance=np.zeros((3, 1))), r"\(10, 1\)"),
+        (dict(steps=2, disturbance=np.full((2, 1), np.nan)), "finite"),
+    ):
+        with pytest.raises(vi.InputError, match=message):
+            vi.closed_loop(controller, [1.0], [0.0], **change)
+    with pytest.raises(vi.InputError, match="last answer"):
+        controller([1.0], [0.0], previous=move(vi.gauss(2), 5))
+    with pytest.raises(vi.InputError, match=r"one varint\.Phase"):
+        vi.multistart([ahead])
+    with pytest.raises(vi.InputError, match="list of guesses"):
+        vi.multistart(ahead, "many")
+    with pytest.raises(vi.InputError, match=r"varint\.Link"):
+        vi.optimal_phases([ahead], [3])

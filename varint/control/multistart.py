@@ -72,6 +72,10 @@ def multistart(
     >>> round(found[0].cost, 2), len(found) > 1
     (36.64, True)
     """
+    if not isinstance(phase, Phase):
+        raise InputError(f"multistart takes one varint.Phase, got {type(phase).__name__}")
+    if isinstance(starts, str):
+        raise InputError(f"starts must be a number or a list of guesses, got {starts!r}")
     solves = starts if isinstance(starts, (int, np.integer)) else len(starts)
     one = problem([phase], [], t0, nlp.backend_for(solver, backend), solves)
     x = start_values(one)

@@ -42,7 +42,7 @@ def onto_manifold(system: System, q: np.ndarray, t: np.ndarray, c: np.ndarray, m
     """
     q, given = q.copy(), q
     for _ in range(ITERATIONS):
-        g, slope = over_columns(_gaps(system), q, t[:, None], c)
+        g, slope = over_columns(gaps_function(system), q, t[:, None], c)
         found = np.abs(g).max(axis=1, initial=0.0) <= CLOSE * (1 + np.abs(q).max(axis=1))
         if found.all():
             break
@@ -55,6 +55,21 @@ def onto_manifold(system: System, q: np.ndarray, t: np.ndarray, c: np.ndarray, m
     return np.where(found[:, None], q, given), found
 
 
+def ends_on_manifold(system: System, ends: np.ndarray, t: np.ndarray, c: np.ndarray, moves: np.ndarray):
+    """As `onto_manifold` for the two ends of a path; where the way from a point is not clear, from beside it."""
+    extent = np.abs(ends).max() or 1.0
+    for bend in BENDS:
+        found, fits = onto_manifold(system, ends + bend * extent * _side(ends.shape[1]) * moves, t, c, moves)
+        if fits.all():
+            break
+    return found, fits
+
+
+def _side(n: int) -> np.ndarray:
+    """A direction that no symmetry of a scene leaves alone."""
+    return np.cos(1.0 + np.arange(n))
+
+
 def path_on_manifold(system: System, path: Path, t0: float, duration: float, c: np.ndarray, moves: np.ndarray) -> Path:
     """A path near the given one that keeps to the constraints, or the given one where none is found.
 
@@ -62,13 +77,13 @@ def path_on_manifold(system: System, path: Path, t0: float, duration: float, c: 
     """
     s = np.linspace(0, 1, SAMPLES)
     line, t = path(s), t0 + duration * s
-    line[[0, -1]], fits = onto_manifold(system, line[[0, -1]], t[[0, -1]], c, moves)
+    ends, fits = ends_on_manifold(system, line[[0, -1]], t[[0, -1]], c, moves)
     if not fits.all():
         return path
-    side = np.cos(1.0 + np.arange(line.shape[1]))  # no symmetry of a scene survives this direction
+    line = (1 - s[:, None]) * (line + ends[0] - line[0]) + s[:, None] * (line + ends[1] - line[-1])
     extent = max(np.ptp(line, axis=0).max(), np.abs(line).max())
     for bend in BENDS:
-        q, found = onto_manifold(system, line + bend * extent * np.sin(np.pi * s)[:, None] * side, t, c)
+        q, found = onto_manifold(system, line + bend * extent * np.sin(np.pi * s)[:, None] * _side(line.shape[1]), t, c)
         for _ in range(PULLS):
             if not found.all() or not _jumps(q):
                 break
@@ -91,7 +106,7 @@ def _evenly(q: np.ndarray) -> np.ndarray:
 
 
 @per_system
-def _gaps(system: System) -> ca.Function:
+def gaps_function(system: System) -> ca.Function:
     """(q, t, c) → (g, ∂g/∂q)."""
     s = system
     return ca.Function("gaps", [s.q, s.t, s.c], [ca.densify(x) for x in (s.constraint, ca.jacobian(s.constraint, s.q))])

@@ -14,6 +14,7 @@ from varint.compiled.functions import compiled_functions, compiled_where_it_pays
 from varint.control.contradictions import refuse_contradictions
 from varint.control.leg import Leg, leg
 from varint.control.links import Link, Linked, linked
+from varint.control.onto import ends_on_manifold
 from varint.control.phase import Checked, Phase, checked
 from varint.errors import InputError
 
@@ -41,11 +42,17 @@ class Problem:
 
 
 def problem(
-    phases: Sequence[Phase], links: Sequence[Link], t0: float, backend: str = "interpreted", solves: float = 1
+    phases: Sequence[Phase],
+    links: Sequence[Link],
+    t0: float,
+    backend: str = "interpreted",
+    solves: float = 1,
+    later: bool = False,
 ) -> Problem:
     """Transcribe the phases; those after a phase of free duration begin at an unknown time.
 
-    `backend`, `solves`: how the kernels run, and how often the problem will be solved; see `kernels_by`.
+    `backend`, `solves`: how the kernels run, and how often the problem will be solved; see `kernels_by`. `later`: the
+    state at the start will be given with every solve.
     """
     began, kernels = perf_counter(), kernels_by(backend, solves)
     try:
@@ -58,6 +65,8 @@ def problem(
     given_links = tuple(links)
     links = [*links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]
     for link in links:
+        if not isinstance(link, Link):
+            raise InputError(f"links takes a list of varint.Link, got {link!r}")
         if not (0 <= link.before < len(checks) and 0 <= link.after < len(checks)):
             raise InputError(f"a link joins phases {link.before} and {link.after}; there are {len(checks)}: 0 …")
     legs: list[Leg] = []
@@ -65,8 +74,8 @@ def problem(
     free_start = False
     for phase in checks:
         refuse_contradictions(phase, t0)
-        tied = any(link.after == len(legs) and _ties_all(link) for link in links)
-        one = leg(phase, t0, free_start, tied, end_positions(phase), x, p, g)
+        tied = (later and not legs) or any(link.after == len(legs) and _ties_all(link) for link in links)
+        one = leg(phase, t0, free_start, tied, _judged_at(phase, t0), x, p, g)
         legs.append(one)
         x, p, g = one.slots.end, p + len(one.data), one.rows.end
         t0, free_start = t0 + phase.duration[0], free_start or phase.free_duration
@@ -110,6 +119,15 @@ def kernels_by(backend: str, solves: float = 1) -> Kernels | None:
         return compiled_where_it_pays(made, [copies * solves * ITERATIONS * calls for calls in CALLS])
 
     return kernels
+
+
+def _judged_at(phase: Checked, t0: float) -> np.ndarray:
+    """Ends (2, n) where the ranks of the constraints are judged: on the constraints, if they can be reached."""
+    ends = end_positions(phase)
+    if not phase.system.structure.constraints:
+        return ends
+    moves = np.array([end.q[1] < end.q[2] for end in (phase.start, phase.end)])
+    return ends_on_manifold(phase.system, ends, t0 + phase.duration[0] * np.arange(2), phase.c, moves)[0]
 
 
 def _ties_all(link: Link) -> bool:
