@@ -60,7 +60,7 @@ def test_costates_are_the_derivatives_of_the_cost(rule):
 def test_momentum_of_a_cyclic_coordinate_changes_by_the_impulse_of_the_force_exactly():
     motion = swing_up(vi.gauss(2), 30, end=dict(q=[1, np.pi], v=[0.7, 0]))
     [(name, gained, impulse)] = momentum_balance(motion, motion.solution)
-    assert name == "x"
+    assert name == "translation along x"
     assert gained == pytest.approx(impulse, abs=1e-11)
     assert abs(gained) > 0.5
 
@@ -87,6 +87,9 @@ def test_angular_momentum_of_an_orbit_changes_by_the_torque_integral_only():
     torque = nodes[..., 0] * motion.u[..., 1] - nodes[..., 1] * motion.u[..., 0]
     gained = (motion.q[:, 0] * motion.p[:, 1] - motion.q[:, 1] * motion.p[:, 0])[[0, -1]]
     assert gained[1] - gained[0] == pytest.approx(motion.h * (torque @ np.array(rule.weights)).sum(), abs=1e-11)
+    [(name, change, impulse)] = momentum_balance(motion, motion.solution)
+    assert (name, change) == ("rotation about z", pytest.approx(gained[1] - gained[0], abs=1e-12))
+    assert impulse == pytest.approx(change, abs=1e-11)
 
 
 def test_free_end_has_zero_costate():
@@ -260,7 +263,7 @@ def test_report_names_status_cost_violation_replay_energy_and_momenta(capsys):
     motion = swing_up(steps=30)
     motion.report()
     text = capsys.readouterr().out
-    for word in (motion.solution.status, "cost", "violation", "replay defect", "energy", "momentum of x"):
+    for word in (motion.solution.status, "cost", "violation", "replay defect", "energy", "translation along x"):
         assert word in text
     assert f"{motion.cost:.12g}" in text
     assert motion.solution.history["cost"][-1] == pytest.approx(motion.cost)
