@@ -131,3 +131,21 @@ def test_ranks_of_constraints_are_judged_where_they_hold():
     motion = vi.optimal_control(scene, duration=1.0, steps=10, cost=cost, end=dict(v=[0, 0]))
     assert np.abs(motion.q[-1]) == pytest.approx([0, 1], abs=1e-6)  # at rest, hanging or standing
     assert np.abs((motion.q**2).sum(axis=1) - 1).max() < 1e-10
+
+
+def test_costates_of_a_constrained_scene_are_the_derivatives_of_the_cost_along_the_constraint():
+    phase = models.swing_up_rod(30, 4).phases[0]
+    angle, rate, step = 0.3, 0.4, 1e-5
+
+    def solve(angle, rate, guess=None):
+        there, along = np.array([np.sin(angle), -np.cos(angle)]), np.array([np.cos(angle), np.sin(angle)])
+        start = dict(q=there.tolist(), v=(rate * along).tolist())
+        return vi.optimal_phases([replace(phase, start=start, guess=guess or phase.guess)])[0]
+
+    base = solve(angle, rate)
+    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    q, p = base.costates.q[0], base.costates.p[0]
+    by_angle = solve(angle + step, rate, base).cost - solve(angle - step, rate, base).cost
+    by_rate = solve(angle, rate + step, base).cost - solve(angle, rate - step, base).cost
+    assert by_angle / (2 * step) == pytest.approx(q @ along + rate * p @ across, rel=1e-6)  # v turns with the rod
+    assert by_rate / (2 * step) == pytest.approx(p @ along, rel=1e-6)
