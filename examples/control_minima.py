@@ -47,6 +47,7 @@ def main(out: Path = Path("out")) -> None:
     cost.loglog([5, 80], [1 / 24, 1 / 6399], "k--", lw=0.8, label="1 / (N² − 1)")
     swing.set(xlabel="t in s", ylabel="θ in rad", title="Local minima of the swing-up")
     torque.set(xlabel="t in s", ylabel="torque in N m", title="Their controls")
+    cost.set_xscale("log", base=2)
     cost.set(xlabel="steps N", title="Double integrator, constant controls")
     for axes in (swing, cost):
         axes.legend(fontsize="small")

@@ -118,7 +118,7 @@ def swing_up_pendulum(duration: float = 3.0, steps: int = 40) -> ControlModel:
     phase = Phase(system, gauss(4), duration, steps, torque**2, start=dict(q=[0], v=[0]), end=dict(q=[np.pi], v=[0]))
     return ControlModel(
         name="swing_up_pendulum", phases=(phase,), cost=36.6402890624 if duration == 3.0 else None,
-        claim="T = 3: J = 36.6402890624 without back-swing; more turns and swings are further local minima.",
+        claim="T = 3: J = 36.6402890624 with one back-swing; straight up J = 66.84; further minima turn more often.",
         source="Ober-Blöbaum, Junge, Marsden, ESAIM: COCV 17 (2011) 322",
     )  # fmt: skip
 
