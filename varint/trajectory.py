@@ -148,6 +148,7 @@ class Trajectory:
                 phase=None if self.phase is None else self.phase[index],
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
+                solution=None if hasattr(self.solution, "costates") else self.solution,  # it belongs to the whole
             )
             if "v" in self.__dict__:  # once known, known of every part
                 part.__dict__["v"] = self.v[index]
@@ -383,7 +384,11 @@ class Trajectory:
         times = self._times(t)
         if not self.system.structure.controls:
             raise InputError("u_at(): the scene has no controls")
-        found = self._solution("u_at()").u((times - self.t[0]) / self.duration)
+        first, last = self.t[0], self.t[-1]
+        slack = 1e-12 * max(abs(first), abs(last))
+        if not ((times >= first - slack) & (times <= last + slack)).all():
+            raise InputError(f"u_at() takes times from {first:g} to {last:g}, got {t!r}")
+        found = self._solution("u_at()").u((times - first) / self.duration)
         return found[0] if np.ndim(t) == 0 else found
 
     def replay(self) -> Trajectory:
