@@ -42,10 +42,11 @@ def bench(*arguments: str) -> None:
 
 
 def docs(*arguments: str) -> None:
-    """Build the documentation into docs/_build/html."""
+    """Build the documentation into docs/_build/html; `docs -b linkcheck` tries every link, outside ones too."""
     prepare("docs")
-    run("-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto", "docs", "docs/_build/html", *arguments)
-    print("wrote docs/_build/html/index.html")
+    builder = arguments[arguments.index("-b") + 1] if "-b" in arguments[:-1] else "html"
+    run("-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto", "docs", f"docs/_build/{builder}", *arguments)
+    print(f"wrote docs/_build/{builder}" + ("/index.html" if builder == "html" else ""))
 
 
 def prepare(*extras: str) -> None:

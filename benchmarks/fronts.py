@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from varint.plot import COLOURS
 
 RESULT = Path(__file__).parent / "results" / "work_precision.json"
-MARKERS = "osD^vPX"
+MARKERS = "osD^vPX<>*"
+FIRST = ("varint", "heyoka", "compiled DOP853", "REBOUND IAS15", "SciPy DOP853")  # have a colour of their own
 COLUMNS = 3
 FLOOR = 1e-16  # an error of zero has no place on a logarithmic axis
 
@@ -41,8 +42,15 @@ def figure(result: dict[str, Any], names: list[str] | None = None) -> Figure:
     """Time over error; varint thick, in the colour and with the marker that a tool has in all panels."""
     scenes = {name: result["scenes"][name] for name in names or result["scenes"]}
     tools = {row["tool"] for scene in result["scenes"].values() for row in scene["all"]}
-    order = sorted(tools, key=lambda tool: (tool != "varint", tool))
-    style = {tool: (COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]) for i, tool in enumerate(order)}
+    order = [*(tool for tool in FIRST if tool in tools), *sorted(tools - set(FIRST))]
+    style = {
+        tool: {
+            "color": COLOURS[i % len(COLOURS)],
+            "marker": MARKERS[i % len(MARKERS)],
+            "ls": "-" if i < len(COLOURS) else ":",
+        }
+        for i, tool in enumerate(order)
+    }
     columns = min(COLUMNS, len(scenes))
     lines = -(-len(scenes) // columns)
     fig, grid = plt.subplots(
@@ -52,9 +60,7 @@ def figure(result: dict[str, Any], names: list[str] | None = None) -> Figure:
         for tool in reversed(order):
             found = front([row for row in scene["all"] if row["tool"] == tool])
             if len(found):
-                colour, marker = style[tool]
-                width = 2.2 if tool == "varint" else 1.0
-                axes.loglog(*found.T, color=colour, marker=marker, ms=3.5, lw=width, label=tool)
+                axes.loglog(*found.T, **style[tool], ms=3.5, lw=2.2 if tool == "varint" else 1.0, label=tool)
         axes.set(title=name, xlim=(1e-14, 1), xlabel="error of q at the end", ylabel="run time in ms")
         axes.grid(alpha=0.3)
     for axes in grid.flat[len(scenes) :]:

@@ -19,6 +19,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
+    "alternatives",
     "formulas",
     "docstrings",
     "executed",
@@ -43,3 +44,7 @@ nitpicky = False  # types in docstrings are words: "SX (n,)"
 mathjax_path = "mathjax/tex-chtml.js"
 default_role = "py:obj"
 suppress_warnings = ["ref.python"]  # "steps" in a shape such as (steps, k) is no reference
+linkcheck_ignore = [r"\.\./_images/.*"]  # the gallery's pictures in full size, which the HTML builder puts there
+linkcheck_timeout = 15
+linkcheck_retries = 2
+linkcheck_workers = 4

@@ -1,7 +1,11 @@
-"""Draw the pictures of the README: `python docs/images.py [name ...]` writes docs/images/*.png."""
+"""Draw the pictures of the README and write its table of run times: `python docs/images.py [name ...]`.
+
+The table and the picture `work_precision` come from the numbers that `python3 tasks.py bench` stored.
+"""
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -15,7 +19,13 @@ from varint.plot import COLOURS
 
 IMAGES = Path(__file__).resolve().parent / "images"
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-SHOWN = ("kepler 0.6", "double pendulum", "solar system")  # of the benchmark's scenes
+SHOWN = {  # of the benchmark's scenes, and what they are
+    "kepler 0.6": "Kepler, e = 0.6",
+    "double pendulum ×30": "double pendulum",
+    "solar system": "outer Solar System",
+}
+WANTED = 1e-9  # error of the table
+BETWEEN = re.compile(r"(<!-- measured -->\n).*?(\n<!-- end of measured -->)", re.S)
 BLUE, RED = COLOURS[:2]
 
 
@@ -64,6 +74,29 @@ def ladder() -> Figure:
     return figure
 
 
+def measured(result: dict) -> str:
+    """Run times of all tools over varint's at equal error, as a table, with date and processor."""
+    times = {
+        words: {row["tool"]: row["seconds"] for row in result["scenes"][name]["rows"] if row["wanted"] == WANTED}
+        for name, words in SHOWN.items()
+        if name in result["scenes"]
+    }
+    times = {words: row for words, row in times.items() if "varint" in row}
+    others = sorted({tool for row in times.values() for tool in row} - {"varint"})
+    lines = [
+        f"| run time for an error of {WANTED:g}, varint = 1 | {' | '.join(times)} |".replace("e-0", "e-"),
+        "|---|" + "---|" * len(times),
+        "| varint | " + " | ".join(f"{1e3 * row['varint']:.2g} ms" for row in times.values()) + " |",
+    ]
+    for tool in others:
+        ratios = [float(f"{row[tool] / row['varint']:.2g}") if tool in row else None for row in times.values()]
+        cells = ["–" if ratio is None else f"{ratio:g}" for ratio in ratios]
+        lines.append(f"| {tool} | {' | '.join(cells)} |")
+    about = result["measured_with"]
+    note = f"Measured side by side on {about['processor']}, {about['date']}; a dash: not reached, or not tried."
+    return "\n".join([*lines, "", note])
+
+
 def work_precision() -> Figure:
     """Run time against error beside other tools, as the benchmark stored it; of the rules alone if it has not run."""
     sys.path.insert(0, str(BENCHMARKS))
@@ -71,6 +104,9 @@ def work_precision() -> Figure:
 
     if fronts.RESULT.exists():
         result = fronts.read()
+        readme = BENCHMARKS.parent / "README.md"
+        text = readme.read_text(encoding="utf-8")
+        readme.write_text(BETWEEN.sub(lambda found: found[1] + measured(result) + found[2], text), encoding="utf-8")
         return fronts.figure(result, [name for name in SHOWN if name in result["scenes"]])
     model = vi.models.henon_heiles()
     rules = [vi.composition(name) for name in ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")]

@@ -13,7 +13,7 @@ from varint.__main__ import main, rule
 def test_list_names_every_model_with_its_claim(capsys):
     assert main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(vi.models.catalogue)
+    assert [line.split()[0] for line in lines] == [*vi.models.catalogue, *vi.models.control_catalogue]
     assert all(len(line) > 40 for line in lines)
 
 
@@ -34,6 +34,26 @@ def test_run_prints_events_and_animates(tmp_path, capsys):
     assert main(["run", "bouncing_ball", "--duration", "0.5", "--animate", str(film)]) == 0
     assert "impact at t = " in capsys.readouterr().out
     assert film.read_bytes()[:3] == b"GIF"
+
+
+def test_a_very_short_motion_becomes_a_film_of_ten_seconds_unless_a_speed_is_given(tmp_path, capsys):
+    from PIL import Image
+
+    for words, seconds in (([], 10.0), (["--speed", "0.5"], 1.0)):
+        film = tmp_path / "film.gif"
+        assert main(["run", "pendulum", "--h", "0.01", "--duration", "0.5", "--animate", str(film), *words]) == 0
+        with Image.open(film) as frames:
+            assert 0.04 * (frames.n_frames - 1) == pytest.approx(seconds, abs=0.05)
+    assert "a second of the film is 0.05 of the motion's time" in capsys.readouterr().out
+
+
+def test_run_solves_an_optimal_control_problem_and_prints_its_cost(tmp_path, capsys):
+    figure = tmp_path / "a.png"
+    assert main(["run", "rest_to_rest", "--plot", str(figure)]) == 0
+    assert "cost found 12   known 12" in capsys.readouterr().out and figure.exists()
+    assert main(["run", "rest_to_rest", "--h", "0.1"]) == 2
+    assert main(["check", "rest_to_rest"]) == 2
+    assert capsys.readouterr().err.count("varint: rest_to_rest") == 2
 
 
 def test_check_passes_on_a_good_rule_and_reports_the_order(capsys):
@@ -82,3 +102,40 @@ def test_a_wrong_name_gets_the_nearest_ones_and_no_traceback(capsys):
 def test_it_is_run_as_a_module():
     done = subprocess.run([sys.executable, "-m", "varint", "list"], capture_output=True, text=True, check=True)
     assert "double_pendulum" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [("--h 0", "0 is no positive number"), ("--h -0.1", "no positive number"), ("--duration nan", "no positive number"),
+     ("--h x", "x is no positive number"), ("--plot a.foo", "a.foo must end in .png"),
+     ("--animate a.avi", "a.avi must end in .gif"), ("--save a", "a must end in .npz")],
+)  # fmt: skip
+def test_what_cannot_be_done_is_refused_before_anything_runs(words, says, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "pendulum", *words.split()])
+    printed = capsys.readouterr()
+    assert stop.value.code == 2 and says in printed.err and not printed.out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [("run pendulum --h 100", "a step of 100 is longer than the motion"), ("bench knife_edge", "nothing to compare"),
+     ("run lotka_volterra --animate a.gif", "has no sketch"), ("bench lotka_volterra", "nothing to compare")],
+)  # fmt: skip
+def test_what_a_model_does_not_allow_is_said_in_one_line(words, says, capsys):
+    assert main(words.split()) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("varint: ") and says in printed.err and len(printed.err.splitlines()) == 1
+    assert not printed.out
+
+
+def test_a_file_that_cannot_be_written_is_said_in_one_line(tmp_path, capsys):
+    (tmp_path / "taken").write_text("")
+    assert main(["run", "pendulum", "--duration", "0.1", "--plot", str(tmp_path / "taken" / "a.png")]) == 2
+    assert capsys.readouterr().err.startswith("varint: ")
+
+
+def test_without_a_command_it_tells_which_there_are(capsys):
+    assert main([]) == 0
+    text = capsys.readouterr().out
+    assert all(command in text for command in ("list", "run", "check", "bench"))

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -18,6 +19,9 @@ import benchmark_page  # noqa: E402  (only findable now)
 from blocks import FIGURE, marked_blocks, outcome, python_blocks  # noqa: E402  (only findable now)
 from chapters import CHAPTERS  # noqa: E402
 from gallery import example  # noqa: E402
+
+import varint as vi  # noqa: E402
+from varint.compositions import COMPOSITIONS  # noqa: E402
 
 GENERATED = {DOCS / "verification.md", DOCS / "benchmarks.md", *(DOCS / "gallery").glob("*.md")}
 PAGES = sorted({*ROOT.glob("*.md"), *DOCS.glob("*.md"), *DOCS.glob("*/*.md")} - GENERATED)
@@ -72,8 +76,9 @@ def test_every_command_of_the_pages_runs(command, tmp_path, monkeypatch, capsys)
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(shell, "STEPS", (16, 32))  # of a benchmark: that it runs, not how fast
-    short = [] if command == "list" or "--duration" in command else ["--duration", "1"]
-    assert shell.main(shlex.split(command) + short) == 0
+    words = shlex.split(command)
+    simulated = words[1:] and words[1] in shell.vi.models.catalogue and "--duration" not in words
+    assert shell.main(words + ["--duration", "1"] * bool(simulated)) == 0
     assert capsys.readouterr().out
     for file in re.findall(r"\S+\.(?:png|gif|npz)", command):
         assert (tmp_path / file).stat().st_size > 1000
@@ -90,17 +95,72 @@ def test_a_block_that_fails_or_warns_or_draws_without_words_is_found():
     assert outcome("x = 2", kept, "here").text == ""
     assert outcome("print(x + 1)", kept, "here").text == "3\n"
     drawn = outcome("import matplotlib.pyplot as plt; plt.plot([1, 2])\n# figure: a line", kept, "here").figures
+    import matplotlib.pyplot as plt
+
+    before = plt.rcParams["axes.prop_cycle"]
+    outcome("plt.style.use('tableau-colorblind10')", kept, "here")
+    outcome("assert plt.rcParams['axes.prop_cycle'].by_key()['color'][0] == '#006BA4'", kept, "here")
+    assert plt.rcParams["axes.prop_cycle"] == before  # of another page
     assert drawn[0][0] == "a line" and drawn[0][1].startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_to_files_and_pictures_have_words(page):
+LINK = re.compile(r"(!?)\[([^\]]*)\]\((<[^>]+>|[^)\s]+)\)")
+
+
+def links(page):
+    """(! or nothing, words, target) of the links of a page, outside code."""
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S)
+    return [(bang, words, target.strip("<>")) for bang, words, target in LINK.findall(text)]
+
+
+def anchors(page):
+    """Names that a page's headings can be linked by."""
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
-    for bang, words, target in re.findall(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)", text):
+    headings = re.findall(r"^#+ (.+)$", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_to_files_and_headings_and_pictures_have_words(page):
+    for bang, words, target in links(page):
         assert not bang or len(words) > 10, f"{target} needs a description"
-        path = target.split("#")[0]
-        if path and not re.match(r"\w+:", path) and not MADE.match(path):
-            assert (page.parent / path).exists(), f"{name_of(page)} links to {target}"
+        path, _, anchor = target.partition("#")
+        if re.match(r"\w+:", path) or MADE.match(path):
+            continue
+        file = page.parent / path if path else page
+        assert file.exists(), f"{name_of(page)} links to {target}"
+        assert not anchor or anchor in anchors(file), f"{name_of(page)} links to {target}"
+
+
+def test_links_that_lead_outside_are_well_formed_and_the_documentation_has_those_of_the_readme():
+    outside = {page: {t for _, _, t in links(page) if re.match(r"\w+:", t)} for page in PAGES}
+    known = set().union(*(found for page, found in outside.items() if DOCS in page.parents))  # what linkcheck tries
+    assert outside[ROOT / "README.md"] <= known
+    for target in set().union(*outside.values()):
+        parts = urlsplit(target)
+        assert parts.scheme == "https" and "." in parts.netloc and not re.search(r"[\s<>\"]", target), target
+        if parts.netloc == "doi.org":
+            assert re.fullmatch(r"/10\.\d{4,9}/\S+", parts.path), target
+
+
+def test_a_doi_is_written_as_it_is_linked_and_as_it_is_cited():
+    found = {t: words for _, words, t in links(DOCS / "theory" / "literature.md") if "doi.org" in t}
+    assert len(found) > 10 and all(words == "doi:" + t.removeprefix("https://doi.org/") for t, words in found.items())
+    cited = re.findall(r"^ +doi: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
+    assert cited and {f"https://doi.org/{doi}" for doi in cited} <= set(found)
+
+
+def test_a_picture_without_words_is_found_while_the_documentation_is_built():
+    nodes, utils = pytest.importorskip("docutils.nodes"), pytest.importorskip("docutils.utils")
+    pytest.importorskip("sphinx")
+    from alternatives import wordless
+
+    page = utils.new_document("page")
+    page += nodes.image(uri="good.png", alt="a line that rises from left to right")
+    page += nodes.raw("", '<img src="good.png" alt="two circles, one in the other">', format="html")
+    assert not wordless(page)
+    page += [nodes.image(uri="bad.png"), nodes.raw("", '<img src="worse.png" alt="">', format="html")]
+    assert wordless(page) == ["bad.png", '<img src="worse.png" alt="">']
 
 
 def test_figures_of_the_pages_are_described_in_whole_sentences():
@@ -171,3 +231,33 @@ def test_a_benchmark_stores_date_machine_and_versions():
     about = record.measured_with()
     assert set(about) >= {"date", "machine", "processor", "cores", "python", "varint", "casadi", "numpy"}
     assert all(about.values()) and re.fullmatch(r"\d{4}-\d\d-\d\d", about["date"])
+
+
+def test_the_readme_lists_the_rules_that_there_are():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for family in (vi.gauss, vi.lobatto):
+        last = int(re.search(rf"`{family.__name__}\(s\)`, s = \d+ … (\d+);", text)[1])
+        assert family(last)
+        with pytest.raises(vi.InputError):
+            family(last + 1)
+    (row,) = re.findall(r"^\| `composition\(name\)`.*$", text, re.M)
+    assert set(re.findall(r"`([a-z-]+\d*)`", row)) == set(COMPOSITIONS)
+
+
+def test_the_readme_s_run_times_are_those_of_the_benchmark():
+    sys.path.insert(0, str(DOCS))
+    import images
+
+    def scene(**seconds):
+        return {"rows": [{"tool": tool, "wanted": images.WANTED, "seconds": s} for tool, s in seconds.items()]}
+
+    first, second, *_ = images.SHOWN
+    about = {"processor": "abacus", "date": "2026-01-31"}
+    result = {"measured_with": about, "scenes": {first: scene(varint=0.002, peer=0.003), second: scene(varint=0.0005)}}
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in images.measured(result).splitlines()[:4]]
+    assert rows[0][1:] == [images.SHOWN[first], images.SHOWN[second]]
+    assert rows[2:] == [["varint", "2 ms", "0.5 ms"], ["peer", "1.5", "–"]]
+    assert "abacus, 2026-01-31" in images.measured(result)
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = images.BETWEEN.search(text)
+    assert found and re.search(r"\d{4}-\d\d-\d\d", found[0]) and "| heyoka |" in found[0]

@@ -305,3 +305,13 @@ def test_scenes_without_an_action_principle_between_ends_are_refused():
         vi.least_action(vi.System(q2, v2, kinetic, force=-v2), **ends | dict(duration=vi.free(1.0, 0.1, 2.0)))
     with pytest.raises(vi.InputError, match="not finite along the first path"):
         vi.least_action(kepler(dimensions=2), **ends | dict(q_end=[-1.0, 0.0]))
+
+
+def test_a_guess_through_a_singular_point_of_a_bound_is_told_in_words_without_a_dump(capfd):
+    q, v = vi.coordinates("x", "y")
+    free = vi.System(q, v, ca.sumsqr(v) / 2)
+    ends = dict(q_start=[-2, 0], q_end=[2, 0], duration=1.0, steps=60)
+    with pytest.raises(vi.SolverError, match="singular point of L, of the cost or of a bound"):
+        vi.least_action(free, vi.gauss(2), bounds=[(1.0, ca.norm_2(q), None)], **ends)
+    printed = capfd.readouterr()
+    assert not printed.out and not printed.err

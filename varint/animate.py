@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from varint.trajectory import Trajectory
 
 MOST_FRAMES = 20_000
-TRACE_POINTS = 2000  # of each trace, enough for any screen
+SMOOTH, TRACE_POINTS = 500, 2000  # points of each trace, at least and at most: enough for any screen
 MARGIN = 0.05  # of the picture's size
 GIF_TICK = 0.01  # s; GIF files count in hundredths
 SIZE, DPI = (5.6, 5.0), 100
@@ -47,7 +47,7 @@ def trajectory_animation(
         )
     # dense output between nodes, then one more round over the finer times that traces are drawn with
     frames = _places(motion.at(times), sketch)
-    past = np.linspace(motion.t[0], motion.t[-1], min(max(len(times), len(motion)), TRACE_POINTS))
+    past = np.linspace(motion.t[0], motion.t[-1], min(max(len(times), len(motion), SMOOTH), TRACE_POINTS))
     trail = _places(motion.at(past), sketch) if sketch.traces else {}
     fig = plt.figure(figsize=SIZE, dpi=DPI, layout="constrained")
     axes = fig.add_subplot(projection="3d") if sketch.dimensions == 3 else fig.add_subplot()
@@ -63,6 +63,8 @@ def trajectory_animation(
     fig.draw_without_rendering()
     fig.set_layout_engine("none")  # laid out once, not for every frame
 
+    decimals = max(0, 1 + int(np.floor(-np.log10(speed * seconds))))  # enough to tell frames apart
+
     def draw(frame: int) -> list:
         now = times[frame]
         for name, line in trails.items():
@@ -73,7 +75,7 @@ def trajectory_animation(
             _move(line, np.vstack([frames[a][frame], frames[b][frame]]))
         for name, line in dots.items():
             _move(line, frames[name][frame][None])
-        clock.set_text(f"t = {now:.2f}")
+        clock.set_text(f"t = {now:.{decimals}f}")
         return [*trails.values(), *rods, *dots.values(), clock]
 
     film = FuncAnimation(fig, draw, frames=len(times), interval=1000 * seconds, repeat=True)

@@ -117,15 +117,17 @@ def _scenes(result: dict[str, Any], name: str, source: Path) -> list[str]:
     plt.close("all")
     words = "Run time over error of varint and other tools, one panel a scene: of each tool the cheapest settings"
     lines = _picture(name, words)
-    for measure, words in MEASURES.items():
-        ratios = {(row["scene"], row["wanted"]): row["ratio"] for row in result["ratios"] if row["measure"] == measure}
-        wanted = sorted({error for _, error in ratios}, reverse=True)
-        lines.append(f"\nvarint's run time over that of the best general-purpose tool at equal {words}:\n")
-        lines += _table(
-            [{"scene": scene} | {f"{e:.0e}": ratios.get((scene, e), "–") for e in wanted} for scene in scenes]
-        )
-    lines.append("Below 1 varint is faster. A dash: one of the two does not reach the error. Geometric means:\n")
-    lines += [f"- {about}: {mean:.2f}" for about, mean in result["geometric means"].items()]
+    for measure, what in MEASURES.items():
+        rows = [row for row in result.get("ratios", []) if row.get("measure", "q") == measure]
+        if rows:
+            ratios = {(row["scene"], row["wanted"]): row["ratio"] for row in rows}
+            wanted = sorted({error for _, error in ratios}, reverse=True)
+            lines.append(f"\nvarint's run time over that of the best general-purpose tool at equal {what}:\n")
+            lines += _table([{"scene": s} | {f"{e:.0e}": ratios.get((s, e), "–") for e in wanted} for s in scenes])
+    means = result.get("geometric means", {})
+    if means:
+        lines.append("Below 1 varint is faster. A dash: one of the two does not reach the error. Geometric means:\n")
+        lines += [f"- {about}: {mean:.2f}" for about, mean in means.items()]
     lines.append("\nTimes of every tool in ms:\n")
     for scene, measured in scenes.items():
         lines += [f"<details><summary>{scene}</summary>\n", *_table(_by_tool(measured["rows"])), "\n</details>\n"]

@@ -46,15 +46,17 @@ def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Out
     folder = namespace.setdefault("__folder__", tempfile.mkdtemp())
     os.chdir(folder)
     try:
-        with contextlib.redirect_stdout(printed), warnings.catch_warnings():
-            warnings.simplefilter("error")
-            exec(compile(code, where, "exec"), namespace)
-        pictures = []
-        for number in plt.get_fignums():
-            png = io.BytesIO()
-            if draw:
-                plt.figure(number).savefig(png, dpi=DPI, format="png")
-            pictures.append(png.getvalue())
+        with plt.rc_context(namespace.get("__style__")):  # a page's style is its own
+            with contextlib.redirect_stdout(printed), warnings.catch_warnings():
+                warnings.simplefilter("error")
+                exec(compile(code, where, "exec"), namespace)
+            namespace["__style__"] = {"axes.prop_cycle": plt.rcParams["axes.prop_cycle"]}
+            pictures = []
+            for number in plt.get_fignums():
+                png = io.BytesIO()
+                if draw:
+                    plt.figure(number).savefig(png, dpi=DPI, format="png")
+                pictures.append(png.getvalue())
     finally:
         plt.close("all")
         os.chdir(before)

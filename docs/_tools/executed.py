@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from logging import getLogger
 from pathlib import Path
 
 from blocks import FIGURE, outcome
@@ -12,6 +13,7 @@ from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+getLogger("matplotlib").setLevel("WARNING")  # Sphinx shows the notes of all loggers, such as each film written
 LOG = logging.getLogger(__name__)
 WIDE = 105  # characters
 NOT_HERE = {"still", "script", "illustration"}  # run by the tests, the first two in ways of their own; the last never

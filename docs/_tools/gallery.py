@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import html
 import os
 import re
 import shutil
@@ -134,5 +135,6 @@ def _index() -> str:
 
 
 def _card(it: Example) -> str:
-    """A small picture that leads to the page; its words are beneath, so the picture itself needs none."""
-    return f'<a href="{it.name}.html"><img src="../_images/{it.name}.png" alt=""><span>{it.title}</span></a>'
+    """A small picture that leads to the page, with its claim for those who do not see it."""
+    claim = html.escape(it.claim)
+    return f'<a href="{it.name}.html"><img src="../_images/{it.name}.png" alt="{claim}"><span>{it.title}</span></a>'

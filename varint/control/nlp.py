@@ -48,7 +48,8 @@ WORDS = {
     "Restoration_Failed": "no feasible point was found from this guess: try another guess, more steps, looser bounds",
     "Error_In_Step_Computation": "no step could be computed: conditions may be imposed twice, or scales differ widely",
     "Not_Enough_Degrees_Of_Freedom": "more conditions than unknowns: free an end, the duration, or add controls",
-    "Invalid_Number_Detected": "values are not finite: the guess passes through a singular point of the Lagrangian",
+    "Invalid_Number_Detected": "values are not finite: the guess passes a singular point of L, of the cost or of a "
+    "bound",
     "Invalid_Option": "an option is unknown or its value impossible (a linear solver that is not installed?)",
     "Diverging_Iterates": "the unknowns grow without bound: bound the controls or the duration",
     "Search_Direction_Becomes_Too_Small": "no progress at the last iterate: scale the scene or start elsewhere",
