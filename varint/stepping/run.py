@@ -50,7 +50,8 @@ class Position:
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
-    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along.
+    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along. Of a run
+    with contacts: when it is, what holds, and how many events there were in step k.
     """
 
     x: np.ndarray
@@ -59,6 +60,9 @@ class Position:
     k: int
     largest: int
     carry: np.ndarray | None = None
+    t: float | None = None
+    phase: Phase | None = None
+    events: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +146,7 @@ def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> I
         states = call(function, at.x, task.controls(at.k, total), times, h, task.c, at.scale)[0].reshape(count, -1)
         good = int(good_nodes(states))
         worst = float(states[good - 1, -1]) if good else 0.0
-        after = _advanced(at, states[:good], task.h, every)
+        after = advanced(at, states[:good], task.h, every)
         k = at.k + every * np.arange(1, count + 1)
         if good == count and not is_saved(int(k[-1]), task.steps, task.save_every):  # within a long interval
             k, states = k[:0], states[:0]
@@ -176,7 +180,7 @@ def good_nodes(states: np.ndarray) -> np.ndarray:
     return np.where(good.all(axis=-1), states.shape[-2], np.argmin(good, axis=-1))
 
 
-def _advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
+def advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
     """The position after the solved states, (nodes, size)."""
     if not len(states):
         return replace(at, largest=1)
