@@ -41,11 +41,6 @@ class Interval:
         L_d, with the constraint terms λ·g.
     total : SX (n,)
         Σ_j e_j = h Σ_i b_i (∂L/∂q + F)_i + reactions: what the momentum gains in the step.
-    momenta : SX (n, r or 1)
-        ∂L/∂v at the quadrature nodes; M (q1 − q0)/h alone, their mean, where the mass matrix M is constant.
-    lean : SX (n,)
-        Σ_i (½ − c_i) f_i of the pushes f_i that add up to `total`, nothing where they are even in time; less what
-        Σ_i b_i p_i has besides `momenta`.
     rows : SX (n, d)
         e_1 … e_d.
     gaps : SX (m, d)
@@ -65,8 +60,6 @@ class Interval:
     c: ca.SX
     action: ca.SX
     total: ca.SX
-    momenta: ca.SX
-    lean: ca.SX
     rows: ca.SX
     gaps: ca.SX
     q_nodes: ca.SX
@@ -82,16 +75,6 @@ class Interval:
     def p_plus(self) -> ca.SX:
         """Forced discrete Legendre transform at the end, p⁺ = D2 L_d + f⁺, (n,)."""
         return self.rows[:, -1]
-
-    def mismatch(self, rule: Rule, p: ca.SX) -> ca.SX:
-        """Σ_i b_i (p_i − p) − ½ Σ_i f_i − Σ_i (½ − c_i) f_i, (n,): where the inner rows vanish, p⁺ − p − Σ_i f_i.
-
-        It vanishes where p is the momentum at the start. This form is symmetric in time down to the last bit in uniform
-        fields, where rounding repeats itself from step to step and would add up.
-        """
-        weights = rule.weights if self.momenta.shape[1] > 1 else (1.0,)
-        moved = [b * (self.momenta[:, i] - p) for i, b in enumerate(weights)]
-        return (folded(moved) - self.total / 2) - self.lean
 
     @property
     def inner(self) -> ca.SX:
@@ -156,20 +139,15 @@ def _galerkin(system: System, rule: Rule) -> Interval:
     point, c = point_function(system), system.c
     basis, slopes, b = ca.DM(rule.basis[:, 1:]), ca.DM(rule.slopes[:, 1:]), rule.weights
     q_nodes = ca.repmat(q0, 1, r) + ca.mtimes(dq, basis.T)
-    # in a uniform field the way lies symmetric about its chord, and so does what round-off makes of it
-    bent = dq[:, :-1] - ca.mtimes(dq[:, -1], ca.DM(rule.points[1:-1]).T)
-    v_nodes = ca.repmat(dq[:, -1] / h, 1, r) + ca.mtimes(bent, slopes[:, :-1].T) / h
+    v_nodes = ca.mtimes(dq, slopes.T) / h
     t_nodes = t + h * ca.DM(rule.nodes).T
     action, total, rows = 0, ca.SX.zeros(q0.shape), ca.SX.zeros(dq.shape)
-    momenta, pushes = [], []
     for i in range(r):
         value, momentum, gradient, force = point(q_nodes[:, i], v_nodes[:, i], u[:, i], t_nodes[i], c)
         push = ca.densify(h * b[i] * (gradient + force))
         action += h * b[i] * value
         total += push
         rows += ca.mtimes(push, basis[i, :]) + ca.mtimes(ca.densify(b[i] * momentum), slopes[i, :])
-        momenta.append(ca.densify(momentum))
-        pushes.append(push)
     gaps = []
     if lam.numel():
         for j in range(degree + 1):
@@ -178,26 +156,13 @@ def _galerkin(system: System, rule: Rule) -> Interval:
             reaction = h * b[j] * ca.mtimes(slope.T, lam[:, j])
             action += h * b[j] * ca.dot(lam[:, j], g)
             total += reaction
-            pushes[j] += reaction
             if j:
                 rows[:, j - 1] += reaction
                 gaps.append(g)
-    halves = [(y - x) / 2 for x, y in zip(rule.nodes, reversed(rule.nodes), strict=True)]  # ½ − c_i, odd in time
-    lean = folded([x * f for x, f in zip(halves, pushes, strict=True)])
-    if system.structure.constant_mass:
-        at_rest = [point(q_nodes[:, i], 0 * q0, u[:, i], t_nodes[i], c)[1] for i in range(r)]
-        momenta = [ca.densify(ca.mtimes(system.mass_matrix, dq[:, -1] / h))]
-        lean -= folded([x * b[i] for i, x in enumerate(at_rest)])
     return Interval(
-        q0, dq, u, lam, t, h, c, action, total, ca.horzcat(*momenta), lean, rows,
+        q0, dq, u, lam, t, h, c, action, total, rows,
         ca.horzcat(*gaps) if gaps else ca.SX(0, degree), q_nodes, v_nodes, t_nodes,
     )  # fmt: skip
-
-
-def folded(terms: list[ca.SX]) -> ca.SX:
-    """The sum, first and last first: in a uniform field what lies symmetric in time cancels to the last bit."""
-    pairs = [terms[i] + terms[-1 - i] for i in range(len(terms) // 2)]
-    return sum(pairs, terms[len(terms) // 2] if len(terms) % 2 else ca.SX.zeros(terms[0].shape))
 
 
 def _composition(system: System, rule: Rule) -> Interval:
@@ -226,7 +191,7 @@ def _composition(system: System, rule: Rule) -> Interval:
     ends = ca.horzcat(drift[:, 0], drift, drift[:, -1])
     v_nodes = (ends[:, :-1] + ends[:, 1:]) / 2
     return Interval(
-        q0, dq, u, lam, t, h, c, action, total, rows[:, -1], total / 2, rows, ca.SX(0, degree), q_nodes, v_nodes, t_nodes
+        q0, dq, u, lam, t, h, c, action, total, rows, ca.SX(0, degree), q_nodes, v_nodes, t_nodes
     )  # fmt: skip
 
 

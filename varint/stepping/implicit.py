@@ -23,7 +23,7 @@ def implicit_equations(system: System, rule: Rule) -> Equations:
     one = interval(system, rule)
     n, d = one.dq.shape
     z, p, scale = ca.SX.sym("z", n, d), ca.SX.sym("p", n), ca.SX.sym("scale", 2 * n)
-    rows = ca.horzcat(one.inner, one.mismatch(rule, p))
+    rows = ca.horzcat(one.inner, one.p_plus - p - one.total)
     rows, total = ca.substitute([rows, one.total], [one.dq], [one.h * z])
     v_scale, p_scale = scale[:n], scale[n:]
     judged = ca.fmax(p_scale, _roundable(system, one, one.q0, z[:, -1], p))

@@ -11,6 +11,7 @@ from varint.manifold import Phase
 from varint.rules import Rule, composition, gauss, lobatto
 from varint.stepping.constrained import constrained_stepper
 from varint.stepping.explicit import explicit_stepper
+from varint.stepping.flight import flight_stepper, is_uniform
 from varint.stepping.implicit import implicit_stepper
 from varint.stepping.linear import is_linear, linear_stepper
 from varint.stepping.rattle import eliminates_path, rattle_stepper
@@ -101,6 +102,9 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
     skipped = []
     if s.autonomous:
         skipped.append("time: the scene is autonomous")
+    if rule.points and is_uniform(system):
+        skipped.insert(0, "root finding: the field is uniform, every rule gives the exact parabola")
+        return Plan(rule, "flight in a uniform field", ("q + h M⁻¹(p + ½ h F), p + h F",), tuple(skipped), flight_stepper)
     if rule.kicks and (s.explicit or not rule.points):
         require_explicit(system, rule)
         if s.diagonal_mass:
