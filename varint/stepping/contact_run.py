@@ -19,7 +19,7 @@ from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.stepping.contact import MOST_IMPACTS, PULL, TOUCH, Setting, settle
 from varint.stepping.contact_search import Passage, dip, earliest
-from varint.stepping.contact_view import Instant, first_contact, rates_function, view
+from varint.stepping.contact_view import Instant, View, first_contact, rates_function, view
 from varint.stepping.events import LOCATED
 from varint.stepping.plan import plan
 from varint.stepping.run import (
@@ -54,13 +54,15 @@ def contact_run(system: System, rule: Rule, task: Task, at: Position | None = No
 
 
 def _every_node(system: System, rule: Rule, task: Task, at: Position | None) -> Iterator[Block]:
+    seen: View | None = None
     if at is None:
         first = _settled_start(system, rule, task)
         yield first
         at = first.after
     while at is not None and at.k < task.steps:
         if at.t == task.t0 + task.h * at.k:
-            block, happens = _quiet(system, rule, task, at)
+            block, happens = _quiet(system, rule, task, at, seen or _seen(system, task, at))
+            seen = seen if happens and not block.good else None
             if block.good or not happens:
                 yield block
             if not happens and block.good < len(block.k):
@@ -69,11 +71,16 @@ def _every_node(system: System, rule: Rule, task: Task, at: Position | None) -> 
             if not happens:
                 continue
         assert at is not None
-        block = _passed(system, rule, task, at)
+        block, seen = _passed(system, rule, task, at, seen or _seen(system, task, at))
         yield block
         if not block.good:
             return
         at = block.after
+
+
+def _seen(system: System, task: Task, at: Position) -> View:
+    assert at.phase is not None and at.t is not None
+    return view(system, Instant(at.t, at.x[: 4 * system.structure.n], at.phase), task.c)
 
 
 def _settled_start(system: System, rule: Rule, task: Task) -> Block:
@@ -89,21 +96,27 @@ def _settled_start(system: System, rule: Rule, task: Task) -> Block:
 
 
 def _position(system: System, rule: Rule, task: Task, now: Instant, k: int, last: Position | None = None) -> Position:
-    """Where the run stands at an instant in step k; typical sizes stay as they were in the same phase."""
+    """Where the run stands at an instant in step k; typical sizes stay as they were in the same phase.
+
+    Between two nodes of the grid x is [q, its compensation, p, its compensation] alone.
+    """
     scene, n, step = now.phase.scene(system), len(now.q), min(k, task.steps - 1)
     if last is None or now.phase != last.phase:
         q, p = now.q.copy(), now.p.copy()
         last = beginning(scene, rule, replace(task, q0=q, p0=p, t0=now.t - task.h * step, first=step))
         x = last.x
+    elif now.t != task.t0 + task.h * k:
+        x = now.x
     else:
         start = plan(scene, rule).build(scene, rule).start
         u, t, h = task.controls(step, 1), np.array([now.t]), np.array([task.h])
         x = call(start, now.q, now.p, u, t, h, task.c)[0]
-    x[: 4 * n] = now.x
+    if x is not now.x:
+        x[: 4 * n] = now.x
     return replace(last, x=x, k=k, largest=FIRST_LOOK, t=now.t, phase=now.phase, events=0)
 
 
-def _quiet(system: System, rule: Rule, task: Task, at: Position) -> tuple[Block, bool]:
+def _quiet(system: System, rule: Rule, task: Task, at: Position, here: View) -> tuple[Block, bool]:
     """Steps from a node of the grid on in which no contact closes or lets go, and whether one does in the next."""
     assert at.phase is not None and at.t is not None
     n, scene = system.structure.n, at.phase.scene(system)
@@ -113,7 +126,7 @@ def _quiet(system: System, rule: Rule, task: Task, at: Position) -> tuple[Block,
     arguments = task.controls(at.k, count), t[:-1].copy(), np.array([task.h]), task.c, at.scale
     states = call(rollout(scene, rule, count, 1), at.x, *arguments)[0].reshape(count, -1)
     good = int(good_nodes(states))
-    quiet = _first_event(system, rule, task, at, states[:good], t[: good + 1])
+    quiet = _first_event(system, rule, task, at, here, states[:good], t[: good + 1])
     happens = quiet < good
     after = advanced(at, states[:quiet], task.h, 1)
     after = replace(after, t=float(t[quiet]), largest=FIRST_LOOK if happens else after.largest)
@@ -125,7 +138,7 @@ def _quiet(system: System, rule: Rule, task: Task, at: Position) -> tuple[Block,
 
 
 def _first_event(
-    system: System, rule: Rule, task: Task, at: Position, states: np.ndarray, t: np.ndarray
+    system: System, rule: Rule, task: Task, at: Position, here: View, states: np.ndarray, t: np.ndarray
 ) -> int:
     """Number of nodes before the first step in which a contact closes or lets go."""
     assert at.phase is not None
@@ -133,7 +146,6 @@ def _first_event(
     x = np.vstack([at.x, states])
     q, p = np.ascontiguousarray(x[:, :n]), np.ascontiguousarray(x[:, 2 * n : 3 * n])
     v, gap, rate = over_columns(rates_function(system, phase.rows, phase.contacts), q, p, t[:, None], task.c)
-    here = view(system, Instant(float(t[0]), at.x[: 4 * n], phase), task.c)
     close = TOUCH * here.sizes(at.x[:n], abs(task.h) * at.scale[:n])
     happens = np.zeros(len(states), dtype=bool)
     for i in range(gap.shape[1]):
@@ -153,18 +165,19 @@ def _at_ends(rule: Rule, task: Task, k: int, count: int) -> np.ndarray:
     return lagrange_values(np.array(rule.nodes), np.ones(1))[0] @ task.u[k : k + count]
 
 
-def _passed(system: System, rule: Rule, task: Task, at: Position) -> Block:
-    """From an instant in step k to the next event, or to node k + 1; a block of that one node."""
+def _passed(system: System, rule: Rule, task: Task, at: Position, here: View) -> tuple[Block, View | None]:
+    """From an instant in step k to the next event, or to node k + 1: a block of that one node, and the view there."""
     assert at.phase is not None and at.t is not None
     if at.events >= MOST_EVENTS:
         raise InputError(f"more than {MOST_EVENTS} events in the step after t = {at.t:g}: take a smaller h")
     n, k, end = system.structure.n, at.k, task.t0 + task.h * (at.k + 1)
     now = Instant(at.t, at.x[: 4 * n], at.phase)
-    passage = Passage(system, rule, task, now, view(system, now, task.c), at.scale, k)
+    passage = Passage(system, rule, task, now, here, at.scale, k)
     reached, happens, lets_go = earliest(passage, end - now.t)
     there, seen = reached.now, reached.seen
     if not reached.residual <= RESIDUAL_LIMIT:
-        return Block(np.array([k + 1]), np.empty((0, n)), np.empty((0, n)), 0.0, 0, reached.residual, np.empty(0))
+        nothing = np.empty((0, n))
+        return Block(np.array([k + 1]), nothing, nothing, 0.0, 0, reached.residual, np.empty(0), now.phase), None
     if reached.ahead == end - now.t or abs(end - there.t) <= LOCATED * abs(end):
         there, k = replace(there, t=end), k + 1
     events: list[Event] = []
@@ -175,10 +188,11 @@ def _passed(system: System, rule: Rule, task: Task, at: Position) -> Block:
         there, released = replace(there, phase=replace(there.phase, contacts=kept, holding=kept)), frozenset({lets_go})
     if happens:
         setting, tired = Setting(system, task.c, reached.u, task.h, passage.reach), at.events >= MOST_IMPACTS
-        there, _, more = settle(setting, there, seen, released=released, tired=tired)
+        there, seen, more = settle(setting, there, seen, released=released, tired=tired)
         events += more
     after = _position(system, rule, task, there, k, at)
-    return _node(replace(after, events=at.events + 1 if k == at.k else 0), reached.residual, tuple(events))
+    after = replace(after, events=at.events + 1 if k == at.k else 0)
+    return _node(after, reached.residual, tuple(events)), seen
 
 
 def _node(after: Position, residual: float, events: tuple[Event, ...]) -> Block:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class Passage:
     here: View
     scale: np.ndarray
     k: int
+    made: dict[float, Reached] = field(default_factory=dict)
 
     @property
     def reach(self) -> np.ndarray:
@@ -49,7 +50,12 @@ class Passage:
         return abs(self.task.h) * self.scale[: len(self.now.q)]
 
     def to(self, ahead: float) -> Reached:
-        """The instant so much later."""
+        """The instant so much later, computed once."""
+        if ahead not in self.made:
+            self.made[ahead] = self._to(ahead)
+        return self.made[ahead]
+
+    def _to(self, ahead: float) -> Reached:
         now, task, n = self.now, self.task, len(self.now.q)
         nodes = self.controls(ahead, self.rule.nodes)
         if ahead == 0:
@@ -63,6 +69,8 @@ class Passage:
     def controls(self, ahead: float, fractions: tuple[float, ...]) -> np.ndarray:
         """Controls at fractions of the way ahead, (len(fractions), k)."""
         u = self.task.u[min(self.k, len(self.task.u) - 1)]
+        if not u.shape[1]:
+            return np.empty((len(fractions), 0))
         if len(u) == 1:
             return np.broadcast_to(u, (len(fractions), u.shape[1])).copy()
         begin = (self.now.t - self.task.t0) / self.task.h - self.k
@@ -91,7 +99,7 @@ def earliest(passage: Passage, left: float) -> tuple[Reached, bool, int | None]:
         ahead = releases(passage, i, end)
         if ahead is not None and (not happens or abs(ahead) < abs(best)):
             best, happens, lets_go = ahead, True, i
-    return (passage.to(best) if best != left else end), happens, lets_go
+    return passage.to(best), happens, lets_go
 
 
 def releases(passage: Passage, i: int, end: Reached) -> float | None:

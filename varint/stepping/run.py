@@ -42,6 +42,8 @@ class Task:
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
         u = self.u[k : k + count]
+        if not u.shape[2]:
+            return np.empty((len(u), self.nodes, 0))
         return np.ascontiguousarray(np.broadcast_to(u, (len(u), self.nodes, u.shape[2])))
 
 
