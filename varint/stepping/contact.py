@@ -111,21 +111,32 @@ def _reflected(setting: Setting, now: Instant, seen: View, hit: int, bounce: flo
     holding = [i for i in now.phase.holding if system.restitution[i] == 0]
     while True:
         rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
-        want = np.zeros(len(rows))
-        want[-1] = -(1 + bounce) * seen.rate[hit]
-        impulse = _impulses(seen.mass, rows, want)
+        rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
+        impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
         pulled = impulse[len(fixed) : -1]
         if not (pulled < -PULL * np.abs(impulse).max()).any():
             break
         holding.pop(int(np.argmin(pulled)))
     phase = _solvable(system, now, seen, holding)
-    after = replace(now.pushed(rows.T @ impulse), phase=phase)
+    after = replace(now.pushed(rows.T @ impulse, rows.T @ rest), phase=phase)
     return after, view(system, after, setting.c), float(impulse[-1])
 
 
-def _impulses(mass: np.ndarray, rows: np.ndarray, want: np.ndarray) -> np.ndarray:
-    """Impulses along the rows that change their rates as wanted: [M −Wᵀ; W 0] [Δv; Λ] = [0; want]."""
-    n, m = mass.shape[0], len(want)
+def _impulses(mass: np.ndarray, rows: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Impulses along the rows that change the rate of the last by `rates` and no other, a column for each."""
+    upper, lower = np.zeros((len(mass), len(rates))), np.zeros((len(rows), len(rates)))
+    lower[-1] = rates
+    return _saddle(mass, rows, upper, lower)[len(mass) :]
+
+
+def _velocity(mass: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Velocity along the rows that belongs to a momentum p."""
+    return _saddle(mass, rows, p[:, None], np.zeros((len(rows), 1)))[: len(mass), 0]
+
+
+def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Solution of [M −Wᵀ; W 0] [Δv; Λ] = [upper; lower], equilibrated."""
+    n, m = len(mass), len(rows)
     size = np.sqrt(np.abs(mass.diagonal()))
     size = np.where(size > 0, size, size.max())
     scaled = rows / size
@@ -134,13 +145,13 @@ def _impulses(mass: np.ndarray, rows: np.ndarray, want: np.ndarray) -> np.ndarra
     matrix = np.zeros((n + m, n + m))
     matrix[:n, :n] = mass / np.outer(size, size)
     matrix[:n, n:], matrix[n:, :n] = -scaled.T, scaled
-    right = np.zeros(n + m)
-    right[n:] = want / length
+    scales = np.concatenate([size, length])[:, None]
+    right = np.concatenate([upper, lower]) / scales
     try:
         found = np.linalg.solve(matrix, right)  # exact where an elastic impact only turns a sign
     except np.linalg.LinAlgError:
         found = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
-    return found[n:] / length
+    return found / scales
 
 
 def _flight(setting: Setting, now: Instant, seen: View, contact: int) -> float:

@@ -34,11 +34,18 @@ class Instant:
         n = len(self.x) // 4
         return self.x[2 * n : 3 * n]
 
-    def pushed(self, impulse: np.ndarray) -> Instant:
-        """The instant with another momentum; what its compensation was belongs to the old one."""
+    @property
+    def carry(self) -> np.ndarray:
+        """The compensation of p."""
+        return self.x[3 * len(self.x) // 4 :]
+
+    def pushed(self, impulse: np.ndarray, rest: np.ndarray) -> Instant:
+        """The instant with p + impulse, and `rest` added to its compensation; the round-off of the sum is kept there."""
         x, n = self.x.copy(), len(self.x) // 4
-        x[2 * n : 3 * n] += impulse
-        x[3 * n :] = 0.0
+        p = self.p + impulse
+        part = p - self.p
+        x[2 * n : 3 * n] = p
+        x[3 * n :] += ((self.p - (p - part)) + (impulse - part)) + rest
         return replace(self, x=x)
 
 
