@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from varint.compiled.graph import Graph, graph_of, needed, uniform_nodes
+from varint.compiled.graph import Graph, graph_of, needed, operands, uniform_nodes
 
+PIECE = 2500  # operations; a compiler's time for one straight line grows faster than its length
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 
 
@@ -51,54 +52,90 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
     sincos = _sine_and_cosine(graph, live, uniform)
     names: dict[int, str] = {}
     kept: dict[int, int] = {}  # uniform node: its place in w
-    prepare, body = [], []
+    varying = [i for i in live if not uniform[i] and graph.nodes[i][0] not in ("const", "input")]
+    piece = {i: k * _pieces(varying) // len(varying) for k, i in enumerate(varying)}
+    piece |= {i: piece[first] for first, pair in sincos.items() for i in pair if any(pair)}
+    passed = _passed(graph, varying, piece)  # node of one piece that another needs: its place in m
+    prepare: list[str] = []
+    bodies: list[list[str]] = [[] for _ in range(_pieces(varying))]
+    loaded: set[tuple[int, int]] = set()
 
-    def value(i: int) -> str:
-        """The node as an operand of a varying operation."""
-        if graph.nodes[i][0] == "const":
-            return _number(graph.nodes[i][1])
+    def value(i: int, k: int) -> str:
+        """The node as an operand of a varying operation in piece k."""
+        node = graph.nodes[i]
+        if node[0] == "const":
+            return _number(node[1])
         if uniform[i]:
             return f"w[{kept.setdefault(i, len(kept))}]"
-        return names[i]
+        if node[0] == "input" and (i, k) not in loaded:
+            loaded.add((i, k))
+            bodies[k].append(f"const V x{i} = i{node[1]}[{node[2]} * ({stride})];")
+        return f"m[{passed[i]}]" if i in passed and piece[i] != k else f"x{i}"
 
     def once(i: int) -> str:
         return _number(graph.nodes[i][1]) if graph.nodes[i][0] == "const" else names[i]
 
     for i in live:
         node = graph.nodes[i]
-        if node[0] == "const":
-            continue
-        names[i] = f"{'s' if uniform[i] else 'x'}{i}"
-        if uniform[i]:
+        if uniform[i] and node[0] != "const":
+            names[i] = f"s{i}"
             prepare.append(f"const double {names[i]} = {_once(node, once)};")
-        elif node[0] == "input":
-            body.append(f"const V {names[i]} = i{node[1]}[{node[2]} * ({stride})];")
-        elif i in sincos:
-            pair = sincos[i]
-            if pair[0]:
-                sine, cosine = pair
-                names[sine], names[cosine] = f"x{sine}", f"x{cosine}"
-                body.append(f"V x{sine}, x{cosine}; v_sincos({value(node[1])}, &x{sine}, &x{cosine});")
+        if i not in piece:
+            continue
+        k, made = piece[i], [i]
+        if i in sincos:
+            if not any(sincos[i]):
+                continue
+            made = list(sincos[i])
+            angle = value(node[1], k)
+            bodies[k].append(f"V x{made[0]}, x{made[1]}; v_sincos({angle}, &x{made[0]}, &x{made[1]});")
         else:
-            body.append(f"const V {names[i]} = {_varying(graph, node, value, uniform)};")
+            text = _varying(graph, node, lambda j, k=k: value(j, k), uniform)
+            bodies[k].append(f"const V x{i} = {text};")
+        bodies[k] += [f"m[{passed[j]}] = x{j};" for j in made if j in passed]
     for k, output in enumerate(graph.outputs):
         for r, i in enumerate(output):
-            text = f"splat({value(i)})" if graph.nodes[i][0] == "const" or uniform[i] else names[i]
-            body.append(f"o{k}[{r} * ({stride})] = {text};")
+            where = piece.get(i, 0)
+            text = value(i, where)
+            text = f"splat({text})" if graph.nodes[i][0] == "const" or uniform[i] else text
+            bodies[where].append(f"o{k}[{r} * ({stride})] = {text};")
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(f.n_out())]
     source = "\n    ".join(
         [f"INLINE void {name}_prepare(const double *c, double *w) {{", "(void)c, (void)w;", *prepare]
     )
-    unused = " ".join(f"(void)i{k};" for k in range(last))
-    source += (
-        "\n}\n"
-        + "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body])
-        + "\n}\n"
-    )
+    source += "\n}\n" + _function(name, arguments, bodies, len(passed))
     roots = sum(1 for i in live if graph.nodes[i][0] in ("rsqrt", "sqrt") and not uniform[i])
-    return Emitted(source, len(kept), len(body), roots)
+    return Emitted(source, len(kept), sum(map(len, bodies)), roots)
+
+
+def _pieces(varying: list[int]) -> int:
+    return max(-(-len(varying) // PIECE), 1)
+
+
+def _passed(graph: Graph, varying: list[int], piece: dict[int, int]) -> dict[int, int]:
+    """Nodes that are needed in another piece than their own, numbered."""
+    found: dict[int, int] = {}
+    for i in varying:
+        for j in operands(graph.nodes[i]):
+            if piece.get(j, piece[i]) != piece[i]:
+                found.setdefault(j, len(found))
+    return found
+
+
+def _function(name: str, arguments: list[str], bodies: list[list[str]], passed: int) -> str:
+    """The C function, in one piece or as a sequence of functions that hand values on through m."""
+    named = [a.split("*")[-1].split()[-1] for a in arguments]
+    unused = " ".join(f"(void){x};" for x in named)
+    if len(bodies) == 1:
+        return "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", unused, *bodies[0]]) + "\n}\n"
+    source = ""
+    for k, body in enumerate(bodies):
+        head = f"static __attribute__((noinline)) void {name}_{k}({', '.join([*arguments, 'V *restrict m'])}) {{"
+        source += "\n    ".join([head, unused, *body]) + "\n}\n"
+    calls = [f"{name}_{k}({', '.join([*named, 'm'])});" for k in range(len(bodies))]
+    return source + "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", f"V m[{passed}];", *calls]) + "\n}\n"
 
 
 def _sine_and_cosine(graph: Graph, live: list[int], uniform: list[bool]) -> dict[int, tuple[int, int]]:
