@@ -15,6 +15,7 @@ import numpy as np
 
 from varint.arrays import call
 from varint.consistency import independent
+from varint.errors import InputError
 from varint.manifold import Phase, multiplier_function, multipliers_along
 from varint.stepping.contact_view import Instant, View, first_contact, view
 from varint.system import System, per_system
@@ -52,6 +53,11 @@ class Setting:
     h: float
     reach: np.ndarray
 
+    @property
+    def direction(self) -> float:
+        """+1, and −1 in a run backwards in time, where gaps close that are growing."""
+        return 1.0 if self.h > 0 else -1.0
+
 
 def settle(
     setting: Setting, now: Instant, seen: View, *, released: frozenset[int] = frozenset(), tired: bool = False
@@ -65,12 +71,13 @@ def settle(
     closed = seen.gap <= TOUCH * seen.sizes(now.q, setting.reach)
     for _ in range(MOST_IMPACTS):
         quick = np.maximum(quick, _row_speeds(seen))
-        coming = closed & (seen.rate < -RESTING * quick)
+        rate = setting.direction * seen.rate
+        coming = closed & (rate < -RESTING * quick)
         for i in now.phase.holding:
             coming[i] = False
         if not coming.any():
             break
-        hit = int(np.argmin(np.where(coming, seen.rate / np.maximum(quick, SPEED_OF_NOTHING), 0.0)))
+        hit = int(np.argmin(np.where(coming, rate / np.maximum(quick, SPEED_OF_NOTHING), 0.0)))
         now, seen, event = _impact(setting, now, seen, hit, tired)
         events.append(event)
     resting = np.flatnonzero(closed & (np.abs(seen.rate) <= RESTING * quick)).tolist()
@@ -92,9 +99,14 @@ def _impact(setting: Setting, now: Instant, seen: View, hit: int, tired: bool) -
     Flights that become too short end at once: all that remain take Σ flight eᵏ, and the rate becomes 0.
     """
     bounce = 0.0 if tired else float(setting.system.restitution[hit])
+    if setting.h < 0 and bounce < 1:
+        raise InputError(
+            f"contact {hit} is hit at t = {now.t:g} in a run backwards in time, and its restitution is {bounce:g}: what "
+            "an impact takes away cannot be found again; only restitution 1 can be undone"
+        )
     after, later, impulse = _reflected(setting, now, seen, hit, bounce)
     wait = 0.0
-    if bounce > 0:
+    if bounce > 0 and setting.h > 0:
         flight = _flight(setting, after, later, hit)
         if flight <= ZENO * abs(setting.h):
             wait = flight / (1 - bounce) if bounce < 1 else 0.0
@@ -158,7 +170,7 @@ def _flight(setting: Setting, now: Instant, seen: View, contact: int) -> float:
     """Time until a contact that just bounced closes again, if its acceleration stays."""
     function = flight_function(setting.system, now.phase.rows, now.phase.contacts)
     towards = -call(function, now.q, seen.v, setting.u, np.array([now.t]), setting.c)[0][contact]
-    return 2 * seen.rate[contact] / towards if towards > 0 else np.inf
+    return 2 * abs(seen.rate[contact]) / towards if towards > 0 else np.inf
 
 
 def _holding(setting: Setting, now: Instant, seen: View, candidates: list[int]) -> Phase:

@@ -150,7 +150,7 @@ def _first_event(
     happens = np.zeros(len(states), dtype=bool)
     for i in range(gap.shape[1]):
         if i not in phase.holding:
-            deep = (gap[1:, i] < -close[i]) | ((gap[1:, i] < 0) & (rate[1:, i] < 0))
+            deep = (gap[1:, i] < -close[i]) | ((gap[1:, i] < 0) & (task.h * rate[1:, i] < 0))
             happens |= deep | (dip(gap[:, i], rate[:, i], np.diff(t))[1] < 0)
     if phase.holding:
         u = task.u[at.k : at.k + len(states), -1] if task.u.shape[1] == 1 else _at_ends(rule, task, at.k, len(states))

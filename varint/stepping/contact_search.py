@@ -124,7 +124,7 @@ def closes(passage: Passage, i: int, end: Reached) -> float | None:
     a, (fa, ra) = 0.0, (float(here.gap[i]), float(here.rate[i]))
     b, (fb, rb) = left, (float(then.gap[i]), float(then.rate[i]))
     close = TOUCH * here.sizes(passage.now.q, passage.reach)[i]
-    if fb > -close and not (fb < 0 and rb < 0):
+    if fb > -close and not (fb < 0 and rb * left < 0):
         where, depth = dip(np.array([fa, fb]), np.array([ra, rb]), np.array([left]))
         if not depth[0] < 0:
             return None
@@ -133,7 +133,7 @@ def closes(passage: Passage, i: int, end: Reached) -> float | None:
         if not fb < (-close if fa <= close else 0.0):  # what has just let go rises from zero: round-off is no dip
             return None
     if fa <= close:  # it has just bounced: the other zero is wanted
-        if not ra > 0:
+        if not ra * left > 0:
             return 0.0
         fa = 0.0
     tolerance = LOCATED * max(abs(a), abs(b))
