@@ -135,7 +135,8 @@ def _function(name: str, arguments: list[str], bodies: list[list[str]], passed: 
         head = f"static __attribute__((noinline)) void {name}_{k}({', '.join([*arguments, 'V *restrict m'])}) {{"
         source += "\n    ".join([head, unused, *body]) + "\n}\n"
     calls = [f"{name}_{k}({', '.join([*named, 'm'])});" for k in range(len(bodies))]
-    return source + "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", f"V m[{passed}];", *calls]) + "\n}\n"
+    top = [f"INLINE void {name}({', '.join(arguments)}) {{", f"V m[{passed}];"]
+    return source + "\n    ".join([*top, *calls]) + "\n}\n"
 
 
 def _sine_and_cosine(graph: Graph, live: list[int], uniform: list[bool]) -> dict[int, tuple[int, int]]:

@@ -101,8 +101,8 @@ def _impact(setting: Setting, now: Instant, seen: View, hit: int, tired: bool) -
     bounce = 0.0 if tired else float(setting.system.restitution[hit])
     if setting.h < 0 and bounce < 1:
         raise InputError(
-            f"contact {hit} is hit at t = {now.t:g} in a run backwards in time, and its restitution is {bounce:g}: what "
-            "an impact takes away cannot be found again; only restitution 1 can be undone"
+            f"contact {hit} is hit at t = {now.t:g} in a run backwards in time, and its restitution is {bounce:g}: "
+            "what an impact takes away cannot be found again; only restitution 1 can be undone"
         )
     after, later, impulse = _reflected(setting, now, seen, hit, bounce)
     wait = 0.0

@@ -40,7 +40,7 @@ class Instant:
         return self.x[3 * len(self.x) // 4 :]
 
     def pushed(self, impulse: np.ndarray, rest: np.ndarray) -> Instant:
-        """The instant with p + impulse, and `rest` added to its compensation; the round-off of the sum is kept there."""
+        """The instant with p + impulse; the round-off of the sum goes to its compensation, and so does `rest`."""
         x, n = self.x.copy(), len(self.x) // 4
         p = self.p + impulse
         part = p - self.p
@@ -63,7 +63,8 @@ class View:
     def sizes(self, q: np.ndarray, reach: np.ndarray) -> np.ndarray:
         """What a change of each coordinate by its own size, or by its `reach` in a step, would make of each gap."""
         far = np.abs(q).max(initial=0.0)
-        return np.abs(self.slope[len(self.slope) - len(self.gap) :]) @ np.maximum(np.maximum(np.abs(q), NEAR * far), reach)
+        contacts = self.slope[len(self.slope) - len(self.gap) :]
+        return np.abs(contacts) @ np.maximum(np.maximum(np.abs(q), NEAR * far), reach)
 
 
 def first_contact(system: System) -> int:
@@ -100,7 +101,7 @@ def passage_function(system: System, rule: Rule, rows: tuple[int, ...], contacts
     stepper, n = plan(scene, rule).build(scene, rule), system.q.numel()
     x, scale, u = ca.MX.sym("x", 4 * n), ca.MX.sym("scale", 2 * n), ca.MX.sym("u", stepper.step.numel_in(1))
     c, clock = ca.MX.sym("c", system.c.numel()), ca.MX.sym("clock", 2)
-    q, cq, p, cp = ca.vertsplit(x, n)
+    q, _, p, _ = ca.vertsplit(x, n)
     t, h = clock[0], clock[1]
     begin = stepper.start(q, p, u, t, h, c)
     after = stepper.step(ca.vertcat(x, begin[4 * n :]), u, t, h, c, scale)

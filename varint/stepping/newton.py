@@ -6,10 +6,10 @@ import casadi as ca
 
 from varint.stepping.implicit import LAST_CORRECTION, MOST_ITERATIONS
 
-# CasADi's sparse QR turns round-off that stands for zero into NaN where it multiplies along a chain until its reciprocal
-# overflows; it takes some twenty links and bad luck (40 links, level, at h = 1e-3). LDLᵀ of the normal equations has
-# the same fill and no such trouble; it costs twice as much and squares the condition, which Newton's method corrects (a
-# chain of 200 links: a factor 1e-3 an iteration).
+# CasADi's sparse QR turns round-off that stands for zero into NaN where it multiplies along a chain until its
+# reciprocal overflows; it takes some twenty links and bad luck (40 links, level, at h = 1e-3). LDLᵀ of the normal
+# equations has the same fill and no such trouble; it costs twice as much and squares the condition, which Newton's
+# method corrects (a chain of 200 links: a factor 1e-3 an iteration).
 LARGE = 120
 FINITE = 1e300  # what is not a number is not below it
 ROUNDS = 12  # unrolled; each that is not needed costs a copy

@@ -52,8 +52,8 @@ class Position:
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
-    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along. Of a run
-    with contacts: when it is, what holds, and how many events there were in step k.
+    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along.
+    Of a run with contacts: when it is, what holds, and how many events there were in step k.
     """
 
     x: np.ndarray
