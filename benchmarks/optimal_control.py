@@ -1,6 +1,6 @@
 """Optimal control: assembly of large problems, and cost error against time beside other transcriptions.
 
-Run: python benchmarks/optimal_control.py [folder of the picture]
+Run: python benchmarks/optimal_control.py. Results: benchmarks/results/optimal_control.json and .png.
 
 1. Cart with 4 links, midpoint, 2000 steps, 12,005 unknowns: the same program assembled from one-interval kernels and
    differentiated by CasADi through ``map``; build and solve times and their ratios, measured in one run.
@@ -10,13 +10,12 @@ Run: python benchmarks/optimal_control.py [folder of the picture]
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from time import perf_counter
 
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
+from record import FOLDER, save
 
 import varint as vi
 from varint.control.guess import start_values
@@ -180,7 +179,7 @@ def timed(run) -> tuple[float, float]:
     return float(np.median(seconds)), cost
 
 
-def work_and_precision(out: Path) -> None:
+def work_and_precision() -> None:
     """Table and figure of cost error against time."""
     rows: dict[str, list[tuple[int, float, float]]] = {}
     for name, stages in METHODS.items():
@@ -194,19 +193,21 @@ def work_and_precision(out: Path) -> None:
         print("rockit is not installed; left out")
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     print(f"{'method':20}{'steps':>7}{'ms':>10}{'relative error of J':>22}")
+    kept = []
     for name, found in rows.items():
         errors = [abs(cost / EXACT - 1) for _, _, cost in found]
         for (steps, seconds, _), error in zip(found, errors, strict=True):
             print(f"{name:20}{steps:7d}{1e3 * seconds:10.1f}{error:22.1e}")
+            kept.append({"method": name, "steps": steps, "ms": 1e3 * seconds, "relative error of J": error})
         style = "o-" if name.startswith("varint") else "s--"
         axes.loglog([1e3 * s for _, s, _ in found], np.maximum(errors, 1e-15), style, ms=4, label=name)
     axes.set(xlabel="build and solve, ms", ylabel="relative error of the cost", title="Cart-pole swing-up")
     axes.legend(fontsize="small", ncols=2)
     axes.grid(alpha=0.3)
-    out.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out / "optimal_control.png", dpi=120)
+    save("optimal_control", kept)
+    figure.savefig(FOLDER / "optimal_control.png", dpi=120)
 
 
 if __name__ == "__main__":
     large_problem()
-    work_and_precision(Path(sys.argv[1] if sys.argv[1:] else "out"))
+    work_and_precision()

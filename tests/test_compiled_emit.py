@@ -7,9 +7,10 @@ import mpmath
 import numpy as np
 import pytest
 
+from varint.compiled.algebra import graph_of
 from varint.compiled.cache import compiler, library
 from varint.compiled.emit import emit
-from varint.compiled.graph import NotCompilable, graph_of
+from varint.compiled.graph import NotCompilable, needed
 from varint.compiled.kernel import text
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -136,3 +137,40 @@ def test_operations_without_a_form_in_c_are_refused():
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
     with pytest.raises(NotCompilable, match="interpreted"):
         emit("f", ca.Function("f", [x, c], [ca.erfinv(x)]))
+
+
+def test_powers_of_one_expression_merge_and_cancel():
+    x, c = ca.SX.sym("x", 2), ca.SX.sym("c")
+    scale = ca.norm_2(x) ** 1.5
+    speed = scale * x[0] / c
+    f = ca.Function("f", [x, c], [c * (speed / scale) ** 2 / scale * scale])
+    graph = graph_of(f)
+    assert {graph.nodes[i][0] for i in needed(graph)} <= {"input", "mul", "div", "const"}
+    body = emit("f", f).source.split("INLINE void f(")[1]
+    assert "/" not in body  # 1/c once a run
+
+
+def random_expression(generator, atoms, depth):
+    """Products, quotients, roots and sums of positive atoms, nested."""
+    if not depth:
+        return atoms[generator.integers(len(atoms))]
+    a, b = (random_expression(generator, atoms, depth - 1) for _ in range(2))
+    return [a + b, a * b, a / b, ca.sqrt(a), a - 2 * b, a / ca.sqrt(b), a**1.5 * b, a * 0.5 + b / 3][
+        generator.integers(8)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_products_powers_and_sums_keep_their_values(seed):
+    generator = np.random.default_rng(seed)
+    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
+    atoms = [x[0], x[1], x[2], c[0], c[1], x[0] + x[1], x[1] * x[2] + c[0], ca.SX(1.5), ca.sumsqr(x)]
+    wanted = ca.vertcat(*(random_expression(generator, atoms, 4) for _ in range(4)))
+    f = ca.Function("f", [x, c], [ca.cse(wanted)])
+    points, constants = generator.uniform(0.5, 2, (8, 3)), np.array([0.7, 1.3])
+    exact = np.array([np.array(f(p, constants)).ravel() for p in points])
+    found = evaluator(f, 8)(points, constants)
+    defined = np.isfinite(exact)
+    assert np.isfinite(found[defined]).all()
+    size = np.abs(exact[defined]).max(initial=1.0)
+    assert np.abs(found - exact)[defined].max(initial=0.0) <= 1e-12 * size

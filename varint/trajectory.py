@@ -382,7 +382,7 @@ class Trajectory:
         return self.solution
 
     def plot(self, *expressions: Any) -> Figure:
-        """Figure of coordinates, phase portrait and energy error; or of the given expressions over time."""
+        """Figure of coordinates, phase portrait and energy; or of expressions over time, named by a dictionary."""
         from varint.plot import trajectory_figure
 
         return trajectory_figure(self, *expressions)

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from varint.compiled.graph import Graph, graph_of, needed, operands, uniform_nodes
+from varint.compiled.algebra import graph_of
+from varint.compiled.graph import Graph, needed, operands, uniform_nodes
 
+LONG = 300  # operations from which on a function is not written into its callers: the compiler takes longer, no gain
+APART = "static __attribute__((noinline, noclone, unused))"
 PIECE = 2500  # operations; a compiler's time for one straight line grows faster than its length
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 
@@ -129,10 +132,11 @@ def _function(name: str, arguments: list[str], bodies: list[list[str]], passed: 
     named = [a.split("*")[-1].split()[-1] for a in arguments]
     unused = " ".join(f"(void){x};" for x in named)
     if len(bodies) == 1:
-        return "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", unused, *bodies[0]]) + "\n}\n"
+        kind = "INLINE" if len(bodies[0]) <= LONG else APART
+        return "\n    ".join([f"{kind} void {name}({', '.join(arguments)}) {{", unused, *bodies[0]]) + "\n}\n"
     source = ""
     for k, body in enumerate(bodies):
-        head = f"static __attribute__((noinline)) void {name}_{k}({', '.join([*arguments, 'V *restrict m'])}) {{"
+        head = f"{APART} void {name}_{k}({', '.join([*arguments, 'V *restrict m'])}) {{"
         source += "\n    ".join([head, unused, *body]) + "\n}\n"
     calls = [f"{name}_{k}({', '.join([*named, 'm'])});" for k in range(len(bodies))]
     top = [f"INLINE void {name}({', '.join(arguments)}) {{", f"V m[{passed}];"]

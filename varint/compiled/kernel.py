@@ -23,6 +23,7 @@ FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond 
 MOST_OPERATIONS = 50_000  # of a right-hand side: more takes the compiler minutes
 LARGE_SOURCE = 20_000  # operations from which on the compiler's time matters more than the last tenth of the run's
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
+AT_STAGES = ("rhs", "inertia", "push")
 _ARGUMENTS = struct.Struct("4q3d6P")
 _STATS = 6
 
@@ -169,17 +170,17 @@ def text(name: str) -> str:
 
 
 def build(
-    about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, loop: str,
+    about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, *loop: str,
     opening: Callable[..., np.ndarray] | None = None,
 ) -> Kernel:  # fmt: skip
-    """Compile the loop `loop` (a C file) around the emitted functions, the right-hand side first."""
+    """Compile the loop (C files) around the emitted functions, the right-hand side first."""
     heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
         heads["MANY_ROOTS"] = 1
     source = FAST_COMPILATION if sum(f.operations for f in functions.values()) > LARGE_SOURCE else ""
     source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
-    source += text("lanes.h") + data + "\n".join(f.source for f in functions.values()) + text(loop)
+    source += text("lanes.h") + data + "\n".join(f.source for f in functions.values()) + "".join(map(text, loop))
     compiled = library(source)
     entry = compiled.run
     entry.argtypes, entry.restype = [c_char_p], c_int
@@ -191,7 +192,10 @@ def build(
 def emitted(
     constants: ca.SX, expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]], stride: str = "1"
 ) -> dict[str, Emitted]:
-    """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs."""
+    """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs.
+
+    Those that are evaluated at the stages, not at nodes, have components so many vectors apart.
+    """
     result = {}
     for name, (inputs, outputs) in expressions.items():
         f = ca.Function(name, [*inputs, constants], ca.cse([ca.densify(x) for x in outputs]))
@@ -200,5 +204,5 @@ def emitted(
                 f"{name} has {f.n_instructions()} operations; {MOST_OPERATIONS} compile in reasonable time; use "
                 'backend="interpreted", or fewer coordinates'
             )
-        result[name] = emit(name, f, stride if name == "rhs" else "1")
+        result[name] = emit(name, f, stride if name in AT_STAGES else "1")
     return result

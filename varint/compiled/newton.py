@@ -89,8 +89,9 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
     if solve.map:
         about = "one constant linear map a step"
     return build(
-        about, system, len(rule.nodes), emitted(constants, functions), defines, data, "newton.c", _opening(system)
-    )
+        about, system, len(rule.nodes), emitted(constants, functions), defines, data, "newton.c",
+        opening=_opening(system),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
