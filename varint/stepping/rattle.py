@@ -58,7 +58,8 @@ def rattle_stepper(system: System, rule: Rule) -> Stepper:
     gain = gain + h / 2 * (force + after)
     p1, cp1 = sum_function(n)(p0, cp0, gain + project(q1, p0 + gain, t + h, c), h)
     inputs = [x, u, t, h, c, scale]
-    step = ca.Function("rattle", inputs, [ca.vertcat(q1, cq1, p1, cp1, after, lam, ca.fmax(worst, gap))])
+    x1 = ca.densify(ca.vertcat(q1, cq1, p1, cp1, after, lam, ca.fmax(worst, gap)))  # no force is a sparse zero
+    step = ca.Function("rattle", inputs, [x1])
     return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), solve)
 
 
@@ -120,5 +121,5 @@ def _start(system: System) -> ca.Function:
     u = ca.SX.sym("u", 2 * s.structure.controls)
     force = kick_function(s)(q, u[: s.structure.controls], t, s.c)
     zeros = ca.SX.zeros(n)
-    x = ca.vertcat(q, zeros, p, zeros, force, ca.SX.zeros(s.structure.constraints + 1))
+    x = ca.densify(ca.vertcat(q, zeros, p, zeros, force, ca.SX.zeros(s.structure.constraints + 1)))
     return ca.Function("start", [q, p, u, t, h, s.c], [x])
