@@ -216,7 +216,7 @@ def test_the_stepper_that_eliminates_positions_makes_the_steps_of_the_general_on
 
 
 def test_a_long_level_chain_starts_where_a_sparse_factorisation_breaks_down():
-    """40 links, level, h = 1e-3: round-off along the chain underflows in sparse QR, and the normal equations stand by."""
+    """40 links, h = 1e-3: round-off along the chain underflows in sparse QR, and the normal equations stand by."""
     links = 40
     level = np.array([[i + 1.0, 0.0] for i in range(links)]).ravel()
     motion = vi.simulate(rods(links), vi.lobatto(3), q0=level, v0=np.zeros(2 * links), h=1e-3, steps=10)

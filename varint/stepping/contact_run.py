@@ -18,9 +18,9 @@ from varint.manifold import Phase, multipliers_along
 from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.stepping.contact import MOST_IMPACTS, PULL, TOUCH, Setting, settle
-from varint.stepping.contact_search import Passage, dip, earliest
+from varint.stepping.contact_search import Passage, earliest
 from varint.stepping.contact_view import Instant, View, first_contact, rates_function, view
-from varint.stepping.events import LOCATED
+from varint.stepping.events import LOCATED, lowest
 from varint.stepping.plan import plan
 from varint.stepping.run import (
     RESIDUAL_LIMIT,
@@ -151,7 +151,8 @@ def _first_event(
     for i in range(gap.shape[1]):
         if i not in phase.holding:
             deep = (gap[1:, i] < -close[i]) | ((gap[1:, i] < 0) & (task.h * rate[1:, i] < 0))
-            happens |= deep | (dip(gap[:, i], rate[:, i], np.diff(t))[1] < 0)
+            slope = rate[:, i] * task.h
+            happens |= deep | (lowest(gap[:-1, i], gap[1:, i], slope[:-1], slope[1:])[1] < 0)
     if phase.holding:
         u = task.u[at.k : at.k + len(states), -1] if task.u.shape[1] == 1 else _at_ends(rule, task, at.k, len(states))
         lam = multipliers_along(system, phase, q[1:], v[1:], u, t[1:], task.c)

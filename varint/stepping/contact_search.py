@@ -12,7 +12,7 @@ from varint.polynomials import lagrange_values
 from varint.rules import Rule
 from varint.stepping.contact import TOUCH
 from varint.stepping.contact_view import Instant, View, first_contact, passage_function, split
-from varint.stepping.events import LOCATED, root
+from varint.stepping.events import LOCATED, lowest, root
 from varint.stepping.run import Task
 from varint.system import System
 
@@ -125,7 +125,7 @@ def closes(passage: Passage, i: int, end: Reached) -> float | None:
     b, (fb, rb) = left, (float(then.gap[i]), float(then.rate[i]))
     close = TOUCH * here.sizes(passage.now.q, passage.reach)[i]
     if fb > -close and not (fb < 0 and rb * left < 0):
-        where, depth = dip(np.array([fa, fb]), np.array([ra, rb]), np.array([left]))
+        where, depth = lowest(*(np.array([x]) for x in (fa, fb, ra * left, rb * left)))
         if not depth[0] < 0:
             return None
         b = float(where[0]) * left
@@ -168,17 +168,3 @@ def cubic_root(a: float, b: float, ra: float, rb: float) -> float:
             break
         s = following
     return s
-
-
-def dip(gap: np.ndarray, rate: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where in each interval the cubic through gaps and rates is least, and how much; 1 for an end."""
-    a, b, ra, rb = gap[:-1], gap[1:], rate[:-1] * h, rate[1:] * h
-    inner = (ra < 0) & (rb > 0)
-    if not inner.any():
-        return np.full(len(a), 0.5), np.ones(len(a))
-    c3, c2 = 2 * (a - b) + ra + rb, 3 * (b - a) - 2 * ra - rb
-    spread = np.sqrt(np.maximum(c2**2 - 3 * c3 * ra, 0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.where(c2 + spread != 0, -ra / (c2 + spread), 0.5)
-    s = np.clip(np.nan_to_num(s, nan=0.5), 0, 1)
-    return s, np.where(inner, a + s * (ra + s * (c2 + s * c3)), 1.0)

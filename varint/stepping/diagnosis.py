@@ -173,9 +173,9 @@ def _dependent_rows(motion: Trajectory) -> list[str]:
     part = np.abs(left[worst, :, -1])
     tied = np.flatnonzero(part > 0.1 * part.max()).tolist()
     return [
-        f"a singular configuration (the gradients of the constraint rows {tied} nearly depend on one another, as where a "
-        "linkage folds or is stretched out, and the motion is not determined): try a smaller h, start elsewhere, or drop a "
-        "redundant constraint"
+        f"a singular configuration (the gradients of the constraint rows {tied} nearly depend on one another, as where "
+        "a linkage folds or is stretched out, and the motion is not determined): try a smaller h, start elsewhere, or "
+        "drop a redundant constraint"
     ]
 
 

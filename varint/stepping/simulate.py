@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from varint.between import rounding
 from varint.errors import InputError
 from varint.manifold import Phase
 from varint.progress import progress_bar
@@ -29,6 +30,8 @@ from varint.stepping.run import Block, Task
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Event, Trajectory
+
+ABRUPT = ("impact", "stop", "detachment")  # events after which the motion is another one
 
 if TYPE_CHECKING:
     from varint.compiled.kernel import Kernel
@@ -173,6 +176,10 @@ def simulate(
     if checkpoint is not None:
         words = dict(until=repr(until), events=repr(events), backend=backend, on_failure=on_failure)
         file = checkpoint_of(checkpoint, system, chosen.rule, task, **words)
+    if watches or stops:
+        task = replace(
+            task, save_every=1
+        )  # every node is looked at; those that were not asked for are dropped at the end
     nodes, blocks, kernel = _course(system, chosen, task, backend, on_failure, file)
     done, interrupted = int(nodes[0].k[-1]), False
     try:
@@ -188,7 +195,8 @@ def simulate(
                 if stop or block.good < len(block.k):
                     motion = _trajectory(system, chosen, task, nodes, began, noted, kernel)
                     if stop:
-                        return _cut(motion, len(motion) - len(recent) + stop[0][0] + 1, stop[0][1])
+                        cut = _cut(motion, len(motion) - len(recent) + stop[0][0] + 1, stop[0][1])
+                        return _thinned(cut, task, int(save_every))
                     raise failure(motion, _failed_step(block), block.failed, on_failure)
                 if block.good:
                     note = partial(_energy_note, system, chosen, task, nodes[0], block)
@@ -202,7 +210,7 @@ def simulate(
     motion = _trajectory(system, chosen, task, nodes, began, noted, kernel, interrupted)
     if jump := energy_jump(motion):
         warnings.warn(f"{jump} scene can do: h = {task.h:g} is too large, try a smaller one", stacklevel=2)
-    return motion
+    return _thinned(motion, task, int(save_every))
 
 
 def _course(
@@ -306,6 +314,16 @@ def _phases(system: System, task: Task, nodes: list[Block]) -> tuple[tuple[Phase
         return (), None
     phases = tuple(dict.fromkeys(phase for phase in each if phase is not None))
     return phases, np.concatenate([np.full(b.good, phases.index(p)) for b, p in zip(nodes, each, strict=True)])
+
+
+def _thinned(motion: Trajectory, task: Task, every: int) -> Trajectory:
+    """The nodes that were asked for, and those off the grid, where contacts or parts of steps begin anew."""
+    if every == task.save_every:
+        return motion
+    grid = np.abs(motion.t - (task.t0 + task.h * motion.k)) <= rounding(motion) * abs(task.h)
+    asked = (motion.k % every == 0) | np.isin(motion.t, [event.time for event in motion.events if event.kind in ABRUPT])
+    asked[-1] = True
+    return motion[np.flatnonzero(asked | ~grid)]
 
 
 def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:
