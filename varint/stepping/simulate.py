@@ -88,6 +88,7 @@ def simulate(
         with the rule's own accuracy. With a direction: +1 only where it rises, -1 only where it falls.
     events : dict of SX or (SX, int), optional
         Log where these expressions cross zero: `Trajectory.events` has a record with the time and the name of each.
+        Every step is watched, whatever `save_every` keeps.
     time_scale : SX, optional
         σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ, dt = σ(q) dτ, the
         nodes' ``t`` are physical times, and `duration` is physical too (the last step ends there). Give h and either
