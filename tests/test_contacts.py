@@ -380,3 +380,24 @@ def test_a_run_with_impacts_comes_back_from_disk_as_it_was(tmp_path):
     assert again.events == motion.events and again.phases == motion.phases
     np.testing.assert_array_equal(again.multipliers, motion.multipliers)
     np.testing.assert_array_equal(again.at(0.71).q, motion.at(0.71).q)
+
+
+def test_controls_that_vary_within_a_step_act_between_its_events_as_the_same_force_of_time():
+    (q, v), t, u = vi.coordinates("y"), vi.time(), ca.SX.sym("u")
+    rule, h, steps = vi.lobatto(4), 0.05, 60
+    at = h * (np.arange(steps)[:, None] + np.array(rule.nodes))  # cubic in time: interpolated without error
+    weight = v**2 / 2 - G * q
+    by_time = vi.System(q, v, weight, force=4 * t - t**3, contact=q, restitution=0.9, t=t)
+    by_control = vi.System(q, v, weight, force=u, control=u, contact=q, restitution=0.9)
+    start = dict(q0=1.0, v0=0.0, h=h, steps=steps)
+    one, other = (
+        vi.simulate(by_time, rule, **start),
+        vi.simulate(by_control, rule, **start, u=(4 * at - at**3)[:, :, None]),
+    )
+    assert len(one.events) >= 4
+    np.testing.assert_allclose(times(other), times(one), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.q, one.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.multipliers, one.multipliers, rtol=0, atol=1e-11)
+    between = times(one)[:4, None] + np.array([0.003, 0.01, 0.04])
+    np.testing.assert_allclose(other.at(between.ravel()).q, one.at(between.ravel()).q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.at(times(one)).value(u), 4 * times(one) - times(one) ** 3, rtol=0, atol=1e-11)

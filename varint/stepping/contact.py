@@ -113,7 +113,7 @@ def _impact(setting: Setting, now: Instant, seen: View, hit: int, tired: bool) -
             bounce = 0.0
             after, later, impulse = _reflected(setting, now, seen, hit, bounce)
     kind = "impact" if bounce > 0 else "stop"
-    return after, later, Event(now.t + wait, kind, hit, impulse, seen.energy, later.energy)
+    return after, later, Event(float(now.t + wait), kind, hit, impulse, seen.energy, later.energy)
 
 
 def _reflected(setting: Setting, now: Instant, seen: View, hit: int, bounce: float) -> tuple[Instant, View, float]:

@@ -293,6 +293,7 @@ def _trajectory(
         functions=lambda scene=system: (step_function(scene, chosen.rule), action_function(scene, chosen.rule)),
         phases=phases,
         phase=phase,
+        origin=task.t0,
         events=tuple(sorted(happened, key=lambda event: event.time * np.sign(task.h))),
         stats=MappingProxyType(
             {
