@@ -75,6 +75,19 @@ def test_every_operation_agrees_with_casadi(lanes):
     assert worst.max() < 8e-15, f"output {worst.max(0).argmax()} differs by {worst.max():.1e}"
 
 
+@pytest.mark.parametrize("piece", [3, 17])
+def test_a_long_line_in_pieces_computes_what_it_computes_whole(piece, monkeypatch):
+    """Values cross from piece to piece, inputs are read in many, sines go with their cosines."""
+    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
+    f = ca.Function("f", [x, c], [ca.densify(expressions(x, c))])
+    points, values = np.random.default_rng(2).uniform(-4, 4, (16, 3)), (0.7, 1.9)
+    whole = evaluator(f, 2)(points, values)
+    monkeypatch.setattr("varint.compiled.emit.PIECE", piece)
+    assert emit("f", f).source.count("noinline") >= 75 // piece
+    np.testing.assert_allclose(evaluator(f, 2)(points, values), whole, rtol=1e-14, atol=1e-14)
+
+
+
 @pytest.mark.parametrize("lanes", (1, 8))
 @pytest.mark.parametrize("name", ("sin", "cos", "exp", "sincos"))
 def test_vector_functions_are_accurate_to_a_unit_in_the_last_place(lanes, name):
