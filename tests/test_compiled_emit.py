@@ -87,7 +87,6 @@ def test_a_long_line_in_pieces_computes_what_it_computes_whole(piece, monkeypatc
     np.testing.assert_allclose(evaluator(f, 2)(points, values), whole, rtol=1e-14, atol=1e-14)
 
 
-
 @pytest.mark.parametrize("lanes", (1, 8))
 @pytest.mark.parametrize("name", ("sin", "cos", "exp", "sincos"))
 def test_vector_functions_are_accurate_to_a_unit_in_the_last_place(lanes, name):

@@ -401,3 +401,26 @@ def test_controls_that_vary_within_a_step_act_between_its_events_as_the_same_for
     between = times(one)[:4, None] + np.array([0.003, 0.01, 0.04])
     np.testing.assert_allclose(other.at(between.ravel()).q, one.at(between.ravel()).q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(other.at(times(one)).value(u), 4 * times(one) - times(one) ** 3, rtol=0, atol=1e-11)
+
+
+def test_a_block_rocks_from_corner_to_corner_ever_faster_and_comes_to_rest_on_both():
+    """On a smooth floor a plastic blow on one corner lifts the other: θ̇ falls by (1 − k)/(1 + k), k = m w²/4I."""
+    q, v = vi.coordinates("x", "y", "tilt")
+    width, height, tilt = 0.3, 1.0, 0.1
+    inertia = (width**2 + height**2) / 12
+    corners = q[1] - height / 2 * ca.cos(q[2]) + ca.vertcat(1, -1) * width / 2 * ca.sin(q[2])
+    block = vi.System(q, v, (ca.sumsqr(v[:2]) + inertia * v[2] ** 2) / 2 - G * q[1], contact=corners)
+    q0 = [0, height / 2 * np.cos(tilt) + width / 2 * np.sin(tilt), tilt]
+    motion = vi.simulate(block, vi.lobatto(4), q0=q0, v0=[0, 0, 0], h=0.01, steps=100)
+    assert len(motion.events) > 20 and {event.kind for event in motion.events} == {"stop"}
+    assert [event.contact for event in motion.events[:6]] == [0, 1, 0, 1, 0, 1]
+    k, rest = width**2 / 4 / inertia, G * height / 2
+    ratios = [(event.energy_after - rest) / (event.energy_before - rest) for event in motion.events[:6]]
+    np.testing.assert_allclose(ratios, ((1 - k) / (1 + k)) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(motion.multipliers[-1], G / 2, rtol=1e-9)
+    np.testing.assert_allclose(motion.q[-1], [0, height / 2, 0], atol=1e-9)
+
+
+def test_a_compiled_run_with_contacts_is_refused():
+    with pytest.raises(vi.InputError, match="runs with contacts are interpreted"):
+        vi.simulate(ball(), q0=1.0, v0=0.0, h=0.1, steps=1, backend="compiled")

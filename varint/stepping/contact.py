@@ -104,29 +104,39 @@ def _impact(setting: Setting, now: Instant, seen: View, hit: int, tired: bool) -
             f"contact {hit} is hit at t = {now.t:g} in a run backwards in time, and its restitution is {bounce:g}: "
             "what an impact takes away cannot be found again; only restitution 1 can be undone"
         )
-    after, later, impulse = _reflected(setting, now, seen, hit, bounce)
+    after, later, impulse = _reflected(setting, now, seen, hit, bounce, tired)
     wait = 0.0
+    opened = [i for i in _plastic(setting.system, now) if i not in after.phase.holding and later.rate[i] > 0]
+    if any(_flight(setting, after, later, i) <= ZENO * abs(setting.h) for i in opened):  # rocking that dies out
+        after, later, impulse = _reflected(setting, now, seen, hit, bounce, True)
     if bounce > 0 and setting.h > 0:
         flight = _flight(setting, after, later, hit)
         if flight <= ZENO * abs(setting.h):
             wait = flight / (1 - bounce) if bounce < 1 else 0.0
             bounce = 0.0
-            after, later, impulse = _reflected(setting, now, seen, hit, bounce)
+            after, later, impulse = _reflected(setting, now, seen, hit, bounce, tired)
     kind = "impact" if bounce > 0 else "stop"
     return after, later, Event(float(now.t + wait), kind, hit, impulse, seen.energy, later.energy)
 
 
-def _reflected(setting: Setting, now: Instant, seen: View, hit: int, bounce: float) -> tuple[Instant, View, float]:
-    """The instant after the blow, as seen then, and its impulse."""
+def _plastic(system: System, now: Instant) -> list[int]:
+    """Contacts that hold and do not bounce."""
+    return [i for i in now.phase.holding if system.restitution[i] == 0]
+
+
+def _reflected(
+    setting: Setting, now: Instant, seen: View, hit: int, bounce: float, sticks: bool
+) -> tuple[Instant, View, float]:
+    """The instant after the blow, as seen then, and its impulse; if it `sticks`, plastic contacts all stay closed."""
     system, first = setting.system, first_contact(setting.system)
     fixed = [*now.phase.rows, *range(system.constraint.numel(), first)]
-    holding = [i for i in now.phase.holding if system.restitution[i] == 0]
+    holding = _plastic(system, now)
     while True:
         rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
         rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
         impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
         pulled = impulse[len(fixed) : -1]
-        if not (pulled < -PULL * np.abs(impulse).max()).any():
+        if sticks or not (pulled < -PULL * np.abs(impulse).max()).any():
             break
         holding.pop(int(np.argmin(pulled)))
     phase = _solvable(system, now, seen, holding)

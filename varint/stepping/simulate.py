@@ -228,6 +228,8 @@ def _course(
             )
         backend = "interpreted"
     if system.structure.contacts:
+        if backend not in ("auto", "interpreted"):
+            raise InputError(f"runs with contacts are interpreted; backend={backend!r} is not for them")
         from varint.stepping.contact_run import contact_run
 
         contacts = contact_run(system, chosen.rule, task)
