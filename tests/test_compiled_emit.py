@@ -17,10 +17,10 @@ pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 LANES = (1, 2, 4, 8)
 
 
-def evaluator(f: ca.Function, lanes: int, head: str = ""):
+def evaluator(f: ca.Function, lanes: int, head: str = "", written_out: int = 20_000):
     """Rows of arguments (count, n) and parameters to rows of results, `lanes` at a time through the emitted C."""
     n, m = f.numel_in(0), f.numel_out(0)
-    emitted = emit("f", f)
+    emitted = emit("f", f, written_out=written_out)
     loop = f"""
     int run(int64_t count, const double *x, const double *c, double *y) {{
         double w[{emitted.uniforms} + 1];
@@ -73,18 +73,6 @@ def test_every_operation_agrees_with_casadi(lanes):
     scale = np.maximum(np.abs(expected), 1.0)  # sums of terms that cancel are exact to the size of the terms
     worst = np.abs(found - expected) / scale
     assert worst.max() < 8e-15, f"output {worst.max(0).argmax()} differs by {worst.max():.1e}"
-
-
-@pytest.mark.parametrize("piece", [3, 17])
-def test_a_long_line_in_pieces_computes_what_it_computes_whole(piece, monkeypatch):
-    """Values cross from piece to piece, inputs are read in many, sines go with their cosines."""
-    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
-    f = ca.Function("f", [x, c], [ca.densify(expressions(x, c))])
-    points, values = np.random.default_rng(2).uniform(-4, 4, (16, 3)), (0.7, 1.9)
-    whole = evaluator(f, 2)(points, values)
-    monkeypatch.setattr("varint.compiled.emit.PIECE", piece)
-    assert emit("f", f).source.count("noinline") >= 75 // piece
-    np.testing.assert_allclose(evaluator(f, 2)(points, values), whole, rtol=1e-14, atol=1e-14)
 
 
 @pytest.mark.parametrize("lanes", (1, 8))
@@ -186,3 +174,39 @@ def test_random_products_powers_and_sums_keep_their_values(seed):
     assert np.isfinite(found[defined]).all()
     size = np.abs(exact[defined]).max(initial=1.0)
     assert np.abs(found - exact)[defined].max(initial=0.0) <= 1e-12 * size
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_loops_over_operations_of_the_same_form_keep_the_values(seed):
+    generator = np.random.default_rng(seed)
+    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
+    atoms = [x[0], x[1], x[2], c[0], c[1], x[0] + x[1], x[1] * x[2] + c[0], ca.SX(1.5), ca.sumsqr(x)]
+    wanted = ca.vertcat(*(random_expression(generator, atoms, 4) for _ in range(4)), ca.sin(x[0]), ca.cos(x[0]), c[0])
+    f = ca.Function("f", [x, c], [ca.cse(wanted)])
+    points, constants = generator.uniform(0.5, 2, (8, 3)), np.array([0.7, 1.3])
+    exact = np.array([np.array(f(p, constants)).ravel() for p in points])
+    found, defined = evaluator(f, 8, written_out=0)(points, constants), np.isfinite(exact)
+    np.testing.assert_allclose(found[defined], exact[defined], rtol=1e-11, atol=1e-11)
+
+
+def gravity(bodies):
+    x, c = ca.SX.sym("x", 3 * bodies), ca.SX.sym("c", bodies)
+    places, energy = ca.reshape(x, 3, bodies), ca.SX(0)
+    for i in range(bodies):
+        for j in range(i):
+            energy -= c[i] * c[j] / ca.norm_2(places[:, i] - places[:, j])
+    return ca.Function("f", [x, c], [ca.gradient(energy, x)])
+
+
+@pytest.mark.parametrize("lanes", LANES)
+def test_many_bodies_become_a_loop_over_pairs_and_sums_over_bodies(lanes):
+    bodies, generator = 16, np.random.default_rng(0)
+    f = gravity(bodies)
+    emitted = emit("f", f, written_out=1000)
+    assert emitted.length < 100 < emitted.operations / 20
+    longer = emit("f", gravity(bodies + 4), written_out=1000)
+    assert longer.length - emitted.length == 4 * 3  # a statement for every output
+    points, masses = generator.normal(size=(8, 3 * bodies)), generator.uniform(0.5, 2, bodies)
+    exact = np.array([np.array(f(p, masses)).ravel() for p in points])
+    found = evaluator(f, lanes, written_out=1000)(points, masses)
+    np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-11)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from fractions import Fraction
 
 import casadi as ca
 
@@ -17,7 +16,7 @@ from varint.compiled.graph import Graph, needed, operands, read, uniform_nodes, 
 
 FEW_TERMS = 8  # of a sum that is looked into, since some may cancel where it is used
 LONGEST_CHAIN = 6  # terms of a sum added one after the other; longer sums are split, for latency
-Powers = tuple[tuple[int, Fraction], ...]  # nodes and their exponents
+Powers = tuple[tuple[int, int], ...]  # nodes and their exponents, in quarters
 Term = tuple[float, int, Powers]  # factor × node × powers
 Sum = tuple[Term, ...]
 
@@ -55,11 +54,11 @@ class _Rewriting:
 
 
 def _rewriting(raw: Graph, live: list[int], last: int) -> _Rewriting:
-    monomials: list[tuple[float, int | None, Fraction]] = []
+    monomials: list[tuple[float, int | None, int]] = []
     uniform = uniform_nodes(raw, last)
     for i, node in enumerate(raw.nodes):
         monomials.append(_monomial(monomials, uniform, i, node))
-    divided: dict[int, list[Fraction]] = {}
+    divided: dict[int, list[int]] = {}
     rooted: set[int] = set()
     for i in live:
         name, *rest = raw.nodes[i]
@@ -71,25 +70,25 @@ def _rewriting(raw: Graph, live: list[int], last: int) -> _Rewriting:
                 rooted.add(base)
     bases = dict.fromkeys(rooted, "")
     for base, found in divided.items():
-        if any(e.denominator > 1 for e in found):
+        if any(e % 4 for e in found):
             bases[base] = "root"
         else:
             bases[base] = "inverse" if len(found) > 1 or uniform[base] else ""
     return _Rewriting(raw, bases, uniform)
 
 
-def _monomial(known, uniform: list[bool], i: int, node: tuple) -> tuple[float, int | None, Fraction]:
+def _monomial(known, uniform: list[bool], i: int, node: tuple) -> tuple[float, int | None, int]:
     """Node i as factor × base^exponent (base None: a number), but for factors that are the same all the time."""
-    atom = (1.0, i, Fraction(1))
+    atom = (1.0, i, 4)
     name, *rest = node
     if name == "const":
-        return (rest[0], None, Fraction(0))
+        return (rest[0], None, 0)
     if name == "neg":
         c, base, e = known[rest[0]]
         return (-c, base, e)
     if name == "sqrt":
         c, base, e = known[rest[0]]
-        return (1.0, base, e / 2) if base is not None and c == 1 and _has_root(e) else atom
+        return (1.0, base, e // 2) if base is not None and c == 1 and _has_root(e) else atom
     if name == "mul":
         (c, base, e), (d, other, g) = known[rest[0]], known[rest[1]]
         if base is None or other is None or base == other:
@@ -99,9 +98,9 @@ def _monomial(known, uniform: list[bool], i: int, node: tuple) -> tuple[float, i
     return atom
 
 
-def _has_root(e: Fraction) -> bool:
-    """Is √(x^e) = x^(e/2) wherever x^e ≥ 0, and short to write?"""
-    return e.numerator % 2 == 1 and e.denominator <= 2
+def _has_root(quarters: int) -> bool:
+    """Is √(x^e) = x^(e/2) wherever x^e ≥ 0, and a power of quarters?"""
+    return quarters % 2 == 0 and quarters % 8 != 0
 
 
 def _kept(r: _Rewriting, i: int, terms: Sum, shared: bool) -> Sum:
@@ -113,7 +112,7 @@ def _kept(r: _Rewriting, i: int, terms: Sum, shared: bool) -> Sum:
         if r.uniform[i]:
             r.constant.add(a)
         r.kinds.setdefault(a, "inverse" if r.uniform[i] else r.bases[i])
-        return ((c, r.graph.one, _joined(powers, ((a, Fraction(1)),))),)
+        return ((c, r.graph.one, _joined(powers, ((a, 4),))),)
     if not shared:
         return terms
     c, a, powers = _term(r, terms)
@@ -145,14 +144,17 @@ def _rewritten(r: _Rewriting, i: int) -> Sum:
         return _product(r, *x)
     if name in ("add", "sub"):
         sign = 1.0 if name == "add" else -1.0
-        short, long = (_merged(y + _scaled(z, sign)) for y, z in (x, [_expanded(r, y) for y in x]))
+        short = _merged(x[0] + _scaled(x[1], sign))
+        if not any(a in r.parts for y in x for _, a, _ in y):
+            return short
+        long = _merged(_expanded(r, x[0]) + _scaled(_expanded(r, x[1]), sign))
         return long if len(long) < len(short) else short
     if name == "div":
         return _quotient(r, *x)
     if name == "sqrt":
         c, a, powers = _term(r, x[0])
         if c == 1 and r.graph.is_one(a) and len(powers) == 1 and _has_root(powers[0][1]):
-            return ((1.0, a, ((powers[0][0], powers[0][1] / 2),)),)
+            return ((1.0, a, ((powers[0][0], powers[0][1] // 2),)),)
     return ((1.0, r.graph.node(name, *(_node(r, y) for y in x)), ()),)
 
 
@@ -249,7 +251,7 @@ def _joined(powers: Powers, more: Powers) -> Powers:
         return powers or more
     total = dict(powers)
     for base, e in more:
-        total[base] = total.get(base, Fraction(0)) + e
+        total[base] = total.get(base, 0) + e
     return tuple(sorted((base, e) for base, e in total.items() if e))
 
 
@@ -269,11 +271,11 @@ def _times(r: _Rewriting, a: int, powers: Powers) -> int:
     return r.graph.times(a, r.graph.times(same, varying))
 
 
-def _power(graph: Graph, base: int, exponent: Fraction, kind: str) -> int:
-    """base^exponent for multiples of 1/4, by products, roots, and the reciprocal that the kind says."""
+def _power(graph: Graph, base: int, exponent: int, kind: str) -> int:
+    """base^(exponent / 4), by products, roots, and the reciprocal that the kind says."""
     if exponent < 0 and kind == "inverse":
         return _power(graph, graph.node("div", graph.one, base), -exponent, "")
-    quarters = int(4 * abs(exponent))
+    quarters = abs(exponent)
     parts = [graph.node("sqrt", graph.node("sqrt", base))] if quarters & 1 else []  # two roots side by side
     inverse_root = graph.node("rsqrt", base) if kind == "root" and (quarters & 2 or exponent < 0) else None
     if exponent < 0:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 
 from varint.compiled.algebra import graph_of
-from varint.compiled.graph import Graph, needed, operands, uniform_nodes
+from varint.compiled.graph import Graph, needed, uniform_nodes
+from varint.compiled.rolled import INFIX, loops, sorted_by_form, written
 
 LONG = 300  # operations from which on a function is not written into its callers: the compiler takes longer, no gain
-APART = "static __attribute__((noinline, noclone, unused))"
-PIECE = 2500  # operations; a compiler's time for one straight line grows faster than its length
-_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
 
 
 @dataclass(frozen=True)
@@ -27,16 +27,19 @@ class Emitted:
     uniforms : int
         Length of w: values that depend on the parameters alone.
     operations, roots : int
-        Operations a call, and the reciprocal square roots among them.
+        Operations a call, and the square roots among them.
+    length : int
+        Statements of the source, fewer than operations where they are loops.
     """
 
     source: str
     uniforms: int
     operations: int
     roots: int
+    length: int
 
 
-def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
+def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTEN_OUT) -> Emitted:
     """C source of the SX function f(x0, …, c), whose last argument c, the parameters, is the same in all lanes.
 
     Parameters
@@ -47,100 +50,76 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
         SX function; sparse outputs are written densely.
     stride : str
         C expression: component i of an argument is found at ``x[i * stride]``.
+    written_out : int
+        Operations from which on the source has loops over operations of the same form.
     """
     graph = graph_of(f)
     last = f.n_in() - 1
     uniform = uniform_nodes(graph, last)
     live = sorted(needed(graph))
-    sincos = _sine_and_cosine(graph, live, uniform)
-    names: dict[int, str] = {}
+    names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}
     kept: dict[int, int] = {}  # uniform node: its place in w
-    varying = [i for i in live if not uniform[i] and graph.nodes[i][0] not in ("const", "input")]
-    piece = {i: k * _pieces(varying) // len(varying) for k, i in enumerate(varying)}
-    piece |= {i: piece[first] for first, pair in sincos.items() for i in pair if any(pair)}
-    passed = _passed(graph, varying, piece)  # node of one piece that another needs: its place in m
-    prepare: list[str] = []
-    bodies: list[list[str]] = [[] for _ in range(_pieces(varying))]
-    loaded: set[tuple[int, int]] = set()
 
-    def value(i: int, k: int) -> str:
-        """The node as an operand of a varying operation in piece k."""
-        node = graph.nodes[i]
-        if node[0] == "const":
-            return _number(node[1])
-        if uniform[i]:
-            return f"w[{kept.setdefault(i, len(kept))}]"
-        if node[0] == "input" and (i, k) not in loaded:
-            loaded.add((i, k))
-            bodies[k].append(f"const V x{i} = i{node[1]}[{node[2]} * ({stride})];")
-        return f"m[{passed[i]}]" if i in passed and piece[i] != k else f"x{i}"
+    def place(i: int) -> int:
+        return kept.setdefault(i, len(kept))
+
+    def constant(i: int) -> str:
+        return _number(graph.nodes[i][1]) if graph.nodes[i][0] == "const" else f"w[{place(i)}]"
 
     def once(i: int) -> str:
-        return _number(graph.nodes[i][1]) if graph.nodes[i][0] == "const" else names[i]
+        return names.get(i) or constant(i)
 
-    for i in live:
-        node = graph.nodes[i]
-        if uniform[i] and node[0] != "const":
-            names[i] = f"s{i}"
-            prepare.append(f"const double {names[i]} = {_once(node, once)};")
-        if i not in piece:
-            continue
-        k, made = piece[i], [i]
-        if i in sincos:
-            if not any(sincos[i]):
-                continue
-            made = list(sincos[i])
-            angle = value(node[1], k)
-            bodies[k].append(f"V x{made[0]}, x{made[1]}; v_sincos({angle}, &x{made[0]}, &x{made[1]});")
-        else:
-            text = _varying(graph, node, lambda j, k=k: value(j, k), uniform)
-            bodies[k].append(f"const V x{i} = {text};")
-        bodies[k] += [f"m[{passed[j]}] = x{j};" for j in made if j in passed]
+    prepare = [f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names]
+    operations = sum(not uniform[i] for i in live)
+    if operations > written_out:
+        body, places = loops(sorted_by_form(graph, live, uniform), stride, constant, place)
+    else:
+        body, places = _statements(graph, live, uniform, stride, constant)
     for k, output in enumerate(graph.outputs):
         for r, i in enumerate(output):
-            where = piece.get(i, 0)
-            text = value(i, where)
-            text = f"splat({text})" if graph.nodes[i][0] == "const" or uniform[i] else text
-            bodies[where].append(f"o{k}[{r} * ({stride})] = {text};")
+            if uniform[i]:
+                text = f"splat({constant(i)})"
+            else:
+                text = places.get(i) or f"i{graph.nodes[i][1]}[{graph.nodes[i][2]} * ({stride})]"
+            body.append(f"o{k}[{r} * ({stride})] = {text};")
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(f.n_out())]
     source = "\n    ".join(
         [f"INLINE void {name}_prepare(const double *c, double *w) {{", "(void)c, (void)w;", *prepare]
     )
-    source += "\n}\n" + _function(name, arguments, bodies, len(passed))
+    kind = "INLINE" if len(body) <= LONG else "static __attribute__((noinline, noclone, unused))"
+    unused = " ".join(f"(void)i{k};" for k in range(last))
+    source += (
+        "\n}\n"
+        + "\n    ".join([f"{kind} void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body])
+        + "\n}\n"
+    )
     roots = sum(1 for i in live if graph.nodes[i][0] in ("rsqrt", "sqrt") and not uniform[i])
-    return Emitted(source, len(kept), sum(map(len, bodies)), roots)
+    return Emitted(source, len(kept), operations, roots, len(body))
 
 
-def _pieces(varying: list[int]) -> int:
-    return max(-(-len(varying) // PIECE), 1)
+def _statements(
+    graph: Graph, live: list[int], uniform: list[bool], stride: str, constant: Callable[[int], str]
+) -> tuple[list[str], dict[int, str]]:
+    """One C statement for each value that varies, and its name."""
+    sincos = _sine_and_cosine(graph, live, uniform)
+    body, names = [], {i: f"x{i}" for i in live if not uniform[i]}
 
+    def value(i: int) -> str:
+        return names.get(i) or constant(i)
 
-def _passed(graph: Graph, varying: list[int], piece: dict[int, int]) -> dict[int, int]:
-    """Nodes that are needed in another piece than their own, numbered."""
-    found: dict[int, int] = {}
-    for i in varying:
-        for j in operands(graph.nodes[i]):
-            if piece.get(j, piece[i]) != piece[i]:
-                found.setdefault(j, len(found))
-    return found
-
-
-def _function(name: str, arguments: list[str], bodies: list[list[str]], passed: int) -> str:
-    """The C function, in one piece or as a sequence of functions that hand values on through m."""
-    named = [a.split("*")[-1].split()[-1] for a in arguments]
-    unused = " ".join(f"(void){x};" for x in named)
-    if len(bodies) == 1:
-        kind = "INLINE" if len(bodies[0]) <= LONG else APART
-        return "\n    ".join([f"{kind} void {name}({', '.join(arguments)}) {{", unused, *bodies[0]]) + "\n}\n"
-    source = ""
-    for k, body in enumerate(bodies):
-        head = f"{APART} void {name}_{k}({', '.join([*arguments, 'V *restrict m'])}) {{"
-        source += "\n    ".join([head, unused, *body]) + "\n}\n"
-    calls = [f"{name}_{k}({', '.join([*named, 'm'])});" for k in range(len(bodies))]
-    top = [f"INLINE void {name}({', '.join(arguments)}) {{", f"V m[{passed}];"]
-    return source + "\n    ".join([*top, *calls]) + "\n}\n"
+    for i in names:
+        name, *rest = graph.nodes[i]
+        if name == "input":
+            body.append(f"const V {names[i]} = i{rest[0]}[{rest[1]} * ({stride})];")
+        elif i not in sincos:
+            text = written(name, [value(j) for j in rest], [uniform[j] for j in rest])
+            body.append(f"const V {names[i]} = {text};")
+        elif sincos[i][0]:
+            sine, cosine = (names[j] for j in sincos[i])
+            body.append(f"V {sine}, {cosine}; v_sincos({value(rest[0])}, &{sine}, &{cosine});")
+    return body, names
 
 
 def _sine_and_cosine(graph: Graph, live: list[int], uniform: list[bool]) -> dict[int, tuple[int, int]]:
@@ -157,23 +136,13 @@ def _sine_and_cosine(graph: Graph, live: list[int], uniform: list[bool]) -> dict
     return pairs
 
 
-def _once(node: tuple, value) -> str:
+def _once(node: tuple, value: Callable[[int], str]) -> str:
+    """C expression of an operation on plain numbers."""
     if node[0] == "input":
         return f"c[{node[2]}]"
-    if node[0] == "neg":
-        return f"-{value(node[1])}"
-    if node[0] in _INFIX:
-        return f"{value(node[1])} {_INFIX[node[0]]} {value(node[2])}"
+    if node[0] in INFIX or node[0] == "neg":
+        return written(node[0], [value(j) for j in node[1:]], [True] * (len(node) - 1))
     return f"s_{node[0]}({', '.join(value(j) for j in node[1:])})"
-
-
-def _varying(graph: Graph, node: tuple, value, uniform: list[bool]) -> str:
-    if node[0] == "neg":
-        return f"-{value(node[1])}"
-    if node[0] in _INFIX:
-        return f"{value(node[1])} {_INFIX[node[0]]} {value(node[2])}"
-    arguments = (f"splat({value(j)})" if uniform[j] else value(j) for j in node[1:])
-    return f"v_{node[0]}({', '.join(arguments)})"
 
 
 def _number(x: float) -> str:

@@ -21,7 +21,7 @@ _NAMES = """
     expm1 hypot remainder
 """
 _OPERATIONS = {getattr(ca, f"OP_{name.upper()}"): name for name in _NAMES.split()}
-_COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
+COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Graph:
     outputs: list[list[int]] = field(default_factory=list)
 
     def node(self, operation: str, *operands) -> int:
-        if operation in _COMMUTATIVE:
+        if operation in COMMUTATIVE:
             operands = tuple(sorted(operands))
         key = (operation, *operands)
         if key not in self.index:

@@ -13,15 +13,16 @@ import casadi as ca
 import numpy as np
 
 from varint.compiled.cache import library
-from varint.compiled.emit import Emitted, emit
+from varint.compiled.emit import WRITTEN_OUT, Emitted, emit
 from varint.compiled.graph import NotCompilable
 from varint.system import System
 
 DONE, NOT_CONVERGED, NOT_FINITE = range(3)
 MOST_ITERATIONS = 60  # a scene that needs more contracts so poorly that Newton's method is cheaper
 FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
-MOST_OPERATIONS = 50_000  # of a right-hand side: more takes the compiler minutes
-LARGE_SOURCE = 20_000  # operations from which on the compiler's time matters more than the last tenth of the run's
+MOST_OPERATIONS = 1_000_000  # of a right-hand side: more takes too long to arrange
+MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
+LARGE_SOURCE = 20_000  # statements from which on the compiler's time matters more than the last tenth of the run's
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
 AT_STAGES = ("rhs", "inertia", "push")
 _ARGUMENTS = struct.Struct("4q3d6P")
@@ -178,7 +179,7 @@ def build(
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
         heads["MANY_ROOTS"] = 1
-    source = FAST_COMPILATION if sum(f.operations for f in functions.values()) > LARGE_SOURCE else ""
+    source = FAST_COMPILATION if sum(f.length for f in functions.values()) > LARGE_SOURCE else ""
     source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
     source += text("lanes.h") + data + "\n".join(f.source for f in functions.values()) + "".join(map(text, loop))
     compiled = library(source)
@@ -190,7 +191,10 @@ def build(
 
 
 def emitted(
-    constants: ca.SX, expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]], stride: str = "1"
+    constants: ca.SX,
+    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
+    stride: str = "1",
+    written_out: int = WRITTEN_OUT,
 ) -> dict[str, Emitted]:
     """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs.
 
@@ -201,8 +205,13 @@ def emitted(
         f = ca.Function(name, [*inputs, constants], ca.cse([ca.densify(x) for x in outputs]))
         if f.n_instructions() > MOST_OPERATIONS:
             raise NotCompilable(
-                f"{name} has {f.n_instructions()} operations; {MOST_OPERATIONS} compile in reasonable time; use "
+                f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
                 'backend="interpreted", or fewer coordinates'
             )
-        result[name] = emit(name, f, stride if name in AT_STAGES else "1")
+        result[name] = emit(name, f, stride if name in AT_STAGES else "1", written_out)
+        if result[name].length > MOST_STATEMENTS:
+            raise NotCompilable(
+                f"{name} has {result[name].length} statements; {MOST_STATEMENTS} compile in reasonable time; use "
+                'backend="interpreted", or fewer coordinates'
+            )
     return result
