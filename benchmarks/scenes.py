@@ -83,7 +83,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "charged particle": lambda: Scene(vi.models.inverse_distance_field(), 200.0, 150),
     "fpu": lambda: Scene(vi.models.fpu_chain(), 200.0, 3000),
     "chain of 10": lambda: chain(10, 30),
-    "chain of 30": lambda: chain(30, 40),
+    "chain of 30": lambda: chain(30, 60),
 }
 LONGER = {
     "pendulum": 50, "kepler 0.6": 10, "kepler 0.9": 5, "henon-heiles": 20, "double pendulum": 30, "solar system": 10,

@@ -162,7 +162,9 @@ def test_every_control_model_has_a_sketch_of_its_scene(name):
     assert all(set(map(str, ca.symvar(x))) <= set(map(str, ca.symvar(known))) for x in sketch.points.values())
     if sketch.rods:
         q = np.random.default_rng(1).normal(size=(5, phase.system.q.numel()))
+        if name in ("swing_up_rod", "carried_load", "carried_load_reduced"):  # only where the constraints hold
+            q = np.array([phase.start["q"], phase.end["q"]], dtype=float)
         rods = ca.vertcat(*(ca.norm_2(sketch.points[a] - sketch.points[b]) for a, b in sketch.rods))
         length = ca.Function("length", [phase.system.q, phase.system.c], [rods])
         found = np.array([length(x, phase.system.default_vector) for x in q])
-        assert np.ptp(found, axis=0).max() < 1e-12 or name == "swing_up_rod"  # whose rod is a constraint
+        assert np.ptp(found, axis=0).max() < 1e-12

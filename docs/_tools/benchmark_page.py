@@ -36,7 +36,15 @@ KNOWN = {
     "optimal_control": Benchmark(
         "Optimal control",
         "Kelly's cart-pole: error of the cost against the time to build and solve, beside collocations written by hand "
-        "in CasADi, and rockit where it is installed.",
+        "in CasADi, and rockit and opty where they are installed (opty's time includes its compiler's).",
+    ),
+    "optimal_control_assembly": Benchmark(
+        "Assembly of large control problems",
+        "Cart with 4 links, 2000 steps, 12,015 unknowns: one interval differentiated, interpreted and compiled (from "
+        "the cache), beside CasADi's derivatives of a `map` over the intervals.",
+    ),
+    "optimal_control_solvers": Benchmark(
+        "Solvers of control problems", "Ipopt on the plain program, Fatrop on the chain of stages."
     ),
     "least_action": Benchmark(
         "Paths between fixed end points", "`least_action` beside SciPy's `solve_bvp`, from the same straight line."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from varint.legendre import mass_solve
 from varint.system import System
 
 WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
@@ -15,16 +16,9 @@ def constant_part(system: System) -> ca.SX:
     return ca.substitute(system.momentum, system.v, ca.SX.zeros(system.v.numel()))
 
 
-def solved(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix⁻¹ right for a symmetric matrix, by LDLᵀ without square roots; diagonal matrices by division."""
-    if matrix.sparsity().is_diag():
-        return right / ca.diag(matrix)
-    return ca.ldl_solve(right, *ca.ldl(matrix))
-
-
 def velocity(system: System, p: ca.SX) -> ca.SX:
     """v(q, p, t) where the momentum is linear in v: M⁻¹ (p − p(v = 0))."""
-    return solved(system.mass_matrix, p - constant_part(system))
+    return mass_solve(system.mass_matrix, p - constant_part(system))
 
 
 def force(system: System) -> ca.SX:
@@ -34,7 +28,7 @@ def force(system: System) -> ca.SX:
 
 def acceleration(system: System) -> ca.SX:
     """G(q, v, t, u) = M⁻¹ (∂L/∂q + F) of a separable scene with constant mass."""
-    return solved(system.mass_matrix, force(system))
+    return mass_solve(system.mass_matrix, force(system))
 
 
 def full_inertia(system: System) -> bool:

@@ -168,7 +168,10 @@ def _mesh(steps: Any, mesh: Any) -> np.ndarray:
         if not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1:
             raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
         return np.arange(steps + 1) / steps
-    mesh = np.asarray(mesh, dtype=float)
+    try:
+        mesh = np.asarray(mesh, dtype=float)
+    except (TypeError, ValueError):
+        mesh = np.zeros(0)
     if mesh.ndim != 1 or len(mesh) < 2 or mesh[0] != 0 or mesh[-1] != 1 or not (np.diff(mesh) > 0).all():
         raise InputError("mesh must hold fractions of the duration that increase from 0 to 1")
     if steps and steps != len(mesh) - 1:

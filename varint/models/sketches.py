@@ -9,6 +9,7 @@ import casadi as ca
 
 from varint.errors import InputError
 from varint.models.control import ControlModel
+from varint.models.control_bodies import BASES, LINK, arm_angles
 from varint.models.model import Model
 from varint.models.quaternions import rotation
 from varint.parameters import Parameters
@@ -275,6 +276,25 @@ def _planet(s: System) -> Sketch:
     return Sketch({"centre": [0, 0], "body": _polar(s.q[0], s.q[1])}, traces=["body"])
 
 
+def _hovercraft(s: System) -> Sketch:
+    corners = {f"corner {i}": s.q[:2] + 0.15 * _polar(ca.SX(1), s.q[2] + 2 * ca.pi * i / 3) for i in range(3)}
+    rods = [("centre", name) for name in corners]
+    return Sketch({"centre": s.q[:2]} | corners, rods=rods, traces=["centre"], marks=["corner 0"])
+
+
+def _arms(angles: ca.SX) -> Sketch:
+    points: dict = {}
+    for side, (name, base) in enumerate(zip("ab", BASES, strict=True)):
+        elbow = ca.DM(base) + _polar(ca.SX(LINK), angles[2 * side])
+        points |= {
+            name: base,
+            f"{name} elbow": elbow,
+            f"{name} hand": elbow + _polar(ca.SX(LINK), angles[2 * side + 1]),
+        }
+    rods = [(x, f"{x} elbow") for x in "ab"] + [(f"{x} elbow", f"{x} hand") for x in "ab"] + [("a hand", "b hand")]
+    return Sketch(points | {"load": (points["a hand"] + points["b hand"]) / 2}, rods=rods, traces=["load"])
+
+
 _SKETCHES: dict[str, Callable[[System], Sketch]] = {
     "pendulum": _pendulum,
     "inclined_axis": lambda s: _hung([0, 0], _arm(s.q, _given(s).distance)),
@@ -337,4 +357,7 @@ _SKETCHES: dict[str, Callable[[System], Sketch]] = {
     "free_floating_robot": _robot,
     "walker": _walker,
     "falling_cat": _cat,
+    "hovercraft": _hovercraft,
+    "carried_load": lambda s: _arms(s.q[:4]),
+    "carried_load_reduced": lambda s: _arms(arm_angles(s.q)),
 }

@@ -29,6 +29,7 @@ from varint.stepping.run import (
     Task,
     advanced,
     beginning,
+    counted,
     good_nodes,
     next_block,
     rollout,
@@ -43,12 +44,18 @@ MOST_EVENTS = 10 * MOST_IMPACTS  # between two nodes of the grid
 
 def contact_run(system: System, rule: Rule, task: Task, at: Position | None = None) -> Iterator[Block]:
     """The run of a scene with contacts from a position on; event nodes lie between the nodes of the grid."""
-    for block in _every_node(system, rule, task, at):
+    unsaid = 0  # iterations of steps none of whose nodes is kept
+    for found in _every_node(system, rule, task, at):
+        block = replace(found, iterations=found.iterations + unsaid)
+        unsaid = 0
         wanted = (block.k % task.save_every == 0) | (block.k == task.steps)
         if task.save_every == 1 or block.events or block.good < len(block.k) or wanted.all():
             yield block
         else:
             assert block.t is not None
+            if not wanted.any():
+                unsaid = block.iterations
+                continue
             k, q, p, t = (x[wanted] for x in (block.k, block.q, block.p, block.t))
             yield replace(block, k=k, q=q, p=p, t=t, good=len(k))
 
@@ -92,7 +99,7 @@ def _settled_start(system: System, rule: Rule, task: Task) -> Block:
     passage = Passage(system, rule, task, now, seen, np.abs(seen.v), task.first)
     u = passage.controls(0.0, (0.0,)).ravel()
     now, _, events = settle(Setting(system, task.c, u, task.h, passage.reach), now, seen)
-    return _node(_position(system, rule, task, now, task.first), 0.0, tuple(events))
+    return _node(_position(system, rule, task, now, task.first), 0.0, tuple(events), 0)
 
 
 def _position(system: System, rule: Rule, task: Task, now: Instant, k: int, last: Position | None = None) -> Position:
@@ -133,8 +140,9 @@ def _quiet(system: System, rule: Rule, task: Task, at: Position, here: View) -> 
     kept = quiet if happens else min(quiet + 1, count)
     failed = 0.0 if happens or good == count else size(states[good])
     worst = float(states[quiet - 1, -1]) if quiet else 0.0
+    count_of = int(counted(scene, rule, at.x, states[:quiet])[-1]) if quiet else 0
     q, p = states[:quiet, :n], states[:quiet, 2 * n : 3 * n]
-    return Block(k[:kept], q, p, worst, quiet, failed, t[1 : quiet + 1], at.phase, after=after), happens
+    return Block(k[:kept], q, p, worst, quiet, failed, t[1 : quiet + 1], at.phase, (), count_of, after), happens
 
 
 def _first_event(
@@ -193,10 +201,10 @@ def _passed(system: System, rule: Rule, task: Task, at: Position, here: View) ->
         events += more
     after = _position(system, rule, task, there, k, at)
     after = replace(after, events=at.events + 1 if k == at.k else 0)
-    return _node(after, reached.residual, tuple(events)), seen
+    return _node(after, reached.residual, tuple(events), reached.iterations), seen
 
 
-def _node(after: Position, residual: float, events: tuple[Event, ...]) -> Block:
+def _node(after: Position, residual: float, events: tuple[Event, ...], iterations: int) -> Block:
     n = len(after.scale) // 2
     q, p, t = after.x[None, :n], after.x[None, 2 * n : 3 * n], np.array([after.t])
-    return Block(np.array([after.k]), q, p, residual, 1, 0.0, t, after.phase, events, after=after)
+    return Block(np.array([after.k]), q, p, residual, 1, 0.0, t, after.phase, events, iterations, after)

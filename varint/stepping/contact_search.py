@@ -22,12 +22,13 @@ NEWTON = 60  # of the cubic's root: bisection alone would be done by then
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """An instant some time ahead in the same phase, its view, the residual of the sub-step that led there."""
+    """An instant some time ahead in the same phase, its view, residual and iterations of the way, the controls."""
 
     ahead: float
     now: Instant
     seen: View
     residual: float
+    iterations: int
     u: np.ndarray
 
 
@@ -59,12 +60,13 @@ class Passage:
         now, task, n = self.now, self.task, len(self.now.q)
         nodes = self.controls(ahead, self.rule.nodes)
         if ahead == 0:
-            return Reached(0.0, now, self.here, 0.0, self.controls(0.0, (0.0,)).ravel())
+            return Reached(0.0, now, self.here, 0.0, 0, self.controls(0.0, (0.0,)).ravel())
         function = passage_function(self.system, self.rule, now.phase.rows, now.phase.contacts)
         flat = call(function, now.x, self.scale, nodes.ravel(), task.c, np.array([now.t, ahead]))[0]
         there = Instant(now.t + ahead, flat[: 4 * n].copy(), now.phase)
-        seen = split(flat[4 * n + 1 :], n, self.system.contact.numel())
-        return Reached(ahead, there, seen, float(flat[4 * n]), self.controls(ahead, (1.0,)).ravel())
+        seen = split(flat[4 * n + 2 :], n, self.system.contact.numel())
+        residual, count = float(flat[4 * n]), flat[4 * n + 1]
+        return Reached(ahead, there, seen, residual, int(np.nan_to_num(count)), self.controls(ahead, (1.0,)).ravel())
 
     def controls(self, ahead: float, fractions: tuple[float, ...]) -> np.ndarray:
         """Controls at fractions of the way ahead, (len(fractions), k)."""

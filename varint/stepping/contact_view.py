@@ -96,7 +96,7 @@ def view_function(system: System, rows: tuple[int, ...], contacts: tuple[int, ..
 
 @per_system
 def passage_function(system: System, rule: Rule, rows: tuple[int, ...], contacts: tuple[int, ...]) -> ca.Function:
-    """(x, scale, u, c, (t, h)) → x and residual after a step of any size h in a phase, then the `View` there."""
+    """(x, scale, u, c, (t, h)) → x, residual, iterations and `View` after a step of any size h in a phase."""
     scene = Phase(rows, contacts, contacts).scene(system)
     stepper, n = plan(scene, rule).build(scene, rule), system.q.numel()
     x, scale, u = ca.MX.sym("x", 4 * n), ca.MX.sym("scale", 2 * n), ca.MX.sym("u", stepper.step.numel_in(1))
@@ -105,9 +105,9 @@ def passage_function(system: System, rule: Rule, rows: tuple[int, ...], contacts
     t, h = clock[0], clock[1]
     begin = stepper.start(q, p, u, t, h, c)
     after = stepper.step(ca.vertcat(x, begin[4 * n :]), u, t, h, c, scale)
-    state, _, worst = ca.vertsplit(after, [0, 4 * n, after.numel() - 1, after.numel()])
+    state, count = after[: 4 * n], after[-2] if stepper.counts else ca.MX(0)
     seen = view_function(system, rows, contacts)(state[:n], state[2 * n : 3 * n], t + h, c)
-    return ca.Function("passage", [x, scale, u, c, clock], [ca.vertcat(state, worst, seen)])
+    return ca.Function("passage", [x, scale, u, c, clock], [ca.vertcat(state, after[-1], count, seen)])
 
 
 def view(system: System, now: Instant, c: np.ndarray) -> View:

@@ -17,7 +17,7 @@ from varint.compiled.kernel import run as compiled_run
 from varint.compiled.newton import CLOSED, newton_kernel
 from varint.rules import MOST_STAGES, Rule, gauss
 from varint.stepping.run import Block, Position, Task, run
-from varint.system import System
+from varint.system import System, per_system
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
@@ -26,6 +26,7 @@ PILOT = 1000  # steps after which fixed-point iteration must have shown that it 
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 
+@per_system
 def kernel_of(system: System, rule: Rule) -> Kernel:
     """The compiled loop of a system and a rule.
 
@@ -50,47 +51,51 @@ def native_blocks(
 ) -> Iterator[Block]:
     """The compiled run block by block; where fixed-point iteration hardly contracts Newton's method takes over."""
     k, carry = (task.first, None) if at is None else (at.k, at.carry)
-    q, p = (task.q0, task.p0) if at is None else np.split(at.x, 2)
-    c = np.ascontiguousarray(task.c)
+    q, p = (task.q0, task.p0) if at is None else (at.x[: len(at.x) // 2], at.x[len(at.x) // 2 :])
+    taken_over = at is not None and at.by_newton
+    if taken_over and carry is None:
+        yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k))
+        return
+    if taken_over:
+        kernel = newton_kernel(system, rule)
     by_stages = kernel.opening is None and not rule.kicks
-    for steps, every in _pieces(task.steps - k, task.save_every, by_stages):
+    for steps, every in _pieces(task.steps - k, task.save_every, by_stages and carry is None):
         u = task.controls(k, steps) if kernel.controls else None
         part = compiled_run(
-            kernel,
-            q,
-            p,
-            c,
-            t0=task.t0,
-            h=task.h,
-            steps=steps,
-            save_every=every,
-            u=u,
-            first=k,
-            carry=carry,
-            level=task.level,
-        )
+            kernel, q, p, task.c,
+            t0=task.t0, h=task.h, steps=steps, save_every=every, u=u, first=k, carry=carry, level=task.level,
+        )  # fmt: skip
         rows = part.rows[1:]
         good, wanted = len(rows), -(-steps // every)
         if part.status == NOT_CONVERGED:
             wanted = good
-        if wanted:
-            failed = 0.0 if part.status == DONE else float("nan")
-            counts = k + every * np.arange(1, wanted + 1)
-            last = Position(part.last[: 2 * kernel.n].copy(), NOTHING, NOTHING, k + part.steps, 0, part.carry)
-            after = last if part.status == DONE else None
-            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after)
-        poor = by_stages and part.iterations > POOR * max(part.steps, 1)
-        if part.status == NOT_CONVERGED or (poor and part.status == DONE):
-            node, q, p = k + every * good, part.rows[-1, 0].copy(), part.rows[-1, 1].copy()
-            if node < task.steps:
-                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=node), by_stages)
-            return
-        if part.status != DONE:
-            return
-        k, carry = k + steps, part.carry
+        counts = np.arange(k + every, k + every * wanted + 1, every)
+        if part.status == DONE:
+            k, carry, x = k + steps, part.carry, part.last[: 2 * kernel.n]
+            poor = by_stages and part.iterations > POOR * steps
+            after = Position(x, NOTHING, NOTHING, k, 0, None if poor else carry, poor or taken_over)
+            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, iterations=part.iterations, after=after)
+            if not poor:
+                continue
+        else:
+            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, float("nan"), iterations=part.iterations)
+            if part.status != NOT_CONVERGED:
+                return
+            k += every * good
+            x = part.rows[-1, :2].ravel()
+        if k < task.steps:
+            q, p = np.split(x, 2)
+            yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k), by_stages)
+        return
 
 
-def _by_newton(system: System, rule: Rule, task: Task, compiled: bool) -> Iterator[Block]:
+def one_step(kernel: Kernel, task: Task, t: float, q: np.ndarray, p: np.ndarray, h: float) -> np.ndarray | None:
+    """(q, p, v) after one step of its own size, (3, n); None where the iteration does not converge."""
+    part = compiled_run(kernel, q, p, task.c, t0=t, h=h, steps=1)
+    return part.rows[1] if part.status == DONE else None
+
+
+def _by_newton(system: System, rule: Rule, task: Task, compiled: bool = True) -> Iterator[Block]:
     """The rest of a run on which an iteration failed: by the compiled Newton's method, then the interpreted one."""
     kernel = None
     if compiled:
@@ -98,8 +103,12 @@ def _by_newton(system: System, rule: Rule, task: Task, compiled: bool) -> Iterat
             kernel = newton_kernel(system, rule)
     if kernel is None:
         yield from run(system, rule, task)
-    else:
-        yield from native_blocks(system, rule, task, kernel)
+        return
+    for block in native_blocks(system, rule, task, kernel):
+        at = block.after
+        if at is not None and at.carry is not None:  # not handed on to the interpreted one
+            block = replace(block, after=replace(at, by_newton=True))
+        yield block
 
 
 def _pieces(steps: int, every: int, pilot: bool) -> Iterator[tuple[int, int]]:
