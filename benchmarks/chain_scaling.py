@@ -57,8 +57,6 @@ def main(links: tuple[int, ...], backends: tuple[str, ...]) -> None:
         for backend in backends:
             first = None
             for n in links:
-                if backend == "interpreted" and n > 50:
-                    continue
                 microseconds, built = cost(vi.models.chain_rods(n), rule, backend)
                 first = first or microseconds / n
                 rows.append({
@@ -69,10 +67,11 @@ def main(links: tuple[int, ...], backends: tuple[str, ...]) -> None:
             save("chain_scaling", rows)
     table(rows)
     for rule in (vi.trapezoidal(), vi.lobatto(3)):
-        found = [row for row in rows if row["rule"] == rule.name and row["backend"] == "compiled"]
-        if len(found) > 1:
-            fit = np.polyfit(np.log([r["links"] for r in found]), np.log([r["µs a step"] for r in found]), 1)[0]
-            print(f"{rule}: compiled cost grows like N^{fit:.2f}")
+        for backend in backends:
+            found = [row for row in rows if row["rule"] == rule.name and row["backend"] == backend]
+            if len(found) > 1:
+                fit = np.polyfit(np.log([r["links"] for r in found]), np.log([r["µs a step"] for r in found]), 1)[0]
+                print(f"{rule}: {backend} cost grows like N^{fit:.2f}")
 
 
 if __name__ == "__main__":

@@ -152,3 +152,16 @@ def test_a_start_from_two_configurations_passes_through_both(rule):
 def test_two_configurations_that_no_step_joins_are_refused():
     with pytest.raises(vi.InputError, match="no start momentum leads from q0 to q1"):
         vi.start_momentum(cartesian_pendulum(), q0=[1, 0], q1=[0.9, 0.9], h=0.05)
+
+
+@pytest.mark.parametrize("rule", [vi.trapezoidal(), vi.lobatto(3)], ids=str)
+def test_a_linkage_that_is_stretched_out_in_mid_run_fails_with_the_rows_that_meet(rule):
+    """Two rods, one end pulled away evenly until they are straight; a pendulum beside them has no part in it."""
+    (q, v), t = vi.coordinates("x1", "y1", "x2", "y2", "x3", "y3"), vi.time()
+    rods = ca.vertcat(ca.sumsqr(q[4:]) - 1, ca.sumsqr(q[:2]) - 1, ca.sumsqr(q[2:4] - q[:2]) - 1, q[3], q[2] - 1.5 - t)
+    scene = vi.System(q, v, ca.sumsqr(v) / 2, constraint=rods, t=t)
+    y = np.sqrt(1 - 0.75**2)
+    start = dict(q0=[0.75, y, 1.5, 0, 0, -1], v0=[0.5, -0.375 / y, 1, 0, 1, 0])
+    with pytest.raises(vi.ConvergenceError, match=r"gradients of the constraint rows \[1, 2, 4\]") as error:
+        vi.simulate(scene, rule, **start, h=1e-2, steps=80)
+    assert error.value.time == pytest.approx(0.5)

@@ -76,3 +76,57 @@ def test_events_work_with_constraints_and_between_impacts():
 def test_what_cannot_be_watched_is_refused(wrong):
     with pytest.raises(vi.InputError, match=r"direction|must be one SX expression"):
         run(events={"odd": wrong})
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+def test_every_node_is_watched_whatever_is_saved(backend):
+    fine = run(events={"middle": Q}, backend=backend)
+    coarse = run(events={"middle": Q}, save_every=70, backend=backend)
+    assert len(fine.events) == 6 and coarse.events == fine.events
+    np.testing.assert_array_equal(coarse.k, [0, 70, 140, 200])
+    np.testing.assert_array_equal(coarse.q, fine.q[coarse.k])
+    ends = [run(until=(Q, 1), save_every=every, backend=backend) for every in (1, 30)]
+    np.testing.assert_array_equal(ends[1].k, [0, 30, 47])
+    np.testing.assert_allclose(ends[1].q[-1], ends[0].q[-1], rtol=0, atol=1e-15)
+    assert ends[1].t[-1] == ends[0].t[-1]
+
+
+@pytest.mark.parametrize("save_every", [1, 7])
+def test_two_zeros_between_neighbouring_nodes_are_found_by_the_slopes(save_every):
+    """x = cos t rises above 0.999 for 0.09 around every full turn, steps are 0.25 long."""
+    level = 0.999
+    watched = {"up": (Q - level, 1), "down": (Q - level, -1)}
+    motion = vi.simulate(
+        OSCILLATOR, vi.gauss(6), q0=0.0, v0=1.0, h=0.25, steps=400, events=watched, save_every=save_every
+    )
+    turns = np.pi / 2 + 2 * np.pi * np.arange(16)
+    half = np.arccos(level)
+    for kind, exact in (("up", turns - half), ("down", turns + half)):
+        found = [event.time for event in motion.events if event.kind == kind]
+        np.testing.assert_allclose(found, exact[exact < 100], rtol=0, atol=1e-9)
+    first = vi.simulate(OSCILLATOR, vi.gauss(6), q0=0.0, v0=1.0, h=0.25, steps=400, until=(Q - level, -1))
+    assert abs(first.t[-1] - np.pi / 2 - half) <= 1e-10
+
+
+def test_a_curve_that_touches_zero_or_turns_before_it_has_no_zero():
+    for level in (1.0 + 1e-9, 1.001):
+        assert not run(events={"top": Q - level}).events
+
+
+def test_zeros_of_expressions_that_depend_on_time_are_found_twice_in_a_step():
+    t = vi.time()
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - ca.sin(t) * q, t=t)
+    motion = vi.simulate(system, vi.gauss(4), q0=0.0, v0=0.0, h=0.5, steps=10, events={"hill": (t - 1.25) ** 2 - 1e-4})
+    np.testing.assert_allclose([event.time for event in motion.events], [1.24, 1.26], rtol=0, atol=1e-12)
+
+
+def test_a_run_with_contacts_keeps_its_event_nodes_when_it_is_watched_and_thinned():
+    y, w = vi.coordinates("y")
+    ball = vi.System(y, w, w**2 / 2 - y, contact=y, restitution=1.0)
+    start = dict(q0=0.5, v0=0.0, h=0.05, duration=4.5)
+    motion = vi.simulate(ball, **start, events={"top": (w, -1)}, save_every=20)
+    assert [event.kind for event in motion.events] == ["impact", "top", "impact", "top"]
+    whole = vi.simulate(ball, **start)
+    assert len(motion) < 12
+    np.testing.assert_allclose(motion.at([0.3, 1.7, 4.01]).q, whole.at([0.3, 1.7, 4.01]).q, rtol=0, atol=1e-14)

@@ -119,6 +119,7 @@ def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
     """What is not an array, and what is."""
     header = {
         "h": trajectory.h,
+        "origin": trajectory.origin,
         "sizes": None if trajectory.sizes is None else trajectory.sizes.tolist(),
         "rule": asdict(trajectory.rule),
         "system": describe(trajectory.system),
@@ -137,6 +138,7 @@ def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> Trajectory:
         system=system,
         rule=rule,
         h=header["h"],
+        origin=header.get("origin"),
         sizes=None if header.get("sizes") is None else np.array(header["sizes"]),
         functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
         phases=tuple(Phase(**{k: tuple(v) for k, v in phase.items()}) for phase in header["phases"]),

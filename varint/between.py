@@ -80,7 +80,7 @@ def steps_ahead(
             if not active.any():
                 continue
             scene = motion.system if held is None else held.scene(motion.system)
-            u = step_controls(motion, k[active], (size / full)[active])
+            u = step_controls(motion, k[active], (size / full)[active], (t + done)[active])
             arguments = q[active], p[active], u, motion.c, (t + done)[active][:, None], size[active][:, None]
             yield active, scene, arguments
             q[active], p[active], _ = over_columns(functions_of(motion, scene)[0], *arguments)
@@ -95,8 +95,10 @@ def _sizes(motion: Trajectory, k: np.ndarray) -> np.ndarray:
     return np.full(len(k), motion.h) if sizes is None else sizes[np.clip(k, 0, len(sizes) - 1)]
 
 
-def step_controls(motion: Trajectory, steps: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """Controls at the rule's nodes of the given steps, shortened to `fraction` of their length, (len(steps), r·k)."""
+def step_controls(
+    motion: Trajectory, steps: np.ndarray, fraction: np.ndarray, times: np.ndarray | None = None
+) -> np.ndarray:
+    """Controls at the rule's nodes of parts of steps, (len(steps), r·k), that begin at `times` or with the step."""
     count, r = len(steps), len(motion.rule.nodes)
     if not motion.system.structure.controls:
         return np.empty((count, 0))
@@ -105,10 +107,18 @@ def step_controls(motion: Trajectory, steps: np.ndarray, fraction: np.ndarray) -
         return np.repeat(u, r, axis=1).reshape(count, -1)
     nodes = np.array(motion.rule.nodes)
     short = fraction < 1 - rounding(motion)
-    tables = lagrange_values(nodes, (nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
+    begin = _elapsed(motion, steps, times)[short, None]
+    tables = lagrange_values(nodes, (begin + nodes * fraction[short, None]).ravel()).reshape(-1, r, r)
     u = u.copy()
     u[short] = tables @ u[short]
     return u.reshape(count, -1)
+
+
+def _elapsed(motion: Trajectory, steps: np.ndarray, times: np.ndarray | None) -> np.ndarray:
+    """How much of the steps has passed at the times: none at the nodes of the grid, but at those of events."""
+    if times is None or motion.sizes is not None or motion.origin is None:
+        return np.zeros(len(steps))
+    return np.clip((times - motion.origin) / motion.h - steps, 0.0, 1.0)
 
 
 def controls_at_nodes(motion: Trajectory) -> np.ndarray:
@@ -119,5 +129,5 @@ def controls_at_nodes(motion: Trajectory) -> np.ndarray:
     u = motion.u[np.minimum(motion.k, len(motion.u) - 1)]
     if u.shape[1] == 1:
         return u[:, 0]
-    ends = lagrange_values(np.array(motion.rule.nodes), np.array([0.0, 1.0]))
-    return np.einsum("ki,kij->kj", ends[last.astype(int)], u)
+    within = np.where(last, 1.0, _elapsed(motion, motion.k, motion.t))
+    return np.einsum("ki,kij->kj", lagrange_values(np.array(motion.rule.nodes), within), u)

@@ -98,9 +98,11 @@ class System:
     nonholonomic : SX (k, n), optional
         Rows A(q) of the velocity constraints A(q) v = 0.
     contact : SX (c,), optional
-        Gaps of unilateral, frictionless contacts, gap(q) ≥ 0.
+        Gaps of unilateral, frictionless contacts, gap(q, t) ≥ 0; they need a Lobatto rule (`trapezoidal`, `lobatto`)
+        and a Lagrangian quadratic in the velocities.
     restitution : float or sequence of c floats, optional
-        Coefficients of restitution of the contacts, between 0 and 1 (default 0: no bounce).
+        Coefficients of restitution of the contacts, between 0 and 1 (default 0: no bounce). A contact at
+        rest under a blow elsewhere stays closed if its own is 0, and hands the blow on otherwise (Newton's cradle).
     force : SX (n,), optional
         Generalised force F(q, v, u, t) (Lagrange–d'Alembert).
     control : SX (k,), optional

@@ -106,6 +106,8 @@ class Trajectory:
         [S | b] of a path that was found closed, q(T) = S q(0) + b; see `least_action`.
     sizes : ndarray (steps,) or None
         Size of every step, where they are not all `h`.
+    origin : float or None
+        Time of step 0 of the grid; events lie within its steps.
     """
 
     system: System
@@ -126,6 +128,7 @@ class Trajectory:
     solution: Any = None
     closure: np.ndarray | None = None
     sizes: np.ndarray | None = None
+    origin: float | None = None
 
     def __len__(self) -> int:
         return len(self.t)

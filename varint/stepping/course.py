@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from varint.between import rounding
 from varint.errors import InputError
 from varint.progress import progress_bar
 from varint.rules import Rule
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from varint.compiled.kernel import Kernel
     from varint.manifold import Phase
     from varint.stepping.checkpoint import Checkpoint
+
+
+ABRUPT = ("impact", "stop", "detachment")  # events after which the motion is another one
 
 
 class Course(NamedTuple):
@@ -68,6 +72,8 @@ def course_of(
             )
         backend = "interpreted"
     if system.structure.contacts:
+        if backend not in ("auto", "interpreted"):
+            raise InputError(f"runs with contacts are interpreted; backend={backend!r} is not for them")
         from varint.stepping.contact_run import contact_run
 
         contacts = contact_run(system, chosen.rule, task)
@@ -198,6 +204,7 @@ def trajectory(
         functions=partial(step_functions, chosen.rule, system),
         phases=phases,
         phase=phase,
+        origin=task.t0,
         events=tuple(events),
         stats=MappingProxyType(
             {
@@ -228,6 +235,16 @@ def _phases(system: System, task: Task, nodes: Sequence[Block]) -> tuple[tuple[P
     each = [block.phase or task.phase for block in nodes]
     phases = tuple(dict.fromkeys(phase for phase in each if phase is not None))
     return phases, np.concatenate([np.full(b.good, phases.index(p)) for b, p in zip(nodes, each, strict=True)])
+
+
+def thinned(motion: Trajectory, every: int) -> Trajectory:
+    """Every so many nodes and the last, and those off the grid or of events, where the motion begins anew."""
+    assert motion.origin is not None
+    grid = np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= rounding(motion) * abs(motion.h)
+    abrupt = [event.time for event in motion.events if event.kind in ABRUPT]
+    asked = (motion.k % every == 0) | np.isin(motion.t, abrupt)
+    asked[-1] = True
+    return motion[np.flatnonzero(asked | ~grid)]
 
 
 def _cut(motion: Trajectory, kept: int, t: float) -> Trajectory:

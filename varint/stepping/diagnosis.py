@@ -17,6 +17,9 @@ LOOKED_AT = 20  # nodes before the failure
 STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
 FAST = 0.5  # h ω above which the step may be too large
 LOST = 1e-3  # of the inertia that a coordinate had over these nodes
+SAMPLES = 10
+AHEAD = 1.5  # steps to look ahead along the velocity
+NEARER = 0.2  # of what it was over these nodes: a singular value of the constraints that speaks of a singularity
 WEAK = 1e-6  # smallest eigenvalue of a scaled mass matrix, or singular value of constraints, that is nearly zero
 
 
@@ -81,16 +84,35 @@ def _singular(motion: Trajectory) -> list[str]:
                 "regular there, or start elsewhere"
             )
     if structure.constraints:
-        slope = over_columns(_dense_constraints(motion.system), motion.q[-1:], motion.t[-1:, None], motion.c)[0]
-        rows = slope.reshape(structure.n, structure.constraints)
-        size = np.linalg.norm(rows, axis=0)
-        values = np.linalg.svd(rows / np.where(size > 0, size, 1), compute_uv=False)
-        if values[-1] < WEAK:
-            found.append(
-                "a singular configuration (the constraints' gradients nearly depend on one another, as where a "
-                "linkage folds): try a smaller h, start elsewhere, or drop a redundant constraint"
-            )
+        found += _dependent_rows(motion)
     return found
+
+
+def _dependent_rows(motion: Trajectory) -> list[str]:
+    """Constraint rows whose gradients nearly depend on one another at the last node or where it leads."""
+    last, system = motion[-1], motion.system
+    if not np.isfinite(last.v).all():
+        return []
+    ahead = last.q + motion.h * np.linspace(0, AHEAD, SAMPLES)[:, None] * last.v
+    times = np.append(motion.t, last.t + motion.h * np.linspace(0, AHEAD, SAMPLES))
+    slope = over_columns(_dense_constraints(system), np.vstack([motion.q, ahead]), times[:, None], motion.c)[0]
+    rows = slope.reshape(len(times), system.structure.constraints, system.structure.n)
+    size = np.linalg.norm(rows, axis=2, keepdims=True)
+    rows = rows / np.where(size > 0, size, 1)
+    if not np.isfinite(rows).all():
+        return []
+    left, values, _ = np.linalg.svd(rows)
+    least = values.min(axis=1) if rows.shape[1] <= rows.shape[2] else np.zeros(len(rows))
+    worst = len(motion) + int(np.argmin(least[len(motion) :]))
+    if least[worst] >= WEAK and least[worst] >= NEARER * least[: len(motion)].max():
+        return []
+    part = np.abs(left[worst, :, -1])
+    tied = np.flatnonzero(part > 0.1 * part.max()).tolist()
+    return [
+        f"a singular configuration (the gradients of the constraint rows {tied} nearly depend on one another, as where "
+        "a linkage folds or is stretched out, and the motion is not determined): try a smaller h, start elsewhere, or "
+        "drop a redundant constraint"
+    ]
 
 
 def _undefined(motion: Trajectory) -> list[str]:
@@ -148,7 +170,7 @@ def _local_function(system: System) -> ca.Function:
 @per_system
 def _dense_constraints(system: System) -> ca.Function:
     s = system
-    slope = ca.densify(constraint_function(s)(s.q, s.t, s.c)[1].T)
+    slope = ca.densify(constraint_function(s)(s.q, s.t, s.c)[1].T)  # column after column: row after row
     return ca.Function("slope", [s.q, s.t, s.c], [slope])
 
 

@@ -11,7 +11,7 @@ import casadi as ca
 from varint.rules import Rule
 from varint.stepping.equations import Equations
 from varint.stepping.implicit import implicit_equations
-from varint.stepping.stepper import Stepper, compensated
+from varint.stepping.stepper import Stepper, compensated, zeros
 from varint.system import System, per_system
 
 MOST_UNKNOWNS = 12  # the inverse is full: beyond, a sparse solve in every step is cheaper
@@ -37,7 +37,7 @@ def linear_stepper(system: System, rule: Rule) -> Stepper:
     e, n = implicit_equations(system, rule), system.structure.n
     size = e.y.numel()
     cq, cp, kept, worst = (ca.SX.sym(name, k) for name, k in (("cq", n), ("cp", n), ("kept", size**2), ("worst", 1)))
-    y = _solution(e, ca.reshape(kept, size, size))
+    y = _solution(e, ca.reshape(kept, size, size), cp)
     after = ca.Function("after", [e.y, e.q, e.p, e.u, e.t, e.h, e.c, e.scale], [e.increment, e.gain, e.remains])
     increment, gain, remains = after(y, e.q, e.p, e.u, e.t, e.h, e.c, e.scale)
     q1, cq1 = compensated(e.q, cq, increment, e.h)
@@ -49,11 +49,13 @@ def linear_stepper(system: System, rule: Rule) -> Stepper:
     return Stepper(step, _start(e), ca.Function("path", inputs, [e.h * y], {"cse": True}))
 
 
-def _solution(e: Equations, inverse: ca.SX) -> ca.SX:
+def _solution(e: Equations, inverse: ca.SX, carry: ca.SX) -> ca.SX:
+    """Unknowns for the momentum p with its carry, which counts in the residual alone: there it is not rounded away."""
     arguments = [e.q, e.p, e.u, e.t, e.h, e.c]
     left = ca.Function("left", [e.y, *arguments], [e.left])
     first = -ca.mtimes(inverse, left(ca.SX.zeros(e.y.shape), *arguments))
-    return first - ca.mtimes(inverse, left(first, *arguments))
+    missing = ca.vertcat(zeros(e.y.numel() - carry.numel()), carry)
+    return first - ca.mtimes(inverse, left(first, *arguments) - missing)
 
 
 def _start(e: Equations) -> ca.Function:

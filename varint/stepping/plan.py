@@ -101,9 +101,16 @@ def _plan(system: System, rule: Rule | None) -> Plan:
         free = plan(Phase(tuple(range(s.constraints))).scene(system), rule)
         watch = "a look at gaps and contact multipliers after every block of steps; sub-steps where one changes sign"
         return replace(free, method=f"{free.method}, contacts watched", runs=(*free.runs, watch), build=_not_one_step)
-    skipped = []
+    skipped: list[str] = []
+    runs: tuple[str, ...]
     if s.autonomous:
         skipped.append("time: the scene is autonomous")
+    from varint.stepping.flight import flight_stepper, is_uniform
+
+    if rule.points and is_uniform(system):
+        skipped.insert(0, "root finding: the field is uniform, every rule gives the exact parabola")
+        runs = ("q + h M⁻¹(p + ½ h F) and p + h F",)
+        return Plan(rule, "flight in a uniform field", runs, tuple(skipped), flight_stepper)
     if rule.kicks and (s.explicit or not rule.points):
         from varint.stepping.explicit import explicit_stepper
 
@@ -113,7 +120,7 @@ def _plan(system: System, rule: Rule | None) -> Plan:
         skipped.insert(0, "root finding: L = ½ vᵀMv − V(q, t) with constant M")
         evaluations = len(rule.kicks) - (0 if s.controls else 1)
         kept = ": controls jump from step to step" if s.controls else ", kept from step to step"
-        runs: tuple[str, ...] = (f"{evaluations} force evaluation{'s' * (evaluations > 1)} a step{kept}",)
+        runs = (f"{evaluations} force evaluation{'s' * (evaluations > 1)} a step{kept}",)
         return Plan(rule, "kick and drift", runs, tuple(skipped), explicit_stepper)
     if s.constraints or s.nonholonomic:
         from varint.stepping.constrained import constrained_stepper

@@ -56,7 +56,8 @@ class Position:
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
     next block may have (few after a failure). Of a compiled run: q and p as x, what its loop carries along, and whether
-    Newton's method has taken over from fixed-point iteration.
+    Newton's method has taken over from fixed-point iteration. Of a run with contacts: when it is, what holds, and
+    how many events there were in step k.
     """
 
     x: np.ndarray
@@ -66,6 +67,9 @@ class Position:
     largest: int
     carry: np.ndarray | None = None
     by_newton: bool = False
+    t: float | None = None
+    phase: Phase | None = None
+    events: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +164,7 @@ def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> I
         states = call(function, at.x, task.controls(at.k, total), times, h, task.c, at.scale)[0].reshape(count, -1)
         good = int(good_nodes(states))
         worst = float(states[good - 1, -1]) if good else 0.0
-        after, counts = _advanced(at, states[:good], task.h, every), counted(system, rule, at.x, states[:good])
+        after, counts = advanced(at, states[:good], task.h, every), counted(system, rule, at.x, states[:good])
         k = at.k + every * np.arange(1, count + 1)
         if good == count and not is_saved(int(k[-1]), task.steps, task.save_every):  # within a long interval
             k, states = k[:0], states[:0]
@@ -201,7 +205,7 @@ def counted(system: System, rule: Rule, before: np.ndarray, states: np.ndarray) 
     return states[:, -2] - before[-2] if iterates else np.zeros(len(states))
 
 
-def _advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
+def advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
     """The position after the solved states, (nodes, size)."""
     if not len(states):
         return replace(at, largest=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.rules import Rule
-from varint.stepping.course import course_of, travelled
+from varint.stepping.course import course_of, thinned, travelled
 from varint.stepping.events import watched, watched_events
 from varint.stepping.initial import LEVEL, initial_task
 from varint.stepping.jump import energy_jump
@@ -70,6 +71,7 @@ def simulate(
         with the rule's own accuracy. With a direction: +1 only where it rises, -1 only where it falls.
     events : dict of SX or (SX, int), optional
         Log where these expressions cross zero: `Trajectory.events` has a record with the time and the name of each.
+        Every step is watched, whatever `save_every` keeps.
     time_scale : SX, optional
         σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ, dt = σ(q) dτ, the
         nodes' ``t`` are physical times, and `duration` is physical too (the last step ends there). Give h and either
@@ -157,11 +159,13 @@ def simulate(
 
         words = dict(until=repr(until), events=repr(events), backend=backend, on_failure=on_failure)
         file = checkpoint_of(checkpoint, system, chosen.rule, task, **words)
+    if stop or watches:
+        task = replace(task, save_every=1)  # every node is looked at; those not asked for are dropped at the end
     course = course_of(system, chosen, task, began, backend=backend, on_failure=on_failure, file=file)
     motion = travelled(course, stop=stop, watches=watches, file=file, progress=progress, on_failure=on_failure)
     if jump := energy_jump(motion):
         warnings.warn(f"{jump} scene can do: h = {motion.h:g} is too large, try a smaller one", stacklevel=2)
-    return motion
+    return motion if save_every == task.save_every else thinned(motion, int(save_every))
 
 
 def _require_whole(what: str, checkpoint: Any, on_failure: str) -> None:
