@@ -5,6 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import NoneType
+
+from varint.errors import InputError
 
 PATIENCE = 1.0  # seconds before a bar appears unasked
 
@@ -26,6 +29,8 @@ def progress_bar(
     done : int
         Units that were finished before.
     """
+    if not isinstance(wanted, (bool, NoneType)):
+        raise InputError(f"progress must be True, False or None (a bar where someone watches), got {wanted!r}")
     if wanted is False or (wanted is None and not sys.stderr.isatty()):
         yield lambda count, note: None
         return

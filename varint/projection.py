@@ -11,7 +11,7 @@ import numpy as np
 from varint.arrays import call
 from varint.errors import InputError
 from varint.manifold import rows_function
-from varint.parameters import finite_array
+from varint.parameters import finite_array, number
 from varint.system import System, parameter_values, per_system
 
 OFF = 1e-11  # of what the coordinates themselves contribute to g: larger is a wrong start, smaller is round-off
@@ -85,9 +85,9 @@ def project(
     v = np.zeros(n) if v0 is None else finite_array("v0", v0).ravel()
     if q.shape != (n,) or v.shape != (n,):
         raise InputError(f"q0 has {q.size} and v0 {v.size} numbers; each needs {n}, one for each of {list(names)}")
-    c = parameter_values(system, params)
-    q = onto(system, q, v, float(t0), c)
-    rows, slope = velocity_gaps(system, q, v, float(t0), c)
+    c, t0 = parameter_values(system, params), number("t0", t0)
+    q = onto(system, q, v, t0, c)
+    rows, slope = velocity_gaps(system, q, v, t0, c)
     _, _, mass, _ = shape(system, q, v, t0, c)
     return q, v + _least(mass, slope, -rows)
 

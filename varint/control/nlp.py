@@ -130,6 +130,8 @@ def solver(problem: Problem, x: np.ndarray, name: str = "ipopt", options: Mappin
     if not isinstance(name, str) or not ca.has_nlpsol(name):
         known = [x for x in KNOWN if ca.has_nlpsol(x)]
         raise InputError(f"unknown solver {name!r}; installed: {known}")
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f"options must be a dictionary such as dict(ipopt=dict(max_iter=100)), got {options!r}")
     units = scales(problem, x)
     program = problem.program if units.natural else scaled(problem.program, units.x, units.f, units.g)
     z, p = ca.MX.sym("x", problem.unknowns), ca.MX.sym("p", len(problem.p))

@@ -156,7 +156,7 @@ def _rows(what: str, x: Any, shape: tuple[int, ...], names: Any) -> np.ndarray:
         value = value[None]
     if value.ndim != len(shape) + 1 or value.shape[1:] != shape or not len(value):
         raise InputError(
-            f"{what} has shape {np.shape(x)}; it must be {shape}, or {('members', *shape)} with one row a member"
+            f"{what} has shape {value.shape}; it must be {shape}, or {('members', *shape)} with one row a member"
             + (f" ({', '.join(names)})" if names else "")
         )
     bad = ~np.isfinite(value.reshape(len(value), -1)).all(axis=1)

@@ -15,6 +15,7 @@ from varint.consistency import check_gaps, check_start, independent_rows
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.manifold import Phase, every_row_function, tangent_function
+from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.stepping.run import Task
 from varint.system import System, parameter_values, per_system
@@ -43,8 +44,7 @@ def initial_task(
     """Checked and completed input of one run."""
     n = system.structure.n
     step, count = time_grid(h, steps, duration)
-    if not isinstance(save_every, (int, np.integer)) or save_every < 1:
-        raise InputError(f"save_every must be a whole number of steps, at least 1, got {save_every!r}")
+    save_every = whole("save_every", save_every)
     t0 = number("t0", t0)
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
@@ -56,7 +56,7 @@ def initial_task(
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
     u = controls(system, rule, u, count)
-    return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase)
+    return Task(q, p, t0, step, count, save_every, u, c, len(rule.nodes), phase)
 
 
 @per_system
@@ -102,8 +102,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     given = [name for name, x in (("h", h), ("steps", steps), ("duration", duration)) if x is not None]
     if len(given) != 2:
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
-    if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
-        raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
+    steps = None if steps is None else whole("steps", steps)
     for name, x in (("h", h), ("duration", duration)):
         if x is not None and number(name, x) == 0:
             raise InputError(f"{name} must not be zero")
@@ -120,16 +119,6 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
             f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
         )
     return float(duration) / count, count  # type: ignore[arg-type]
-
-
-def number(what: str, x: Any) -> float:
-    try:
-        value = float(x)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError, OverflowError):
-        raise InputError(f"{what} must be a number, got {x!r}") from None
-    if not math.isfinite(value):
-        raise InputError(f"{what} must be finite, got {x!r}")
-    return value
 
 
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:

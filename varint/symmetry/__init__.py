@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.parameters import finite_array, number
 from varint.rules import Rule
 from varint.symmetry.basis import generators
 from varint.symmetry.gauge import quadratic_gauge
@@ -144,7 +145,7 @@ def noether(
     region = _region(system, params, near)
     field = _field("the generator xi", xi, system, system.structure.n)
     gauge = _field("the gauge term", gauge, system, 1)
-    shift = ca.SX(float(tau))
+    shift = ca.SX(number("tau", tau))
     rng = np.random.default_rng(SEED)
     left, where = residual(region, field, shift, gauge, rng)
     if left > TOLERANCE:
@@ -197,8 +198,8 @@ def _region(system: System, params: Mapping[str, Any] | None, near: Any) -> Regi
     if not isinstance(system, System):
         raise InputError(f"symmetries are those of a varint System, got {type(system).__name__}")
     if near is not None:
-        near = np.asarray(near, dtype=float).reshape(-1)
-        if near.shape != (system.structure.n,) or not np.isfinite(near).all():
+        near = finite_array("near", near).reshape(-1)
+        if near.shape != (system.structure.n,):
             raise InputError(f"near must be {system.structure.n} finite numbers, one for each of {list(system.names)}")
     return Region(system, None if params is None else parameter_values(system, params), near)
 
