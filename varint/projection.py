@@ -119,6 +119,7 @@ def onto(system: System, q0: np.ndarray, v: np.ndarray, t: float, c: np.ndarray)
     return q
 
 
+@np.errstate(all="ignore")  # what is not finite is looked at
 def _least(mass: np.ndarray, slope: np.ndarray, target: np.ndarray) -> np.ndarray:
     """min xᵀMx with slope x = target, of least norm where that leaves a choice."""
     n, m = mass.shape[0], len(target)
@@ -131,6 +132,11 @@ def _least(mass: np.ndarray, slope: np.ndarray, target: np.ndarray) -> np.ndarra
     matrix[:n, :n] = mass / np.outer(size, size)
     matrix[:n, n:], matrix[n:, :n] = (rows / length[:, None]).T, rows / length[:, None]
     right = np.concatenate([np.zeros(n), target / length])
+    if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+        raise InputError(
+            "no projection: the constraints, their gradients or the mass matrix are not finite or too large on the way "
+            "(a square root of a negative number, a pole, an overflow); start closer, or in other units"
+        )
     return np.linalg.lstsq(matrix, right, rcond=1e-13)[0][:n] / size
 
 

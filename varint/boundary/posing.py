@@ -129,7 +129,7 @@ def _nodes(guess: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
     value = value[:, None] if value.ndim == 1 and n == 1 else value
     if value.ndim != 2 or value.shape[1] != n or len(value) < 2 or not np.isfinite(value).all():
         raise InputError(
-            f"guess has shape {np.shape(guess)}; it must be (k, {n}) with k ≥ 2 finite configurations of {list(names)}"
+            f"guess has shape {value.shape}; it must be (k, {n}) with k ≥ 2 finite configurations of {list(names)}"
         )
     return value
 
@@ -141,12 +141,12 @@ def _duration(
     if duration is None:
         if energy is None:
             raise InputError("give the duration of the path, or its energy")
-        return _time_at_energy(system, energy, points, t0, c), 0.0, np.inf
+        return _time_at_energy(system, number("energy", energy), points, t0, c), 0.0, np.inf
     if energy is not None and not isinstance(duration, Free):
         raise InputError("give duration or energy, not both; a guess of the duration is free(guess, lower, upper)")
     try:
         guess, lower, upper = window(duration)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise InputError(f"duration must be a number or free(guess, lower, upper), got {duration!r}") from None
     if not (np.isfinite(guess) and lower > 0):
         raise InputError(f"duration must be positive and finite (and its lower bound positive), got {duration!r}")

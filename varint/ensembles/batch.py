@@ -66,16 +66,24 @@ def stepped(system: System, rule: Rule, members: Members, backend: str) -> Chunk
 
 
 def _compiled(system: System, rule: Rule, members: Members) -> Chunk:
-    """Members in the lanes of vectors."""
+    """Members in the lanes of vectors; implicit rules do those that fail there again, by Newton's method."""
     from varint.compiled.members import members_kernel, run_members
 
     p0, k, kernel = momenta(system, members), members.k, members_kernel(system, rule)
+    u = _tables(system, rule, members)
+    u = np.broadcast_to(u, (*u.shape[:2], len(rule.nodes), u.shape[3]))
     q, p, good = run_members(
-        kernel, members.q0, p0, members.c, t0=members.t0, h=members.h, steps=members.steps,
+        kernel, members.q0, p0, members.c, u, t0=members.t0, h=members.h, steps=members.steps,
         save_every=members.save_every, nodes=len(k),
     )  # fmt: skip
     failed = np.where(good < len(k), np.inf, -1.0)
-    return Chunk(members.first, q, p, good, k[good - 1], np.zeros(len(members)), failed)
+    chunk = Chunk(members.first, q, p, good, k[good - 1], np.zeros(len(members)), failed)
+    again = np.flatnonzero(failed >= 0)
+    if len(again) and not rule.kicks:
+        other = stepped(system, rule, members.picked(again), "interpreted")
+        for name in ("q", "p", "good", "step", "residual", "failed"):
+            getattr(chunk, name)[again] = getattr(other, name)
+    return chunk
 
 
 def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:

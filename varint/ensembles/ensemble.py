@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from varint.discrete import point_function
 from varint.ensembles.batch import Chunk
 from varint.ensembles.executor import computed
 from varint.ensembles.members import Members, members_of
@@ -17,7 +16,8 @@ from varint.ensembles.store import Store, loaded, opened
 from varint.errors import InputError
 from varint.progress import progress_bar
 from varint.rules import Rule
-from varint.stepping.backend import BACKENDS, CALL, INSTRUCTION, WORTH_COMPILING
+from varint.stepping.backend import BACKENDS, repays
+from varint.stepping.linear import is_linear
 from varint.stepping.plan import plan
 from varint.system import System
 
@@ -72,8 +72,9 @@ def ensemble(
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for work longer than a second.
     backend : {"auto", "compiled", "interpreted"}
-        Compiled, members fill the lanes of vectors: compositions of separable scenes with constant mass, without
-        controls. By default so where the work is large enough to repay the compiler. Chunks do not show in either.
+        Compiled, members fill the lanes of vectors: compositions of separable scenes with constant mass, and Gauss
+        rules of regular scenes without constraints and contacts. By default so where the work is large enough to repay
+        the compiler. Chunks do not show in either.
 
     Returns
     -------
@@ -130,7 +131,9 @@ def _backend(system: System, rule: Rule, members: Members, wanted: str) -> str:
     """The loop that steps the members; it depends on the input alone, so the same input gives the same digits."""
     if wanted not in BACKENDS:
         raise InputError(f"unknown backend {wanted!r}; known: {list(BACKENDS)}")
-    if wanted == "interpreted" or (wanted == "auto" and not _repays(system, rule, members)):
+    explicit = rule.kicks and system.structure.explicit
+    idle = (is_linear(system, rule) and not explicit) or not repays(system, rule, members.steps * len(members))
+    if wanted == "interpreted" or (wanted == "auto" and idle):
         return "interpreted"
     from varint.compiled.cache import CompileError
     from varint.compiled.graph import NotCompilable
@@ -143,13 +146,6 @@ def _backend(system: System, rule: Rule, members: Members, wanted: str) -> str:
             raise
         return "interpreted"
     return "compiled"
-
-
-def _repays(system: System, rule: Rule, members: Members) -> bool:
-    if not (rule.kicks and system.structure.explicit):
-        return False
-    a_step = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION + CALL
-    return a_step * members.steps * len(members) > WORTH_COMPILING
 
 
 def _note(chunk: Chunk) -> str:

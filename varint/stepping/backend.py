@@ -40,7 +40,7 @@ def kernel_for(system: System, rule: Rule, task: Task, backend: str) -> Kernel |
     """
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
-    if backend == "interpreted" or (backend == "auto" and not _repays(system, rule, task)):
+    if backend == "interpreted" or (backend == "auto" and not repays(system, rule, task.steps)):
         return None
     from varint.compiled.cache import CompileError
     from varint.compiled.graph import NotCompilable
@@ -58,7 +58,8 @@ def kernel_for(system: System, rule: Rule, task: Task, backend: str) -> Kernel |
     return None
 
 
-def _repays(system: System, rule: Rule, task: Task) -> bool:
+def repays(system: System, rule: Rule, steps: int) -> bool:
+    """Whether so many interpreted steps take longer than the compiler."""
     s = system.structure
     worth = WORTH_COMPILING
     if rule.kicks and s.explicit:
@@ -72,7 +73,7 @@ def _repays(system: System, rule: Rule, task: Task) -> bool:
         unknowns = path + s.constraints * rule.degree + s.nonholonomic
         work = unknowns * UNKNOWN
         worth += COMPILING * (s.n + unknowns)
-    return (work + CALL) * task.steps > worth
+    return (work + CALL) * steps > worth
 
 
 _SAID: set[str] = set()

@@ -222,7 +222,7 @@ def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     allowed = {(steps, 1, k), (steps, r, k)} if rule.points else {(steps, 1, k)}
     if value.shape not in allowed:
         hint = "" if rule.points else f"; {rule} takes one value a step"
-        raise InputError(f"u has shape {np.shape(u)}; it must have {wanted}{hint}")
+        raise InputError(f"u has shape {value.shape}; it must have {wanted}{hint}")
     if not np.isfinite(value).all():
         raise InputError("u is not finite everywhere")
     return np.ascontiguousarray(value)
