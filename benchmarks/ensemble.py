@@ -1,6 +1,6 @@
 """Ten thousand pendulums of different lengths: one call of `ensemble` beside a loop of `simulate`, side by side.
 
-`python benchmarks/ensemble.py` prints the ratio for each rule, backend and run length, and how far the two are apart. The
+`python benchmarks/ensemble.py` prints the ratio for each rule, backend and run length, and how far they are apart. The
 loop is timed on every 100th member and scaled; both have run once before, so no set-up is counted.
 """
 

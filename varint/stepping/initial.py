@@ -52,6 +52,11 @@ def initial_task(
     phase = None
     _check_rows(system, q, t0, c)
     if system.structure.contacts:
+        if step < 0:
+            raise InputError(
+                "contacts cannot be run backwards: what happened before an impact does not follow from what came after "
+                "it; run forwards (an elastic scene from v0 = −v of its end)"
+            )
         check_gaps(system, q, t0, c)
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
