@@ -14,6 +14,7 @@ from varint.stepping.initial import controls
 from varint.stepping.run import Position, beginning_rows, good_nodes, is_saved, next_block, rescaled, rollout, size
 from varint.stepping.simulate import simulate
 from varint.system import System
+from varint.trajectory import Trajectory
 
 MOST_NUMBERS = 4_000_000  # in the states of one block of nodes
 
@@ -97,11 +98,17 @@ def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> N
             chunk.step[i] = error.step
         except InputError as error:
             raise InputError(f"member {members.first + i}: {error}") from None
-        good = len(motion)
-        chunk.q[i, :good], chunk.p[i, :good] = motion.q, motion.p
+        at = on_grid(members, motion)
+        good = len(at)
+        chunk.q[i, :good], chunk.p[i, :good] = motion.q[at], motion.p[at]
         chunk.good[i], chunk.residual[i], chunk.failed[i] = good, motion.stats["residual"], failed
         if failed < 0:
             chunk.step[i] = members.steps
+
+
+def on_grid(members: Members, motion: Trajectory) -> np.ndarray:
+    """Indices of the nodes on the grid of all members; nodes of events come after the one of their step's start."""
+    return np.searchsorted(motion.k, members.k[members.k <= motion.k[-1]])
 
 
 def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:

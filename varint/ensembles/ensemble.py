@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from varint.ensembles.batch import Chunk
 from varint.ensembles.executor import computed
 from varint.ensembles.members import Members, members_of
 from varint.ensembles.result import Ensemble
-from varint.ensembles.store import Store, loaded, opened
+from varint.ensembles.store import loaded, opened
 from varint.errors import InputError
 from varint.progress import progress_bar
 from varint.rules import Rule
@@ -66,9 +65,10 @@ def ensemble(
     executor : concurrent.futures.Executor, optional
         Where chunks of members run: threads, processes, ``dask.distributed.Client().get_executor()``, an MPI pool. The
         system travels as data. Chunks of lost workers are done again.
-    store : path, optional
-        Folder in which finished chunks are kept. The result reads them one by one, so that it may be larger than
-        memory; the same call after an interruption does what is missing.
+    store : path or zarr.Group, optional
+        Folder in which finished chunks are kept, or a zarr group (a path that ends in .zarr is one; needs the extra
+        ``zarr``). The result reads them one by one, so that it may be larger than memory; the same call after an
+        interruption does what is missing.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for work longer than a second.
     backend : {"auto", "compiled", "interpreted"}
@@ -112,7 +112,7 @@ def ensemble(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
     loop = _backend(system, rule, members, backend)
-    kept: Store | None = None if store is None else opened(Path(store), system, rule, members, loop)
+    kept = None if store is None else opened(store, system, rule, members, loop)
     done = kept.ranges if kept is not None else []
     chunks: list[Chunk] = []
     before = sum(count for _, count in done)
@@ -155,7 +155,7 @@ def _note(chunk: Chunk) -> str:
 
 def load_ensemble(folder: Any) -> Ensemble:
     """The complete ensemble that ``ensemble(…, store=folder)`` wrote; `varint.load` calls this for folders."""
-    system, rule, members, store = loaded(Path(folder))
+    system, rule, members, store = loaded(folder)
     return Ensemble(system, rule, members, store)
 
 
