@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 
@@ -21,8 +22,10 @@ from varint.system import System
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
+PATIENCE = 0.2  # seconds that Ctrl-C may wait for a block
+CAUTION = 1e-7  # seconds of an operation, for the first block; in truth it takes a hundredth to a tenth of it
 NOTHING = np.empty(0)
-PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts
+PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts; the first block of it
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 
@@ -49,12 +52,17 @@ def native_blocks(
     system: System, rule: Rule, task: Task, kernel: Kernel, at: Position | None = None
 ) -> Iterator[Block]:
     """The compiled run block by block; where fixed-point iteration hardly contracts Newton's method takes over."""
+    if at is not None and at.carry is not None and at.carry.size and np.isnan(at.carry[-1]):
+        yield from _newton_blocks(system, rule, task, newton_kernel(system, rule), replace(at, carry=at.carry[:-1]))
+        return
     k, carry = (task.first, None) if at is None else (at.k, at.carry)
     q, p = (task.q0, task.p0) if at is None else np.split(at.x, 2)
     c = np.ascontiguousarray(task.c)
     by_stages = kernel.opening is None and not rule.kicks
-    for steps, every in _pieces(task.steps - k, task.save_every, by_stages):
-        u = task.controls(k, steps) if kernel.controls else None
+    most = PILOT if by_stages else max(int(PATIENCE / (CAUTION * kernel.operations * kernel.nodes)), 1)
+    while k < task.steps:
+        steps, every = _piece(k, task.steps, task.save_every, most)
+        u, began = task.controls(k, steps) if kernel.controls else None, perf_counter()
         part = compiled_run(
             kernel,
             q,
@@ -69,25 +77,28 @@ def native_blocks(
             carry=carry,
             level=task.level,
         )
+        per_step = max((perf_counter() - began) / max(part.steps, 1), 1e-12)
         rows = part.rows[1:]
-        good, wanted = len(rows), -(-steps // every)
+        good, wanted = len(rows), steps // every
         if part.status == NOT_CONVERGED:
             wanted = good
-        if wanted:
-            failed = 0.0 if part.status == DONE else float("nan")
-            counts = k + every * np.arange(1, wanted + 1)
-            last = Position(part.last[: 2 * kernel.n].copy(), NOTHING, NOTHING, k + part.steps, 0, part.carry)
-            after = last if part.status == DONE else None
-            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after)
-        poor = by_stages and part.iterations > POOR * max(part.steps, 1)
+        elif part.status != DONE:
+            wanted = max(wanted, good + 1)
+        failed = 0.0 if part.status in (DONE, NOT_CONVERGED) else float("nan")
+        counts = k + every * np.arange(1, wanted + 1)
+        last = Position(part.last[: 2 * kernel.n].copy(), NOTHING, NOTHING, k + part.steps, 0, part.carry)
+        after = None if part.status == NOT_CONVERGED else last
+        yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after)
+        poor = by_stages and at is None and k == task.first and part.iterations > POOR * max(part.steps, 1)
         if part.status == NOT_CONVERGED or (poor and part.status == DONE):
-            node, q, p = k + every * good, part.rows[-1, 0].copy(), part.rows[-1, 1].copy()
-            if node < task.steps:
-                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=node), by_stages)
+            if last.k < task.steps:
+                q, p = np.split(last.x, 2)
+                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=last.k), by_stages)
             return
         if part.status != DONE:
             return
         k, carry = k + steps, part.carry
+        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
 
 
 def _by_newton(system: System, rule: Rule, task: Task, compiled: bool) -> Iterator[Block]:
@@ -99,20 +110,27 @@ def _by_newton(system: System, rule: Rule, task: Task, compiled: bool) -> Iterat
     if kernel is None:
         yield from run(system, rule, task)
     else:
-        yield from native_blocks(system, rule, task, kernel)
+        yield from _newton_blocks(system, rule, task, kernel)
 
 
-def _pieces(steps: int, every: int, pilot: bool) -> Iterator[tuple[int, int]]:
-    """(steps, save_every) of each call; a shorter last interval where `every` does not divide `steps`.
+def _newton_blocks(
+    system: System, rule: Rule, task: Task, kernel: Kernel, at: Position | None = None
+) -> Iterator[Block]:
+    """Blocks by Newton's method where another loop gave up; what they carry ends with NaN, which tells whose it is."""
+    for block in native_blocks(system, rule, task, kernel, at):
+        if block.after is not None and block.after.carry is not None:
+            block = replace(block, after=replace(block.after, carry=np.append(block.after.carry, np.nan)))
+        yield block
 
-    With a pilot the first piece is short: it shows whether the iteration contracts.
+
+def _piece(k: int, steps: int, every: int, most: int) -> tuple[int, int]:
+    """(steps, save_every) of the next call after k steps: whole intervals, or at most what is left of one.
+
+    How long a piece is shows in nothing, for a compiled run goes on as if it had not stopped.
     """
-    size = max(1, min(NODES_IN_BLOCK, STEPS_IN_BLOCK // every)) * every
-    whole = steps // every * every
-    first = min(whole, -(-PILOT // every) * every) if pilot and whole > PILOT else 0
-    if first:
-        yield first, every
-    for done in range(first, whole, size):
-        yield min(size, whole - done), every
-    if steps % every:
-        yield steps % every, steps % every
+    left, inside = steps - k, k % every
+    most = min(most, STEPS_IN_BLOCK, NODES_IN_BLOCK * every)
+    if inside or min(left, most) < every:
+        gap = min(every - inside, left)
+        return min(gap, most), gap
+    return min(left, most) // every * every, every
