@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,6 +31,9 @@ from varint.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,7 +85,9 @@ class Ensemble:
         phases: tuple[Phase, ...] = ()
         phase = None
         if s.constraints or s.nonholonomic:
-            held = initial_task(system, rule, **arguments_of(system, m, i)).phase
+            with warnings.catch_warnings():  # of redundant rows: said when the ensemble was made
+                warnings.simplefilter("ignore", UserWarning)
+                held = initial_task(system, rule, **arguments_of(system, m, i)).phase
             if held is not None and held.scene(system) is not system:
                 phases, phase = (held,), np.zeros(good, dtype=int)
         return Trajectory(
@@ -206,8 +212,8 @@ class Ensemble:
         """Values of an expression along each member, one array a member, as long as it got."""
         return [part for _, parts in self._by_chunk(expression) for part in parts]
 
-    def _by_chunk(self, expression: Any) -> Iterator[tuple[Chunk, list[np.ndarray]]]:
-        """Values along the members of each chunk: never more than one chunk is in memory."""
+    def _by_chunk(self, expression: Any, part: slice = ALL) -> Iterator[tuple[Chunk, list[np.ndarray]]]:
+        """Values along the members of each chunk at some nodes: never more than one chunk is in memory."""
         function = self[0].function_of(expression)
         s = self.system.structure
         rows, columns = function.size_out(0)
@@ -215,20 +221,20 @@ class Ensemble:
         for chunk in self.chunks:
             if s.controls or s.constraints or s.nonholonomic or s.contacts:
                 motions = (self._motion(chunk, j) for j in range(len(chunk)))
-                yield chunk, [motion.evaluated(function)[on_grid(self.members, motion)] for motion in motions]
+                yield chunk, [motion.evaluated(function)[on_grid(self.members, motion)[part]] for motion in motions]
             else:
-                yield chunk, list(self._along(chunk, function, shape))
+                yield chunk, list(self._along(chunk, function, shape, part))
 
-    def _along(self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+    def _along(self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...], part: slice) -> Iterator[np.ndarray]:
         """Values for all members of a chunk at once."""
-        have = np.arange(len(self.k)) < chunk.good[:, None]
+        have = np.arange(len(self.k))[part] < chunk.good[:, None]
         member, node = np.nonzero(have)
         c = self.members.c[chunk.first + member]
-        q, p, t = chunk.q[have], chunk.p[have], self.t[node, None]
+        q, p, t = chunk.q[:, part][have], chunk.p[:, part][have], self.t[part][node, None]
         v = over_columns(velocity_function(self.system), q, p, t, c)[0]
         flat = over_columns(function, q, v, t, np.empty((len(t), 0)), c)[0].reshape(-1, *shape)
         flat = flat.swapaxes(1, 2) if len(shape) == 2 else flat
-        return iter(np.split(flat, np.cumsum(chunk.good)[:-1]))
+        return iter(np.split(flat, np.cumsum(have.sum(axis=1))[:-1]))
 
     def mean(self, expression: Any) -> np.ndarray:
         """Mean over the completed members at every node, (N + 1, …); chunk by chunk, whatever they are."""
@@ -258,7 +264,7 @@ class Ensemble:
         width = max(MOST_NUMBERS // max(len(self.completed) * size, 1), 1)  # nodes of all members held at once
         parts = []
         for a in range(0, len(self.k), width):
-            rows = np.concatenate([rows[:, a : a + width] for rows in self._completed(expression)])
+            rows = np.concatenate(list(self._completed(expression, slice(a, a + width))))
             parts.append(np.quantile(rows, wanted, axis=0))
         return np.concatenate(parts, axis=1)
 
@@ -268,11 +274,11 @@ class Ensemble:
 
         return ensemble_figure(self, *expressions)
 
-    def _completed(self, expression: Any) -> Iterator[np.ndarray]:
-        """Values of the members that completed, (members, N + 1, …), chunk by chunk."""
+    def _completed(self, expression: Any, part: slice = ALL) -> Iterator[np.ndarray]:
+        """Values of the members that completed at some nodes, (members, nodes, …), chunk by chunk."""
         if not len(self.completed):
             raise InputError("no member completed; Ensemble.errors says why")
-        for chunk, parts in self._by_chunk(expression):
+        for chunk, parts in self._by_chunk(expression, part):
             rows = [part for part, failed in zip(parts, chunk.failed, strict=True) if failed < 0]
             if rows:
                 yield np.array(rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,12 @@ class Store(Sequence):
         return len(self.ranges)
 
     def __getitem__(self, i: Any) -> Any:
-        first, count = self.ranges[i]
+        return self._chunk(*self.ranges[i])
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return (self._chunk(first, count) for first, count in self.ranges)
+
+    def _chunk(self, first: int, count: int) -> Chunk:
         arrays = _read(self._path(first, count))
         return Chunk(first, *(arrays[f.name] for f in fields(Chunk)[1:]))
 

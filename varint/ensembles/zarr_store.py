@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -81,7 +81,12 @@ class ZarrStore(Sequence):
         return len(self.ranges)
 
     def __getitem__(self, i: Any) -> Any:
-        first, count = self.ranges[i]
+        return self._chunk(*self.ranges[i])
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return (self._chunk(first, count) for first, count in self.ranges)
+
+    def _chunk(self, first: int, count: int) -> Chunk:
         part = slice(first, first + count)
         return Chunk(first, *(_read(self.group, f.name, part) for f in fields(Chunk)[1:]))
 

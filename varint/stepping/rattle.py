@@ -58,7 +58,7 @@ def rattle_stepper(system: System, rule: Rule) -> Stepper:
     gain = gain + h / 2 * (force + after)
     p1, cp1 = sum_function(n)(p0, cp0, gain + project(q1, p0 + gain, t + h, c), h)
     inputs = [x, u, t, h, c, scale]
-    step = ca.Function("rattle", inputs, [ca.vertcat(q1, cq1, p1, cp1, after, lam, ca.fmax(worst, gap))])
+    step = ca.Function("rattle", inputs, [ca.densify(ca.vertcat(q1, cq1, p1, cp1, after, lam, ca.fmax(worst, gap)))])
     return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), solve)
 
 
