@@ -149,12 +149,15 @@ def _singular(motion: Trajectory) -> list[str]:
         slope = over_columns(_dense_constraints(motion.system), motion.q[-1:], motion.t[-1:, None], motion.c)[0]
         rows = slope.reshape(structure.n, structure.constraints)
         size = np.linalg.norm(rows, axis=0)
-        values = np.linalg.svd(rows / np.where(size > 0, size, 1), compute_uv=False)
-        if values[-1] < WEAK:
-            found.append(
-                "a singular configuration (the constraints' gradients nearly depend on one another, as where a "
-                "linkage folds): try a smaller h, start elsewhere, or drop a redundant constraint"
-            )
+        if np.isfinite(rows).all():
+            _, values, vectors = np.linalg.svd(rows / np.where(size > 0, size, 1))
+            part = np.abs(vectors[-1])
+            if len(values) < structure.constraints or values[-1] < WEAK:
+                found.append(
+                    f"a singular configuration (the gradients of the constraint rows "
+                    f"{np.flatnonzero(part > 0.1 * part.max()).tolist()} nearly depend on one another, as where a "
+                    "linkage folds): try a smaller h, start elsewhere, or drop a redundant constraint"
+                )
     return found
 
 

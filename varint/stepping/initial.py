@@ -95,8 +95,9 @@ def _on_manifold(
     along, change = call(tangent, q, p, t, c)
     if not (np.isfinite(along).all() and np.isfinite(change).all()):
         raise InputError(
-            f"no velocity along the constraints belongs to the momentum at the start, q0={q}, t0={t0:g}: the mass matrix "
-            "is singular along them, or the Lagrangian is not quadratic in the velocities and too curved; start elsewhere"
+            f"no velocity along the constraints belongs to the momentum at the start, q0={q}, t0={t0:g}: the mass "
+            "matrix is singular along them, or the Lagrangian is no quadratic function of the velocities and too "
+            "curved; start elsewhere"
         )
     check_start(system, phase, q, along if v is None else v.ravel(), t0, c, "v0")
     if v is None and np.abs(change).max() > 1e-9 * np.abs(p).max(initial=0.0):
