@@ -4,7 +4,8 @@ import casadi as ca
 import heyoka as hy
 import numpy as np
 
-from varint.compiled.graph import Graph, graph_of
+from varint.compiled.algebra import graph_of
+from varint.compiled.graph import Graph
 from varint.compiled.mechanics import acceleration, force, solved, velocity
 from varint.system import System
 
@@ -50,4 +51,7 @@ def taylor(system: System, form: str, tol: float):
         f = ca.Function("f", [q, p, system.c], ca.cse([speed, ca.substitute(force(system), v, speed)]))
     numbers = system.default_vector.tolist()
     rows = expressions(graph_of(f), [x[:n], x[n:], numbers])
-    return hy.taylor_adaptive(list(zip(x, rows[0] + rows[1], strict=True)), np.zeros(2 * n), tol=tol)
+    rates = [
+        y if isinstance(y, hy.expression) else hy.expression(y) for y in rows[0] + rows[1]
+    ]  # a constant is a float
+    return hy.taylor_adaptive(list(zip(x, rates, strict=True)), np.zeros(2 * n), tol=tol)

@@ -10,6 +10,7 @@ from time import perf_counter
 
 import casadi as ca
 import numpy as np
+from record import save
 from scipy.integrate import solve_bvp
 
 import varint as vi
@@ -41,7 +42,14 @@ def best(work, repeats: int = 5) -> tuple[float, object]:
     return min(times), result
 
 
+def _row(scene: str, method: str, seconds: float, error: float) -> dict:
+    """What is kept of one measurement, which is printed."""
+    print(f"{scene:16} {method:22} {1e3 * seconds:9.2f} {error:14.1e}")
+    return {"scene": scene, "method": method, "ms": 1e3 * seconds, "error of v(0)": float(error)}
+
+
 def main() -> None:
+    rows = []
     print(f"{'scene':16} {'method':22} {'time, ms':>9} {'error of v(0)':>14}")
     for name, (system, start, end, duration) in scenes().items():
         ends = dict(q_start=start, q_end=end, duration=duration)
@@ -62,13 +70,14 @@ def main() -> None:
         for rule, steps in ((vi.gauss(2), 40), (vi.gauss(4), 20), (vi.gauss(6), 20)):
             vi.least_action(system, rule, steps=steps, **ends)  # functions are built once
             time, path = best(lambda s=system, r=rule, k=steps, e=ends: vi.least_action(s, r, steps=k, **e))
-            print(f"{name:16} {f'{rule}, {steps} steps':22} {1e3 * time:9.2f} {np.abs(path.v[0] - exact).max():14.1e}")
+            rows.append(_row(name, f"{rule}, {steps} steps", time, np.abs(path.v[0] - exact).max()))
         for tolerance in (1e-6, 1e-10):
             time, found = best(
                 lambda t=t, y=first, x=tolerance: solve_bvp(right, at_ends, t, y, tol=x, max_nodes=50_000)
             )
             error = np.abs(found.y[n:, 0] - exact).max()
-            print(f"{name:16} {f'solve_bvp, tol {tolerance:g}':22} {1e3 * time:9.2f} {error:14.1e}")
+            rows.append(_row(name, f"solve_bvp, tol {tolerance:g}", time, error))
+    save("least_action", rows)
     print(f"\n{'unknowns':>9} {'build and solve, s':>19}   n = 4, gauss(1)")
     q, v = vi.coordinates(*"abcd")
     chain = ca.sumsqr(v) / 2 + ca.sum1(ca.cos(q)) + 0.3 * ca.cos(q[0] - q[1]) * v[2] * v[3]

@@ -1,22 +1,28 @@
 """Optimal control: assembly of large problems, and cost error against time beside other transcriptions.
 
-Run: python benchmarks/optimal_control.py [folder of the picture]
+Run: python benchmarks/optimal_control.py. Results: benchmarks/results/optimal_control*.json and .png.
 
-1. Cart with 4 links, midpoint, 2000 steps, 12,005 unknowns: the same program assembled from one-interval kernels and
-   differentiated by CasADi through ``map``; build and solve times and their ratios, measured in one run.
-2. Kelly's cart-pole, J = 58.80766745816687: error of J against build and solve time for this toolkit's rules and for
-   hand-written collocation in CasADi (trapezoidal, Hermite–Simpson, Gauss–Legendre), and rockit where it is installed.
+1. Cart with 4 links, midpoint, 2000 steps, 12,015 unknowns: the same program assembled from one-interval kernels
+   (interpreted, compiled) and differentiated by CasADi through ``map``; build and solve times and their ratios.
+2. Ready problems by Ipopt and, as a chain of stages, by Fatrop.
+3. Kelly's cart-pole, J = 58.80766745816687: error of J against build and solve time for this toolkit's rules, for
+   hand-written collocation in CasADi (trapezoidal, Hermite–Simpson, Gauss–Legendre), and for rockit and opty where they
+   are installed. opty's time includes its compiler's, a good part of it.
 """
 
 from __future__ import annotations
 
-import sys
+import contextlib
+import io
+import os
+import tempfile
 from pathlib import Path
 from time import perf_counter
 
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
+from record import FOLDER, save, table
 
 import varint as vi
 from varint.control.guess import start_values
@@ -56,28 +62,56 @@ def large_problem(steps: int = 2000) -> None:
         end=dict(q=[1] + [0] * (n - 1), v=[0] * n),
         bounds=[(-0.4, push, 0.4)],
     )
-    began = perf_counter()
-    one = problem([phase], [], 0.0)
-    x = start_values(one)
-    run = built_solver(one, x)
-    build = perf_counter() - began
-    outcome = run(x, progress=False)
+    rows, cost = [], {}
+    problem([phase], [], 0.0, "compiled")  # so that the cache holds the kernels: the compiler is timed apart
+    for backend in ("interpreted", "compiled"):
+        build, solve = [], []
+        for _ in range(REPEATS):
+            began = perf_counter()
+            one = problem([phase], [], 0.0, backend)
+            x = start_values(one)
+            run = built_solver(one, x)
+            build.append(perf_counter() - began)
+            outcome = run(x, progress=False)
+            solve.append(outcome.seconds)
+        cost[backend] = outcome.cost
+        rows.append({"assembly": f"one-interval kernels, {backend}", "build s": min(build), "solve s": min(solve)})
+    one = problem([phase], [], 0.0, "interpreted")
+    build, solve = [], []
+    for _ in range(REPEATS):
+        began = perf_counter()
+        z, p = ca.MX.sym("x", one.unknowns), ca.MX.sym("p", len(one.p))
+        f, g = one.program.value(z, p)  # a map over the intervals: CasADi differentiates it
+        plain = ca.nlpsol("plain", "ipopt", {"x": z, "p": p, "f": f, "g": g}, QUIET)
+        build.append(perf_counter() - began)
+        began = perf_counter()
+        found = plain(x0=x, p=one.p, lbx=one.x_low, ubx=one.x_high, lbg=one.g_low, ubg=one.g_high)
+        solve.append(perf_counter() - began)
+    rows.append({"assembly": "CasADi map", "build s": min(build), "solve s": min(solve)})
+    for value in cost.values():
+        assert abs(float(found["f"]) - value) <= 1e-8 * abs(value)
+    for row in rows:
+        row["solve / map"] = row["solve s"] / rows[-1]["solve s"]
+    print(f"cart with 4 links, midpoint, {steps} steps, {one.unknowns} unknowns, {outcome.iterations} iterations")
+    table(rows)
+    save("optimal_control_assembly", rows)
 
-    began = perf_counter()
-    z, p = ca.MX.sym("x", one.unknowns), ca.MX.sym("p", len(one.p))
-    f, g = one.program.value(z, p)  # a map over the intervals: CasADi differentiates it
-    plain = ca.nlpsol("plain", "ipopt", {"x": z, "p": p, "f": f, "g": g}, QUIET)
-    build_map = perf_counter() - began
-    began = perf_counter()
-    found = plain(x0=x, p=one.p, lbx=one.x_low, ubx=one.x_high, lbg=one.g_low, ubg=one.g_high)
-    solve_map = perf_counter() - began
-    assert abs(float(found["f"]) - outcome.cost) <= 1e-8 * abs(outcome.cost)
-    count = len(outcome.history["cost"]) - 1
-    print(f"cart with 4 links, midpoint, {steps} steps, {one.unknowns} unknowns, {count} iterations")
-    print(f"{'':28}{'build s':>10}{'solve s':>10}")
-    print(f"{'one-interval kernels':28}{build:10.3f}{outcome.seconds:10.3f}")
-    print(f"{'CasADi map':28}{build_map:10.3f}{solve_map:10.3f}")
-    print(f"{'ratio':28}{build_map / build:10.1f}{solve_map / outcome.seconds:10.1f}\n")
+
+def stage_solver() -> None:
+    """Ipopt on the plain program and Fatrop on the chain of stages; kernels interpreted."""
+    rows = []
+    for name in ("swing_up_cart_pole", "swing_up_pendulum", "overhead_crane", "swing_up_rod", "orbit_transfer"):
+        phases = vi.models.control_catalogue[name]().phases
+        row: dict = {"problem": name}
+        for solver in ("ipopt", "fatrop"):
+            found = [vi.optimal_phases(phases, solver=solver, backend="interpreted")[0] for _ in range(REPEATS)]
+            row[f"{solver} iterations"] = found[0].solution.iterations
+            row[f"{solver} ms"] = 1e3 * min(x.solution.timings["solve"] for x in found)
+            row[f"{solver} cost"] = found[0].cost
+        row["difference of cost"] = abs(row.pop("fatrop cost") / row.pop("ipopt cost") - 1)
+        rows.append(row)
+    table(rows)
+    save("optimal_control_solvers", rows)
 
 
 def dynamics() -> ca.Function:
@@ -170,43 +204,118 @@ def by_rockit(steps: int) -> float:
     return float(solution.value(ocp.objective))
 
 
-def timed(run) -> tuple[float, float]:
+def by_opty(steps: int) -> float:
+    """Cost by opty: midpoint collocation of the equations of motion, first derivatives compiled from sympy."""
+    import sympy as sp
+    from opty import Problem
+
+    t = sp.Symbol("t")
+    x, angle, speed, rate, push = (sp.Function(name)(t) for name in ("x", "angle", "speed", "rate", "push"))
+    m1, m2, length, gravity = 1.0, 0.3, 0.5, 9.81
+    motion = sp.Matrix(
+        [
+            x.diff(t) - speed,
+            angle.diff(t) - rate,
+            (m1 + m2) * speed.diff(t) + m2 * length * (rate.diff(t) * sp.cos(angle) - rate**2 * sp.sin(angle)) - push,
+            length * rate.diff(t) + speed.diff(t) * sp.cos(angle) + gravity * sp.sin(angle),
+        ]
+    )
+    nodes, h = steps + 1, 2.0 / steps
+
+    def middle(free: np.ndarray) -> np.ndarray:
+        u = free[4 * nodes :]
+        return (u[1:] + u[:-1]) / 2
+
+    def cost(free: np.ndarray) -> float:
+        return float(h * (middle(free) ** 2).sum())
+
+    def gradient(free: np.ndarray) -> np.ndarray:
+        slope = np.zeros_like(free)
+        slope[4 * nodes : -1] += h * middle(free)
+        slope[4 * nodes + 1 :] += h * middle(free)
+        return slope
+
+    ends = ((x, 0, 1), (angle, 0, np.pi), (speed, 0, 0), (rate, 0, 0))
+    held = [s.subs(t, at) - value for s, *values in ends for at, value in zip((0, 2.0), values, strict=True)]
+    one = Problem(
+        cost, gradient, motion, (x, angle, speed, rate), nodes, h, instance_constraints=held,
+        bounds={push: (-20.0, 20.0), x: (-2.0, 2.0)}, integration_method="midpoint", time_symbol=t,
+    )  # fmt: skip
+    for name, value in (("print_level", 0), ("sb", "yes"), ("tol", 1e-10)):
+        one.add_option(name, value)
+    line = np.linspace(0, 1, nodes)
+    guess = np.concatenate([line, np.pi * line, 0 * line + 0.5, 0 * line + np.pi / 2, 0 * line])
+    return float(one.solve(guess)[1]["obj_val"])
+
+
+def quietly(run):
+    """A run whose compiler and solver keep their messages and files to themselves."""
+    here = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        os.chdir(folder)
+        try:
+            return run()
+        finally:
+            os.chdir(here)
+
+
+def timed(run, repeats: int = REPEATS) -> tuple[float, float]:
     """(median seconds, cost): build and solve from nothing."""
     seconds, cost = [], 0.0
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         began = perf_counter()
         cost = run()
         seconds.append(perf_counter() - began)
     return float(np.median(seconds)), cost
 
 
-def work_and_precision(out: Path) -> None:
-    """Table and figure of cost error against time."""
-    rows: dict[str, list[tuple[int, float, float]]] = {}
-    for name, stages in METHODS.items():
-        rows[name] = [(n, *timed(lambda n=n, s=stages: by_varint(s, n))) for n in STEPS[stages]]
-    for kind in ("trapezoidal", "Hermite–Simpson", "Legendre 2", "Legendre 3", "Legendre 4"):
-        order = {"trapezoidal": 1, "Hermite–Simpson": 2}.get(kind) or int(kind[-1])
-        rows[kind] = [(n, *timed(lambda n=n, k=kind: collocation(k, n))) for n in STEPS[order]]
+def peers() -> dict[str, list[tuple[int, float, float]]]:
+    """Those that are installed."""
+    rows = {}
     try:
-        rows["rockit, degree 4"] = [(n, *timed(lambda n=n: by_rockit(n))) for n in STEPS[1]]
+        rows["rockit, degree 4"] = [(n, *timed(lambda n=n: quietly(lambda: by_rockit(n)))) for n in STEPS[1]]
     except ImportError:
         print("rockit is not installed; left out")
-    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    print(f"{'method':20}{'steps':>7}{'ms':>10}{'relative error of J':>22}")
-    for name, found in rows.items():
-        errors = [abs(cost / EXACT - 1) for _, _, cost in found]
-        for (steps, seconds, _), error in zip(found, errors, strict=True):
-            print(f"{name:20}{steps:7d}{1e3 * seconds:10.1f}{error:22.1e}")
-        style = "o-" if name.startswith("varint") else "s--"
-        axes.loglog([1e3 * s for _, s, _ in found], np.maximum(errors, 1e-15), style, ms=4, label=name)
-    axes.set(xlabel="build and solve, ms", ylabel="relative error of the cost", title="Cart-pole swing-up")
+    try:
+        rows["opty, midpoint"] = [(n, *timed(lambda n=n: quietly(lambda: by_opty(n)), 1)) for n in STEPS[1][1::2]]
+    except ImportError:
+        print("opty or cyipopt is not installed; left out")
+    return rows
+
+
+def work_and_precision() -> None:
+    """Table and figure of cost error against time."""
+    found: dict[str, list[tuple[int, float, float]]] = {}
+    for name, stages in METHODS.items():
+        found[name] = [(n, *timed(lambda n=n, s=stages: by_varint(s, n))) for n in STEPS[stages]]
+    for kind in ("trapezoidal", "Hermite–Simpson", "Legendre 2", "Legendre 3", "Legendre 4"):
+        order = {"trapezoidal": 1, "Hermite–Simpson": 2}.get(kind) or int(kind[-1])
+        found[kind] = [(n, *timed(lambda n=n, k=kind: collocation(k, n))) for n in STEPS[order]]
+    found |= peers()
+    rows = [
+        {"method": name, "steps": steps, "ms": 1e3 * seconds, "relative error of J": abs(cost / EXACT - 1)}
+        for name, runs in found.items()
+        for steps, seconds, cost in runs
+    ]
+    table(rows)
+    save("optimal_control", rows)
+    figure, axes = plt.subplots(figsize=(7.5, 5), layout="constrained")
+    for i, name in enumerate(found):
+        mine = [row for row in rows if row["method"] == name]
+        axes.loglog(
+            [row["ms"] for row in mine], [max(row["relative error of J"], 1e-15) for row in mine],
+            "o-" if name.startswith("varint") else "s--", ms=4, label=name, color=plt.get_cmap("tab20")(i),
+        )  # fmt: skip
+    axes.set(
+        xlabel="build and solve, ms", ylabel="relative error of the cost",
+        title="Cart-pole swing-up: error of the cost against time",
+    )  # fmt: skip
     axes.legend(fontsize="small", ncols=2)
     axes.grid(alpha=0.3)
-    out.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out / "optimal_control.png", dpi=120)
+    figure.savefig(FOLDER / "optimal_control.png", dpi=120)
 
 
 if __name__ == "__main__":
     large_problem()
-    work_and_precision(Path(sys.argv[1] if sys.argv[1:] else "out"))
+    stage_solver()
+    work_and_precision()

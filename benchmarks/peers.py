@@ -1,7 +1,7 @@
-"""The peers of the benchmarks: what each tool can be set to on a varint system, as runs that return the end positions.
+"""The peers of the benchmarks: what each tool can be set to on a varint system, as runs that return their end.
 
-A `Setting` is one way to run one tool on one scene; `run()` gives q at the end, and is all that is timed. `setup` is
-what it took to get there: building, compiling.
+A `Setting` is one way to run one tool on one scene; `run()` gives q and then v or p at the end (`momenta` says which),
+and is all that is timed. `setup` is what it took to get there: building, compiling.
 """
 
 import subprocess
@@ -31,6 +31,7 @@ class Setting:
     about: str
     run: Callable[[], np.ndarray]
     setup: float = 0.0
+    momenta: bool = False
 
 
 def heyoka(system, q0, v0, p0, duration) -> Iterator[Setting]:
@@ -48,15 +49,15 @@ def heyoka(system, q0, v0, p0, duration) -> Iterator[Setting]:
                 integrator.time = 0.0
                 integrator.state[:] = state
                 integrator.propagate_until(duration)
-                return integrator.state[: len(q0)].copy()
+                return integrator.state.copy()
 
-            yield Setting("heyoka", f"{form}, tol={tol:.0e}, order {integrator.order}", run, setup)
+            yield Setting("heyoka", f"{form}, tol={tol:.0e}, order {integrator.order}", run, setup, form == "momenta")
 
 
 def right_side(system) -> ca.Function:
     """(y, c) → dy/dt in (q, v) where the mass is constant, else in (q, p)."""
     n = system.q.numel()
-    if system.structure.separable and system.structure.constant_mass:
+    if not by_momenta(system):
         y = ca.vertcat(system.q, system.v)
         rate = ca.vertcat(system.v, acceleration(system))
     else:
@@ -66,9 +67,13 @@ def right_side(system) -> ca.Function:
     return ca.Function("rate", [y, system.c], [ca.densify(rate)], {"cse": True})
 
 
+def by_momenta(system) -> bool:
+    """Does `right_side` take q and p?"""
+    return not (system.structure.separable and system.structure.constant_mass)
+
+
 def state_of(system, q0, v0, p0):
-    plain = system.structure.separable and system.structure.constant_mass
-    return np.concatenate([q0, v0 if plain else p0])
+    return np.concatenate([q0, p0 if by_momenta(system) else v0])
 
 
 def scipy_dop853(system, q0, v0, p0, duration) -> Iterator[Setting]:
@@ -80,9 +85,9 @@ def scipy_dop853(system, q0, v0, p0, duration) -> Iterator[Setting]:
             found = solve_ivp(
                 lambda t, y: call(f, y, c)[0], (0, duration), y0, "DOP853", rtol=tol, atol=tol, t_eval=[duration]
             )
-            return found.y[: len(q0), -1]
+            return found.y[:, -1]
 
-        yield Setting("SciPy DOP853", f"tol={tol:.0e}", run)
+        yield Setting("SciPy DOP853", f"tol={tol:.0e}", run, 0.0, by_momenta(system))
 
 
 def compiled_dop853(system, q0, v0, p0, duration) -> Iterator[Setting]:
@@ -96,9 +101,9 @@ def compiled_dop853(system, q0, v0, p0, duration) -> Iterator[Setting]:
         def run(tol=tol):
             y = y0.copy()
             library.run(y.ctypes.data, c.ctypes.data, duration, tol)
-            return y[: len(q0)]
+            return y
 
-        yield Setting("compiled DOP853", f"tol={tol:.1e}", run, setup)
+        yield Setting("compiled DOP853", f"tol={tol:.1e}", run, setup, by_momenta(system))
 
 
 def _dop853(f: ca.Function, size: int) -> CDLL:
@@ -135,13 +140,13 @@ def casadi_integrators(system, q0, v0, p0, duration) -> Iterator[Setting]:
             setup = perf_counter() - began
 
             def run(integrator=integrator):
-                return np.array(integrator(x0=y0)["xf"])[: len(q0), 0]
+                return np.array(integrator(x0=y0)["xf"])[:, 0]
 
-            yield Setting(f"CasADi {name}", f"tol={tol:.0e}", run, setup)
+            yield Setting(f"CasADi {name}", f"tol={tol:.0e}", run, setup, by_momenta(system))
 
 
 def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
-    """REBOUND's IAS15 at several tolerances and WHFast with several steps, for gravitating bodies in space."""
+    """REBOUND: IAS15 at several tolerances, WHFast and SABA(10, 6, 4) with several steps, for gravitating bodies."""
     import rebound
 
     bodies = q0.size // 2 if q0.size == 2 else len(masses)  # one body: massless, around a mass at rest
@@ -161,11 +166,12 @@ def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
         return sim
 
     def end(sim):
-        found = np.empty_like(positions)
+        found, moving = np.empty_like(positions), np.empty_like(positions)
         for place, i in enumerate(order):
             body = sim.particles[place]
             found[i] = [body.x, body.y, body.z][: positions.shape[1]]
-        return found[-bodies:].ravel()
+            moving[i] = [body.vx, body.vy, body.vz][: positions.shape[1]]
+        return np.concatenate([found[-bodies:].ravel(), moving[-bodies:].ravel()])
 
     def ias15(epsilon):
         sim = simulation()
@@ -174,10 +180,14 @@ def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
         sim.integrate(duration)
         return end(sim)
 
-    def whfast(steps, corrector):
+    def split(steps, method):
         sim = simulation()
-        sim.integrator = "whfast"
-        sim.integrator.corrector, sim.integrator.safe_mode = corrector, 0
+        sim.integrator = method
+        sim.integrator.safe_mode = 0
+        if method == "whfast":
+            sim.integrator.corrector = 17
+        else:
+            sim.integrator.type = "10_6_4"
         sim.dt = duration / steps
         sim.steps(steps)
         sim.synchronize()
@@ -186,4 +196,5 @@ def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
     for epsilon in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11):
         yield Setting("REBOUND IAS15", f"epsilon={epsilon:.0e}", lambda e=epsilon: ias15(e))
     for steps in (1000, 2000, 4000, 8000, 16_000, 32_000, 64_000):
-        yield Setting("REBOUND WHFast", f"{steps} steps, corrector 17", lambda s=steps: whfast(s, 17))
+        yield Setting("REBOUND WHFast", f"{steps} steps, corrector 17", lambda s=steps: split(s, "whfast"))
+        yield Setting("REBOUND SABA(10,6,4)", f"{steps} steps", lambda s=steps: split(s, "saba"))

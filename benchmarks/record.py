@@ -1,9 +1,11 @@
-"""Where benchmarks leave their numbers: benchmarks/results/<name>.json, with what they were measured on."""
+"""Where benchmarks leave their numbers: benchmarks/results/<name>.json, with when and on what they were measured."""
 
 from __future__ import annotations
 
 import json
+import os
 import platform
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +21,22 @@ def save(name: str, rows: list[dict[str, Any]]) -> None:
     """Write the rows of a benchmark and say where they are."""
     FOLDER.mkdir(exist_ok=True)
     path = FOLDER / f"{name}.json"
-    versions = {"varint": vi.__version__, "casadi": ca.__version__, "numpy": np.__version__}
-    about = {"python": platform.python_version(), "processor": _processor(), **versions}
-    path.write_text(json.dumps({"measured_with": about, "rows": rows}, indent=1) + "\n")
+    path.write_text(json.dumps({"measured_with": measured_with(), "rows": rows}, indent=1) + "\n")
     print(f"written to {path.relative_to(Path(__file__).parent.parent)}")
+
+
+def measured_with() -> dict[str, Any]:
+    """Date, machine and versions."""
+    return {
+        "date": datetime.now(timezone.utc).date().isoformat(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "varint": vi.__version__,
+        "casadi": ca.__version__,
+        "numpy": np.__version__,
+    }
 
 
 def _processor() -> str:

@@ -12,6 +12,7 @@ from time import perf_counter
 
 import casadi as ca
 import numpy as np
+from record import save
 
 import varint as vi
 
@@ -216,37 +217,48 @@ def units(length: float, time: float, mass: float, rule: vi.Rule) -> float:
     return float(np.abs(orbit(length, time, mass) - orbit(1.0, 1.0, 1.0)).max())
 
 
-def report(name: str, call: Callable[[], str]) -> None:
+def report(rows: list[dict], name: str, call: Callable[[], str]) -> None:
     began = perf_counter()
-    print(f"{name:48} {call()}   [{perf_counter() - began:.1f} s]", flush=True)
+    found = call()
+    rows.append({"what": name, "found": found})
+    print(f"{name:48} {found}   [{perf_counter() - began:.1f} s]", flush=True)
 
 
 def main() -> None:
+    rows: list[dict] = []
     for name, rule in RULES.items():
         limit = stability_limit(rule)
-        report(f"stability limit hω of {name}", lambda limit=limit: "none to 30" if limit == np.inf else f"{limit:.3f}")
-    report("double pendulum from (π/2, π/2), T = 1000", lambda: f"energy error {chaotic_double_pendulum():.1e}")
+        report(
+            rows,
+            f"stability limit hω of {name}",
+            lambda limit=limit: "none to 30" if limit == np.inf else f"{limit:.3f}",
+        )
+    report(rows, "double pendulum from (π/2, π/2), T = 1000", lambda: f"energy error {chaotic_double_pendulum():.1e}")
     for h_omega in (0.5, 5.0, 30.0):
         report(
+            rows,
             f"FPU chain, hω = {h_omega:g}",
             lambda h=h_omega: "energy error {:.1e}, invariants {:.1e}".format(*stiff_chain(h)),
         )
     for e in (0.9, 0.99, 0.999, 0.9999, 1 - 1e-8):
-        report(f"Kepler, e = {e:g}, 4000 steps an orbit", lambda e=e: near_collision(e))
+        report(rows, f"Kepler, e = {e:g}, 4000 steps an orbit", lambda e=e: near_collision(e))
     for angle in (1e-1, 1e-2, 1e-4, 1e-8, 0.0):
-        report(f"heavy top, {angle:g} from the pole", lambda angle=angle: gimbal_lock(angle))
+        report(rows, f"heavy top, {angle:g} from the pole", lambda angle=angle: gimbal_lock(angle))
     for angle, h in ((0.0, 1e-2), (1.0, 1e-2), (1.0, 1e-3), (1.0, 3.7e-3)):
-        report(f"parallelogram, {angle:g} before it folds, h = {h:g}", lambda a=angle, h=h: folding_linkage(a, h))
-    report("2000 random Lagrangians", lambda: random_lagrangians(2000))
+        report(rows, f"parallelogram, {angle:g} before it folds, h = {h:g}", lambda a=angle, h=h: folding_linkage(a, h))
+    report(rows, "2000 random Lagrangians", lambda: random_lagrangians(2000))
     text = "|g| {:.1e} of a link, energy error {:.1e}"
     for links, steps in ((20, 20_000), (200, 5000)):
-        report(f"chain of {links} rods, {steps} steps", lambda n=links, k=steps: text.format(*whipping_chain(n, k)))
+        report(
+            rows, f"chain of {links} rods, {steps} steps", lambda n=links, k=steps: text.format(*whipping_chain(n, k))
+        )
     drift = "mean drift {:.1e}, largest {:.1e}"
-    report("pendulum, 1e8 steps", lambda: drift.format(*round_off_drift(10**8)))
+    report(rows, "pendulum, 1e8 steps", lambda: drift.format(*round_off_drift(10**8)))
     scales = (1e-20, 1.0, 1e20)
     for name in ("gauss(2)", "lobatto(3)", "gauss(8)"):
         worst = max(units(a, b, c, RULES[name]) for a in scales for b in scales for c in scales)
-        report(f"units 1e-20 to 1e20, {name}", lambda worst=worst: f"differ by {worst:.1e}")
+        report(rows, f"units 1e-20 to 1e20, {name}", lambda worst=worst: f"differ by {worst:.1e}")
+    save("stress", rows)
 
 
 if __name__ == "__main__":

@@ -1,45 +1,52 @@
-"""Run time against trajectory error: varint beside heyoka, REBOUND, DOP853 (SciPy's and compiled) and CasADi's CVODES.
+"""Run time against error: varint beside heyoka, REBOUND, DOP853 (SciPy's and compiled), CasADi's CVODES and IDAS.
 
 python3 tasks.py bench benchmarks/work_precision.py [scene ...]
 
 For every scene each tool is tried over a grid of its options; for each wanted error its cheapest option that reaches it
-is then timed again, all tools taking turns in one process, and the median counts. varint is timed through `simulate`,
-whose call costs a tenth of a millisecond whatever the run: every scene comes with its usual duration, and long enough
-that this does not show.
-Errors are the largest component of q at the end, measured against the closed form or a run of order 20. Set-up
-(building, compiling) is reported beside the run times. Results: benchmarks/results/work_precision.json and .png.
+is then timed again, all tools taking turns in one process, and the median counts. varint is timed through `simulate` as
+a user calls it. A call costs 0.1 ms whatever the run, so that every scene is also run for so long ("×") that runs take
+milliseconds; the summary is of these, and of the short ones apart.
+Errors are those of the end: the largest component of q, against the closed form or a run of order 32, and the energy,
+relative to the largest kinetic energy |p·v|/2 at both ends and the energy. Set-up (building, compiling) is reported
+beside the run times. Results: benchmarks/results/work_precision.json and .png; of chosen scenes out/ in their place.
 """
 
 import json
 import os
-import platform
 import sys
 import tempfile
+from itertools import product
 from pathlib import Path
 from time import perf_counter
 
-import matplotlib
+import casadi as ca
+import fronts
+import matplotlib.pyplot
 import numpy as np
 import peers
 from heyoka_peer import taylor
 from peers import Setting
+from record import measured_with
 from scenes import SCENES, Scene
 
 import varint as vi
 from varint.arrays import call
 from varint.compiled import cache
+from varint.compiled.mechanics import velocity
 from varint.discrete import point_function
 from varint.errors import VarintError
 
 matplotlib.use("Agg")
 
+MEASURES = ("q", "energy")
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
-RULES = (*map(vi.gauss, (6, 8, 10)), *map(vi.composition, ("blanes-moan4", "blanes-moan6", "kahan-li8")))
-FINER = {"composition": (8, 16, 32, 64, 128)}
-GRID = 1.15 ** np.arange(-6, 17)
+RULES = (*map(vi.gauss, (6, 8, 10, 12, 16)), *map(vi.composition, ("blanes-moan4", "blanes-moan6", "kahan-li8")))
+GRID = 1.15 ** np.arange(-6, 15)
+LEVELS = (None, 1e-9, 1e-7, 1e-5, 1e-4)
 TURNS = 9
-LONGEST = 0.5  # seconds of a run that is worth timing
+LONGEST = 0.2  # seconds of a run that is worth timing
 RESULTS = Path(__file__).parent / "results"
+PART = Path("out")  # for some scenes only
 GENERAL = ("heyoka", "compiled DOP853", "REBOUND IAS15", "SciPy DOP853", "CasADi cvodes", "CasADi idas")
 
 
@@ -53,7 +60,7 @@ def varint_settings(scene: Scene):
             continue
         grid = 2.0 ** np.arange(1, 9) if explicit else GRID * 8 / len(rule.nodes)
         for steps in np.unique(np.round(scene.steps * grid).astype(int)):
-            for tol in (None,) if explicit else (None, 1e-10, 1e-7, 1e-4):
+            for tol in (None,) if explicit else LEVELS:
                 if explicit and steps > 40 * scene.steps and rule.order > 4:
                     continue
 
@@ -61,24 +68,25 @@ def varint_settings(scene: Scene):
                     motion = vi.simulate(
                         model.system, rule, duration=scene.duration, steps=steps, save_every=steps, tol=tol, **start
                     )
-                    return motion.q[-1]
+                    return np.concatenate([motion.q[-1], motion.p[-1]])
 
-                yield Setting("varint", f"{rule}, {steps} steps, tol={tol}", run)
+                yield Setting("varint", f"{rule}, {steps} steps, tol={tol}", run, 0.0, True)
     if scene.scale is not None:
         around = 0.7 if model.name == "kepler" else 1.0
         for stages in (8, 10):
             for per_orbit in (8, 9, 10, 12, 14, 16, 20):
                 rule, h = vi.gauss(stages), 2 * np.pi / per_orbit / around
-                for tol in (None, 1e-10, 1e-7):
+                for tol in (None, 1e-9, 1e-7):
 
                     def run(rule=rule, h=h, tol=tol):
                         motion = vi.simulate(
                             model.system, rule, h=h, duration=scene.duration, time_scale=scene.scale, save_every=200,
                             tol=tol, **start,
                         )  # fmt: skip
-                        return motion.q[-1]
+                        return np.concatenate([motion.q[-1], motion.p[-1]])
 
-                    yield Setting("varint", f"gauss({stages}), time_scale, h=2π/{per_orbit}/{around}, tol={tol}", run)
+                    about = f"gauss({stages}), time_scale, h=2π/{per_orbit}/{around}, tol={tol}"
+                    yield Setting("varint", about, run, 0.0, True)
 
 
 def settings(scene: Scene):
@@ -100,13 +108,13 @@ def settings(scene: Scene):
 
 
 def reference(scene: Scene):
-    """q at the end in closed form, or by order 20 with many steps; and how far heyoka's tightest run is from it."""
+    """q at the end in closed form, or by order 32 with many steps; and how far heyoka's tightest run is from it."""
     model = scene.model
     if model.exact:
         exact = model.exact(scene.duration)[0][0]
     else:
         exact = vi.simulate(
-            model.system, vi.gauss(10), q0=model.q0, v0=model.v0, duration=scene.duration, steps=4 * scene.steps,
+            model.system, vi.gauss(16), q0=model.q0, v0=model.v0, duration=scene.duration, steps=4 * scene.steps,
             save_every=4 * scene.steps, backend="compiled", progress=False,
         ).q[-1]  # fmt: skip
     if scene.slow:
@@ -117,9 +125,27 @@ def reference(scene: Scene):
     return exact, float(np.abs(other.state[: len(exact)] - exact).max())
 
 
+def energy_error(scene: Scene):
+    """(state at the end, is it of q and p?) → relative error of the energy."""
+    system, c = scene.model.system, scene.model.system.default_vector
+    p = ca.SX.sym("p", system.q.numel())
+    q, v, constants = system.q, system.v, system.c
+    size = ca.fabs(ca.dot(system.momentum, v)) / 2
+    speeds = ca.Function("energy", [q, v, constants], [system.energy, size])
+    momenta = ca.Function("energy", [q, p, constants], speeds(q, velocity(system, p), constants))
+    first, moving = map(float, speeds(scene.model.q0, scene.model.v0, c))
+
+    def relative(end: np.ndarray, of_momenta: bool) -> float:
+        last, still = map(float, (momenta if of_momenta else speeds)(*np.split(end, 2), c))
+        return abs(last - first) / max(abs(first), moving, still)
+
+    return relative
+
+
 def tried(scene: Scene, exact):
-    """(error, seconds, setting) of every setting that works; one quick look at the time."""
+    """(error, error of the energy, seconds, setting) of every setting that works; one quick look at the time."""
     patience: dict[str, float] = {}
+    off = energy_error(scene)
     for setting in settings(scene):
         family = setting.tool + setting.about.split(",")[0]
         if patience.get(family, 0) > LONGEST:
@@ -131,42 +157,45 @@ def tried(scene: Scene, exact):
                 began = perf_counter()
                 found = setting.run()
                 seconds = min(seconds, perf_counter() - began)
-                if seconds > 0.1:
+                if seconds > 0.05:
                     break
         except (VarintError, RuntimeError):
             continue
         patience[family] = seconds
-        error = float(np.abs(found - exact).max())
+        error = float(np.abs(found[: len(exact)] - exact).max())
         if np.isfinite(error):
-            yield error, seconds, setting
+            yield error, off(found, setting.momenta), seconds, setting
 
 
 def measured(scene: Scene, exact):
     """For every wanted error and tool the median time of its cheapest setting, taken in turns."""
     everything = list(tried(scene, exact))
-    tools = sorted({setting.tool for _, _, setting in everything})
+    tools = sorted({setting.tool for *_, setting in everything})
     chosen = {}
-    for wanted in WANTED:
-        for tool in tools:
-            good = [x for x in everything if x[2].tool == tool and x[0] <= wanted]
-            if good:
-                chosen[wanted, tool] = min(good, key=lambda x: x[1])
-    times: dict[tuple, list[float]] = {key: [] for key in chosen}
+    for measure in range(2):
+        for wanted in WANTED:
+            for tool in tools:
+                good = [x for x in everything if x[3].tool == tool and x[measure] <= wanted]
+                if good:
+                    chosen[MEASURES[measure], wanted, tool] = min(good, key=lambda x: x[2])
+    times: dict[Setting, list[float]] = {setting: [] for *_, setting in chosen.values()}
     for _ in range(TURNS):
-        for key, (_, seconds, setting) in chosen.items():
-            if seconds > 0.2 and times[key]:
+        for setting, known in times.items():
+            if known and known[0] > 0.1:
                 continue
             began = perf_counter()
             setting.run()
-            times[key].append(perf_counter() - began)
+            known.append(perf_counter() - began)
     rows = [
         {
-            "wanted": wanted, "tool": tool, "seconds": float(np.median(times[wanted, tool])), "error": error,
-            "setting": setting.about, "setup": setting.setup,
+            "measure": measure, "wanted": wanted, "tool": tool, "seconds": float(np.median(times[setting])),
+            "error": error, "energy error": energy, "setting": setting.about, "setup": setting.setup,
         }
-        for (wanted, tool), (error, _, setting) in chosen.items()
+        for (measure, wanted, tool), (error, energy, _, setting) in chosen.items()
     ]  # fmt: skip
-    cloud = [{"tool": s.tool, "error": e, "seconds": t, "setting": s.about} for e, t, s in everything]
+    cloud = [
+        {"tool": s.tool, "error": e, "energy error": d, "seconds": t, "setting": s.about} for e, d, t, s in everything
+    ]
     return rows, cloud
 
 
@@ -195,80 +224,69 @@ def setup_of_varint(scene: Scene):
 
 
 def main(names):
-    results = {"machine": platform.processor() or platform.machine(), "turns": TURNS, "scenes": {}}
+    results = {"measured_with": measured_with(), "turns": TURNS, "scenes": {}}
     ratios = []
     for name in names or SCENES:
         scene = SCENES[name]()
         exact, apart = reference(scene)
         rows, cloud = measured(scene, exact)
         setup = setup_of_varint(scene)
-        results["scenes"][name] = {"apart": apart, "rows": rows, "all": cloud, "setup": setup}
+        by_measure = {measure: [row for row in rows if row["measure"] == measure] for measure in MEASURES}
+        results["scenes"][name] = {
+            "apart": apart, "rows": by_measure["q"], "energy rows": by_measure["energy"], "all": cloud, "setup": setup,
+        }  # fmt: skip
         print(f"\n{name}   reference and heyoka's tightest run: {apart:.1e} apart", end="")
         print(f"   varint's first run: {setup['cold']:.2f} s, compiled earlier {setup['cached']:.2f} s")
-        for wanted in WANTED:
-            here = {row["tool"]: row for row in rows if row["wanted"] == wanted}
-            for tool, row in sorted(here.items(), key=lambda x: x[1]["seconds"]):
-                about = f"{row['setting']}; error {row['error']:.0e}; set-up {row['setup']:.2f} s"
-                print(f"  {wanted:g}  {tool:16} {1e6 * row['seconds']:12.1f} µs   {about}")
-            rivals = [row["seconds"] for tool, row in here.items() if tool in GENERAL]
-            if "varint" in here and rivals:
-                ratio = here["varint"]["seconds"] / min(rivals)
-                ratios.append((ratio, name, wanted))
-                print(f"  {wanted:g}  varint takes {ratio:.2f} of the best general-purpose peer's time")
-            elif "varint" in here:
-                print(f"  {wanted:g}  no general-purpose peer reaches this error")
+        for measure, wanted in product(MEASURES, WANTED):
+            here = {row["tool"]: row for row in by_measure[measure] if row["wanted"] == wanted}
+            ratio = told(measure, wanted, here)
+            if ratio:
+                long = scene.long or scene.slow
+                ratios.append({"ratio": ratio, "scene": name, "wanted": wanted, "measure": measure, "long": long})
         sys.stdout.flush()
         keep(results, ratios, names)
-    if ratios:
-        print(f"\ngeometric mean {results['geometric mean']:.3f}; above 2/3:")
-        for ratio, name, wanted in sorted(ratios, reverse=True):
-            if ratio > 2 / 3:
-                print(f"  {ratio:.2f}  {name} at {wanted:g}")
+    for about, mean in results["geometric means"].items():
+        print(f"geometric mean, {about}: {mean:.3f}")
+    print("above 2/3:")
+    for row in sorted(ratios, key=lambda row: -row["ratio"]):
+        if row["ratio"] > 2 / 3:
+            print("  {ratio:.2f}  {scene}, {measure} at {wanted:g}".format(**row))
+
+
+def told(measure: str, wanted: float, here: dict) -> float | None:
+    """Print who needs how long for a wanted error; varint's time over that of the best general-purpose peer."""
+    for tool, row in sorted(here.items(), key=lambda x: x[1]["seconds"]):
+        about = f"{row['setting']}; error {row['error']:.0e}, energy {row['energy error']:.0e}"
+        print(
+            f"  {measure} {wanted:g}  {tool:20} {1e6 * row['seconds']:12.1f} µs   {about}; {row['setup']:.2f} s set-up"
+        )
+    rivals = [row["seconds"] for tool, row in here.items() if tool in GENERAL]
+    if "varint" not in here or not rivals:
+        print(
+            f"  {measure} {wanted:g}  " + ("no general-purpose peer gets there" if "varint" in here else "not reached")
+        )
+        return None
+    ratio = here["varint"]["seconds"] / min(rivals)
+    print(f"  {measure} {wanted:g}  varint takes {ratio:.2f} of the best general-purpose peer's time")
+    return ratio
 
 
 def keep(results, ratios, names):
     """Write what is known so far."""
-    if ratios:
-        results["geometric mean"] = float(np.exp(np.mean([np.log(r) for r, _, _ in ratios])))
-        results["ratios"] = [{"ratio": r, "scene": s, "wanted": w} for r, s, w in ratios]
-    RESULTS.mkdir(exist_ok=True)
-    suffix = "".join("_" + name.replace(" ", "-") for name in names)
-    (RESULTS / f"work_precision{suffix}.json").write_text(json.dumps(results, indent=1, ensure_ascii=False))
-    draw(results, RESULTS / f"work_precision{suffix}.png")
-
-
-def draw(results, path):
-    """Time over error, every tool's front, one panel a scene."""
-    from matplotlib import pyplot as plt
-
-    scenes = results["scenes"]
-    columns = min(3, len(scenes))
-    lines = -(-len(scenes) // columns)
-    figure, axes = plt.subplots(lines, columns, figsize=(5 * columns, 3.6 * lines), squeeze=False)
-    tools = sorted({row["tool"] for scene in scenes.values() for row in scene["all"]})
-    colours = dict(zip(tools, plt.get_cmap("tab10").colors, strict=False))
-    for ax, (name, scene) in zip(axes.flat, scenes.items(), strict=False):
-        for tool in tools:
-            points = sorted((row["error"], row["seconds"]) for row in scene["all"] if row["tool"] == tool)
-            front, best = [], np.inf
-            for error, seconds in points:
-                if seconds < best:
-                    front.append((max(error, 1e-16), 1e3 * seconds))
-                    best = seconds
-            if front:
-                ax.loglog(*zip(*front, strict=True), ".-", color=colours[tool], label=tool, lw=1, ms=4)
-        ax.set_title(name, fontsize=10)
-        ax.set_xlim(1e-14, 1)
-        ax.set_xlabel("error of q at the end")
-        ax.set_ylabel("time / ms")
-        ax.grid(alpha=0.3)
-    for ax in axes.flat[len(scenes) :]:
-        ax.axis("off")
-    handles = {h.get_label(): h for ax in axes.flat for h in ax.get_legend_handles_labels()[0]}
-    figure.legend(handles.values(), handles.keys(), loc="upper center", ncols=4, frameon=False)
-    figure.tight_layout(rect=(0, 0, 1, 0.95))
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    groups = {
+        "error of q, runs of milliseconds": [r["ratio"] for r in ratios if r["measure"] == "q" and r["long"]],
+        "error of q, short runs": [r["ratio"] for r in ratios if r["measure"] == "q" and not r["long"]],
+        "error of the energy, runs of milliseconds": [
+            r["ratio"] for r in ratios if r["measure"] == "energy" and r["long"]
+        ],
+    }
+    results["geometric means"] = {k: float(np.exp(np.mean(np.log(r)))) for k, r in groups.items() if r}
+    results["ratios"] = ratios
+    folder = PART if names else RESULTS
+    folder.mkdir(exist_ok=True)
+    (folder / "work_precision.json").write_text(json.dumps(results, indent=1, ensure_ascii=False))
+    fronts.figure(results).savefig(folder / "work_precision.png", dpi=110)
+    matplotlib.pyplot.close("all")
 
 
 if __name__ == "__main__":

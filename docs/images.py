@@ -1,7 +1,8 @@
-"""Draw the pictures of the README: `python docs/images.py` writes docs/images/*.png."""
+"""Draw the pictures of the README: `python docs/images.py [name ...]` writes docs/images/*.png."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import casadi as ca
@@ -13,6 +14,8 @@ import varint as vi
 from varint.plot import COLOURS
 
 IMAGES = Path(__file__).resolve().parent / "images"
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+SHOWN = ("kepler 0.6", "double pendulum", "solar system")  # of the benchmark's scenes
 BLUE, RED = COLOURS[:2]
 
 
@@ -62,16 +65,22 @@ def ladder() -> Figure:
 
 
 def work_precision() -> Figure:
-    """Run time against error of the rules on Hénon and Heiles' scene."""
+    """Run time against error beside other tools, as the benchmark stored it; of the rules alone if it has not run."""
+    sys.path.insert(0, str(BENCHMARKS))
+    import fronts
+
+    if fronts.RESULT.exists():
+        result = fronts.read()
+        return fronts.figure(result, [name for name in SHOWN if name in result["scenes"]])
     model = vi.models.henon_heiles()
     rules = [vi.composition(name) for name in ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")]
     rules += [vi.gauss(2), vi.gauss(4)]
-    steps = (200, 400, 800, 1600, 3200)
-    start = dict(q0=model.q0, v0=model.v0, duration=100.0, steps=steps, repeats=15)
+    start = dict(q0=model.q0, v0=model.v0, duration=100.0, steps=(200, 400, 800, 1600, 3200), repeats=15)
     return vi.diagnostics.work_precision(model.system, rules, **start).plot()
 
 
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
-    for draw in (pendulum, swing_up, ladder, work_precision):
+    pictures = (pendulum, swing_up, ladder, work_precision)
+    for draw in (draw for draw in pictures if not sys.argv[1:] or draw.__name__ in sys.argv[1:]):
         draw().savefig(IMAGES / f"{draw.__name__}.png", dpi=100)

@@ -36,8 +36,8 @@ def main(out: Path = Path("out")) -> None:
         motion = vi.simulate(model.system, rule, **model.start)
         print(f"p_θ in V = {name:6}: cyclic {model.system.structure.cyclic}, drift {np.ptp(motion.p[:, 1]):.1e}")
         orbits.plot(*plane(motion), lw=0.7, label=f"V = {name}")
-    orbits.set(aspect="equal", xlabel="x", ylabel="y", title="Four central forces")
-    orbits.legend(fontsize="small", loc="upper right")
+    orbits.set(aspect="equal", xlabel="x", ylabel="y", title="Four central forces", ylim=(-1.1, 1.75))
+    orbits.legend(fontsize="small", loc="upper center", ncols=2)
 
     model = vi.models.rosette()
     motion = vi.simulate(model.system, rule, **model.start)
@@ -58,8 +58,8 @@ def main(out: Path = Path("out")) -> None:
     shown = motion.t <= 20
     radial.plot(motion.t[shown], motion.q[shown, 0], label="plane motion")
     radial.plot(line.t[::40], line.q[::40, 0], "o", ms=3, label="one dimension, effective potential")
-    radial.set(xlabel="t", ylabel="r", title="The same r(t)")
-    radial.legend(fontsize="small", loc="lower left")
+    radial.set(xlabel="t", ylabel="r", title="The same r(t)", ylim=(0.4, 1.7))
+    radial.legend(fontsize="small", loc="upper left")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "central_force.png", dpi=120)
 

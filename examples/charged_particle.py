@@ -35,8 +35,8 @@ def main(out: Path = Path("out")) -> None:
         q, _ = model.exact(motion.t)
         print(f"x(20), v₀ = {speed:3.1f}              found {motion.q[-1, 0]:.12f}   exact {q[-1, 0]:.12f}")
         drift.plot(motion.q[:600, 0], motion.q[:600, 1], label=f"v₀ = {speed}")
-    drift.set(xlabel="x", ylabel="y", title="E along y, B along z: drift along x")
-    drift.legend()
+    drift.set(xlabel="x", ylabel="y", title="E along y, B along z: drift along x", ylim=(-1.05, 0.85))
+    drift.legend(loc="upper center", ncols=3, fontsize="small")
 
     data = {"E": (0.2, -0.1, 0.05), "B": (0.0, 0.0, 1.5), "q0": (0.3, -0.2, 0.1), "v0": (0.7, 0.4, -0.2)}
     steps = np.array([25, 50, 100, 200, 400])
@@ -54,7 +54,8 @@ def main(out: Path = Path("out")) -> None:
                 print(f"order of the gap, {rule!r:9}      found {np.log2(gaps[1] / gaps[2]):.2f}   theory {rule.order}")
     gauge.set_xscale("log", base=2)
     gauge.set(xlabel="step", ylabel="distance of the paths in two gauges", title="Gauge transformation")
-    gauge.legend(fontsize="x-small")
+    gauge.set_ylim(top=1)
+    gauge.legend(fontsize="x-small", loc="upper center", ncols=2)
 
     model = vi.models.inverse_distance_field()
     period, angle = vi.models.inverse_distance_period(model.q0, model.v0)

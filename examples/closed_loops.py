@@ -62,7 +62,7 @@ def picture(squeeze: vi.Trajectory, top: vi.Trajectory) -> plt.Figure:
     left.set(xlabel="t / ms", ylabel="loop reactions λ / N", title="Andrews' mechanism")
     axis = top.value(vi.models.rotation(top.system.q))[:, :, 2]
     right.plot(axis[:, 0], axis[:, 1], lw=1.2)
-    right.set(aspect="equal", xlabel="axis, x", ylabel="axis, y", title="heavy top by quaternion")
+    right.set(aspect="equal", xlabel="axis, x", ylabel="axis, y", title="Heavy top by quaternion")
     return figure
 
 

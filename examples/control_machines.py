@@ -26,7 +26,7 @@ def draw_walk(axes, walk: vi.Trajectory) -> None:
             for angle, colour in ((stance, "C0"), (swing, "C1")):
                 foot = x + np.sin(angle), y - np.cos(angle)
                 axes.plot(np.array([x, foot[0]]) + 0.5 * stride, [y, foot[1]], colour, lw=1)
-    axes.set(aspect="equal", xlabel="x in m", title=f"Walk: cost {walk.cost:.3f} a step")
+    axes.set(aspect="equal", xlabel="x in m", ylabel="y in m", title=f"Walk: cost {walk.cost:.3f} a step")
 
 
 def draw_cat(axes, turn: vi.Trajectory) -> None:
@@ -38,7 +38,8 @@ def draw_cat(axes, turn: vi.Trajectory) -> None:
             hand = shoulder + side * np.array([np.cos(body + arm), np.sin(body + arm)])
             x, y = np.array([[0, 0], shoulder, hand]).T
             axes.plot(x + 4 * turn.t[k], y, "o-", ms=3, color=plt.get_cmap("viridis")(k / len(turn)))
-    axes.set(aspect="equal", title="Satellite turns 0.6 rad without angular momentum", yticks=[])
+    axes.set(aspect="equal", title="Satellite turns 0.6 rad without angular momentum", xticks=[], yticks=[])
+    axes.set_xlabel("at five moments from left to right, each drawn about its own centre")
 
 
 def main(out: Path = Path("out")) -> None:
@@ -53,7 +54,7 @@ def main(out: Path = Path("out")) -> None:
         print(f"{what}   found {found.cost:.12f}   exact {model.cost:.12f}")
     walk, turn = models.walker().solve()[0], models.falling_cat().solve()[0]
     print(f"largest angular momentum of the satellite: {np.abs(turn.p[:, 0]).max():.1e}")
-    figure, (left, right) = plt.subplots(2, 1, figsize=(11, 6), layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained", width_ratios=[1, 2])
     draw_walk(left, walk)
     draw_cat(right, turn)
     out.mkdir(parents=True, exist_ok=True)

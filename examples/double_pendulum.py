@@ -51,7 +51,8 @@ def main(out: Path = Path("out")) -> None:
     parting.set(xlabel="t in s", ylabel="distance of two starts in rad", title="1e-8 rad apart at first")
     energy.set(xlabel="t in s", ylabel="|H − H₀| / weight of the masses at 1 m", title="Energy error")
     parting.legend()
-    energy.legend()
+    energy.set_ylim(top=1e-5)
+    energy.legend(loc="upper left", fontsize="small")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "double_pendulum.png", dpi=120)
 

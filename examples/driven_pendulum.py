@@ -35,8 +35,17 @@ def main(out: Path = Path("out")) -> None:
     for theta0 in (0.3, 0.8, 1.3, 1.8, 2.3, 2.8):
         strobe = vi.simulate(stirred.system, vi.gauss(3), q0=theta0, v0=0.0, h=beat / 60, steps=60 * 300, save_every=60)
         section.plot(np.mod(strobe.q[:, 0] + np.pi, 2 * np.pi) - np.pi, strobe.v[:, 0], ".", ms=2, label=f"{theta0:g}")
-    section.set(xlabel="θ in rad", ylabel="dθ/dt in rad/s", title="Driven pendulum, once per period of the torque")
-    section.legend(title="θ₀", fontsize="small", loc="upper right")
+    section.set(xlabel="θ in rad", ylabel="dθ/dt in rad/s", title="Once per period of the torque")
+    section.set_ylim(-7.5, 10.5)
+    section.legend(
+        title="θ₀ in rad",
+        fontsize="small",
+        loc="upper center",
+        ncols=6,
+        columnspacing=0.6,
+        markerscale=4,
+        handletextpad=0,
+    )
 
     pivot = vi.models.horizontal_pivot()
     best = vi.simulate(pivot.system, vi.gauss(8), q0=pivot.q0, v0=pivot.v0, duration=5.0, steps=400).q[-1]

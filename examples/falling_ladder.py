@@ -49,14 +49,14 @@ def picture(motion: vi.Trajectory, lets_go: float, lies: float) -> plt.Figure:
         x, y, theta = motion.at(time).q
         arm = half * np.array([np.cos(theta), np.sin(theta)])
         left.plot([x - arm[0], x + arm[0]], [y + arm[1], y - arm[1]], color="C0" if time <= lets_go else "C1", lw=1.5)
-    left.set(aspect="equal", xlabel="x / m", ylabel="y / m", title="on the wall (blue), off the wall (orange)")
+    left.set(aspect="equal", xlabel="x / m", ylabel="y / m", title="On the wall (blue), off the wall (orange)")
     left.axhline(0, color="0.3", lw=1)
     left.axvline(0, color="0.3", lw=1)
     before = motion.t < lies
     for i, name in enumerate(("wall", "floor")):
         right.plot(motion.t[before], motion.multipliers[before, i], label=name)
     right.axvline(lets_go, color="0.6", lw=1, ls="--")
-    right.set(xlabel="t / s", ylabel="reaction λ / N", title="reactions")
+    right.set(xlabel="t / s", ylabel="reaction λ / N", title="Reactions")
     right.legend()
     return figure
 

@@ -53,7 +53,7 @@ def main(out: Path = Path("out")) -> None:
         axes.plot(*whole.q[0, 2 * k : 2 * k + 2], "o", ms=9)
         axes.quiver(*whole.q[0, 2 * k : 2 * k + 2], *whole.v[0, 2 * k : 2 * k + 2], width=0.004)
     axes.set(aspect="equal", xlabel="x", ylabel="y", title="Figure-eight choreography")
-    axes.legend(fontsize="small", loc="upper right")
+    axes.legend(fontsize="small", loc="upper center")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "figure_eight.png", dpi=120)
 

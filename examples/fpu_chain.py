@@ -33,7 +33,8 @@ def main(out: Path = Path("out")) -> None:
     energies.plot(motion.t, each, lw=0.6, label=["I₁", "I₂", "I₃"])
     energies.plot(motion.t, each.sum(axis=1), "k", lw=0.6, label="I₁ + I₂ + I₃")
     energies.set(xlabel="t", ylabel="energy of a stiff spring", title=f"{rule}, h = {motion.h:g}")
-    energies.legend(fontsize="small", loc="upper right")
+    energies.set_ylim(top=1.35)
+    energies.legend(fontsize="small", loc="upper center", ncols=4, columnspacing=0.8, handlelength=1.2)
     mean = each.sum(axis=1)
     print(f"mean of I over 200           found {mean.mean():.4f}   theory {mean[0]:.4f}")
 
@@ -42,6 +43,7 @@ def main(out: Path = Path("out")) -> None:
         error = motion.energy / motion.energy[0] - 1
         total.plot(motion.t, error, lw=0.3, label=f"h = {h}, hω = {50 * h:g}")
     total.set(xlabel="t", ylabel="H/H₀ − 1", title="Störmer–Verlet: bounded up to hω = 2")
+    total.set_ylim(top=0.125)
     total.legend(fontsize="small", loc="upper right")
 
     for rule in (vi.composition("verlet"), vi.midpoint(), vi.gauss(2), vi.composition("blanes-moan4")):

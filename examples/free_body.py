@@ -25,8 +25,8 @@ def main(out: Path = Path("out")) -> None:
     motion = vi.simulate(model.system, vi.gauss(4), **model.start | {"duration": 80.0})
     rates = motion.value(vi.models.body_rates(model.system.q, model.system.v))
     flips.plot(motion.t, rates, lw=1, label=["ω₁", "ω₂", "ω₃"])
-    flips.set(xlabel="t", ylabel="rad per unit of time", title="Started about the middle axis")
-    flips.legend(loc="upper right", fontsize="small")
+    flips.set(xlabel="t", ylabel="rad per unit of time", title="Started about the middle axis", ylim=(-1.1, 1.4))
+    flips.legend(loc="upper right", fontsize="small", ncols=3)
     q, _ = model.exact(motion.t)
     for k, name in enumerate(("φ", "θ", "ψ")):
         print(f"{name} after 80                   found {motion.q[-1, k]:.9f}   exact {q[-1, k]:.9f}")

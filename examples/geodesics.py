@@ -54,6 +54,9 @@ def main(out: Path = Path("out")) -> None:
         around = 2 + 0.8 * np.cos(turn)
         ring.plot(around * np.cos(axis), around * np.sin(axis), 0.8 * np.sin(turn), lw=lw)
     ring.set(title="A geodesic on the torus", aspect="equal")
+    for axes in (ball, ring):
+        axes.locator_params(nbins=3)  # labels in perspective stand close
+        axes.set(xlabel="x", ylabel="y", zlabel="z")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "geodesics.png", dpi=120)
 

@@ -1,7 +1,8 @@
 """The heavy symmetric top: its axis nods with loops, cusps or waves.
 
 Claim: φ and ψ are cyclic; cos θ runs between two roots of a cubic, and the sign of φ̇ at the upper one decides between
-loops, cusps and waves; the slow precession is w/(I₃ ω₃) for a fast top.
+loops, cusps and waves; the slow precession is w/(I₃ ω₃) for a fast top. With u = cos θ, energy and momenta give
+I₁² u̇² = (2 I₁ (E − p_ψ²/2I₃ − w u))(1 − u²) − (p_φ − p_ψ u)², which must not be negative: the cubic.
 Source: Landau & Lifshitz, Mechanics, §35 and its problems.
 Run: python examples/heavy_top.py [folder of the picture]
 """
@@ -22,9 +23,17 @@ def main(out: Path = Path("out")) -> None:
     starts = (("loops", -0.5), ("cusps", 0.0), ("waves", 0.15))
     for axis, (name, phidot) in zip(axes, starts, strict=False):
         model = vi.models.heavy_top(angles0=(0.0, 0.7, 0.0), rates0=(phidot, 0.0, 12.0))
-        motion = vi.simulate(model.system, vi.gauss(4), **model.start)
+        motion = vi.simulate(model.system, vi.gauss(4), **model.start, events={"turn": model.system.v[1]})
         q, _ = model.exact(motion.t)
         print(f"φ after 10, {name:16} found {motion.q[-1, 0]:.10f}   exact {q[-1, 0]:.10f}")
+        p_phi, _, p_psi = motion.p[0]
+        inner = motion.energy[0] - p_psi**2 / (2 * 0.5)
+        u = np.polynomial.Polynomial([0, 1])
+        cubic = 2 * (inner - 2.0 * u) * (1 - u**2) - (p_phi - p_psi * u) ** 2
+        edges = np.arccos([root for root in cubic.roots().real if abs(root) < 1])
+        turns = [motion.at(event.time).q[1] for event in motion.events]
+        for side, found, exact in (("highest", min(turns), edges.min()), ("lowest", max(turns), edges.max())):
+            print(f"{side:7} θ of the {name:10}  found {found:.10f}   exact {exact:.10f}")
         phi, theta, _ = motion.q.T
         axis.plot(np.sin(theta) * np.sin(phi), -np.sin(theta) * np.cos(phi), lw=0.9)
         turn = np.linspace(0, 2 * np.pi, 200)

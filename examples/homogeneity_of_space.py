@@ -1,7 +1,8 @@
 """Homogeneity of space: what does not ask where it is conserves momentum.
 
 Claim: for three bodies that feel each other alone, translations are found as symmetries and total momentum is kept to
-round-off by rules of every order; tie one body to a place and both translations are gone.
+round-off by rules of every order; tie one body to a place and both translations are gone. What P_x then loses is the
+impulse of the tie, −k ∫ x₁ dt, while the centre of mass of the free bodies runs on a straight line.
 Source: Landau & Lifshitz, Mechanics, §7; Noether, Invariante Variationsprobleme, 1918.
 Run: python examples/homogeneity_of_space.py [folder of the picture]
 """
@@ -39,7 +40,13 @@ def main(out: Path = Path("out")) -> None:
         momentum = motion.conserved()["translation along x"]
         print(f"P_x by {rule!s:28}  found {momentum.values[-1]:.14f}   exact {exact:.14f}")
         kept.plot(motion.t, np.maximum.accumulate(np.abs(momentum.error)), lw=1, label=str(rule))
+    x = motion.q[:, ::2] @ np.array(MASSES) / sum(MASSES)
+    line = x[0] + exact / sum(MASSES) * motion.t[-1]
+    print(f"X of the centre of mass                found {x[-1]:.12f}   exact {line:.12f}")
     held = vi.simulate(tied, vi.gauss(2), h=0.02, steps=1000, **START)
+    impulse = -0.5 * held.h * (held.q[1:, 0] + held.q[:-1, 0]).sum() / 2
+    change = (held.p[-1] - held.p[0])[::2].sum()
+    print(f"impulse of the tie                     found {change:.6f}   theory {impulse:.6f}")
     for name, run in (("free", motion[:1001]), ("first body tied", held)):
         lost.plot(run.t, run.p[:, ::2].sum(axis=1), label=name)
     kept.set(xlabel="t", ylabel="largest relative change so far", title="Total momentum, free bodies", yscale="log")

@@ -52,8 +52,8 @@ def main(out: Path = Path("out")) -> None:
     print(f"H − Ω L_z                    found {kept.values[-1]:.9f}   exact {kept.values[0]:.9f}")
     for values, name in ((motion.energy, "H"), (spin, "$L_z$"), (kept.values, "$H − Ω L_z$")):
         jacobi.plot(motion.t, values, lw=1, label=name)
-    jacobi.set(xlabel="t", title="A well that turns")
-    jacobi.legend(fontsize="small", loc="upper right")
+    jacobi.set(xlabel="t", title="A well that turns", ylim=(0.02, 0.33))
+    jacobi.legend(fontsize="small", loc="upper right", ncols=3)
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "homogeneity_of_time.png", dpi=120)
 

@@ -40,7 +40,7 @@ def main(out: Path = Path("out")) -> None:
             kepler, vi.gauss(8), q_start=r1, q_end=r2, duration=duration, steps=60, params=dict(mu=strength)
         )
         print(f"{name:10}  v_x in km/s      found {path.v[0, 0]:.12f}   exact {exact:.12f}")
-    figure, axes = plt.subplots(figsize=(6.5, 5), layout="constrained")
+    figure, axes = plt.subplots(figsize=(8, 4.2), layout="constrained")
     a, b = np.array([1.0, 0, 0]), np.array([0, 1.5, 0])
     for far, exact in WAYS:
         guess = [a, -(a + b), b] if far else None
@@ -53,7 +53,7 @@ def main(out: Path = Path("out")) -> None:
     axes.plot(0, 0, "o", color="orange", ms=12)
     axes.plot(*np.array([a, b])[:, :2].T, "k.", ms=10)
     axes.set(aspect="equal", xlabel="x", ylabel="y", title="Two orbits from (1, 0) to (0, 1.5) in T = 2")
-    axes.legend(fontsize="small")
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1, 1))
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "lambert.png", dpi=120)
 

@@ -2,7 +2,8 @@
 
 Claim: a charge in a uniform field has two translations whose conserved quantities p·ξ − K fix the centre of its circle,
 and a rotation. In the Landau gauge one translation is plain and one needs a gauge term, in the symmetric gauge both do;
-the conserved quantities, m v_x − e B y and m v_y + e B x, are the same. Rules keep them to round-off.
+the conserved quantities, m v_x − e B y and m v_y + e B x, are the same. Rules keep them to round-off. Translations
+commute, but the two quantities do not: their Poisson bracket is −e B, a central charge, in every gauge.
 Source: Landau & Lifshitz, Quantum Mechanics, §112 (their quantum form); Mechanics of a charge: Jackson, §12.
 Run: python examples/magnetic_translations.py [folder of the picture]
 """
@@ -37,6 +38,17 @@ def main(out: Path = Path("out")) -> None:
         motion = vi.simulate(system, vi.gauss(2), h=0.05, steps=20_000, **START)
         conserved = motion.conserved()
         print(f"{gauge} gauge:\n{vi.symmetries(system, vi.gauss(2))}\n")
+        p = ca.SX.sym("p", 2)  # v = (p − e A)/m, so that J becomes a function of q and p
+        velocity = ca.substitute(system.v, system.v, (p - (system.momentum - M * system.v)) / M)
+        first, second = (
+            ca.substitute(m.symmetry.quantity, system.v, velocity)
+            for m in conserved
+            if "translation along" in m.symmetry.name
+        )
+        gradients = [(ca.gradient(j, system.q), ca.gradient(j, p)) for j in (first, second)]
+        bracket = ca.dot(gradients[0][0], gradients[1][1]) - ca.dot(gradients[0][1], gradients[1][0])
+        value = ca.Function("bracket", [system.q, p, system.c], [bracket])(START["q0"], [0.1, 0.2], [M, E, B])
+        print(f"bracket of the quantities     found {float(value):.12f}   exact {-E * B:.12f}")
         moved = {m.symmetry.name[-1]: m for m in conserved if "translation along" in m.symmetry.name}
         print(f"x of the circle's centre      found {moved['y'].values[-1] / (E * B):.12f}   exact {centre[0]:.12f}")
         print(f"y of the circle's centre      found {-moved['x'].values[-1] / (E * B):.12f}   exact {centre[1]:.12f}")

@@ -39,7 +39,7 @@ def main(out: Path = Path("out")) -> None:
     centre = (3 * motion.q[:, :2] + motion.q[:, 2:]) / 4
     pair.plot(*centre.T, "k--", lw=0.8, label="centre of mass")
     pair.set(aspect="equal", xlabel="x", ylabel="y", title="Kepler ellipses that travel")
-    pair.legend(fontsize="small")
+    pair.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1, 1))
 
     crystal = vi.models.lennard_jones(side=4, heat=0.5)
     springs = vi.models.spring_cluster()

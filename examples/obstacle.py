@@ -1,7 +1,9 @@
 """The shortest way past a disc: a path of least action that leans on an obstacle.
 
 Claim: the path is a taut string, two tangents and an arc; it touches the disc without entering it, and the multiplier
-of the contact, v²/2R², is the force that bends it round.
+of the contact, v²/2R², is the force that bends it round: along the arc the acceleration v²/R must be λ ∂g/∂q, and
+g = x² + y² − R² has the slope 2R. The tangents from (±2, 0) touch at 60° from the axis, which leaves an arc of 60°; the
+speed is the same everywhere, as the obstacle does no work.
 Source: Gelfand & Fomin, Calculus of Variations, §3.6 and 16 (one-sided variations); plane geometry.
 Run: python examples/obstacle.py [folder of the picture]
 """
@@ -36,6 +38,14 @@ def main(out: Path = Path("out")) -> None:
     middle = float(np.median(contact.multipliers[touching]))
     print(f"multiplier of the contact   found {middle:.6f}   theory {LENGTH**2 / 2:.6f}")
     print(f"deepest penetration: {max(0.0, 1 - contact.values.min()):.1e}; nodes in contact: {touching.sum()}")
+    arc = path.q[touching]
+    angle = np.ptp(np.arctan2(arc[:, 1], arc[:, 0]))
+    print(f"angle of the arc            found {angle:.5f}   theory {np.pi / 3:.5f}")
+    first = contact.t[touching].min()
+    print(f"time of first contact       found {first:.5f}   theory {np.sqrt(3) / LENGTH:.5f}")
+    speed = np.linalg.norm(np.diff(path.q, axis=0), axis=1) / path.h
+    print(f"speed, least                found {speed.min():.6f}   theory {LENGTH:.6f}")
+    print(f"speed, largest              found {speed.max():.6f}   theory {LENGTH:.6f}")
     for one in paths:
         plane.plot(*one.q.T)
     plane.add_patch(plt.Circle((0, 0), 1, color="lightgray"))

@@ -27,8 +27,8 @@ def main(out: Path = Path("out")) -> None:
     beats.plot(motion.t, motion.q, lw=0.9, label=["x₁", "x₂"])
     beat = 2 * np.pi / (np.sqrt(1.2) - 1)
     beats.axvline(beat, color="k", ls="--", lw=0.8, label="2π/(ω₂ − ω₁)")
-    beats.set(xlabel="t", ylabel="displacement", title="Beats")
-    beats.legend(fontsize="small", loc="lower right")
+    beats.set(xlabel="t", ylabel="displacement", title="Beats", ylim=(-1.1, 1.5))
+    beats.legend(fontsize="small", loc="upper right", ncols=3)
 
     model = vi.models.isotropic_oscillator()
     motion = vi.simulate(model.system, vi.composition("kahan-li8"), **model.start)

@@ -38,8 +38,10 @@ def main(out: Path = Path("out")) -> None:
     print(f"knife edge: largest power of the reaction {np.abs(power).max():.1e} W")
     axes[0].plot(motion.q[:, 1], -motion.q[:, 0], label="simulated")
     axes[0].plot(*(edge.exact(motion.t[::40])[0][:, [1, 0]] * [1, -1]).T, ".", label="cycloid")
-    axes[0].set(xlabel="across the slope, m", ylabel="up the slope, m", title="Knife edge on an incline")
-    axes[0].legend()
+    axes[0].set(
+        xlabel="across the slope, m", ylabel="up the slope, m", title="Knife edge on an incline", ylim=(-1.2, 0.3)
+    )
+    axes[0].legend(loc="upper right", ncols=2, fontsize="small")
 
     disc = vi.models.rolling_disc()
     motion, end = states(disc, 0.01)
@@ -73,7 +75,7 @@ def main(out: Path = Path("out")) -> None:
     axes[3].plot(motion.t, run, label="speed along the blade")
     axes[3].plot(motion.t[::60], along(motion.t[::60]), ".", label="V tanh(κVt + c)")
     axes[3].plot(motion.t, motion.energy, lw=1, label="energy")
-    axes[3].set(xlabel="t in s", ylabel="m/s, J", title="An attractor that keeps its energy")
+    axes[3].set(xlabel="t in s", ylabel="speed in m/s, energy in J", title="An attractor that keeps its energy")
     axes[3].legend(loc="lower right")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "rolling.png", dpi=120)

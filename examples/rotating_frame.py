@@ -33,8 +33,9 @@ def main(out: Path = Path("out")) -> None:
         line.plot(*turned(motion.q, 0.7 * motion.t).T, label=label)
     spiral.set(aspect="equal", xlabel="x", ylabel="y", title="Seen from the turntable, Ω = 0.7")
     line.set(aspect="equal", xlabel="x", ylabel="y", title="The same, seen from the ground")
-    spiral.legend()
-    line.legend()
+    spiral.set_ylim(-31, 39)
+    spiral.legend(loc="upper right", ncols=2)
+    line.legend(loc="upper left", bbox_to_anchor=(1, 1))
 
     space = vi.models.rotating_frame()
     motion = vi.simulate(space.system, vi.gauss(4), **space.start)

@@ -56,7 +56,8 @@ def main(out: Path = Path("out")) -> None:
     kept.plot(motion.t, motion.energy / motion.energy[0] - 1, lw=0.7, label="energy")
     kept.plot(motion.t, motion.p[:, 1] / motion.p[0, 1] - 1, lw=0.7, label="p_φ")
     kept.set(xlabel="t in s", ylabel="relative change", title=f"{motion.rule}, h = {motion.h:g} s")
-    kept.legend()
+    kept.set_ylim(top=3e-11)
+    kept.legend(loc="upper right", ncols=2)
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "spherical_pendulum.png", dpi=120)
 

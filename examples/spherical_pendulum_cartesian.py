@@ -52,7 +52,8 @@ def main(out: Path = Path("out")) -> None:
     above.plot(motion.q[:, 0], motion.q[:, 1], lw=0.8)
     above.plot(over.q[:, 0], over.q[:, 1], lw=0.8, label="over the poles")
     above.set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Seen from above, 10 s")
-    above.legend()
+    above.set_ylim(top=1.2)
+    above.legend(loc="upper right")
     series.plot(motion.t, motion.q[:, 2], label="z in m")
     for root in roots[:2]:
         series.axhline(root, color="0.6", lw=1, ls="--")
@@ -62,7 +63,8 @@ def main(out: Path = Path("out")) -> None:
     error.semilogy(over.t[1:], np.abs(over.q - exact).max(axis=1)[1:] + 1e-17, label="place, over the poles, m")
     error.semilogy(motion.t[1:], np.abs(motion.energy / energy - 1)[1:] + 1e-17, lw=0.7, label="energy, relative")
     error.set(xlabel="t in s", title=f"Errors of {RULE}, h = {motion.h:g} s")
-    error.legend()
+    error.set_ylim(top=1e-12)
+    error.legend(loc="upper right")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "spherical_pendulum_cartesian.png", dpi=120)
 

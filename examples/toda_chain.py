@@ -59,7 +59,8 @@ def main(out: Path = Path("out")) -> None:
         kept.semilogy(both.t[1:], np.abs(value / value[0] - 1)[1:] + 1e-17, lw=0.8, label=name)
         print(f"two solitons: drift of the {name:14} {np.abs(value / value[0] - 1).max():.1e}")
     kept.set(xlabel="t", ylabel="relative change", title="Two solitons pass: invariants")
-    kept.legend(fontsize="small")
+    kept.set_ylim(top=1e-12)
+    kept.legend(fontsize="small", loc="upper right")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "toda_chain.png", dpi=120)
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import varint as vi
+from varint.compiled import gauss
 from varint.compiled.cache import compiler
 from varint.compiled.explicit import explicit_kernel
 from varint.compiled.gauss import gauss_form, gauss_kernel
@@ -174,7 +175,7 @@ def test_compiled_compositions_have_their_order(name, order):
         assert slope([np.abs(end[part] - exact[part]).max() for end in ends], counts) == pytest.approx(order, abs=0.15)
 
 
-@pytest.mark.parametrize("stages", range(1, 11))
+@pytest.mark.parametrize("stages", range(1, 17))
 def test_rounded_tableaux_are_symplectic_and_symmetric_without_rounding_error(stages):
     t = gauss_tableau(stages)
     c, m, mm = t["STAGE_C"][0], t["STAGE_M1"], t["STAGE_M2"]
@@ -317,3 +318,17 @@ def test_a_kernel_is_built_once_and_goes_with_its_system():
     system = pendulum()
     assert gauss_kernel(system, vi.gauss(2)) is gauss_kernel(system, vi.gauss(2))
     assert explicit_kernel(system, vi.composition("verlet")) is explicit_kernel(system, vi.composition("verlet"))
+
+
+@pytest.mark.parametrize("lanes", (4, 2, 1))
+def test_shorter_vectors_give_the_same_motion(lanes, monkeypatch):
+    """The code for machines with AVX2, NEON or SSE, or without vectors, runs here too."""
+    scenes = [(double_pendulum(), [1.2, -0.4]), (kepler(), [0.8, 0.3])]
+    for scene, q0 in scenes:
+        wide = gauss._built(scene, 6, gauss.gauss_form(scene))
+        with monkeypatch.context() as patch:
+            patch.setattr(gauss, "vector_length", lambda: lanes)
+            narrow = gauss._built(scene, 6, gauss.gauss_form(scene))
+        one, other = (simulated(kernel, q0, [0.1, 0.2], 0.05, 200).rows[-1] for kernel in (wide, narrow))
+        assert f"of {lanes}" in narrow.about
+        np.testing.assert_allclose(one, other, rtol=0, atol=2e-12)

@@ -7,19 +7,20 @@ import mpmath
 import numpy as np
 import pytest
 
+from varint.compiled.algebra import graph_of
 from varint.compiled.cache import compiler, library
 from varint.compiled.emit import emit
-from varint.compiled.graph import NotCompilable, graph_of
+from varint.compiled.graph import NotCompilable, needed
 from varint.compiled.kernel import text
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 LANES = (1, 2, 4, 8)
 
 
-def evaluator(f: ca.Function, lanes: int, head: str = ""):
+def evaluator(f: ca.Function, lanes: int, head: str = "", written_out: int = 20_000):
     """Rows of arguments (count, n) and parameters to rows of results, `lanes` at a time through the emitted C."""
     n, m = f.numel_in(0), f.numel_out(0)
-    emitted = emit("f", f)
+    emitted = emit("f", f, written_out=written_out)
     loop = f"""
     int run(int64_t count, const double *x, const double *c, double *y) {{
         double w[{emitted.uniforms} + 1];
@@ -136,3 +137,76 @@ def test_operations_without_a_form_in_c_are_refused():
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
     with pytest.raises(NotCompilable, match="interpreted"):
         emit("f", ca.Function("f", [x, c], [ca.erfinv(x)]))
+
+
+def test_powers_of_one_expression_merge_and_cancel():
+    x, c = ca.SX.sym("x", 2), ca.SX.sym("c")
+    scale = ca.norm_2(x) ** 1.5
+    speed = scale * x[0] / c
+    f = ca.Function("f", [x, c], [c * (speed / scale) ** 2 / scale * scale])
+    graph = graph_of(f)
+    assert {graph.nodes[i][0] for i in needed(graph)} <= {"input", "mul", "div", "const"}
+    body = emit("f", f).source.split("INLINE void f(")[1]
+    assert "/" not in body  # 1/c once a run
+
+
+def random_expression(generator, atoms, depth):
+    """Products, quotients, roots and sums of positive atoms, nested."""
+    if not depth:
+        return atoms[generator.integers(len(atoms))]
+    a, b = (random_expression(generator, atoms, depth - 1) for _ in range(2))
+    return [a + b, a * b, a / b, ca.sqrt(a), a - 2 * b, a / ca.sqrt(b), a**1.5 * b, a * 0.5 + b / 3][
+        generator.integers(8)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_products_powers_and_sums_keep_their_values(seed):
+    generator = np.random.default_rng(seed)
+    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
+    atoms = [x[0], x[1], x[2], c[0], c[1], x[0] + x[1], x[1] * x[2] + c[0], ca.SX(1.5), ca.sumsqr(x)]
+    wanted = ca.vertcat(*(random_expression(generator, atoms, 4) for _ in range(4)))
+    f = ca.Function("f", [x, c], [ca.cse(wanted)])
+    points, constants = generator.uniform(0.5, 2, (8, 3)), np.array([0.7, 1.3])
+    exact = np.array([np.array(f(p, constants)).ravel() for p in points])
+    found = evaluator(f, 8)(points, constants)
+    defined = np.isfinite(exact)
+    assert np.isfinite(found[defined]).all()
+    size = np.abs(exact[defined]).max(initial=1.0)
+    assert np.abs(found - exact)[defined].max(initial=0.0) <= 1e-12 * size
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_loops_over_operations_of_the_same_form_keep_the_values(seed):
+    generator = np.random.default_rng(seed)
+    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
+    atoms = [x[0], x[1], x[2], c[0], c[1], x[0] + x[1], x[1] * x[2] + c[0], ca.SX(1.5), ca.sumsqr(x)]
+    wanted = ca.vertcat(*(random_expression(generator, atoms, 4) for _ in range(4)), ca.sin(x[0]), ca.cos(x[0]), c[0])
+    f = ca.Function("f", [x, c], [ca.cse(wanted)])
+    points, constants = generator.uniform(0.5, 2, (8, 3)), np.array([0.7, 1.3])
+    exact = np.array([np.array(f(p, constants)).ravel() for p in points])
+    found, defined = evaluator(f, 8, written_out=0)(points, constants), np.isfinite(exact)
+    np.testing.assert_allclose(found[defined], exact[defined], rtol=1e-11, atol=1e-11)
+
+
+def gravity(bodies):
+    x, c = ca.SX.sym("x", 3 * bodies), ca.SX.sym("c", bodies)
+    places, energy = ca.reshape(x, 3, bodies), ca.SX(0)
+    for i in range(bodies):
+        for j in range(i):
+            energy -= c[i] * c[j] / ca.norm_2(places[:, i] - places[:, j])
+    return ca.Function("f", [x, c], [ca.gradient(energy, x)])
+
+
+@pytest.mark.parametrize("lanes", LANES)
+def test_many_bodies_become_a_loop_over_pairs_and_sums_over_bodies(lanes):
+    bodies, generator = 16, np.random.default_rng(0)
+    f = gravity(bodies)
+    emitted = emit("f", f, written_out=1000)
+    assert emitted.length < 100 < emitted.operations / 20
+    longer = emit("f", gravity(bodies + 4), written_out=1000)
+    assert longer.length - emitted.length == 4 * 3  # a statement for every output
+    points, masses = generator.normal(size=(8, 3 * bodies)), generator.uniform(0.5, 2, bodies)
+    exact = np.array([np.array(f(p, masses)).ravel() for p in points])
+    found = evaluator(f, lanes, written_out=1000)(points, masses)
+    np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-11)

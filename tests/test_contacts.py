@@ -247,10 +247,3 @@ def test_a_run_with_impacts_comes_back_from_disk_as_it_was(tmp_path):
     assert again.events == motion.events and again.phases == motion.phases
     np.testing.assert_array_equal(again.multipliers, motion.multipliers)
     np.testing.assert_array_equal(again.at(0.71).q, motion.at(0.71).q)
-
-
-def test_contacts_cannot_be_run_backwards_and_say_so():
-    q, v = vi.coordinates("y")
-    ball = vi.System(q, v, v**2 / 2 - 9.81 * q, contact=q, restitution=0.5)
-    with pytest.raises(vi.InputError, match="cannot be run backwards"):
-        vi.simulate(ball, q0=1.0, v0=0.0, h=-0.01, steps=100)

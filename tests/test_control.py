@@ -60,7 +60,7 @@ def test_costates_are_the_derivatives_of_the_cost(rule):
 def test_momentum_of_a_cyclic_coordinate_changes_by_the_impulse_of_the_force_exactly():
     motion = swing_up(vi.gauss(2), 30, end=dict(q=[1, np.pi], v=[0.7, 0]))
     [(name, gained, impulse)] = momentum_balance(motion, motion.solution)
-    assert name == "x"
+    assert name == "translation along x"
     assert gained == pytest.approx(impulse, abs=1e-11)
     assert abs(gained) > 0.5
 
@@ -87,6 +87,9 @@ def test_angular_momentum_of_an_orbit_changes_by_the_torque_integral_only():
     torque = nodes[..., 0] * motion.u[..., 1] - nodes[..., 1] * motion.u[..., 0]
     gained = (motion.q[:, 0] * motion.p[:, 1] - motion.q[:, 1] * motion.p[:, 0])[[0, -1]]
     assert gained[1] - gained[0] == pytest.approx(motion.h * (torque @ np.array(rule.weights)).sum(), abs=1e-11)
+    [(name, change, impulse)] = momentum_balance(motion, motion.solution)
+    assert (name, change) == ("rotation about z", pytest.approx(gained[1] - gained[0], abs=1e-12))
+    assert impulse == pytest.approx(change, abs=1e-11)
 
 
 def test_free_end_has_zero_costate():
@@ -260,7 +263,7 @@ def test_report_names_status_cost_violation_replay_energy_and_momenta(capsys):
     motion = swing_up(steps=30)
     motion.report()
     text = capsys.readouterr().out
-    for word in (motion.solution.status, "cost", "violation", "replay defect", "energy", "momentum of x"):
+    for word in (motion.solution.status, "cost", "violation", "replay defect", "energy", "translation along x"):
         assert word in text
     assert f"{motion.cost:.12g}" in text
     assert motion.solution.history["cost"][-1] == pytest.approx(motion.cost)
@@ -336,7 +339,7 @@ def _free_fall():
         (dict(solver="nosuch"), "unknown solver"),
         (dict(options={"nonsense": 1}), "nonsense"),
         (dict(guess=dict(x=1)), "unknown keys"),
-        (dict(guess=dict(q=np.zeros((3, 2)))), "finite numbers"),
+        (dict(guess=dict(q=np.zeros((3, 2)))), "it takes (samples, 1)"),
         (dict(guess=3), "guess must be"),
         (dict(mesh=[0, 0.5, 0.4, 1]), "increase from 0 to 1"),
         (dict(params=dict(mass=1)), "unknown parameters"),
@@ -371,3 +374,63 @@ def test_ends_off_the_constraint_are_refused():
         _rod_swing(vi.lobatto(3), 10, end=dict(q=[0, 1], v=[0, 1]))
     with pytest.raises(vi.InputError, match="say the same"):
         _rod_swing(vi.lobatto(3), 10, end=dict(q=[None, 1], v=[0, 0]))
+
+
+def test_saved_solution_comes_back_with_cost_costates_controls_replay_and_report(tmp_path, capsys):
+    motion = vi.models.overhead_crane().solve()[0]
+    motion.save(tmp_path / "crane.npz")
+    again = vi.load(tmp_path / "crane.npz")
+    assert (again.cost, again.solution.status, again.solution.iterations) == (
+        motion.cost, motion.solution.status, motion.solution.iterations,
+    )  # fmt: skip
+    t = np.linspace(0, motion.duration, 50)
+    assert np.array_equal(again.u_at(t), motion.u_at(t))
+    assert np.array_equal(again.costates.p, motion.costates.p) and np.array_equal(again.costates.q, motion.costates.q)
+    assert again.solution.active.keys() == motion.solution.active.keys() != set()
+    assert replay_defect(again) == replay_defect(motion)
+    texts = []
+    for one in (motion, again):
+        one.report()
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+    warm = vi.optimal_phases([replace(vi.models.overhead_crane().phases[0], guess=again)])[0]
+    assert warm.cost == pytest.approx(motion.cost, rel=1e-8)
+    with pytest.raises(vi.InputError, match="guess=motion"):
+        vi.refine(again)
+
+
+def test_part_of_an_optimal_motion_and_times_outside_have_no_controls():
+    motion = move(vi.gauss(2), 10)
+    with pytest.raises(vi.InputError, match="from 0 to 1"):
+        motion.u_at(1.5)
+    part = motion[2:5]
+    with pytest.raises(vi.InputError, match="optimal_control"):
+        part.u_at(0.3)
+    assert repr(motion.solution).count("\n") == 0
+
+
+def test_figure_draws_the_controls_as_functions_of_time():
+    motion = move(vi.gauss(2), 3)
+    axes = next(x for x in motion.plot().axes if x.get_title() == "Controls")
+    t, u = axes.lines[0].get_data()
+    assert u == pytest.approx(6 - 12 * t, abs=1e-9)  # the exact control, between the nodes as well
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(guess=dict(q=[[0], [np.nan]])), "not finite in 1"),
+        (dict(guess=dict(u=lambda t: [np.nan])), "not finite in 10"),
+        (dict(guess=dict(duration=-1)), "positive number"),
+        (dict(guess=dict(duration="long")), "positive number"),
+        (dict(cost=np.nan), "cost is not finite"),
+        (dict(mesh="abc", steps=0), "increase from 0 to 1"),
+        (dict(options=[1]), "dictionary"),
+        (dict(t0=np.nan), "t0"),
+        (dict(steps=1, control="constant"), "3 conditions on 2 unknowns"),
+    ],
+)
+def test_what_cannot_be_a_problem_is_said_before_a_solver_runs(change, message, capfd):
+    with pytest.raises(vi.InputError, match=message):
+        move(vi.gauss(2), **(dict(steps=5) | change))
+    assert "WARNING" not in "".join(capfd.readouterr())

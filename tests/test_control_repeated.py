@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -237,3 +239,56 @@ def test_gains_refuse_what_makes_no_sense():
         vi.lqr(motion, np.eye(4), -np.eye(1))
     with pytest.raises(vi.InputError, match="every node"):
         vi.lqr(motion[::2], np.eye(4), np.eye(1))
+
+
+def test_refinement_of_phases_is_shared_and_its_estimate_covers_the_true_error():
+    """A swing-up that coasts before the motor starts; the whole, of one phase, is the reference."""
+    scene, off = pendulum(9.81), dict(q=[0], v=[0])
+    phases = [
+        vi.Phase(scene, vi.gauss(2), 1.0, 4, 0.2 * U**2, start=off),
+        vi.Phase(scene, vi.gauss(2), 2.0, 8, U**2, end=dict(q=[np.pi], v=[0])),
+    ]
+    exact = sum(x.cost for x in vi.optimal_phases([replace(x, rule=vi.gauss(6), steps=40) for x in phases]))
+    rough = vi.optimal_phases(phases)
+    fine = vi.refine(rough, 1e-9)
+    true, claimed = abs(fine[0].solution.total_cost - exact), fine[0].stats["error"]
+    assert len(fine) == 2 and fine[1].t[0] == fine[0].t[-1] == 1.0
+    assert true <= claimed <= 1e-9 * exact
+    for _, _, cost, estimate in fine[0].stats["rounds"][:-1]:
+        assert estimate == pytest.approx(abs(cost - exact), rel=0.2)
+    assert max(map(replay_defect, fine)) < 1e-9
+
+
+def test_refinement_keeps_the_links_of_a_walk():
+    model = vi.models.walker(steps=8)
+    fine = vi.refine(model.solve(), 1e-6)
+    [best] = vi.optimal_phases([replace(model.phases[0], rule=vi.lobatto(5), steps=20)], model.links)
+    assert abs(fine[0].cost - best.cost) <= fine[0].stats["error"] <= 1e-6 * best.cost
+
+
+def test_refinement_refuses_some_of_the_phases():
+    legs = vi.models.fastest_transfer().solve()
+    for some in (legs[0], legs[::-1], []):
+        with pytest.raises(vi.InputError, match="all"):
+            vi.refine(some)
+
+
+def test_closed_loops_and_multistarts_refuse_what_they_cannot_do():
+    q, v = particle().q, particle().v
+    ahead = vi.Phase(particle(), vi.gauss(2), 3.0, 15, q**2 + v**2 + U**2, bounds=[(-1, U, 1)])
+    controller = vi.mpc(ahead)
+    for change, message in (
+        (dict(steps=0), "at least 1"),
+        (dict(steps=10, disturbance=np.zeros((3, 1))), r"\(10, 1\)"),
+        (dict(steps=2, disturbance=np.full((2, 1), np.nan)), "finite"),
+    ):
+        with pytest.raises(vi.InputError, match=message):
+            vi.closed_loop(controller, [1.0], [0.0], **change)
+    with pytest.raises(vi.InputError, match="last answer"):
+        controller([1.0], [0.0], previous=move(vi.gauss(2), 5))
+    with pytest.raises(vi.InputError, match=r"one varint\.Phase"):
+        vi.multistart([ahead])
+    with pytest.raises(vi.InputError, match="list of guesses"):
+        vi.multistart(ahead, "many")
+    with pytest.raises(vi.InputError, match=r"varint\.Link"):
+        vi.optimal_phases([ahead], [3])

@@ -246,3 +246,42 @@ def test_every_diagnostic_draws_its_figure():
     ]
     assert [len(f.axes) for f in figures] == [1, 2, 1, 1]
     assert all(axes.get_xlabel() and axes.get_ylabel() and axes.lines for f in figures for axes in f.axes)
+
+
+def resting_coordinates() -> vi.System:
+    """A charge in a field and a round well: one coordinate pulls on two that rest."""
+    q, v = vi.coordinates("x", "y", "z")
+    field = 2 * (q[0] * v[1] - q[1] * v[0]) + q[2] * v[0]
+    return vi.System(q, v, ca.sumsqr(v) / 2 + field - ca.sumsqr(q) ** 2)
+
+
+@pytest.mark.parametrize("rule", [vi.midpoint(), vi.gauss(4), vi.lobatto(3)], ids=str)
+@pytest.mark.parametrize("q0", [[1, 0, 0], [1, 1e-7, 1e-9]], ids=["at rest", "almost at rest"])
+def test_exact_derivatives_keep_their_digits_where_coordinates_rest(rule, q0):
+    system = resting_coordinates()
+    assert d.symplectic_defect(system, rule, q0=q0, v0=[0, 0, 0], h=0.05).worst < 1e-13
+    step = vi.step_function(system, rule)
+    p0 = vi.simulate(system, rule, q0=q0, v0=[0, 0, 0], h=0.05, steps=1, backend="interpreted")
+    q1 = np.array(step(q0=q0, p0=p0.p[0], t=0, h=0.05)["q1"]).ravel()
+    np.testing.assert_allclose(q1, p0.q[1], rtol=1e-11)  # each coordinate by its own size
+
+
+def test_a_massless_coordinate_costs_no_digits():
+    model = vi.models.lotka_volterra()
+    with pytest.warns(UserWarning, match="degenerate"):
+        found = d.symplectic_defect(model.system, q0=model.q0, v0=model.v0, h=0.05)
+    assert found.worst < 1e-14
+
+
+@pytest.mark.filterwarnings("ignore:the Lagrangian is degenerate")
+@pytest.mark.parametrize(
+    "name", ["knife_edge", "rolling_disc", "chaplygin_sleigh", "bouncing_ball", "slide_off_sphere", "lotka_volterra"]
+)
+def test_the_self_test_runs_on_rolling_bouncing_and_degenerate_scenes(name):
+    model = getattr(vi.models, name)()
+    found = d.self_test(model.system, q0=model.q0, v0=model.v0, h=model.h, steps=300)
+    assert found.passed, str(found)
+    if model.system.structure.contacts:
+        assert found.symplectic.passed is None and "contacts" in str(found.symplectic)
+        lossy = (model.system.restitution < 1).any()
+        assert (found.energy.passed is None) == (found.round_off.passed is None) == lossy

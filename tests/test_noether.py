@@ -211,10 +211,30 @@ def test_a_scene_that_is_defined_nowhere_near_the_origin_asks_for_a_point():
     assert names(system, near=[130.0]) == ["time translation"]
 
 
-def test_two_hundred_sites_share_one_matrix():
+def test_two_hundred_sites_are_searched_particle_by_particle_and_the_table_says_so():
     q, v = vi.coordinates(*(f"x{i}" for i in range(200)))
-    found = names(vi.System(q, v, ca.sumsqr(v) / 2 - ca.sum1(ca.exp(q[:-1] - q[1:]))))
-    assert found == ["time translation", "translation along x", "Galilean boost along x"]
+    found = vi.symmetries(vi.System(q, v, ca.sumsqr(v) / 2 - ca.sum1(ca.exp(q[:-1] - q[1:]))))
+    assert [s.name for s in found] == ["time translation", "translation along x", "Galilean boost along x"]
+    assert "200 coordinates: of linear generators only those within single particles" in str(found)
+
+
+def test_a_particle_apart_from_many_others_has_a_rotation_of_its_own():
+    count = 15
+    q, v = vi.coordinates(*(f"{a}{i}" for i in range(count) for a in "xyz"))
+    r = ca.reshape(q, 3, count)
+    chain = sum(ca.exp(-ca.sumsqr(r[:, i] - r[:, i + 1])) for i in range(count - 2))
+    found = names(vi.System(q, v, ca.sumsqr(v) / 2 - chain - ca.sumsqr(r[:, -1]) ** 2))
+    assert (
+        len(found) == 1 + 3 + 3 + 3 + 3
+    )  # time; translations, rotations and boosts of the chain, rotations of the one
+    assert all(f"rotation about {a}" in found for a in "xyz")
+
+
+def test_uncoupled_pairs_of_many_coordinates_rotate_each():
+    q, v = vi.coordinates(*(f"s{i}" for i in range(48)))
+    wells = sum((i + 1) * ca.sumsqr(q[2 * i : 2 * i + 2]) ** 2 for i in range(24))
+    found = names(vi.System(q, v, ca.sumsqr(v) / 2 - wells))
+    assert found == ["time translation", *(f"rotation of s{2 * i} and s{2 * i + 1}" for i in range(24))]
 
 
 # ---- what breaks a symmetry of L
@@ -335,3 +355,12 @@ def test_tables_print_for_terminals_and_notebooks():
     table = vi.symmetries(central(gravity), vi.gauss(2))
     assert "kept by gauss(2)" in str(table) and "-y p_x + x p_y" in str(table)
     assert "<td>rotation about z</td>" in table._repr_html_()
+
+
+def test_a_generator_that_does_nothing_is_refused():
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2)
+    with pytest.raises(vi.InputError, match="the generator is zero"):
+        vi.noether(system, [0, 0])
+    with pytest.raises(vi.InputError, match="tau must be a number, got 'now'"):
+        vi.noether(system, [1, 0], tau="now")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -144,6 +146,91 @@ def test_a_broken_symmetry_is_seen_to_break():
     drag = vi.System(q, v, ca.sumsqr(v) / 2, force=-0.1 * v)
     shift = vi.simulate(drag, vi.gauss(2), h=0.1, steps=100, **PLANE).conserved()["translation along x"]
     assert not shift.symmetry.conserved and abs(shift.values[-1] / shift.values[0] - np.exp(-1)) < 1e-8
+
+
+def on_a_slope() -> vi.System:
+    """A bead on a straight rod, with gravity along −y."""
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], constraint=0.6 * q[0] + 0.8 * q[1] - 1)
+
+
+def cartesian_pendulum(drag: float = 0.0) -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    force = {"force": -drag * v} if drag else {}
+    return vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], constraint=ca.sumsqr(q) - 1, **force)
+
+
+def knife_edge() -> vi.System:
+    """Slides along its heading only; the rows of a non-holonomic constraint."""
+    q, v = vi.coordinates("x", "y", "phi")
+    rows = ca.horzcat(ca.sin(q[2]), -ca.cos(q[2]), 0)
+    return vi.System(q, v, ca.sumsqr(v) / 2 + q[0], nonholonomic=rows)
+
+
+HELD = [
+    (on_a_slope(), vi.lobatto(2), [5 / 3, 0], [0.8, -0.6]),
+    (on_a_slope(), vi.lobatto(3), [5 / 3, 0], [0.8, -0.6]),
+    (cartesian_pendulum(), vi.lobatto(2), [1, 0], [0, 0.5]),
+    (cartesian_pendulum(), vi.lobatto(4), [1, 0], [0, 0.5]),
+    (cartesian_pendulum(drag=0.3), vi.lobatto(2), [1, 0], [0, 0.5]),
+    (cartesian_pendulum(drag=0.3), vi.lobatto(3), [1, 0], [0, 0.5]),
+    (knife_edge(), vi.midpoint(), [0, 0, 0.3], [0, 0, 0.65]),
+    (knife_edge(), vi.lobatto(2), [0, 0, 0.3], [0, 0, 0.65]),
+]
+
+
+@pytest.mark.parametrize(("system", "rule", "q0", "v0"), HELD)
+@pytest.mark.parametrize("every", [1, 9])
+def test_reactions_change_a_momentum_map_by_their_impulses_along_its_generator(system, rule, q0, v0, every):
+    motion = vi.simulate(system, rule, q0=q0, v0=v0, h=0.02, steps=300, save_every=every)
+    found = [m for m in motion.conserved() if m.exact and m.symmetry.broken_by]
+    assert len(found) >= 2
+    for m in found:
+        assert m.drift < 1e-13 and abs(m.change) > 1e-3
+        moved = dataclasses.replace(motion, p=motion.p * (1 + 1e-9 * motion.t[:, None]))
+        assert moved.momentum_map(m.symmetry).drift > 1e-11  # the balance is able to fail
+
+
+def test_impacts_change_a_momentum_map_by_their_impulses():
+    q, v = vi.coordinates("x", "y")
+    ball = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], contact=q[1] - 0.2 * ca.sin(q[0]), restitution=0.8)
+    motion = vi.simulate(ball, q0=[0, 1], v0=[0.4, 0], h=0.01, steps=300)
+    assert len(motion.events) >= 3 and motion.stats["iterations"] >= 0
+    for name in ("translation along x", "translation along y", "time translation"):
+        m = motion.conserved()[name]
+        assert m.symmetry.broken_by == ("contact",) and m.drift < 1e-13 and abs(m.change) > 0.1
+        assert motion[50:].conserved()[name].drift < 1e-13
+    assert motion[::2].conserved()["translation along x"].expected is None  # impacts lie between the nodes
+
+
+def test_a_rod_without_weight_moves_uniformly():
+    q, v = vi.coordinates("x", "y")
+    bead = vi.System(q, v, ca.sumsqr(v) / 2, constraint=0.6 * q[0] + 0.8 * q[1] - 1)
+    motion = vi.simulate(bead, vi.trapezoidal(), q0=[5 / 3, 0], v0=[0.8, -0.6], h=0.1, steps=100, backend="interpreted")
+    np.testing.assert_allclose(motion.q[-1], [5 / 3 + 8, -6], rtol=1e-13)
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(2), vi.lobatto(3)], ids=str)
+def test_a_quantity_that_is_zero_does_not_drift(rule):
+    """Its terms are round-off too: a motion in the plane z = 0, and bodies at rest."""
+    q, v = vi.coordinates("x", "y", "z")
+    system = vi.System(q, v, (1 + ca.sumsqr(q)) * ca.sumsqr(v) / 2 - ca.sumsqr(q) ** 2)
+    start = dict(h=0.05, steps=2000, backend="interpreted", progress=False)
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    for q0, v0 in (([1, 0, 0], [0, 0.5, 0]), (turn @ [1, 0, 0], turn @ [0, 0.5, 0]), (turn @ [0, 0, 0], [0, 0, 0])):
+        for m in vi.simulate(system, rule, q0=q0, v0=v0, **start).conserved():
+            assert not m.symmetry.tau.is_zero() or m.drift < 1e-13, m
+    body = vi.models.free_rigid_body()
+    rest = vi.simulate(body.system, rule, q0=body.q0, v0=[0, 0, 0], **start)
+    assert max(m.drift for m in rest.conserved()) < 1e-13
+    moved = dataclasses.replace(rest, p=rest.p + 1e-6 * np.arange(len(rest))[:, None] / len(rest))
+    assert moved.conserved()["cyclic coordinate phi"].drift > 1e-11
+
+
+def test_the_self_test_of_a_scene_in_uniform_fields_raises_no_alarm():
+    model = vi.models.uniform_fields()
+    found = vi.diagnostics.self_test(model.system, vi.lobatto(3), q0=model.q0, v0=model.v0, h=model.h, steps=300)
+    assert found.passed and found.momenta, str(found)
 
 
 def test_symmetries_of_other_systems_and_parameter_values_are_refused():

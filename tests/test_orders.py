@@ -86,15 +86,15 @@ def test_the_action_of_the_discrete_path_converges_with_the_order():
 
 def _tables(family: str, stages: int):
     """c, and the matrix B of Q = q + c h p + h² B F for the pendulum's second-order form, from mpmath alone."""
-    if family == "gauss":
-        roots = mp.polyroots(
-            mp.taylor(lambda x: mp.legendre(stages, x), 0, stages), maxsteps=500, extraprec=500, asc=True
-        )
-    else:
-        inner = mp.taylor(lambda x: mp.legendre(stages - 1, x), 0, stages - 1)
-        derivative = [k * a for k, a in enumerate(inner)][1:]
-        roots = [mp.mpf(-1), *mp.polyroots(derivative, maxsteps=500, extraprec=500, asc=True), mp.mpf(1)]
-    c = sorted((1 + mp.re(x)) / 2 for x in roots)
+    degree = stages if family == "gauss" else stages - 1
+    legendre = mp.taylor(lambda x: mp.legendre(degree, x), 0, degree)
+    if family == "lobatto":
+        legendre = [k * a for k, a in enumerate(legendre)][1:]
+    near = np.polynomial.Polynomial([float(a) for a in legendre]).roots().real
+    roots = [mp.findroot(lambda x: sum(a * x**k for k, a in enumerate(legendre)), mp.mpf(x)) for x in near]
+    if family == "lobatto":
+        roots = [mp.mpf(-1), *roots, mp.mpf(1)]
+    c = sorted((1 + x) / 2 for x in roots)
     powers = mp.matrix([[x**k for k in range(stages)] for x in c])
     lagrange = powers**-1  # column j: coefficients of ℓ_j
     a = mp.matrix(

@@ -54,3 +54,31 @@ def test_events_are_marked_beside_expressions_too():
     motion = motion_of("bouncing_ball", duration=1.0)
     (axes,) = motion.plot(q).axes
     assert len(axes.lines) == 1 + len(motion.events)
+
+
+def test_the_energy_is_drawn_itself_where_it_is_not_conserved_and_its_error_where_it_is():
+    lossy = vi.models.bouncing_ball(restitution=0.8)
+    motions = [vi.simulate(lossy.system, **lossy.start), motion_of("driven_pendulum", duration=1.0)]
+    for motion in motions:
+        axes = motion.plot().axes[2]
+        assert axes.get_title() == "Energy" and np.array_equal(axes.lines[0].get_ydata(), motion.energy)
+    for name in ("pendulum", "falling_ladder"):
+        motion = motion_of(name, duration=0.5)
+        axes = motion.plot().axes[2]
+        assert axes.get_title() == "Energy error" and abs(axes.lines[0].get_ydata()).max() < 1e-6
+
+
+def test_axes_of_expressions_are_named_by_a_dictionary_or_by_what_they_are():
+    motion = motion_of("double_pendulum", duration=0.1)
+    s = motion.system
+    figure = motion.plot(s.q[0], s.energy, {"height in m": s.q[1], "speed": s.v[0]}, s.momentum[0])
+    names = [axes.get_ylabel() for axes in figure.axes]
+    assert names == ["$\\theta_{1}$", "energy $H$", "height in m", "speed", "expression 5"]
+
+
+def test_controls_with_several_values_a_step_are_drawn_at_their_nodes():
+    (motion,) = vi.models.swing_up_cart_pole().solve()
+    axes = next(axes for axes in motion.plot().axes if axes.get_title() == "Controls")
+    line = axes.lines[0]
+    assert len(line.get_xdata()) == motion.u[:, :, 0].size
+    assert np.allclose(line.get_ydata(), motion.u_at(line.get_xdata())[:, 0], atol=1e-9)

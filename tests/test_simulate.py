@@ -262,3 +262,42 @@ def test_round_off_of_a_long_explicit_run_stays_at_its_level():
         pendulum(), vi.trapezoidal(), q0=there.q[-1], p0=-there.p[-1], h=0.01, steps=500_000, save_every=500_000
     )
     assert abs(back.q[-1, 0] - 1.0) <= 2e-12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (dict(tol=-1.0), "tol must be a relative error between 0 and 1, got -1.0"),
+        (dict(tol="fine"), "tol must be a relative error between 0 and 1, got 'fine'"),
+        (dict(steps=10**20), "more than any run can take"),
+        (dict(checkpoint=3), "checkpoint must be the path of a file, got 3"),
+    ],
+)
+def test_values_out_of_range_are_refused(arguments, message):
+    with pytest.raises(vi.InputError, match=message):
+        vi.simulate(pendulum(), **dict(q0=1.0, v0=0.0, h=0.1, steps=5) | arguments)
+
+
+def test_what_is_no_system_is_refused():
+    with pytest.raises(vi.InputError, match="the first argument must be a varint System, got str"):
+        vi.simulate("pendulum", q0=1.0, v0=0.0, h=0.1, steps=5)
+
+
+def test_a_lagrangian_that_is_not_finite_at_the_start_is_refused_even_if_its_derivatives_are():
+    q, v = vi.coordinates("x")
+    with pytest.raises(vi.InputError, match="the Lagrangian is not finite at the start"):
+        vi.simulate(vi.System(q, v, v**2 / 2 + ca.log(q - 2)), q0=1.0, v0=0.0, h=0.1, steps=5)
+
+
+@pytest.mark.parametrize(("times", "message"), [("noon", "got 'noon'"), ([], r"shape \(0,\)"), ([[1.0]], r"\(1, 1\)")])
+def test_times_that_are_none_are_refused(times, message):
+    motion = vi.simulate(pendulum(), q0=1.0, v0=0.0, h=0.1, steps=20)
+    with pytest.raises(vi.InputError, match=message):
+        motion.at(times)
+
+
+def test_nodes_may_be_picked_by_a_list_but_not_none_of_them():
+    motion = vi.simulate(pendulum(), q0=1.0, v0=0.0, h=0.1, steps=20)
+    np.testing.assert_array_equal(motion[[0, 5, 20]].t, motion.t[[0, 5, 20]])
+    with pytest.raises(vi.InputError, match="no node of the 21 is left"):
+        motion[30:]

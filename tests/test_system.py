@@ -170,3 +170,9 @@ def test_the_plan_says_what_runs_and_what_is_skipped():
     assert "kick and drift" in text
     assert "skipped  root finding" in text
     assert "Newton's method for 2 × 2 unknowns" in str(vi.plan(double_pendulum()))
+
+
+def test_a_coefficient_of_restitution_without_a_contact_is_refused():
+    q, v = vi.coordinates("x")
+    with pytest.raises(vi.InputError, match=r"restitution=0.5 was given, but the system has no contact"):
+        vi.System(q, v, v**2 / 2, restitution=0.5)

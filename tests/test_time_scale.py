@@ -69,6 +69,23 @@ def test_saving_fewer_nodes_changes_neither_motion_nor_dense_output():
     assert np.abs(few.at(times).q - every.at(times).q).max() < 1e-12
 
 
+@pytest.mark.parametrize("every", [1, 7, 200, 10**6])
+@pytest.mark.parametrize("duration", [0.3, 20.0, 1000.0])
+def test_nodes_are_those_of_one_run_however_it_was_followed(duration, every):
+    """The end is looked for in pieces; the nodes are multiples of save_every and the end all the same."""
+    model, scale, h = kepler(0.6)
+    run = dict(q0=model.q0, v0=model.v0, h=h, time_scale=scale, backend="interpreted")
+    rule = vi.gauss(3)
+    motion = vi.simulate(model.system, rule, duration=duration, save_every=every, **run)
+    steps = int(motion.k[-1])
+    whole = vi.simulate(model.system, rule, steps=steps + 1, **run)
+    assert whole.t[steps] <= duration < whole.t[steps + 1]
+    assert motion.t[-1] == pytest.approx(duration, rel=1e-14)
+    assert motion.k[:-1].tolist() == list(range(0, steps + 1, every))
+    assert np.abs(motion.q[:-1] - whole.q[motion.k[:-1]]).max() < 1e-11
+    assert np.abs(motion.q[-1] - whole.at(duration).q).max() < 1e-11
+
+
 def test_the_step_is_symplectic_with_time_among_the_coordinates():
     model, scale, h = kepler(0.9)
     scene = rescaled(model.system, scale)
@@ -170,6 +187,13 @@ def test_time_scales_that_are_none_are_refused():
         vi.simulate(free, time_scale=1 + q**2, steps=10, duration=1.0, **run)
     with pytest.raises(vi.InputError, match="same sign"):
         vi.simulate(free, time_scale=1 + q**2, h=0.1, duration=-1.0, **run)
+
+
+def test_a_time_scale_leaves_nothing_undone_in_silence(tmp_path):
+    model, scale, h = kepler(0.6)
+    for more in (dict(checkpoint=tmp_path / "run"), dict(on_failure="subdivide")):
+        with pytest.raises(vi.InputError, match=next(iter(more))):
+            vi.simulate(model.system, q0=model.q0, v0=model.v0, h=h, steps=9, time_scale=scale, **more)
 
 
 @pytest.mark.long

@@ -79,6 +79,13 @@ def test_motion_past_its_horizon_is_refused():
         run(model, 1e-8, duration=40.0)
 
 
+@pytest.mark.parametrize("tol", [1e-3, 1e-6, 1e-9])
+def test_what_iterations_leave_behind_does_not_add_up_over_many_orbits(tol):
+    model = vi.models.kepler(e=0.6)
+    motion = run(model, tol, duration=200 * np.pi, backend="compiled")
+    assert error(motion, model) <= 10 * tol
+
+
 def test_what_cannot_be_chosen_for_a_tolerance_is_refused():
     model = vi.models.pendulum()
     with pytest.raises(vi.InputError, match="relative"):
@@ -87,3 +94,5 @@ def test_what_cannot_be_chosen_for_a_tolerance_is_refused():
         run(model, 1e-6, until=model.system.q)
     with pytest.raises(vi.InputError, match="give duration"):
         vi.simulate(model.system, q0=1.0, v0=0.0, tol=1e-6)
+    with pytest.raises(vi.InputError, match="no checkpoint"):
+        run(model, 1e-6, checkpoint="run")

@@ -6,12 +6,7 @@ from typing import TYPE_CHECKING, Any
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
 from varint.parameters import Parameters
 from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
-from varint.sketch import Sketch
-from varint.stepping.plan import Plan, plan
-from varint.stepping.simulate import simulate
-from varint.stepping.step_function import step_function
 from varint.system import System, coordinates, time
-from varint.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
     from varint import diagnostics, models
@@ -31,9 +26,14 @@ if TYPE_CHECKING:
     from varint.geodesics import geodesic
     from varint.horizon import free
     from varint.projection import project
+    from varint.sketch import Sketch
+    from varint.stepping.plan import Plan, plan
+    from varint.stepping.simulate import simulate
+    from varint.stepping.step_function import step_function
     from varint.stepping.time_scale import close_encounters
     from varint.stepping.two_point import start_momentum
     from varint.symmetry import Symmetries, Symmetry, noether, symmetries
+    from varint.trajectory import State, Trajectory
 
 __version__ = "0.1.0"
 
@@ -46,13 +46,17 @@ __all__ = [
     "step_function", "symmetries", "time", "trapezoidal",
 ]  # fmt: skip
 
-# loaded when first named: a simulation does not pay for what it does not use
+# loaded when first named: nobody pays for what he does not use
 _LATER = {
     "Ensemble": "varint.ensembles.result",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
+    "Plan": "varint.stepping.plan",
+    "Sketch": "varint.sketch",
+    "State": "varint.trajectory",
     "Symmetries": "varint.symmetry",
     "Symmetry": "varint.symmetry",
+    "Trajectory": "varint.trajectory",
     "action_derivatives": "varint.boundary.derivatives",
     "close_encounters": "varint.stepping.time_scale",
     "closed_loop": "varint.control.mpc",
@@ -68,9 +72,12 @@ _LATER = {
     "optimal_control": "varint.control.optimal",
     "optimal_phases": "varint.control.optimal",
     "paths": "varint.boundary.families",
+    "plan": "varint.stepping.plan",
     "project": "varint.projection",
     "refine": "varint.control.refine",
+    "simulate": "varint.stepping.simulate",
     "start_momentum": "varint.stepping.two_point",
+    "step_function": "varint.stepping.step_function",
     "symmetries": "varint.symmetry",
 }
 _LATER_MODULES = ("diagnostics", "models")
@@ -78,7 +85,8 @@ _LATER_MODULES = ("diagnostics", "models")
 
 def __getattr__(name: str) -> Any:
     if name in _LATER:
-        return getattr(import_module(_LATER[name]), name)
+        found = globals()[name] = getattr(import_module(_LATER[name]), name)
+        return found
     if name in _LATER_MODULES:
         return import_module(f"varint.{name}")
     raise AttributeError(f"module 'varint' has no attribute {name!r}")

@@ -49,7 +49,7 @@ def trajectory_animation(
     frames = _places(motion.at(times), sketch)
     past = np.linspace(motion.t[0], motion.t[-1], min(max(len(times), len(motion)), TRACE_POINTS))
     trail = _places(motion.at(past), sketch) if sketch.traces else {}
-    fig = plt.figure(figsize=SIZE, layout="constrained")
+    fig = plt.figure(figsize=SIZE, dpi=DPI, layout="constrained")
     axes = fig.add_subplot(projection="3d") if sketch.dimensions == 3 else fig.add_subplot()
     _frame(axes, [*frames.values(), *trail.values()])
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(sketch.marks)}
@@ -59,7 +59,7 @@ def trajectory_animation(
     }
     rods = [axes.plot(*empty, lw=2, color="0.25", solid_capstyle="round")[0] for _ in sketch.rods]
     dots = {name: axes.plot(*empty, "o", ms=7, color=colours[name])[0] for name in sketch.marks}
-    clock = axes.set_title("t = 0")
+    clock = axes.set_title("t = 0", y=1.0)
     fig.draw_without_rendering()
     fig.set_layout_engine("none")  # laid out once, not for every frame
 
@@ -77,12 +77,28 @@ def trajectory_animation(
         return [*trails.values(), *rods, *dots.values(), clock]
 
     film = FuncAnimation(fig, draw, frames=len(times), interval=1000 * seconds, repeat=True)
-    if target is not None:
-        film.save(target, writer=writer, dpi=DPI)
+    film._draw_was_started = True  # type: ignore[attr-defined]  # shown or saved later by whoever asked: no warning if it is neither
+    if target is not None and writer is not None:
+        _freeze(fig, axes, [*trails.values(), *rods, *dots.values(), clock])
+        with writer.saving(fig, target, DPI):
+            for frame in range(len(times)):
+                draw(frame)
+                writer.grab_frame()
         plt.close(fig)
-    else:
-        film._draw_was_started = True  # type: ignore[attr-defined]  # shown or saved later by whoever asked: no warning if it is neither
     return film
+
+
+def _freeze(fig: Any, axes: Any, moving: list) -> None:
+    """Replace all that does not move by its picture: drawing axes and grid anew takes most of a frame's time."""
+    for artist in moving:
+        artist.set_visible(False)
+    fig.canvas.draw()
+    still = np.asarray(fig.canvas.buffer_rgba()).copy()
+    for artist in moving:
+        artist.set_visible(True)
+    axes.set_axis_off()
+    axes.patch.set_visible(False)
+    fig.figimage(still, zorder=-1)
 
 
 def frame_times(motion: Trajectory, speed: float, seconds: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.control.solution import ControlSolution, restored, stored
 from varint.description import describe, revive, rule_of
 from varint.errors import InputError, VarintError
 from varint.manifold import Phase
@@ -18,6 +19,7 @@ from varint.trajectory import Event, Trajectory
 
 FORMAT = "varint trajectory 1"
 INNER = "fictitious_"  # before the names of arrays in fictitious time
+CONTROL = "control_"  # before those of an optimal control
 ARRAYS = ("t", "q", "p", "k", "u", "c")
 OPTIONAL = ("phase", "closure")
 
@@ -41,6 +43,9 @@ def save(trajectory: Trajectory, path: Any) -> None:
     if trajectory.fictitious is not None:
         header["fictitious"], inner = _parts(trajectory.fictitious)
         arrays |= {INNER + name: value for name, value in inner.items()}
+    if isinstance(trajectory.solution, ControlSolution):
+        header["control"], found = stored(trajectory.solution)
+        arrays |= {CONTROL + name: value for name, value in found.items()}
     try:
         with path.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
@@ -49,7 +54,8 @@ def save(trajectory: Trajectory, path: Any) -> None:
 
 
 def load(path: Any) -> Any:
-    """The trajectory in the file ``path``, with its system: `value`, `at`, `energy` and plots work as before.
+    """The trajectory in the file ``path``, with its system: `value`, `at`, `energy` and plots work as before, and so do
+    `cost`, `costates`, `u_at`, `replay()` and `report()` of an optimal control.
 
     Parameters
     ----------
@@ -97,9 +103,16 @@ def load(path: Any) -> Any:
         raise
     except Exception as error:  # a torn or foreign file fails in many ways; all mean the same
         raise InputError(f"{path} is no trajectory written by varint ({type(error).__name__}: {error})") from None
-    inner = {name.removeprefix(INNER): arrays.pop(name) for name in list(arrays) if name.startswith(INNER)}
+    inner, control = (
+        {name.removeprefix(first): arrays.pop(name) for name in list(arrays) if name.startswith(first)}
+        for first in (INNER, CONTROL)
+    )
     motion = _assembled(header, arrays)
-    return replace(motion, fictitious=_assembled(header["fictitious"], inner)) if inner else motion
+    return replace(
+        motion,
+        fictitious=_assembled(header["fictitious"], inner) if inner else None,
+        solution=restored(header["control"], control) if control else None,
+    )
 
 
 def _parts(trajectory: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -9,7 +9,7 @@ sparse matrix each. Building takes as long as differentiating one term; evaluati
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -72,7 +72,12 @@ class Program:
     hessian: ca.Function
 
 
-def assembled(elements: Sequence[Element], unknowns: int, constants: int, rows: int, options=None) -> Program:
+Kernels = Callable[[list[ca.Function], int], list[ca.Function]]
+
+
+def assembled(
+    elements: Sequence[Element], unknowns: int, constants: int, rows: int, kernels: Kernels | None = None
+) -> Program:
     """The program that the elements add up to.
 
     Parameters
@@ -80,8 +85,9 @@ def assembled(elements: Sequence[Element], unknowns: int, constants: int, rows: 
     elements : sequence of Element
     unknowns, constants, rows : int
         Sizes of x, p and g.
-    options : dict, optional
-        CasADi options of the kernels, for instance to compile them.
+    kernels : callable, optional
+        Turns the kernels (value, gradient, Jacobian, Hessian) of an element with so many copies into those to use
+        instead, for instance compiled ones.
 
     Returns
     -------
@@ -92,8 +98,8 @@ def assembled(elements: Sequence[Element], unknowns: int, constants: int, rows: 
     cost = ca.MX(0)
     gradients, values, slopes, curvatures = [], [], [], []
     for i, element in enumerate(elements):
-        value, gradient, jacobian, hessian = _kernels(element, f"element{i}", options or {})
-        count = len(element.x)
+        count, made = len(element.x), _kernels(element, f"element{i}")
+        value, gradient, jacobian, hessian = kernels(made, count) if kernels else made
         z, d = _gathered(x, element.x), _gathered(p, element.p)
         mu = _gathered(ca.vertcat(lam_g, 0), np.where(element.g < 0, rows, element.g))
         costs, shares = value.map(count)(z, d)
@@ -150,7 +156,33 @@ def equations(elements: Sequence[Element], unknowns: int, constants: int) -> tup
     )
 
 
-def scaled(program: Program, x_scale: np.ndarray, f_scale: float, g_scale: np.ndarray) -> Program:
+def full_derivatives(program: Program) -> dict[str, ca.Function]:
+    """Derivatives by CasADi's names, for solvers that want ∇(lam_f f + lam_g·g) and its whole Hessian.
+
+    Derivatives with respect to the constants are not provided (zeros): leave lam_p alone.
+    """
+    rows, unknowns = program.jacobian.size1_out(1), program.jacobian.size2_out(1)
+    x, p = ca.MX.sym("x", unknowns), ca.MX.sym("p", program.value.size1_in(1))
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows)
+    (f, gradient), (g, jacobian) = program.gradient(x, p), program.jacobian(x, p)
+    slope = lam_f * gradient + ca.mtimes(jacobian.T, lam_g)
+    curvature = ca.triu2symm(program.hessian(x, p, lam_f, lam_g))
+    at, weighted = [x, p], [x, p, lam_f, lam_g]
+    names = ["x", "p", "lam_f", "lam_g"]
+    none = ca.MX(*p.shape)
+    return {
+        "nlp_grad": ca.Function(
+            "nlp_grad", weighted, [f, g, slope, none], names, ["f", "g", "grad_gamma_x", "grad_gamma_p"]
+        ),
+        "nlp_grad_f": ca.Function("nlp_grad_f", at, [gradient], names[:2], ["grad_f_x"]),
+        "nlp_jac_g": ca.Function("nlp_jac_g", at, [g, jacobian], names[:2], ["g", "jac_g_x"]),
+        "nlp_hess_l": ca.Function(
+            "nlp_hess_l", weighted, [slope, curvature], names, ["grad_gamma_x", "hess_gamma_x_x"]
+        ),
+    }
+
+
+def scaled(program: Program, f_scale: float, x_scale: np.ndarray, g_scale: np.ndarray) -> Program:
     """The program in x̂ = x / x_scale with f · f_scale and g · g_scale."""
     rows, unknowns = program.jacobian.size1_out(1), program.jacobian.size2_out(1)
     x, p = ca.MX.sym("x", unknowns), ca.MX.sym("p", program.value.size1_in(1))
@@ -177,7 +209,7 @@ def _times(matrix: ca.MX, left: np.ndarray, right: np.ndarray) -> ca.MX:
     return matrix * ca.DM(matrix.sparsity(), left[rows] * right[columns])
 
 
-def _kernels(element: Element, name: str, options: dict) -> list[ca.Function]:
+def _kernels(element: Element, name: str) -> list[ca.Function]:
     """Value, gradient, Jacobian and Hessian of one copy; the Hessian as its upper triangle."""
     z, d, cost, rows = element.variables, element.constants, ca.densify(element.cost), ca.densify(element.rows)
     sigma, mu = ca.SX.sym("sigma"), ca.SX.sym("mu", rows.numel())
@@ -188,7 +220,7 @@ def _kernels(element: Element, name: str, options: dict) -> list[ca.Function]:
         ("jacobian", [z, d], [ca.jacobian(rows, z)]),
         ("hessian", [z, d, sigma, mu], [ca.triu(curvature)]),
     ]
-    return [ca.Function(f"{name}_{what}", ins, outs, {"cse": True, **options}) for what, ins, outs in kernels]
+    return [ca.Function(f"{name}_{what}", ins, outs, {"cse": True}) for what, ins, outs in kernels]
 
 
 def _gathered(x: ca.MX, index: np.ndarray) -> ca.MX:

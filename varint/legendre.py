@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.manifold import tangent_function
 from varint.system import System, per_system
 
 MOST_ITERATIONS = 50  # of Newton's method for Lagrangians that are not quadratic in v
@@ -22,6 +21,8 @@ def velocity_function(system: System) -> ca.Function:
     s, structure = system, system.structure
     p = ca.SX.sym("p", structure.n)
     if structure.constraints or structure.nonholonomic:
+        from varint.manifold import tangent_function
+
         sizes = (structure.n, structure.n, 1, s.c.numel())
         inputs = [ca.MX.sym(name, size) for name, size in zip("qptc", sizes, strict=True)]
         return ca.Function("velocity", inputs, [tangent_function(s)(*inputs)[0]])

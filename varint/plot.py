@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from varint.ensembles.result import Ensemble
+    from varint.system import System
     from varint.trajectory import Trajectory
 
 # Okabe & Ito's colours, told apart by colour-blind readers and in grey print
@@ -19,6 +21,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 MOST_LINES = 7  # coordinates drawn one by one; more are drawn as the first and the last ones
 MOST_EVENTS = 40  # marked; bounces that pile up would paint the figure grey
 EVENT_STYLES = ("--", ":", "-.", (0, (1, 3)))
+LONGEST_NAME = 40  # characters of an expression beside its axis
 MOST_POINTS = 20_000  # a line with more is thinned for drawing, keeping its last point
 GREEK = {
     "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu", "xi",
@@ -32,8 +35,8 @@ def trajectory_figure(motion: Trajectory, *expressions: Any) -> Figure:
     Parameters
     ----------
     motion : Trajectory
-    *expressions : SX
-        Drawn over time instead, one panel each.
+    *expressions : SX or dict of str to SX
+        Drawn over time instead, one panel each; a dictionary names the axes.
 
     Returns
     -------
@@ -48,8 +51,8 @@ def ensemble_figure(motions: Ensemble, *expressions: Any) -> Figure:
     Parameters
     ----------
     motions : Ensemble
-    *expressions : SX
-        Scalars; default: the first coordinates.
+    *expressions : SX or dict of str to SX
+        Scalars, named by a dictionary; default: the first coordinates.
 
     Returns
     -------
@@ -57,19 +60,18 @@ def ensemble_figure(motions: Ensemble, *expressions: Any) -> Figure:
     """
     import matplotlib.pyplot as plt
 
-    shown = expressions or [motions.system.q[i] for i in _shown(motions.system.structure.n)]
+    shown = _named(expressions or [motions.system.q[i] for i in _shown(motions.system.structure.n)], motions.system)
     fig, rows = plt.subplots(
         len(shown), 1, figsize=(7, 1.2 + 2.2 * len(shown)), sharex=True, squeeze=False, layout="constrained"
     )
     keep = _thinned(len(motions.t))
-    for axes, expression, colour in zip(rows[:, 0], shown, COLOURS * len(shown), strict=False):
+    for axes, (name, expression), colour in zip(rows[:, 0], shown, COLOURS * len(shown), strict=False):
         low, quarter, median, three_quarters, high = motions.quantiles(expression, (0.05, 0.25, 0.5, 0.75, 0.95))
         t = motions.t[keep]
         axes.fill_between(t, low[keep], high[keep], color=colour, alpha=0.15, lw=0, label="90 %")
         axes.fill_between(t, quarter[keep], three_quarters[keep], color=colour, alpha=0.3, lw=0, label="50 %")
         axes.plot(t, median[keep], color=colour, lw=1.4, label="median")
-        text = str(expression)
-        axes.set_ylabel(label(text) if text.isidentifier() else text if len(text) < 40 else text[:37] + "…")
+        axes.set_ylabel(name)
         axes.grid(alpha=0.3)
     rows[0, 0].legend(fontsize="small", loc="best")
     rows[-1, 0].set_xlabel("time $t$")
@@ -171,41 +173,72 @@ def _draw_momenta(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
 
 def _draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
     names = [label(name) for name in motion.system.control_names]
-    for colour, i, name in zip(COLOURS, _shown(len(names)), names, strict=False):
-        values = motion.value(motion.system.control[i])
-        axes.plot(motion.t[keep], values[keep], color=colour, lw=1.2, label=name, drawstyle="steps-post")
+    shown = _shown(len(names))
+    steps, r, _ = motion.u.shape
+    inside = r > 1 and len(motion) == steps + 1  # several values a step, and every step is there: a curve, no stairs
+    for colour, i in zip(COLOURS, shown, strict=False):
+        if inside:
+            within = motion.t[:-1, None] + np.diff(motion.t)[:, None] * np.array(motion.rule.nodes, dtype=float)
+            few = _thinned(within.size)
+            axes.plot(within.ravel()[few], motion.u[:, :, i].ravel()[few], color=colour, lw=1.2, label=names[i])
+        else:
+            values = motion.value(motion.system.control[i])
+            axes.plot(motion.t[keep], values[keep], color=colour, lw=1.2, label=names[i], drawstyle="steps-post")
     _name_axes(axes, "time $t$", names[0] if len(names) == 1 else "controls $u$", "Controls")
     if len(names) > 1:
         axes.legend(fontsize="small", loc="best")
 
 
 def _draw_energy(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    structure = motion.system.structure
+    lost = max((abs(event.energy_after - event.energy_before) for event in motion.events), default=0.0)
+    kept = structure.autonomous and not structure.forced and lost <= 1e-9 * np.abs(motion.energy).max()
+    if not kept:  # it changes, and how is what one wants to see
+        axes.plot(motion.t[keep], motion.energy[keep], color=COLOURS[1], lw=1.2)
+        _name_axes(axes, "time $t$", "energy $H$", "Energy")
+        return
     change = motion.energy - motion.energy[0]
     size = abs(motion.energy[0])
     relative = size > 1e-9 * np.abs(motion.energy).max() and size > 0
     axes.plot(motion.t[keep], change[keep] / size if relative else change[keep], color=COLOURS[1], lw=0.9)
-    what = "Energy" if motion.system.structure.forced or not motion.system.structure.autonomous else "Energy error"
-    y = r"$(H - H_0)/|H_0|$" if relative else r"$H - H_0$"
-    _name_axes(axes, "time $t$", y, what)
+    _name_axes(axes, "time $t$", r"$(H - H_0)/|H_0|$" if relative else r"$H - H_0$", "Energy error")
     axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
 
 
 def _expressions(motion: Trajectory, expressions: tuple) -> Figure:
     import matplotlib.pyplot as plt
 
-    count = len(expressions)
+    shown = _named(expressions, motion.system)
+    count = len(shown)
     fig, rows = plt.subplots(count, 1, figsize=(7, 1.2 + 2.2 * count), sharex=True, squeeze=False, layout="constrained")
     keep = _thinned(len(motion))
-    for axes, expression in zip(rows[:, 0], expressions, strict=True):
+    for axes, (name, expression) in zip(rows[:, 0], shown, strict=True):
         values = motion.value(expression).reshape(len(motion), -1)
         for colour, column in zip(COLOURS, values[keep].T, strict=False):
             axes.plot(motion.t[keep], column, color=colour, lw=1.2)
         _mark_events(axes, motion, named=axes is rows[0, 0])
-        text = str(expression)
-        axes.set_ylabel(label(text) if text.isidentifier() else text if len(text) < 40 else text[:37] + "…")
+        axes.set_ylabel(name)
         axes.grid(alpha=0.3)
     rows[-1, 0].set_xlabel("time $t$")
     return fig
+
+
+def _named(expressions: Sequence[Any], system: System) -> list[tuple[str, Any]]:
+    """(name of the axis, expression): names given in a dictionary, or what the expression reads like."""
+    named: list[tuple[str, Any]] = []
+    for entry in expressions:
+        named += entry.items() if isinstance(entry, dict) else [("", entry)]
+    return [(name or _reads_like(x, k, system), x) for k, (name, x) in enumerate(named, start=1)]
+
+
+def _reads_like(expression: Any, number: int, system: System) -> str:
+    """A symbol's notation, H, the expression if it is short, or its number."""
+    text = str(expression)
+    if text == str(system.energy):
+        return "energy $H$"
+    if text.isidentifier():
+        return label(text)
+    return text if len(text) < LONGEST_NAME and "@" not in text else f"expression {number}"  # @1 stands for a part
 
 
 def _shown(n: int) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import NoneType
 
 from varint.errors import InputError
@@ -12,10 +12,10 @@ from varint.errors import InputError
 PATIENCE = 1.0  # seconds before a bar appears unasked
 
 
-@contextmanager
-def progress_bar(
-    total: int, unit: str, wanted: bool | None, done: int = 0
-) -> Iterator[Callable[[int, Callable[[], str]], object]]:
+Move = Callable[[int, Callable[[], str]], object]
+
+
+def progress_bar(total: int, unit: str, wanted: bool | None, done: int = 0) -> AbstractContextManager[Move]:
     """A function of (finished units, () → note) that moves the bar; it shows the rate, and the note beside it.
 
     Parameters
@@ -32,12 +32,20 @@ def progress_bar(
     if not isinstance(wanted, (bool, NoneType)):
         raise InputError(f"progress must be True, False or None (a bar where someone watches), got {wanted!r}")
     if wanted is False or (wanted is None and not sys.stderr.isatty()):
-        yield lambda count, note: None
-        return
+        return nullcontext(_unseen)
+    return _bar(total, unit, bool(wanted), done)
+
+
+def _unseen(count: int, note: Callable[[], str]) -> None:
+    """Nobody watches."""
+
+
+@contextmanager
+def _bar(total: int, unit: str, wanted: bool, done: int) -> Iterator[Move]:
     from tqdm.auto import tqdm
 
     delay = 0 if wanted else PATIENCE
-    with tqdm(total=total, initial=done, unit=unit, unit_scale=True, delay=delay, leave=bool(wanted)) as bar:
+    with tqdm(total=total, initial=done, unit=unit, unit_scale=True, delay=delay, leave=wanted) as bar:
 
         def move(count: int, note: Callable[[], str]) -> None:
             if bar.update(count):  # drawn: then the note is worth working out

@@ -140,6 +140,17 @@ def _least(mass: np.ndarray, slope: np.ndarray, target: np.ndarray) -> np.ndarra
     return np.linalg.lstsq(matrix, right, rcond=1e-13)[0][:n] / size
 
 
-def velocity_gaps(system: System, q, v, t: float, c) -> tuple[np.ndarray, np.ndarray]:
-    rows, slope = (np.asarray(x) for x in rows_function(system)(q, v, t, c))
-    return rows.ravel(), slope
+@per_system
+def _gaps_function(system: System) -> ca.Function:
+    """(q, v, t, c) → (W v + w, W), dense."""
+    s = system
+    outputs = [ca.densify(x) for x in rows_function(s)(s.q, s.v, s.t, s.c)]
+    return ca.Function("velocity_gaps", [s.q, s.v, s.t, s.c], outputs)
+
+
+def velocity_gaps(
+    system: System, q: np.ndarray, v: np.ndarray, t: float, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """W v + w (rows,) and W (rows, n) at one state."""
+    rows, slope = call(_gaps_function(system), q, v, np.array([t]), c)
+    return rows, slope.reshape(len(q), -1).T

@@ -28,6 +28,7 @@ from varint.polynomials import (
     rounded,
 )
 
+MOST_POINTS = 10  # of Lobatto rules
 ROUNDING = 1e-14  # of a sum of some 40 rounded weights of size 1
 
 
@@ -116,7 +117,7 @@ def gauss(stages: int) -> Rule:
     Parameters
     ----------
     stages : int
-        s, from 1 to 10.
+        s, from 1 to 16.
 
     Returns
     -------
@@ -126,7 +127,7 @@ def gauss(stages: int) -> Rule:
     Raises
     ------
     InputError
-        If `stages` is no whole number from 1 to 10.
+        If `stages` is no whole number from 1 to 16.
 
     Examples
     --------
@@ -134,7 +135,7 @@ def gauss(stages: int) -> Rule:
     >>> vi.gauss(2).order, vi.gauss(2).weights
     (4, (0.5, 0.5))
     """
-    return _gauss(_stages("gauss", stages, 1))
+    return _gauss(_stages("gauss", stages, 1, MOST_STAGES))
 
 
 @cache
@@ -174,7 +175,7 @@ def lobatto(stages: int) -> Rule:
     >>> vi.lobatto(3).order, vi.lobatto(3).points
     (4, (0.0, 0.5, 1.0))
     """
-    return _lobatto(_stages("lobatto", stages, 2))
+    return _lobatto(_stages("lobatto", stages, 2, MOST_POINTS))
 
 
 @cache
@@ -278,7 +279,7 @@ _ALIASES = {_plain(name): name for name in COMPOSITIONS} | {
 }
 
 
-def _stages(what: str, stages: int, least: int) -> int:
-    if not isinstance(stages, (int, np.integer)) or isinstance(stages, bool) or not least <= stages <= MOST_STAGES:
-        raise InputError(f"{what}(stages) takes a whole number from {least} to {MOST_STAGES}, got {stages!r}")
+def _stages(what: str, stages: int, least: int, most: int) -> int:
+    if not isinstance(stages, (int, np.integer)) or isinstance(stages, bool) or not least <= stages <= most:
+        raise InputError(f"{what}(stages) takes a whole number from {least} to {most}, got {stages!r}")
     return int(stages)

@@ -344,4 +344,6 @@ def _restitution(value: Any, contacts: int) -> np.ndarray:
         raise InputError(f"restitution has shape {e.shape}; give one number or one per contact ({contacts})")
     if (e < 0).any() or (e > 1).any():
         raise InputError(f"restitution must lie between 0 and 1, got {value!r}")
+    if not contacts and np.any(e != 0):
+        raise InputError(f"restitution={value!r} was given, but the system has no contact; give contact=gap as well")
     return np.broadcast_to(e, (contacts,)).copy()

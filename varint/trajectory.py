@@ -16,7 +16,6 @@ from varint.between import controls_at_nodes, functions_of, states_at, steps_ahe
 from varint.errors import InputError
 from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
-from varint.manifold import Phase, every_row_function, multipliers_along
 from varint.rules import Rule
 from varint.system import System
 
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
     from varint.control.solution import ControlSolution, Costates
     from varint.diagnostics.momentum import Conserved, MomentumMap
+    from varint.manifold import Phase
     from varint.sketch import Sketch
     from varint.symmetry import Symmetry
 
@@ -96,7 +96,7 @@ class Trajectory:
     events : tuple of Event
         What happened on the way, in order of time.
     stats : mapping
-        Plan, worst residual, iterations, timings.
+        Plan, worst residual, timings, and the iterations that solved its steps (0 where steps are explicit).
     fictitious : Trajectory or None
         The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t`` holds τ.
     solution : ControlSolution, Contacts or None
@@ -134,10 +134,12 @@ class Trajectory:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, {self.rule})"
 
-    def __getitem__(self, index: int | slice | np.ndarray) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray | list) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those nodes."""
-        if isinstance(index, (slice, np.ndarray)):
-            return replace(
+        if isinstance(index, (slice, np.ndarray, list)):
+            if not len(self.t[index]):
+                raise InputError(f"no node of the {len(self)} is left in [{index}]")
+            part = replace(
                 self,
                 t=self.t[index],
                 q=self.q[index],
@@ -146,7 +148,11 @@ class Trajectory:
                 phase=None if self.phase is None else self.phase[index],
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
+                solution=None if hasattr(self.solution, "costates") else self.solution,  # it belongs to the whole
             )
+            if "v" in self.__dict__:  # once known, known of every part
+                part.__dict__["v"] = self.v[index]
+            return part
         return State(float(self.t[index]), self.q[index], self.v[index], self.p[index])
 
     @cached_property
@@ -160,6 +166,8 @@ class Trajectory:
 
     def _phases(self) -> list[tuple[np.ndarray, Phase]]:
         """Nodes of each phase, and the phase."""
+        from varint.manifold import Phase
+
         if self.phase is None:
             return [(np.arange(len(self)), Phase(tuple(range(self.system.structure.constraints))))]
         return [(np.flatnonzero(self.phase == i), self.phases[i]) for i in np.unique(self.phase)]
@@ -171,6 +179,8 @@ class Trajectory:
         They follow from q and v at the node by the twice differentiated constraints, so they have the order of q and v
         (Hairer & Wanner II, VII.1: the index-1 relation). Contacts that do not touch have λ = 0.
         """
+        from varint.manifold import multipliers_along
+
         rows = self.system.structure
         lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
         u = controls_at_nodes(self)
@@ -182,6 +192,8 @@ class Trajectory:
     @cached_property
     def reaction_forces(self) -> np.ndarray:
         """Forces Wᵀλ by which constraints and contacts hold the motion, in the coordinates q, (N + 1, n)."""
+        from varint.manifold import every_row_function
+
         lam = self.multipliers
         slope = over_columns(every_row_function(self.system), self.q, self.v, self.t[:, None], self.c)[1]
         return np.einsum("ijk,ik->ij", slope.reshape(*self.q.shape, -1), lam)
@@ -251,10 +263,11 @@ class Trajectory:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h) → numbers, (N, k)."""
         if self.fictitious is not None:
             raise InputError("the steps of this run are steps of its fictitious time; sum along trajectory.fictitious")
-        total = np.zeros((len(self) - 1, integrand(self.system).nnz_out(0)))
-        if len(self) > 1:
-            for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
-                total[active] += over_columns(integrand(scene), *arguments)[0]
+        total = np.zeros((len(self) - 1, 1))
+        for active, scene, arguments in steps_ahead(self, np.arange(len(self) - 1), np.diff(self.t)):
+            values = over_columns(integrand(scene), *arguments)[0]  # a scene with contacts has no step of its own
+            total = total if total.shape[1] == values.shape[1] else np.zeros((len(total), values.shape[1]))
+            total[active] += values
         return total
 
     def momentum_map(self, symmetry: Symmetry) -> MomentumMap:
@@ -336,9 +349,9 @@ class Trajectory:
         InputError
             If a time lies outside the trajectory.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = self._times(t)
         if self.fictitious is not None:
-            from varint.stepping.rescaled import at_times
+            from varint.stepping.clock import at_times
 
             found = at_times(self, times)
         else:
@@ -356,12 +369,26 @@ class Trajectory:
         """Costates of an optimal control: derivatives of the cost-to-go with respect to q and p, (N + 1, n) each."""
         return self._solution("costates").costates
 
+    def _times(self, t: Any) -> np.ndarray:
+        """Times as numbers (k,), or an error that says what they must be."""
+        try:
+            times = np.atleast_1d(np.asarray(t, dtype=float))
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError(f"a time or several (k,) must be given, got {t!r}") from None
+        if times.ndim > 1 or not times.size:
+            raise InputError(f"a time or several (k,) must be given, got an array of shape {times.shape}")
+        return times
+
     def u_at(self, t: Any) -> np.ndarray:
         """Controls of an optimal control at any times within it, by the polynomial of each step, (k,) or (M, k)."""
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = self._times(t)
         if not self.system.structure.controls:
             raise InputError("u_at(): the scene has no controls")
-        found = self._solution("u_at()").u((times - self.t[0]) / self.duration)
+        first, last = self.t[0], self.t[-1]
+        slack = 1e-12 * max(abs(first), abs(last))
+        if not ((times >= first - slack) & (times <= last + slack)).all():
+            raise InputError(f"u_at() takes times from {first:g} to {last:g}, got {t!r}")
+        found = self._solution("u_at()").u((times - first) / self.duration)
         return found[0] if np.ndim(t) == 0 else found
 
     def replay(self) -> Trajectory:
@@ -382,7 +409,7 @@ class Trajectory:
         return self.solution
 
     def plot(self, *expressions: Any) -> Figure:
-        """Figure of coordinates, phase portrait and energy error; or of the given expressions over time."""
+        """Figure of coordinates, phase portrait and energy; or of expressions over time, named by a dictionary."""
         from varint.plot import trajectory_figure
 
         return trajectory_figure(self, *expressions)

@@ -4,13 +4,67 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gallery import write_if_changed
 
-RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
-LONGEST = 40  # rows: longer tables are measured clouds, which the figure shows
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+RESULTS = BENCHMARKS / "results"
+MEASURES = {"q": "error of the coordinates at the end", "energy": "error of the energy"}
+LONGEST = 60  # rows: longer tables are measured clouds, which the figure shows
+PLAIN = (1e-3, 1e5)  # numbers between these are written without a power of ten
+sys.path.insert(0, str(BENCHMARKS))
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What a result file is about."""
+
+    title: str
+    words: str
+
+
+KNOWN = {
+    "work_precision": Benchmark(
+        "Run time against error",
+        "Each tool is tried over a grid of its options; the cheapest setting that reaches an error is timed again, all "
+        "tools taking turns in one process. Set-up (building, compiling) is not in the times.",
+    ),
+    "optimal_control": Benchmark(
+        "Optimal control",
+        "Kelly's cart-pole: error of the cost against the time to build and solve, beside collocations written by hand "
+        "in CasADi, and rockit and opty where they are installed (opty's time includes its compiler's).",
+    ),
+    "optimal_control_assembly": Benchmark(
+        "Assembly of large control problems",
+        "Cart with 4 links, 2000 steps, 12,015 unknowns: one interval differentiated, interpreted and compiled (from "
+        "the cache), beside CasADi's derivatives of a `map` over the intervals.",
+    ),
+    "optimal_control_solvers": Benchmark(
+        "Solvers of control problems", "Ipopt on the plain program, Fatrop on the chain of stages."
+    ),
+    "least_action": Benchmark(
+        "Paths between fixed end points", "`least_action` beside SciPy's `solve_bvp`, from the same straight line."
+    ),
+    "ensemble": Benchmark(
+        "Ensembles", "Ten thousand pendulums in one call of `ensemble`, and in a loop of `simulate`."
+    ),
+    "chain_scaling": Benchmark("Length of a chain", "Cost of a step over the number of rods."),
+    "specialisations": Benchmark(
+        "What is skipped",
+        "A scene beside the same scene with one property hidden from the plan, so that it runs in full.",
+    ),
+    "startup": Benchmark("Start-up", "What comes before the first step, and what a call costs besides its steps."),
+    "long_run": Benchmark(
+        "Long runs",
+        "Round-off and drift over very many steps. Drift is the relative change of windowed means over the run, beside "
+        "its standard error.",
+    ),
+    "stress": Benchmark("Stress", "Scenes that break integrators, and what of each survives."),
+}
 HEAD = """# Benchmarks
 
 Speed is a ratio, measured side by side on one machine, at equal error. `python3 tasks.py bench` measures again and
@@ -19,66 +73,103 @@ writes `benchmarks/results/*.json`, from which this page is made. Your own scene
 """
 
 
-def write(path: Path) -> None:
-    """One section per result file, with the figure of the same name."""
-    files = sorted(RESULTS.glob("*.json"))
-    parts = [_file(file, path.parent) for file in files]
-    write_if_changed(path, "\n".join([HEAD, *(parts or ["No results have been stored for this version yet.\n"])]))
+def write(path: Path, results: Path = RESULTS) -> None:
+    """One section per result file, known ones first in reading order; what was not measured is said."""
+    found = {file.stem: file for file in sorted(results.glob("*.json"))}
+    names = [name for name in KNOWN if name in found] + [name for name in found if name not in KNOWN]
+    (path.parent / "_build").mkdir(exist_ok=True, parents=True)
+    parts = [HEAD, *(_file(found[name], path.parent) for name in names)]
+    missing = [f"`{name}`" for name in KNOWN if name not in found]
+    if missing:
+        parts.append(f"## Not measured for this version\n\n{', '.join(missing)}.\n")
+    write_if_changed(path, "\n".join(parts))
 
 
 def _file(file: Path, source: Path) -> str:
     result = json.loads(file.read_text(encoding="utf-8"))
-    result = result if isinstance(result, dict) else {"rows": result}
-    title = result.pop("title", None) or _words(file.stem).capitalize()
-    lines = [f"## {title}\n", f"From `benchmarks/results/{file.name}`.\n"]
-    picture = file.with_suffix(".png")
-    if picture.exists():
-        (source / "_build").mkdir(exist_ok=True)
-        shutil.copy(picture, source / "_build" / picture.name)
-        words = f"{title}: the table's numbers as a figure"
-        lines.append(f"```{{figure}} _build/{picture.name}\n:alt: {words}\n:class: gallery\n\n{words}.\n```\n")
-    return "\n".join([*lines, *_section(result, 3)])
+    about = KNOWN.get(file.stem, Benchmark(_words(file.stem).capitalize(), ""))
+    lines = [f"## {about.title}\n", about.words, f"\n{_measured(result)} (`benchmarks/results/{file.name}`)\n"]
+    if "scenes" in result:
+        return "\n".join([*lines, *_scenes(result, file.stem, source)])
+    if file.with_suffix(".png").exists():
+        shutil.copy(file.with_suffix(".png"), source / "_build" / f"{file.stem}.png")
+        lines += _picture(file.stem, f"{about.title}: the numbers of the table as a figure")
+    return "\n".join([*lines, *_table(result["rows"])])
 
 
-def _section(result: dict[str, Any], level: int) -> list[str]:
-    """Scalars are facts, lists of records tables, mappings of mappings sections of their own."""
-    lines = [f"- {_words(key)}: {_cell(value)}" for key, value in result.items() if not _nested(value)]
-    lines.append("")
-    for key, value in result.items():
-        if isinstance(value, list) and value and all(isinstance(row, dict) for row in value):
-            if len(value) <= LONGEST:
-                lines += [*_table(value), ""]
-        elif isinstance(value, dict) and value and all(isinstance(part, dict) for part in value.values()):
-            for name, part in value.items():
-                lines += [f"{'#' * level} {_words(name).capitalize()}\n", *_section(part, level + 1)]
-        elif isinstance(value, dict) and any(not _nested(v) for v in value.values()):
-            lines += [f"{_words(key).capitalize()}:", *_section(value, level + 1)]
+def _measured(result: dict[str, Any]) -> str:
+    """When, on what and with which versions."""
+    about = result.get("measured_with", {})
+    cores = f"{about['cores']} cores" if "cores" in about else None
+    place = [about.get("processor"), about.get("machine"), cores, about.get("date", "date not recorded")]
+    rest = set(about) - {"processor", "machine", "cores", "date"}
+    versions = [f"{name} {about[name]}" for name in about if name in rest]
+    return f"Measured on {', '.join(str(x) for x in [*place, *versions] if x)}."
+
+
+def _scenes(result: dict[str, Any], name: str, source: Path) -> list[str]:
+    """Work and precision of several scenes: the figure, the ratios, and every scene's times."""
+    import fronts
+    import matplotlib.pyplot as plt
+
+    scenes = result["scenes"]
+    fronts.figure(result).savefig(source / "_build" / f"{name}.png", dpi=110)
+    plt.close("all")
+    words = "Run time over error of varint and other tools, one panel a scene: of each tool the cheapest settings"
+    lines = _picture(name, words)
+    for measure, words in MEASURES.items():
+        ratios = {(row["scene"], row["wanted"]): row["ratio"] for row in result["ratios"] if row["measure"] == measure}
+        wanted = sorted({error for _, error in ratios}, reverse=True)
+        lines.append(f"\nvarint's run time over that of the best general-purpose tool at equal {words}:\n")
+        lines += _table(
+            [{"scene": scene} | {f"{e:.0e}": ratios.get((scene, e), "–") for e in wanted} for scene in scenes]
+        )
+    lines.append("Below 1 varint is faster. A dash: one of the two does not reach the error. Geometric means:\n")
+    lines += [f"- {about}: {mean:.2f}" for about, mean in result["geometric means"].items()]
+    lines.append("\nTimes of every tool in ms:\n")
+    for scene, measured in scenes.items():
+        lines += [f"<details><summary>{scene}</summary>\n", *_table(_by_tool(measured["rows"])), "\n</details>\n"]
     return lines
 
 
-def _table(rows: list[dict]) -> list[str]:
-    """Run times by wanted error and tool where that is what was measured; otherwise the records as they are."""
-    if all({"wanted", "tool", "seconds"} <= set(row) for row in rows):
-        tools = sorted({row["tool"] for row in rows}, key=lambda tool: (tool != "varint", tool))
-        times = {(row["wanted"], row["tool"]): row["seconds"] for row in rows}
-        wanted = sorted({row["wanted"] for row in rows}, reverse=True)
-        rows = [
-            {"wanted error": f"{error:.0e}"}
-            | {f"{tool}, ms": 1000 * times[error, tool] if (error, tool) in times else "–" for tool in tools}
-            for error in wanted
-        ]
-    columns = list(dict.fromkeys(key for row in rows for key, value in row.items() if not _nested(value)))
+def _by_tool(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Milliseconds, a line a wanted error, a column a tool."""
+    tools = sorted({row["tool"] for row in rows}, key=lambda tool: (tool != "varint", tool))
+    times = {(row["wanted"], row["tool"]): 1e3 * row["seconds"] for row in rows}
+    wanted = sorted({row["wanted"] for row in rows}, reverse=True)
+    return [{"error": f"{e:.0e}"} | {tool: times.get((e, tool), "–") for tool in tools} for e in wanted]
+
+
+def _picture(name: str, words: str) -> list[str]:
+    return [f"```{{figure}} _build/{name}.png\n:alt: {words}\n:class: gallery\n\n{words}.\n```\n"]
+
+
+def _table(rows: list[dict[str, Any]]) -> list[str]:
+    """Records as a table; a cloud of measurements is left to the figure."""
+    if not rows or len(rows) > LONGEST:
+        return []
+    columns = list(
+        dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, (dict, list)))
+    )
     head = ["| " + " | ".join(_words(c) for c in columns) + " |", "|" + "---|" * len(columns)]
-    return head + ["| " + " | ".join(_cell(row.get(c, "–")) for c in columns) + " |" for row in rows]
+    return head + ["| " + " | ".join(_cell(row.get(c, "–")) for c in columns) + " |" for row in rows] + [""]
 
 
 def _words(name: str) -> str:
     return str(name).replace("_", " ")
 
 
-def _nested(value: Any) -> bool:
-    return isinstance(value, (dict, list))
-
-
 def _cell(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value).replace("|", "\\|").replace("\n", " ")
+    """Numbers with three digits; a minus sign, for browsers break lines at hyphens."""
+    if isinstance(value, bool) or value is None:
+        return "–" if value is None else str(value)
+    if isinstance(value, int):
+        return f"{value:,}"
+    if not isinstance(value, float):
+        return str(value).replace("|", "\\|").replace("\n", " ")
+    if value == 0 or PLAIN[0] <= abs(value) < PLAIN[1]:
+        text = f"{float(f'{value:.3g}'):.10g}"
+    else:
+        mantissa, _, power = f"{value:.1e}".partition("e")
+        text = f"{mantissa}e{int(power)}"
+    return text.replace("-", "−")

@@ -11,6 +11,7 @@ import warnings
 from dataclasses import dataclass
 
 FENCE = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
+MARKED = re.compile(r"^```\{code-block\} python\n:class: (\w+)\n\n?(.*?)^```$", re.M | re.S)
 FIGURE = re.compile(r"^# figure: (.+)$", re.M)
 DPI = 110
 
@@ -26,6 +27,11 @@ class Outcome:
 def python_blocks(markdown: str) -> list[str]:
     """The code of all Python blocks of a page."""
     return FENCE.findall(markdown)
+
+
+def marked_blocks(markdown: str) -> list[tuple[str, str]]:
+    """(class, code) of the Python blocks that do not run with their page."""
+    return MARKED.findall(markdown)
 
 
 def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Outcome:

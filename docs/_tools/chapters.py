@@ -94,9 +94,13 @@ CHAPTERS: dict[str, dict[str, str]] = {
     },
     "Optimal control": {
         "control_cart_pole": CART_POLE + r",\qquad \min \int_0^2 u^2\,dt",
+        "control_minima": r"L = \tfrac12 m\ell^2\dot\theta^2 + m g \ell\cos\theta,\quad F = u,\qquad"
+        r" \min \int_0^3 u^2\,dt",
         "control_fastest": r"\min T:\qquad L = \tfrac12 \dot x^2,\quad F = u,\quad |u| \le 1",
         "control_machines": r"\min \int_0^T \ell(q, \dot q, u)\,dt,"
         r"\qquad \frac{d}{dt}\frac{\partial L}{\partial\dot q} - \frac{\partial L}{\partial q}"
         r" = F(u) + G^{\mathsf T}\lambda",
+        "control_films": r"\min \sum_k \int \ell(q, \dot q, u)\,dt,\qquad p^+_{k-1} = p^-_k",
+        "mpc_cart_pole": CART_POLE + r",\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{at every step}",
     },
 }

@@ -73,10 +73,13 @@ quantity that the rule must keep exactly; reversibility runs there and back.
 The same properties, and their failure for explicit Euler and RK4, are tests: `tests/test_orders.py`,
 `tests/test_invariants.py`, `tests/test_noether_rules.py`, `tests/test_diagnostics.py`. Your own scene is measured by
 
-```{{code-block}} python
-:class: still
+```python
+import casadi as ca
+import varint as vi
 
-print(vi.diagnostics.self_test(system, rule, q0=q0, v0=v0, h=h))
+q, v = vi.coordinates("theta")
+system = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
+print(vi.diagnostics.self_test(system, vi.gauss(2), q0=1.0, v0=0.0, h=0.05))
 ```
 
 or, for a ready model, by `python -m varint check pendulum`.

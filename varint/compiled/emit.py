@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 
-from varint.compiled.graph import Graph, graph_of, needed, uniform_nodes
+from varint.compiled.algebra import graph_of
+from varint.compiled.graph import Graph, needed, uniform_nodes
+from varint.compiled.rolled import INFIX, loops, sorted_by_form, written
 
-_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+LONG = 300  # operations from which on a function is not written into its callers: the compiler takes longer, no gain
+WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
 
 
 @dataclass(frozen=True)
@@ -23,16 +27,19 @@ class Emitted:
     uniforms : int
         Length of w: values that depend on the parameters alone.
     operations, roots : int
-        Operations a call, and the reciprocal square roots among them.
+        Operations a call, and the square roots among them.
+    length : int
+        Statements of the source, fewer than operations where they are loops.
     """
 
     source: str
     uniforms: int
     operations: int
     roots: int
+    length: int
 
 
-def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
+def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTEN_OUT) -> Emitted:
     """C source of the SX function f(x0, …, c), whose last argument c, the parameters, is the same in all lanes.
 
     Parameters
@@ -43,47 +50,37 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
         SX function; sparse outputs are written densely.
     stride : str
         C expression: component i of an argument is found at ``x[i * stride]``.
+    written_out : int
+        Operations from which on the source has loops over operations of the same form.
     """
     graph = graph_of(f)
     last = f.n_in() - 1
     uniform = uniform_nodes(graph, last)
     live = sorted(needed(graph))
-    sincos = _sine_and_cosine(graph, live, uniform)
-    names: dict[int, str] = {}
+    names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}
     kept: dict[int, int] = {}  # uniform node: its place in w
-    prepare, body = [], []
 
-    def value(i: int) -> str:
-        """The node as an operand of a varying operation."""
-        if graph.nodes[i][0] == "const":
-            return _number(graph.nodes[i][1])
-        if uniform[i]:
-            return f"w[{kept.setdefault(i, len(kept))}]"
-        return names[i]
+    def place(i: int) -> int:
+        return kept.setdefault(i, len(kept))
+
+    def constant(i: int) -> str:
+        return _number(graph.nodes[i][1]) if graph.nodes[i][0] == "const" else f"w[{place(i)}]"
 
     def once(i: int) -> str:
-        return _number(graph.nodes[i][1]) if graph.nodes[i][0] == "const" else names[i]
+        return names.get(i) or constant(i)
 
-    for i in live:
-        node = graph.nodes[i]
-        if node[0] == "const":
-            continue
-        names[i] = f"{'s' if uniform[i] else 'x'}{i}"
-        if uniform[i]:
-            prepare.append(f"const double {names[i]} = {_once(node, once)};")
-        elif node[0] == "input":
-            body.append(f"const V {names[i]} = i{node[1]}[{node[2]} * ({stride})];")
-        elif i in sincos:
-            pair = sincos[i]
-            if pair[0]:
-                sine, cosine = pair
-                names[sine], names[cosine] = f"x{sine}", f"x{cosine}"
-                body.append(f"V x{sine}, x{cosine}; v_sincos({value(node[1])}, &x{sine}, &x{cosine});")
-        else:
-            body.append(f"const V {names[i]} = {_varying(graph, node, value, uniform)};")
+    prepare = [f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names]
+    operations = sum(not uniform[i] for i in live)
+    if operations > written_out:
+        body, places = loops(sorted_by_form(graph, live, uniform), stride, constant, place)
+    else:
+        body, places = _statements(graph, live, uniform, stride, constant)
     for k, output in enumerate(graph.outputs):
         for r, i in enumerate(output):
-            text = f"splat({value(i)})" if graph.nodes[i][0] == "const" or uniform[i] else names[i]
+            if uniform[i]:
+                text = f"splat({constant(i)})"
+            else:
+                text = places.get(i) or f"i{graph.nodes[i][1]}[{graph.nodes[i][2]} * ({stride})]"
             body.append(f"o{k}[{r} * ({stride})] = {text};")
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
@@ -91,14 +88,38 @@ def emit(name: str, f: ca.Function, stride: str = "1") -> Emitted:
     source = "\n    ".join(
         [f"INLINE void {name}_prepare(const double *c, double *w) {{", "(void)c, (void)w;", *prepare]
     )
+    kind = "INLINE" if len(body) <= LONG else "static __attribute__((noinline, noclone, unused))"
     unused = " ".join(f"(void)i{k};" for k in range(last))
     source += (
         "\n}\n"
-        + "\n    ".join([f"INLINE void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body])
+        + "\n    ".join([f"{kind} void {name}({', '.join(arguments)}) {{", f"{unused} (void)w;", *body])
         + "\n}\n"
     )
     roots = sum(1 for i in live if graph.nodes[i][0] in ("rsqrt", "sqrt") and not uniform[i])
-    return Emitted(source, len(kept), len(body), roots)
+    return Emitted(source, len(kept), operations, roots, len(body))
+
+
+def _statements(
+    graph: Graph, live: list[int], uniform: list[bool], stride: str, constant: Callable[[int], str]
+) -> tuple[list[str], dict[int, str]]:
+    """One C statement for each value that varies, and its name."""
+    sincos = _sine_and_cosine(graph, live, uniform)
+    body, names = [], {i: f"x{i}" for i in live if not uniform[i]}
+
+    def value(i: int) -> str:
+        return names.get(i) or constant(i)
+
+    for i in names:
+        name, *rest = graph.nodes[i]
+        if name == "input":
+            body.append(f"const V {names[i]} = i{rest[0]}[{rest[1]} * ({stride})];")
+        elif i not in sincos:
+            text = written(name, [value(j) for j in rest], [uniform[j] for j in rest])
+            body.append(f"const V {names[i]} = {text};")
+        elif sincos[i][0]:
+            sine, cosine = (names[j] for j in sincos[i])
+            body.append(f"V {sine}, {cosine}; v_sincos({value(rest[0])}, &{sine}, &{cosine});")
+    return body, names
 
 
 def _sine_and_cosine(graph: Graph, live: list[int], uniform: list[bool]) -> dict[int, tuple[int, int]]:
@@ -115,23 +136,13 @@ def _sine_and_cosine(graph: Graph, live: list[int], uniform: list[bool]) -> dict
     return pairs
 
 
-def _once(node: tuple, value) -> str:
+def _once(node: tuple, value: Callable[[int], str]) -> str:
+    """C expression of an operation on plain numbers."""
     if node[0] == "input":
         return f"c[{node[2]}]"
-    if node[0] == "neg":
-        return f"-{value(node[1])}"
-    if node[0] in _INFIX:
-        return f"{value(node[1])} {_INFIX[node[0]]} {value(node[2])}"
+    if node[0] in INFIX or node[0] == "neg":
+        return written(node[0], [value(j) for j in node[1:]], [True] * (len(node) - 1))
     return f"s_{node[0]}({', '.join(value(j) for j in node[1:])})"
-
-
-def _varying(graph: Graph, node: tuple, value, uniform: list[bool]) -> str:
-    if node[0] == "neg":
-        return f"-{value(node[1])}"
-    if node[0] in _INFIX:
-        return f"{value(node[1])} {_INFIX[node[0]]} {value(node[2])}"
-    arguments = (f"splat({value(j)})" if uniform[j] else value(j) for j in node[1:])
-    return f"v_{node[0]}({', '.join(arguments)})"
 
 
 def _number(x: float) -> str:

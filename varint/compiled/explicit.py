@@ -13,6 +13,7 @@ from varint.rules import Rule
 from varint.system import System
 
 _KNOWN: WeakKeyDictionary[System, dict[Rule, Kernel]] = WeakKeyDictionary()
+LOOPS_FROM = 2000  # operations of a force; the compiler vectorises loops over pairs and neighbours
 UNROLLED_OPERATIONS = 1500  # a whole sequence of kicks up to this size is straight-line code
 
 
@@ -48,7 +49,8 @@ def explicit_kernel(system: System, rule: Rule) -> Kernel:
 def _built(system: System, rule: Rule) -> Kernel:
     q, t, u = system.q, system.t, system.control
     p = ca.SX.sym("p", q.numel())
-    functions = emitted(system.c, {"rhs": ([q, t, u], [force(system)]), "velocity": ([q, p, t], [velocity(system, p)])})
+    expressions = {"rhs": ([q, t, u], [force(system)]), "velocity": ([q, p, t], [velocity(system, p)])}
+    functions = emitted(system.c, expressions, written_out=LOOPS_FROM)
     kicks = len(rule.kicks)
     unrolled = kicks if functions["rhs"].operations * kicks <= UNROLLED_OPERATIONS else 1
     data = "".join(

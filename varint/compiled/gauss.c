@@ -1,6 +1,7 @@
 /* Gauss collocation with all stages in vectors, by fixed-point iteration.
 
-   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau and the scene's functions.
+   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau, the scene's functions, and
+   NEEDS_Q, NEEDS_P: whose values at the stages are needed.
    FORM 2: unknown L_i = h^2 b_i G_i with accelerations G = g(Q, V, t, u);
            Q_i = q + c_i w + sum_j M_ij L_j,  h V_i = w + sum_j m_ij L_j;  q += w + sum (1 - c_j) L_j, w += sum L_j
            with w = h v, which leaves constants only that need no rounding.
@@ -19,9 +20,11 @@
 #endif
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
+#define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+#define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
 #if N > FEW
-#define LARGE static __attribute__((noinline))
+#define LARGE static __attribute__((noinline, noclone))
 #else
 #define LARGE INLINE
 #endif
@@ -39,7 +42,7 @@ typedef V Unknowns[ROWS][VECTORS];
 /* What a run needs to go on as if it had not stopped. */
 typedef struct {
     double steps_known, expected, h, rate, reserved[4];
-    double y[2 * N], rest[2 * N], scale[ROWS];
+    double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
     double x[2][ROWS][PADDED];
 } Carry;
 const int64_t carry_size = sizeof(Carry) / sizeof(double);
@@ -93,7 +96,7 @@ INLINE void compensated(double *value, double *rest, double increment) {
 typedef struct { V t[VECTORS], u[NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* times, controls, h c, h b */
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
-typedef struct { double scale[ROWS], inverse[ROWS], now, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
+typedef struct { double scale[ROWS], inverse[ROWS], noise[ROWS], now, first, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
 
 /* Where the stages of a step are when all unknowns are zero. */
 INLINE void set_base(const double *y, const double *rest, const Nodes *at, V base[2 * N][VECTORS]) {
@@ -109,24 +112,33 @@ INLINE void set_base(const double *y, const double *rest, const Nodes *at, V bas
 }
 
 /* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
-   With FORM 2 another h: the unknowns are lengths. */
+   With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
+   stay the same. */
 LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, const double *w, const double *m2,
                      const double *m1, const Unknowns x, const double *m2_older, const double *m1_older,
                      const Unknowns older, Unknowns fresh) {
     V first[N][VECTORS], second[N][VECTORS];
-    for (int d = 0; d < N; d++) {
+    UNROLL for (int d = 0; d < N; d++) {
         for (int k = 0; k < VECTORS; k++) first[d][k] = base[d][k], second[d][k] = base[N + d][k];
 #if FORM == 2
-        add_product(m2, x[d], first[d]);
-        if (older) add_product(m2_older, older[d], first[d]);
+        if (NEEDS_Q[d]) {
+            add_product(m2, x[d], first[d]);
+            if (older) add_product(m2_older, older[d], first[d]);
+        }
 #if ON_VELOCITY
         add_product(m1, x[d], second[d]);
         if (older) add_product(m1_older, older[d], second[d]);
         for (int k = 0; k < VECTORS; k++) second[d][k] *= 1 / h;
 #endif
 #else
-        add_product(m1, x[d], first[d]), add_product(m1, x[N + d], second[d]);
-        if (older) add_product(m1_older, older[d], first[d]), add_product(m1_older, older[N + d], second[d]);
+        if (NEEDS_Q[d]) {
+            add_product(m1, x[d], first[d]);
+            if (older) add_product(m1_older, older[d], first[d]);
+        }
+        if (NEEDS_P[d]) {
+            add_product(m1, x[N + d], second[d]);
+            if (older) add_product(m1_older, older[N + d], second[d]);
+        }
 #endif
     }
     for (int k = 0; k < VECTORS; k++) {
@@ -146,18 +158,23 @@ INLINE V change_of(const V *fresh, const V *x) {
 }
 
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
-   2008)? For a row of cancelling terms that may lie far above its own size. */
+   2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
 static __attribute__((noinline)) int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double level) {
     int all = 1;
     for (int r = 0; r < ROWS; r++) {
         double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
-        if (now < 0.5 * c->best[r]) c->best[r] = now, c->idle[r] = 0;
+        if (now < 0.5 * c->best[r]) c->best[r] = now, c->idle[r] = now > NEAR * size ? 0 : c->idle[r];
         else c->idle[r] += 1;
         for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
-        int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= 0x1p-44 * size) ||
+        int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size) ||
                       (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most));
         all &= settled;
     }
+    if (all)
+        for (int r = 0; r < ROWS; r++) {
+            double last = largest(change_of(fresh[r], x[r]));
+            if (last > EPS * c->scale[r] && last > level * c->scale[r] && last > c->noise[r]) c->noise[r] = last;
+        }
     return all;
 }
 
@@ -169,6 +186,7 @@ INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double lev
     double now = largest(worst), before = c->now;
     int done = now <= EPS;
     if (!c->checks++) {
+        c->first = now;
         for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
         done |= now * c->rate <= level; /* the rate of the last step */
     } else {
@@ -183,7 +201,8 @@ INLINE void set_scale(Change *c, const double *size, double fade) {
     for (int r = 0; r < ROWS; r++) { /* an oscillating row keeps its size where it passes zero */
         double faded = fade * c->scale[r];
         c->scale[r] = size[r] > faded ? size[r] : faded;
-        c->inverse[r] = 1 / (c->scale[r] + 1e-300);
+        double least = c->noise[r] * (2 / EPS); /* a change of twice the noise counts as one at round-off */
+        c->inverse[r] = 1 / ((c->scale[r] > least ? c->scale[r] : least) + 1e-300);
     }
 }
 
@@ -222,7 +241,7 @@ int run(const Args *a) {
         known = (int64_t)carry->steps_known, expected = (int64_t)carry->expected;
         memcpy(y, carry->y, sizeof y), memcpy(rest, carry->rest, sizeof rest);
         memcpy(x, carry->x[0], sizeof x), memcpy(older, carry->x[1], sizeof older);
-        for (int r = 0; r < ROWS; r++) change.scale[r] = 0;
+        for (int r = 0; r < ROWS; r++) change.scale[r] = 0, change.noise[r] = carry->noise[r];
         set_scale(&change, carry->scale, 0);
         change.rate = carry->rate;
     } else {
@@ -233,7 +252,7 @@ int run(const Args *a) {
         velocity(q, z, &time, w + RHS_W, out);
         for (int d = 0; d < N; d++) y[N + d] = h * lane(out[d], 0);
 #endif
-        for (int r = 0; r < ROWS; r++) change.scale[r] = 0;
+        for (int r = 0; r < ROWS; r++) change.scale[r] = change.noise[r] = 0;
         change.rate = 1;
         for (int r = 0; r < ROWS; r++)
             for (int k = 0; k < VECTORS; k++) x[r][k] = older[r][k] = splat(0.0);
@@ -289,7 +308,8 @@ int run(const Args *a) {
             known = expected = 0;
         }
         if (status) break;
-        expected = count;
+        /* where already the first look saw nothing but round-off, the next step looks earlier */
+        expected = change.checks > 1 && change.first <= 4 * change.now ? count - change.checks : count;
         largest_count = count > largest_count ? count : largest_count;
         memcpy(older, kept, sizeof x);
         known += known < 2;
@@ -316,6 +336,7 @@ int run(const Args *a) {
 #endif
         for (int d = 0; d < 2 * N; d++) zero += y[d] * 0.0; /* not zero as soon as one of them is not finite */
         if (!(zero == 0)) { memcpy(y, old, sizeof y), memcpy(rest, lost, sizeof rest), status = NOT_FINITE; break; }
+        for (int r = 0; r < ROWS; r++) change.noise[r] *= KEPT_NOISE;
         set_scale(&change, sums + ROWS, 0.9);
         slowest = change.rate > slowest ? change.rate : slowest;
         if (++unsaved == a->save_every)
@@ -325,7 +346,7 @@ int run(const Args *a) {
     carry->steps_known = status ? 0 : (double)known, carry->expected = (double)expected, carry->h = h;
     memcpy(carry->y, y, sizeof y), memcpy(carry->rest, rest, sizeof rest);
     memcpy(carry->x[0], x, sizeof x), memcpy(carry->x[1], older, sizeof older);
-    for (int r = 0; r < ROWS; r++) carry->scale[r] = change.scale[r];
+    memcpy(carry->scale, change.scale, sizeof carry->scale), memcpy(carry->noise, change.noise, sizeof carry->noise);
     carry->rate = change.rate;
     a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;
     a->stats[4] = status ? change.now : 0, a->stats[5] = slowest;

@@ -10,7 +10,7 @@ import casadi as ca
 from varint.compiled.cache import vector_length
 from varint.compiled.graph import NotCompilable
 from varint.compiled.kernel import Kernel, build, emitted
-from varint.compiled.mechanics import acceleration, force, velocity
+from varint.compiled.mechanics import acceleration, constant_part, force, full_inertia, velocity
 from varint.compiled.tableau import tableau_source
 from varint.rules import Rule
 from varint.system import System
@@ -73,22 +73,47 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
 
 def _built(system: System, stages: int, form: int) -> Kernel:
     lanes, padded = lanes_for(stages)
-    q, v, t, u = system.q, system.v, system.t, system.control
+    q, v, t = system.q, system.v, system.t
     p = ca.SX.sym("p", v.numel())
-    speed = velocity(system, p)
-    if form == 2:
-        right = ([q, v, t, u], [acceleration(system)])
-    else:
-        right = ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])
-    at_nodes = {"velocity": ([q, p, t], [speed]), "momentum": ([q, v, t], [system.momentum])}
-    functions = emitted(system.c, {"rhs": right, **at_nodes}, str(padded // lanes))
+    right = _right_side(system, form, p)
+    expressions = dict(right)
+    if "rhs" in right:
+        expressions["velocity"] = ([q, p, t], [velocity(system, p)])
+    expressions["momentum"] = ([q, v, t], [system.momentum])
+    functions = emitted(system.c, expressions, str(padded // lanes))
     on_velocity = int(form == 2 and system.structure.force_on_velocity)
-    defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW}
+    defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW, "STRIDE": padded // lanes}
     about = f"Gauss, {stages} stages in {padded // lanes} vector(s) of {lanes}, " + (
         "unknown accelerations" if form == 2 else "unknown velocities and forces"
     )
     diagonals = q.numel() <= FEW and 4 * stages > 3 * padded
-    return build(about, system, stages, functions, defines, _tableau(stages, lanes, diagonals), "gauss.c")
+    data = _tableau(stages, lanes, diagonals) + _needs(q, right)
+    loops = ("gauss.c",) if "rhs" in right else ("dense.c", "gauss.c")
+    return build(about, system, stages, functions, defines, data, *loops)
+
+
+def _right_side(system: System, form: int, p: ca.SX) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
+    """The functions of the right-hand side: "rhs" alone, or "inertia" and "push" of dense.c."""
+    q, v, t, u = system.q, system.v, system.t, system.control
+    if form == 2:
+        return {"rhs": ([q, v, t, u], [acceleration(system)])}
+    if full_inertia(system):
+        rows, columns = ca.Sparsity.upper(q.numel()).get_triplet()  # the lower triangle row by row, by symmetry
+        triangle = ca.vertcat(*(system.mass_matrix[i, j] for i, j in zip(rows, columns, strict=True)))
+        return {"inertia": ([q, t], [triangle, constant_part(system)]), "push": ([q, v, t, u], [force(system)])}
+    speed = velocity(system, p)
+    return {"rhs": ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])}
+
+
+def _needs(q: ca.SX, right: dict[str, tuple[list[ca.SX], list[ca.SX]]]) -> str:
+    """NEEDS_Q and NEEDS_P of gauss.c: does the right-hand side depend on q_i, does the momentum p_i change?"""
+    rates = [ca.densify(x) for _, outputs in right.values() for x in outputs]
+    needed = {"NEEDS_Q": ca.which_depends(ca.vertcat(*rates), q, 1, False)}
+    needed["NEEDS_P"] = [not rate.is_zero() for rate in ca.vertsplit(rates[-1])]
+    return "".join(
+        f"static const char {name}[] __attribute__((unused)) = {{{', '.join(str(int(x)) for x in values)}}};\n"
+        for name, values in needed.items()
+    )
 
 
 @lru_cache(maxsize=64)

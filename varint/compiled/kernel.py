@@ -13,16 +13,18 @@ import casadi as ca
 import numpy as np
 
 from varint.compiled.cache import library
-from varint.compiled.emit import Emitted, emit
+from varint.compiled.emit import WRITTEN_OUT, Emitted, emit
 from varint.compiled.graph import NotCompilable
 from varint.system import System
 
 DONE, NOT_CONVERGED, NOT_FINITE = range(3)
 MOST_ITERATIONS = 60  # a scene that needs more contracts so poorly that Newton's method is cheaper
 FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
-MOST_OPERATIONS = 50_000  # of a right-hand side: more takes the compiler minutes
-LARGE_SOURCE = 20_000  # operations from which on the compiler's time matters more than the last tenth of the run's
+MOST_OPERATIONS = 1_000_000  # of a right-hand side: more takes too long to arrange
+MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
+LARGE_SOURCE = 20_000  # statements from which on the compiler's time matters more than the last tenth of the run's
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
+AT_STAGES = ("rhs", "inertia", "push")
 _ARGUMENTS = struct.Struct("4q3d6P")
 _STATS = 6
 
@@ -169,17 +171,17 @@ def text(name: str) -> str:
 
 
 def build(
-    about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, loop: str,
+    about: str, system: System, nodes: int, functions: dict[str, Emitted], defines: dict, data: str, *loop: str,
     opening: Callable[..., np.ndarray] | None = None,
 ) -> Kernel:  # fmt: skip
-    """Compile the loop `loop` (a C file) around the emitted functions, the right-hand side first."""
+    """Compile the loop (C files) around the emitted functions, the right-hand side first."""
     heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
         heads["MANY_ROOTS"] = 1
-    source = FAST_COMPILATION if sum(f.operations for f in functions.values()) > LARGE_SOURCE else ""
+    source = FAST_COMPILATION if sum(f.length for f in functions.values()) > LARGE_SOURCE else ""
     source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
-    source += text("lanes.h") + data + "\n".join(f.source for f in functions.values()) + text(loop)
+    source += text("lanes.h") + data + "\n".join(f.source for f in functions.values()) + "".join(map(text, loop))
     compiled = library(source)
     entry = compiled.run
     entry.argtypes, entry.restype = [c_char_p], c_int
@@ -189,16 +191,27 @@ def build(
 
 
 def emitted(
-    constants: ca.SX, expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]], stride: str = "1"
+    constants: ca.SX,
+    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
+    stride: str = "1",
+    written_out: int = WRITTEN_OUT,
 ) -> dict[str, Emitted]:
-    """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs."""
+    """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended to the inputs.
+
+    Those that are evaluated at the stages, not at nodes, have components so many vectors apart.
+    """
     result = {}
     for name, (inputs, outputs) in expressions.items():
         f = ca.Function(name, [*inputs, constants], ca.cse([ca.densify(x) for x in outputs]))
         if f.n_instructions() > MOST_OPERATIONS:
             raise NotCompilable(
-                f"{name} has {f.n_instructions()} operations; {MOST_OPERATIONS} compile in reasonable time; use "
+                f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
                 'backend="interpreted", or fewer coordinates'
             )
-        result[name] = emit(name, f, stride if name == "rhs" else "1")
+        result[name] = emit(name, f, stride if name in AT_STAGES else "1", written_out)
+        if result[name].length > MOST_STATEMENTS:
+            raise NotCompilable(
+                f"{name} has {result[name].length} statements; {MOST_STATEMENTS} compile in reasonable time; use "
+                'backend="interpreted", or fewer coordinates'
+            )
     return result

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import casadi as ca
 
+from varint.legendre import mass_solve
 from varint.system import System
+
+WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
+FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
 
 
 def constant_part(system: System) -> ca.SX:
@@ -12,16 +16,9 @@ def constant_part(system: System) -> ca.SX:
     return ca.substitute(system.momentum, system.v, ca.SX.zeros(system.v.numel()))
 
 
-def solved(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix⁻¹ right for a symmetric matrix, by LDLᵀ without square roots; diagonal matrices by division."""
-    if matrix.sparsity().is_diag():
-        return right / ca.diag(matrix)
-    return ca.ldl_solve(right, *ca.ldl(matrix))
-
-
 def velocity(system: System, p: ca.SX) -> ca.SX:
     """v(q, p, t) where the momentum is linear in v: M⁻¹ (p − p(v = 0))."""
-    return solved(system.mass_matrix, p - constant_part(system))
+    return mass_solve(system.mass_matrix, p - constant_part(system))
 
 
 def force(system: System) -> ca.SX:
@@ -31,4 +28,12 @@ def force(system: System) -> ca.SX:
 
 def acceleration(system: System) -> ca.SX:
     """G(q, v, t, u) = M⁻¹ (∂L/∂q + F) of a separable scene with constant mass."""
-    return solved(system.mass_matrix, force(system))
+    return mass_solve(system.mass_matrix, force(system))
+
+
+def full_inertia(system: System) -> bool:
+    """Is the inertia matrix so large and full that its factorisation is better done in loops?"""
+    n = system.q.numel()
+    fill, _ = ca.SX(system.mass_matrix).sparsity().ldl()
+    work = sum((end - start + 1) ** 2 for start, end in zip(fill.colind(), fill.colind()[1:], strict=False)) / 2
+    return work > WRITTEN_OUT and work > FULL * n**3 / 6

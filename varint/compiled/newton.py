@@ -22,7 +22,8 @@ from varint.rules import Rule
 from varint.stepping.constrained import constrained_equations, size_expressions
 from varint.stepping.equations import Equations
 from varint.stepping.explicit import kick_function
-from varint.stepping.implicit import LAST_CORRECTION, MOST_ITERATIONS, implicit_equations
+from varint.stepping.implicit import implicit_equations
+from varint.stepping.newton import LAST_CORRECTION, MOST_ITERATIONS
 from varint.stepping.rattle import eliminates_path, shake_equations
 from varint.stepping.rattle import hidden_functions as multiplier_parts
 from varint.stepping.run import RESIDUAL_LIMIT
@@ -89,8 +90,9 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
     if solve.map:
         about = "one constant linear map a step"
     return build(
-        about, system, len(rule.nodes), emitted(constants, functions), defines, data, "newton.c", _opening(system)
-    )
+        about, system, len(rule.nodes), emitted(constants, functions), defines, data, "newton.c",
+        opening=_opening(system),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

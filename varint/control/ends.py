@@ -89,7 +89,7 @@ def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray
     elif not isinstance(value, Sequence):
         value = [value]
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != n:
-        raise InputError(f"{what} must be {n} entries, one for each of {list(names)} (None: free), got {value!r}")
+        raise InputError(f"{what} takes entries, one for each of {list(names)} (None: free), got {value!r}")
     guess, low, high = np.full(n, np.nan), np.full(n, -np.inf), np.full(n, np.inf)
     for i, entry in enumerate(value):
         if entry is None:

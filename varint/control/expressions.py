@@ -30,6 +30,8 @@ def scalar(what: str, expression: Any, allowed: ca.SX, words: str) -> ca.SX:
     one = column(what, expression, allowed, words)
     if one.numel() != 1:
         raise InputError(f"{what} has {one.numel()} components; it must be one number")
+    if one.is_constant() and not np.isfinite(float(one)):
+        raise InputError(f"{what} is not finite: {expression!r}")
     return one
 
 

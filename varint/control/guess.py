@@ -11,6 +11,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.control.leg import Leg
+from varint.control.onto import onto_manifold, path_on_manifold
 from varint.control.phase import Checked
 from varint.control.piecewise import Piecewise
 from varint.control.problem import Problem, end_positions
@@ -44,22 +45,43 @@ def start_values(problem: Problem) -> np.ndarray:
 def phase_guess(phase: Checked, t0: float) -> Guess:
     """The guess of a phase in whatever form the user gave it."""
     given = phase.guess
-    ends = end_positions(phase)
-    straight = Guess(lambda s: (1 - s[:, None]) * ends[0] + s[:, None] * ends[1], None, phase.duration[0], phase.c)
-    if given is None:
-        return straight
     if isinstance(given, Trajectory):
         return _from_trajectory(phase, given)
+    if given is None:
+        return Guess(_straight(phase, t0), None, phase.duration[0], phase.c)
     if not isinstance(given, Mapping):
         raise InputError(f"guess must be a Trajectory or a dictionary with {list(KEYS)}, got {type(given).__name__}")
     unknown = sorted(set(given) - set(KEYS))
     if unknown:
         raise InputError(f"unknown keys {unknown} in guess; known: {list(KEYS)}")
-    duration = float(given.get("duration", phase.duration[0]))
+    duration = _guessed_duration(given.get("duration", phase.duration[0]))
     s = phase.system.structure
-    q = _path("q", given["q"], s.n, t0, duration) if "q" in given else straight.q
+    q = _path("q", given["q"], s.n, t0, duration) if "q" in given else _straight(phase, t0)
     u = _path("u", given["u"], s.controls, t0, duration) if "u" in given else None
     return Guess(q, u, duration, phase.c)
+
+
+def _guessed_duration(value: Any) -> float:
+    try:
+        duration = float(value)
+    except (TypeError, ValueError):
+        duration = np.nan
+    if not (np.isfinite(duration) and duration > 0):
+        raise InputError(f"the guess of the duration must be a positive number, got {value!r}")
+    return duration
+
+
+def _straight(phase: Checked, t0: float) -> Path:
+    """The line between the ends; on a constrained scene a path near it that keeps to the constraints."""
+    first, last = end_positions(phase)
+
+    def line(s: np.ndarray) -> np.ndarray:
+        return (1 - s[:, None]) * first + s[:, None] * last
+
+    if not phase.system.structure.constraints:
+        return line
+    moves = np.array([end.q[1] < end.q[2] for end in (phase.start, phase.end)])
+    return path_on_manifold(phase.system, line, t0, phase.duration[0], phase.c, moves)
 
 
 def _from_trajectory(phase: Checked, motion: Trajectory) -> Guess:
@@ -117,8 +139,10 @@ def _path(what: str, given: Any, size: int, t0: float, duration: float) -> Path:
 
 
 def _checked_samples(what: str, values: np.ndarray, size: int) -> np.ndarray:
-    if values.ndim != 2 or values.shape[1] != size or not np.isfinite(values).all():
-        raise InputError(f"the guess of {what} has shape {values.shape}; it takes finite numbers (samples, {size})")
+    if not np.isfinite(values).all():
+        raise InputError(f"the guess of {what} is not finite in {int((~np.isfinite(values)).sum())} of its numbers")
+    if values.ndim != 2 or values.shape[1] != size:
+        raise InputError(f"the guess of {what} has shape {values.shape}; it takes (samples, {size})")
     return values
 
 
@@ -126,9 +150,13 @@ def fill(x: np.ndarray, one: Leg, guess: Guess) -> None:
     """Write the guess into the unknowns of a phase."""
     phase, slots, rule = one.phase, one.slots, one.phase.rule
     mesh, steps = phase.mesh, np.diff(phase.mesh)
-    x[slots.q] = guess.q(mesh)
-    inside = mesh[:-1, None] + steps[:, None] * np.array(rule.points[1:-1])
-    x[slots.inner] = guess.q(inside.ravel()).reshape(slots.inner.shape)
+    inside = (mesh[:-1, None] + steps[:, None] * np.array(rule.points[1:-1])).ravel()
+    for index, at in ((slots.q, mesh), (slots.inner, inside)):
+        q = guess.q(at)
+        if phase.system.structure.constraints and len(at):
+            times = one.data[2 * phase.steps] + guess.duration * at
+            q = onto_manifold(phase.system, q, times, guess.c)[0]
+        x[index] = q.reshape(index.shape)
     points = np.concatenate([x[slots.q[:-1]][:, None], x[slots.inner], x[slots.q[1:]][:, None]], axis=1)
     h = guess.duration * steps
     v_nodes = np.einsum("ij,kjn->kin", rule.slopes, points) / h[:, None, None]

@@ -8,17 +8,22 @@ from typing import Any
 
 import numpy as np
 
+from varint.arrays import over_columns
 from varint.control import nlp
 from varint.control.guess import start_values
 from varint.control.leg import Leg
+from varint.control.onto import gaps_function
 from varint.control.optimal import judged
 from varint.control.phase import Phase
 from varint.control.problem import Problem, problem
 from varint.control.solution import trajectories
 from varint.errors import InputError
+from varint.manifold import rows_function
 from varint.stepping.initial import vector
 from varint.stepping.simulate import simulate
 from varint.trajectory import Trajectory
+
+SOLVES = 500  # of one controller, about: what compiling its kernels is weighed against
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +67,16 @@ class Controller:
             if outside.any():
                 raise InputError(f"{what} of {np.array(names)[outside].tolist()} lies outside its bounds: {state}")
             low[slot] = high[slot] = state
+        _on_constraints(one, low[one.slots.q[0]], low[one.slots.v[0]], 0.0 if t is None else float(t))
         data = self.problem.p.copy()
         if t is not None:
             data[2 * one.phase.steps] = t
         x, multipliers = self.start, None
         if previous is not None:
-            outcome = previous.solution.outcome  # type: ignore[union-attr]
+            origin = getattr(previous.solution, "origin", None)
+            if origin is None or len(origin.outcome.x) != self.problem.unknowns:
+                raise InputError("previous= takes the last answer of this controller")
+            outcome = origin.outcome
             x = _shifted_unknowns(one, outcome.x)
             multipliers = _shifted_unknowns(one, outcome.lam_x), _shifted_rows(one, outcome.lam_g)
         outcome = self.solver(np.clip(x, low, high), multipliers, x_low=low, x_high=high, p=data, progress=False)
@@ -78,14 +87,31 @@ class Controller:
         return judged(self.problem, outcome)[0]
 
 
-def mpc(phase: Phase, *, solver: str = "ipopt", options: Mapping[str, Any] | None = None) -> Controller:
+OFF = 1e-6  # of the state's size: a simulated state is closer to its constraints
+
+
+def _on_constraints(one: Leg, q: np.ndarray, v: np.ndarray, t: float) -> None:
+    """The state must be one that the constraints allow."""
+    s = one.phase.system
+    if not s.structure.constraints:
+        return
+    gap = over_columns(gaps_function(s), q[None], np.array([[t]]), one.phase.c)[0]
+    hidden = over_columns(rows_function(s), q[None], v[None], np.array([[t]]), one.phase.c)[0]
+    for what, rows, size in (("q violates constraint", gap, q), ("v violates G v = 0 of constraint", hidden, v)):
+        for i in np.flatnonzero(np.abs(rows[0]) > OFF * (1 + np.abs(size).max())):
+            raise InputError(f"the state's {what} {i} by {rows[0, i]:.3g}; vi.project brings a state onto constraints")
+
+
+def mpc(
+    phase: Phase, *, solver: str = "ipopt", options: Mapping[str, Any] | None = None, backend: str = "auto"
+) -> Controller:
     """A controller that looks ahead: build the problem once, solve it from each new state in milliseconds.
 
     Parameters
     ----------
     phase : Phase
         The problem over the horizon: system, rule, duration, steps, costs, end, bounds; leave the start free.
-    solver, options
+    solver, options, backend
         As in `optimal_control`.
 
     Returns
@@ -114,7 +140,7 @@ def mpc(phase: Phase, *, solver: str = "ipopt", options: Mapping[str, Any] | Non
         raise InputError(f"mpc takes a varint.Phase, got {type(phase).__name__}")
     if phase.start:
         raise InputError("mpc() gets its start with every call; leave start= out of the phase")
-    one = problem([phase], [], 0.0)
+    one = problem([phase], [], 0.0, nlp.backend_for(solver, backend), SOLVES, True)
     x = start_values(one)
     return Controller(one, nlp.solver(one, x, solver, options), x)
 
@@ -142,7 +168,12 @@ def closed_loop(
         ``u`` holds the controls applied.
     plans : list of Trajectory
     """
-    phase = controller.problem.legs[0].phase
+    phase, n = controller.problem.legs[0].phase, controller.problem.legs[0].phase.system.structure.n
+    if not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1:
+        raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
+    kicks = np.zeros((steps, n)) if disturbance is None else np.asarray(disturbance, dtype=float)
+    if kicks.shape != (steps, n) or not np.isfinite(kicks).all():
+        raise InputError(f"disturbance must be finite numbers ({steps}, {n}), one row a step; got shape {kicks.shape}")
     system = phase.system if plant is None else plant
     h = phase.duration[0] * float(phase.mesh[1])
     plans: list[Trajectory] = []
@@ -153,8 +184,8 @@ def closed_loop(
         u.append(plans[-1].u[0])
         applied = u[-1][None] if u[-1].shape[0] > 1 else u[-1]
         moved = simulate(system, phase.rule, q0=q, v0=v, h=h, steps=1, t0=k * h, u=applied)
-        if disturbance is not None:
-            p = moved.p[-1] + np.asarray(disturbance)[k]
+        if kicks[k].any():
+            p = moved.p[-1] + kicks[k]
             moved = simulate(system, phase.rule, q0=moved.q[-1], p0=p, h=h, steps=1, t0=(k + 1) * h, u=_rest(phase))[:1]
         q, v = moved.q[-1], moved.v[-1]
         nodes.append(moved[-1:])

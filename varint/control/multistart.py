@@ -32,6 +32,7 @@ def multistart(
     t0: float = 0.0,
     solver: str = "ipopt",
     options: Mapping[str, Any] | None = None,
+    backend: str = "auto",
 ) -> list[Trajectory]:
     """All different local minima found from many starts, cheapest first.
 
@@ -45,7 +46,7 @@ def multistart(
         Amplitude of the random paths, in units of each coordinate's range.
     seed : int
         Of the random numbers.
-    t0, solver, options
+    t0, solver, options, backend
         As in `optimal_control`.
 
     Returns
@@ -71,7 +72,12 @@ def multistart(
     >>> round(found[0].cost, 2), len(found) > 1
     (36.64, True)
     """
-    one = problem([phase], [], float(t0))
+    if not isinstance(phase, Phase):
+        raise InputError(f"multistart takes one varint.Phase, got {type(phase).__name__}")
+    if isinstance(starts, str):
+        raise InputError(f"starts must be a number or a list of guesses, got {starts!r}")
+    solves = starts if isinstance(starts, (int, np.integer)) else len(starts)
+    one = problem([phase], [], t0, nlp.backend_for(solver, backend), solves)
     x = start_values(one)
     run = nlp.solver(one, x, solver, options)
     kept: list[tuple[Trajectory, int]] = []

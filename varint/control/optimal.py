@@ -40,6 +40,7 @@ def optimal_control(
     t0: float = 0.0,
     solver: str = "ipopt",
     options: Mapping[str, Any] | None = None,
+    backend: str = "auto",
     progress: bool | None = None,
 ) -> Trajectory:
     """Controls of least cost ∫ cost dt + terminal_cost under discrete mechanics, p⁺_{k−1} = p⁻_k (DMOC).
@@ -76,9 +77,11 @@ def optimal_control(
     t0 : float
         Start time.
     solver : str
-        Name of a CasADi NLP solver.
+        Name of a CasADi NLP solver. ``"fatrop"`` gets the problem as a chain of stages (one phase, not periodic).
     options : dict, optional
         Options for `casadi.nlpsol`, verbatim, for instance ``{"ipopt": {"max_iter": 100}}``.
+    backend : {"auto", "compiled", "interpreted"}
+        How the kernels of the program run: ``"auto"`` compiles them where it pays and a compiler is there.
     progress : bool, optional
         Show the iterations. Default: in a terminal, when it takes longer than a second.
 
@@ -111,7 +114,7 @@ def optimal_control(
     12.0
     """
     phase = Phase(system, rule, duration, steps, cost, terminal_cost, start, end, bounds, control, params, guess, mesh)
-    return optimal_phases([phase], t0=t0, solver=solver, options=options, progress=progress)[0]
+    return optimal_phases([phase], t0=t0, solver=solver, options=options, backend=backend, progress=progress)[0]
 
 
 def optimal_phases(
@@ -121,6 +124,7 @@ def optimal_phases(
     t0: float = 0.0,
     solver: str = "ipopt",
     options: Mapping[str, Any] | None = None,
+    backend: str = "auto",
     progress: bool | None = None,
 ) -> list[Trajectory]:
     """Several motions in one problem, Σ cost → min, tied by links.
@@ -131,7 +135,7 @@ def optimal_phases(
         Each with its own system, rule, mesh, duration, cost, ends and bounds.
     links : sequence of Link, optional
         Default: each phase continues where the one before ended.
-    t0, solver, options, progress
+    t0, solver, options, backend, progress
         As in `optimal_control`.
 
     Returns
@@ -148,7 +152,7 @@ def optimal_phases(
     if not phases or not all(isinstance(phase, Phase) for phase in phases):
         raise InputError("optimal_phases takes a list of varint.Phase, at least one")
     ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else list(links)
-    return solved(problem(phases, ties, number("t0", t0)), solver, options, progress)
+    return solved(problem(phases, ties, number("t0", t0), nlp.backend_for(solver, backend)), solver, options, progress)
 
 
 def solved(one: Problem, name: str, options: Mapping[str, Any] | None, progress: bool | None) -> list[Trajectory]:

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
+import casadi as ca
 import numpy as np
 
-from varint.assembly import Program, assembled
+from varint.assembly import Kernels, Program, assembled
+from varint.compiled.functions import compiled_functions, compiled_where_it_pays
 from varint.control.contradictions import refuse_contradictions
 from varint.control.leg import Leg, leg
 from varint.control.links import Link, Linked, linked
+from varint.control.onto import ends_on_manifold
 from varint.control.phase import Checked, Phase, checked
 from varint.errors import InputError
 
@@ -21,7 +24,7 @@ class Problem:
     """A discrete optimal control problem min f(x, p), g_low ≤ g(x, p) ≤ g_high, x_low ≤ x ≤ x_high."""
 
     legs: list[Leg]
-    links: list[Linked]
+    links: list[Linked]  # with what periodic ends ask for
     program: Program
     p: np.ndarray
     x_low: np.ndarray
@@ -29,6 +32,8 @@ class Problem:
     g_low: np.ndarray
     g_high: np.ndarray
     seconds: float
+    kernels: Kernels | None = None
+    given_links: tuple[Link, ...] = ()
 
     @property
     def unknowns(self) -> int:
@@ -36,12 +41,32 @@ class Problem:
         return len(self.x_low)
 
 
-def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_options: dict | None = None) -> Problem:
-    """Transcribe the phases; those after a phase of free duration begin at an unknown time."""
-    began = perf_counter()
+def problem(
+    phases: Sequence[Phase],
+    links: Sequence[Link],
+    t0: float,
+    backend: str = "interpreted",
+    solves: float = 1,
+    later: bool = False,
+) -> Problem:
+    """Transcribe the phases; those after a phase of free duration begin at an unknown time.
+
+    `backend`, `solves`: how the kernels run, and how often the problem will be solved; see `kernels_by`. `later`: the
+    state at the start will be given with every solve.
+    """
+    began, kernels = perf_counter(), kernels_by(backend, solves)
+    try:
+        t0 = float(t0)
+    except (TypeError, ValueError):
+        t0 = np.nan
+    if not np.isfinite(t0):
+        raise InputError("t0 must be a finite number, the time at which the first phase begins")
     checks = [checked(phase) for phase in phases]
+    given_links = tuple(links)
     links = [*links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]
     for link in links:
+        if not isinstance(link, Link):
+            raise InputError(f"links takes a list of varint.Link, got {link!r}")
         if not (0 <= link.before < len(checks) and 0 <= link.after < len(checks)):
             raise InputError(f"a link joins phases {link.before} and {link.after}; there are {len(checks)}: 0 …")
     legs: list[Leg] = []
@@ -49,8 +74,8 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
     free_start = False
     for phase in checks:
         refuse_contradictions(phase, t0)
-        tied = any(link.after == len(legs) and _ties_all(link) for link in links)
-        one = leg(phase, t0, free_start, tied, end_positions(phase), x, p, g)
+        tied = (later and not legs) or any(link.after == len(legs) and _ties_all(link) for link in links)
+        one = leg(phase, t0, free_start, tied, _judged_at(phase, t0), x, p, g)
         legs.append(one)
         x, p, g = one.slots.end, p + len(one.data), one.rows.end
         t0, free_start = t0 + phase.duration[0], free_start or phase.free_duration
@@ -60,7 +85,7 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
         ties.append(tie)
         x, g = x + tie.unknowns, g + tie.rows
     elements = [e for one in legs for e in one.elements] + [e for tie in ties for e in tie.elements]
-    program = assembled(elements, x, p, g, kernel_options)
+    program = assembled(elements, x, p, g, kernels)
     return Problem(
         legs=legs,
         links=ties,
@@ -71,7 +96,38 @@ def problem(phases: Sequence[Phase], links: Sequence[Link], t0: float, kernel_op
         g_low=np.concatenate([*(one.g_low for one in legs), *(np.zeros(t.rows) for t in ties)]),
         g_high=np.concatenate([*(one.g_high for one in legs), *(np.zeros(t.rows) for t in ties)]),
         seconds=perf_counter() - began,
+        kernels=kernels,
+        given_links=given_links,
     )
+
+
+ITERATIONS = 20  # of a solver, about
+CALLS = 2, 2, 1, 1  # of value, gradient, Jacobian and Hessian an iteration
+BACKENDS = ("auto", "compiled", "interpreted")
+
+
+def kernels_by(backend: str, solves: float = 1) -> Kernels | None:
+    """How kernels are run: compiled, interpreted, or ("auto") compiled where that pays over so many solves."""
+    if backend not in BACKENDS:
+        raise InputError(f"backend={backend!r} is unknown; known: {list(BACKENDS)}")
+    if backend == "interpreted":
+        return None
+
+    def kernels(made: list[ca.Function], copies: int) -> list[ca.Function]:
+        if backend == "compiled":
+            return compiled_functions(made)
+        return compiled_where_it_pays(made, [copies * solves * ITERATIONS * calls for calls in CALLS])
+
+    return kernels
+
+
+def _judged_at(phase: Checked, t0: float) -> np.ndarray:
+    """Ends (2, n) where the ranks of the constraints are judged: on the constraints, if they can be reached."""
+    ends = end_positions(phase)
+    if not phase.system.structure.constraints:
+        return ends
+    moves = np.array([end.q[1] < end.q[2] for end in (phase.start, phase.end)])
+    return ends_on_manifold(phase.system, ends, t0 + phase.duration[0] * np.arange(2), phase.c, moves)[0]
 
 
 def _ties_all(link: Link) -> bool:

@@ -7,15 +7,15 @@ everywhere the path is smooth, and the order rises.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
 from varint.control.optimal import optimal_phases
-from varint.control.solution import ControlSolution
+from varint.control.solution import ControlSolution, Origin
 from varint.errors import InputError, SolverError
 from varint.rules import Rule, gauss, lobatto
 from varint.trajectory import Trajectory
@@ -26,6 +26,7 @@ MOST_STAGES = 8
 SAMPLES = np.linspace(0.05, 0.95, 7)  # places in a step where the two solutions are compared
 
 
+@overload
 def refine(
     motion: Trajectory,
     tol: float = 1e-8,
@@ -33,23 +34,45 @@ def refine(
     rounds: int = 20,
     solver: str = "ipopt",
     options: Mapping[str, Any] | None = None,
-) -> Trajectory:
+    backend: str = "auto",
+) -> Trajectory: ...
+@overload
+def refine(
+    motion: Sequence[Trajectory],
+    tol: float = 1e-8,
+    *,
+    rounds: int = 20,
+    solver: str = "ipopt",
+    options: Mapping[str, Any] | None = None,
+    backend: str = "auto",
+) -> list[Trajectory]: ...
+
+
+def refine(
+    motion: Trajectory | Sequence[Trajectory],
+    tol: float = 1e-8,
+    *,
+    rounds: int = 20,
+    solver: str = "ipopt",
+    options: Mapping[str, Any] | None = None,
+    backend: str = "auto",
+) -> Trajectory | list[Trajectory]:
     """The same optimal control to a tolerance in its cost, by steps of different size and by higher order.
 
     Parameters
     ----------
-    motion : Trajectory
-        From `optimal_control`.
+    motion : Trajectory or list of Trajectory
+        From `optimal_control`, or all phases from `optimal_phases`: their meshes are refined together.
     tol : float
         Wanted error of the cost, relative to it (absolute where the cost is below 1e-8).
     rounds : int
         Most rounds; each solves twice, starting warm.
-    solver, options
+    solver, options, backend
         As in `optimal_control`.
 
     Returns
     -------
-    Trajectory
+    Trajectory or list of Trajectory
         ``stats["error"]`` is the estimated error of the cost, ``stats["rounds"]`` lists (rule, steps, cost, error).
 
     Raises
@@ -72,38 +95,47 @@ def refine(
     """
     if not (np.isfinite(tol) and tol > 0):
         raise InputError(f"tol must be a positive number, got {tol!r}")
-    _solution(motion)
+    single = isinstance(motion, Trajectory)
+    low = _solved_together([motion] if isinstance(motion, Trajectory) else list(motion))
+    t0, links = float(low[0].t[0]), _origin(low[0]).problem.given_links
     history: list[tuple[str, int, float, float]] = []
-    low = motion
+
+    def solve(rules: Sequence[Rule], meshes: Sequence[np.ndarray], guesses: Sequence[Trajectory]) -> list[Trajectory]:
+        phases = [
+            replace(_origin(guess).phase.given, rule=rule, mesh=mesh, steps=0, guess=guess)
+            for rule, mesh, guess in zip(rules, meshes, guesses, strict=True)
+        ]
+        return optimal_phases(phases, links, t0=t0, solver=solver, options=options, backend=backend)
+
     for _ in range(rounds):
-        found = _solution(low)
-
-        def solve(rule: Rule, mesh: np.ndarray, guess: Trajectory) -> Trajectory:
-            phase = replace(found.phase.given, rule=rule, mesh=mesh, steps=0, guess=guess)  # noqa: B023
-            return optimal_phases([phase], t0=float(motion.t[0]), solver=solver, options=options)[0]
-
-        high = solve(_next(low.rule), found.mesh, low)
-        wanted = tol * (abs(high.cost) if abs(high.cost) > SMALL else 1.0)
-        different = _differences(found, _solution(high))
-        marked = different >= MARKED * different.max()
-        smooth = bool(marked.mean() > SMOOTH)
-        error, best = abs(high.cost - low.cost), high
-        kinks = bool(_solution(high).active) or not smooth
+        rules, higher = [x.rule for x in low], [_next(x.rule) for x in low]
+        meshes = [_solution(x).mesh for x in low]
+        high = solve(higher, meshes, low)
+        cost, before = _solution(high[0]).total_cost, _solution(low[0]).total_cost
+        wanted = tol * (abs(cost) if abs(cost) > SMALL else 1.0)
+        different = [_differences(_solution(x), _solution(y)) for x, y in zip(low, high, strict=True)]
+        marked = [x >= MARKED * max(y.max() for y in different) for x in different]
+        smooth = bool(np.concatenate(marked).mean() > SMOOTH)
+        error, best = abs(cost - before), high
+        kinks = any(_solution(x).active for x in high) or not smooth
         if error <= wanted and kinks:  # near a kink both rules can err alike: ask a mesh of half the steps
-            best = solve(high.rule, _bisected(found.mesh), high)
-            error = max(error, abs(best.cost - high.cost))
-        history.append((str(low.rule), len(found.mesh) - 1, low.cost, error))
+            best = solve(higher, [_bisected(x) for x in meshes], high)
+            error = max(error, abs(_solution(best[0]).total_cost - cost))
+        words = ", ".join(dict.fromkeys(map(str, rules)))
+        history.append((words, sum(len(x) - 1 for x in meshes), before, error))
         if error <= wanted:
-            return replace(best, stats=MappingProxyType({**best.stats, "error": error, "rounds": tuple(history)}))
-        if smooth and len(high.rule.nodes) < MOST_STAGES:
+            about = {"error": error, "rounds": tuple(history)}
+            found = [replace(x, stats=MappingProxyType({**x.stats, **about})) for x in best]
+            return found[0] if single else found
+        if smooth and max(len(x.nodes) for x in higher) < MOST_STAGES:
             low = high
         else:
-            low = solve(low.rule, _bisected(found.mesh, marked), high)
+            low = solve(rules, [_bisected(x, y) for x, y in zip(meshes, marked, strict=True)], high)
     raise SolverError(
         f"after {rounds} rounds the cost is known to {history[-1][3]:.1e} only, wanted {tol:.1e} relative; "
         "more rounds, or phases where the controls switch",
         status="Tolerance_Not_Reached",
-        iterate=low,
+        iterate=low[0] if single else low,
     )
 
 
@@ -113,9 +145,28 @@ SMALL = 1e-8  # a cost below this is compared as it is
 def _solution(motion: Trajectory) -> ControlSolution:
     if not isinstance(motion.solution, ControlSolution):
         raise InputError("refine() takes a trajectory from optimal_control")
-    if len(motion.solution.problem.legs) > 1:
-        raise InputError("refine() takes one phase; solve the phases again with finer meshes instead")
     return motion.solution
+
+
+def _origin(motion: Trajectory) -> Origin:
+    origin = _solution(motion).origin
+    if origin is None:
+        raise InputError(
+            "this motion was loaded from a file, which does not hold its problem; solve it with guess=motion"
+        )
+    return origin
+
+
+def _solved_together(motions: list[Trajectory]) -> list[Trajectory]:
+    """The phases of one problem, in its order."""
+    origins = [_origin(x) for x in motions]
+    wanted = origins[0].problem.legs if origins else []
+    if not origins or [x.leg for x in origins] != wanted:
+        raise InputError(
+            f"refine() takes one trajectory, or all {len(wanted)} phases that optimal_phases returned, in their order; "
+            f"got {len(motions)}"
+        )
+    return motions
 
 
 def _next(rule: Rule) -> Rule:

@@ -8,7 +8,11 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.control.replay import defect, replay
 from varint.control.solution import ControlSolution
+from varint.errors import InputError
+from varint.symmetry import symmetries
 from varint.trajectory import Trajectory
+
+CROSSES = 1e-9  # a symmetry of the Lagrangian that leaves the constraints is none of the scene
 
 
 def report(motion: Trajectory, solution: ControlSolution) -> str:
@@ -26,7 +30,7 @@ def report(motion: Trajectory, solution: ControlSolution) -> str:
     gained, work = energy_balance(motion, solution)
     lines.append(f"  energy               gained {gained:.9g}, work of the forces {work:.9g}")
     for name, change, impulse in momentum_balance(motion, solution):
-        lines.append(f"  momentum of {name:<9}gained {change:.9g}, impulse of the force {impulse:.9g}")
+        lines.append(f"  {name}: momentum gained {change:.9g}, impulse of the force {impulse:.9g}")
     for bound, times in s.active.items():
         lines.append(f"  active               {bound}: {len(times)} times, {times[0]:.4g} … {times[-1]:.4g}")
     return "\n".join(lines)
@@ -55,10 +59,24 @@ def energy_balance(motion: Trajectory, solution: ControlSolution) -> tuple[float
 
 
 def momentum_balance(motion: Trajectory, solution: ControlSolution) -> list[tuple[str, float, float]]:
-    """(name, p_N − p_0, ∫ F dt) of every cyclic coordinate: equal to round-off (forced Noether theorem)."""
-    s = motion.system
-    cyclic = [] if s.structure.constraints else s.structure.cyclic
-    if not cyclic:
+    """(name, J_N − J_0, ∫ F·ξ dt) of every symmetry ξ(q) of the Lagrangian, J = p·ξ.
+
+    Equal to round-off where ξ is affine in q, as translations and rotations are (forced Noether theorem): the rule
+    keeps those momentum maps exactly.
+    """
+    s, found = motion.system, []
+    try:
+        known = symmetries(s, params=motion.parameters, near=motion.q[len(motion) // 2])
+    except InputError:  # not finite somewhere near the path: nothing can be said
         return []
-    impulse = _along(motion, solution, s.force).sum(axis=(0, 1))
-    return [(s.names[i], float(motion.p[-1, i] - motion.p[0, i]), float(impulse[i])) for i in cyclic]
+    for one in known:
+        crossing = ca.jtimes(s.constraint, s.q, one.xi)
+        fits = one.tau.is_zero() and one.gauge.is_zero() and not ca.depends_on(one.xi, ca.vertcat(s.v, s.t))
+        if not fits or np.abs(_along(motion, solution, crossing)).max(initial=0.0) > CROSSES:
+            continue
+        vector = ca.Function("xi", [s.q, s.c], [ca.densify(one.xi)])
+        at_ends = over_columns(vector, motion.q[[0, -1]], motion.c)[0]
+        before, after = (motion.p[[0, -1]] * at_ends).sum(axis=1)
+        impulse = _along(motion, solution, ca.dot(s.force, one.xi)).sum()
+        found.append((one.name, float(after - before), float(impulse)))
+    return found

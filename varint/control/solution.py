@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -36,6 +36,20 @@ class Costates(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Origin:
+    """A phase, the program it is part of, and what the solver returned."""
+
+    leg: Leg
+    problem: Problem
+    outcome: Outcome
+
+    @property
+    def phase(self) -> Checked:
+        """The phase as the user gave it, checked."""
+        return self.leg.phase
+
+
+@dataclass(frozen=True, eq=False)
 class ControlSolution:
     """What belongs to an optimal control beside its trajectory.
 
@@ -56,10 +70,10 @@ class ControlSolution:
     status, success, violation, iterations, history, timings
         How the solver ended and got there; the largest violation of any condition; cost, violation and optimality
         after each iteration; seconds to build and to solve.
-    phase : Checked
-        The problem this solves.
-    outcome, problem
-        The solver's own numbers, from which a further solve starts warm.
+    origin : Origin or None
+        The problem and the solver's own numbers, from which a further solve starts warm; None after loading a file.
+    kept : mapping
+        What a file held of `active`.
     """
 
     cost: float
@@ -73,22 +87,19 @@ class ControlSolution:
     status: str
     success: bool
     violation: float
+    iterations: int
     history: Mapping[str, list[float]]
     timings: Mapping[str, float]
-    phase: Checked
-    outcome: Outcome
-    problem: Problem
+    origin: Origin | None = None
+    kept: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"ControlSolution(cost {self.cost:.9g}, {self.status}, {self.iterations} iterations)"
 
     @cached_property
     def active(self) -> dict[str, np.ndarray]:
         """Bounds along the path that are met with equality, and the times where they are."""
-        one = next(leg for leg in self.problem.legs if leg.phase is self.phase)
-        return _active(one, self.outcome, self.problem)
-
-    @property
-    def iterations(self) -> int:
-        """Iterations of the solver."""
-        return max(len(self.history.get("cost", ())) - 1, 0)
+        return dict(self.kept) if self.origin is None else _active(self.origin)
 
 
 def trajectories(problem: Problem, outcome: Outcome, data: np.ndarray | None = None) -> list[Trajectory]:
@@ -119,11 +130,10 @@ def _trajectory(problem: Problem, outcome: Outcome, one: Leg, constants: np.ndar
         status=outcome.status,
         success=outcome.success,
         violation=outcome.violation,
+        iterations=outcome.iterations,
         history=MappingProxyType(outcome.history),
         timings=MappingProxyType({"build": problem.seconds, "solve": outcome.seconds}),
-        phase=phase,
-        outcome=outcome,
-        problem=problem,
+        origin=Origin(one, problem, outcome),
     )
     return Trajectory(
         system=system,
@@ -176,8 +186,9 @@ def _momenta_and_terms(one: Leg, outcome: Outcome, shared: np.ndarray) -> tuple[
     }
 
 
-def _active(one: Leg, outcome: Outcome, problem: Problem) -> dict[str, np.ndarray]:
+def _active(origin: Origin) -> dict[str, np.ndarray]:
     """Times at which each bound along the path is met with equality."""
+    one, outcome, problem = origin.leg, origin.outcome, origin.problem
     phase, slots, rule = one.phase, one.slots, one.phase.rule
     s, mesh, steps = phase.system, phase.mesh, np.diff(phase.mesh)
     shared = np.where(slots.shared >= 0, outcome.x[slots.shared], one.data[2 * phase.steps :])
@@ -216,3 +227,41 @@ def _active(one: Leg, outcome: Outcome, problem: Problem) -> dict[str, np.ndarra
 
 def _texts(expressions: ca.SX) -> list[str]:
     return [str(x) for x in ca.vertsplit(expressions)] if expressions.numel() else []
+
+
+PIECES = ("q", "u", "costate")
+PLAIN = ("cost", "total_cost", "status", "success", "violation", "iterations")
+
+
+def stored(solution: ControlSolution) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What a file keeps of a solution: numbers and words, and arrays."""
+    header = {name: getattr(solution, name) for name in PLAIN}
+    header |= {"history": dict(solution.history), "timings": dict(solution.timings), "active": list(solution.active)}
+    arrays = {
+        "mesh": solution.mesh,
+        "v_ends": solution.v_ends,
+        "mu_q": solution.costates.q,
+        "mu_p": solution.costates.p,
+    }
+    for name in PIECES:
+        piece = getattr(solution, name)
+        arrays |= {f"{name}_points": piece.points, f"{name}_values": piece.values}
+    return header, arrays | {f"active_{i}": times for i, times in enumerate(solution.active.values())}
+
+
+def restored(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> ControlSolution:
+    """A solution from what `stored` kept; a further solve can start from its path and controls."""
+    mesh = arrays["mesh"]
+    pieces: dict[str, Any] = {
+        name: Piecewise(mesh, arrays[f"{name}_points"], arrays[f"{name}_values"]) for name in PIECES
+    }
+    return ControlSolution(
+        **{name: header[name] for name in PLAIN},
+        **pieces,
+        mesh=mesh,
+        v_ends=arrays["v_ends"],
+        costates=Costates(arrays["mu_q"], arrays["mu_p"]),
+        history=MappingProxyType(header["history"]),
+        timings=MappingProxyType(header["timings"]),
+        kept={name: arrays[f"active_{i}"] for i, name in enumerate(header["active"])},
+    )

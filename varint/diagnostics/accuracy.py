@@ -17,6 +17,7 @@ from varint.discrete import point_function
 from varint.errors import ConvergenceError, InputError
 from varint.parameters import number, whole
 from varint.rules import Rule, gauss, lobatto
+from varint.stepping.plan import default_rule
 from varint.system import System
 from varint.trajectory import Trajectory
 
@@ -185,10 +186,14 @@ def _end(start: Scene, duration: float, reference: Reference) -> tuple[np.ndarra
 
 
 def tight(start: Scene, duration: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """q and p at the end by a rule of order 16 (14 with constraints), doubled until nothing changes; last change."""
-    rule = lobatto(8) if start.system.structure.constraints else gauss(8)
-    if start.system.structure.degenerate:
-        rule = gauss(1)
+    """q and p at the end by a rule of order 16 (14 with constraints), doubled until nothing changes; last change.
+
+    Scenes that have rules of order 2 only take the scene's own.
+    """
+    s = start.system.structure
+    rule = lobatto(8) if s.constraints or s.contacts else gauss(8)
+    if s.degenerate or s.nonholonomic:
+        rule = default_rule(start.system)
     fine = replace(start, method=rule, rule=rule)
     best: tuple[np.ndarray, np.ndarray, float] | None = None
     q, p = None, None

@@ -61,7 +61,7 @@ class EnergySlope:
 
     def __str__(self) -> str:
         if self.passed is None:
-            return f"{mark(None)} energy is not conserved by this scene (forces, or L depends on time)"
+            return f"{mark(None)} energy is not conserved by this scene (forces, impacts, or L depends on time)"
         what = "no drift of energy" if self.passed else "energy drifts"
         return (
             f"{mark(self.passed)} {what}: slope {self.slope:.1e} ± {self.noise:.1e} (round-off {self.floor:.1e}), "
@@ -119,7 +119,7 @@ def energy_slope(
     around = np.ptp(energy - slope * (t - t[0]))
     least = max(SIGNIFICANT * noise, NEGLIGIBLE * around / abs(t[-1] - t[0]), floor)
     good = bool(np.isfinite(slope) and abs(slope) <= least)
-    passed = None if system.structure.forced or not system.structure.autonomous else good
+    passed = None if system.structure.forced or not system.structure.autonomous or start.dissipates else good
     return EnergySlope(start.name, h, t, energy, centres, means, slope, noise, float(floor), passed)
 
 
@@ -148,7 +148,8 @@ class RoundOff:
         Root mean squares, over several starts, of the relative errors of (q, p) and of H on return.
     exponent : float
         e of the growth law of the energy error, ∝ steps**e: ½ random walk, 1 steady; more is systematic.
-    passed : bool
+    passed : bool or None
+        None where impacts lose energy.
     """
 
     method: str
@@ -157,9 +158,11 @@ class RoundOff:
     state: np.ndarray
     energy: np.ndarray
     exponent: float
-    passed: bool
+    passed: bool | None
 
     def __str__(self) -> str:
+        if self.passed is None:
+            return f"{mark(None)} round-off: impacts lose energy, no run leads back"
         what = "round-off" if self.passed else "errors beyond round-off"
         return (
             f"{mark(self.passed)} {what}: energy error {self.energy[-1]:.1e} after {self.steps[-1]} steps there and "
@@ -209,10 +212,13 @@ def round_off(
     """
     start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
     h, steps = number("h", h), whole("steps", steps)
+    if start.dissipates:
+        nothing = np.full(1, np.nan)
+        return RoundOff(start.name, h, np.array([steps]), nothing, nothing, float("nan"), None)
     levels = np.unique(np.geomspace(max(steps // 100, 10), steps, 6).astype(int))
     rng, flip = np.random.default_rng(1), is_even(system)
     state, energy = np.zeros((STARTS, len(levels))), np.zeros((STARTS, len(levels)))
-    starts = 1 if system.structure.constraints else STARTS
+    starts = 1 if start.is_held else STARTS
     for i in range(starts):
         factor = 1 + NUDGE * rng.uniform(-1, 1, len(start.q)) * (i > 0)
         state[i], energy[i] = _there_and_back(start, h, levels, start.q * factor, flip)

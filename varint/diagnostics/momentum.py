@@ -21,6 +21,8 @@ from varint.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LEAST = 1e-3  # of its natural size: terms of J below it are small by accident, a symmetric start or a state of rest
+SHIFT = 1e-2  # of a position in one step: round-off in q comes with this part of M q/h times round-off in p
 DRIFT = 1e-11  # relative drift of a quantity that the rule keeps exactly; round-off over 1e5 steps stays below
 
 
@@ -35,10 +37,12 @@ class MomentumMap:
     t, values : ndarray (N + 1,)
         Times of the nodes and J there.
     expected : ndarray (N + 1,) or None
-        J_0 plus what forces must have added, Σ (f⁻·ξ(q_k) + f⁺·ξ(q_{k+1})); J_0 where nothing breaks the symmetry;
-        None where constraints or contacts break it.
+        J_0 plus what forces must have added, Σ (f⁻·ξ(q_k) + f⁺·ξ(q_{k+1})), and likewise the reactions λ·∂g/∂q ξ of
+        constraints at the control points and the impulses of contacts; J_0 where nothing breaks the symmetry; None
+        where that is not known (a shift of time with moving constraints, an impact that constraints take part in).
     size : float
-        Largest sum of the absolute values of J's terms; drifts are relative to it.
+        Largest sum of the absolute values of J's terms; drifts are relative to it. Of a J whose terms are all tiny:
+        what J would be if its coordinates took their share of the motion.
     """
 
     symmetry: Symmetry
@@ -76,6 +80,11 @@ class MomentumMap:
             return 0.0
         t = self.t - self.t.mean()
         return float(t @ self.error / (t @ t))
+
+    @property
+    def exact(self) -> bool:
+        """Whether the rule's own symmetry makes J, or its balance with forces and reactions, exact to round-off."""
+        return self.symmetry.tau.is_zero() and self.symmetry.shared_by(self.rule)
 
     @property
     def kept(self) -> str:
@@ -158,7 +167,7 @@ def momentum_map(motion: Trajectory, symmetry: Symmetry) -> MomentumMap:
             "this symmetry holds at other parameter values only; use symmetries(system, params=trajectory.parameters)"
         )
     values, sizes = _quantity(motion, symmetry)
-    size = float(sizes.max())
+    size = max(float(sizes.max()), LEAST * _natural_size(motion, symmetry))
     return MomentumMap(symmetry, motion.rule, motion.t, values, _expected(motion, symmetry, values[0]), size or 1.0)
 
 
@@ -187,25 +196,74 @@ def _quantity(motion: Trajectory, symmetry: Symmetry) -> tuple[np.ndarray, np.nd
     return values[:, 0], sizes[:, 0]
 
 
+def _natural_size(motion: Trajectory, symmetry: Symmetry) -> float:
+    """Size of p·ξ if every coordinate had the largest √M q and p/√M of all: where J is zero, its round-off is not.
+
+    Momenta are taken no smaller than those that shift a position by 1 % of itself in a step: resting scenes have none.
+    """
+    s, n = symmetry.system, symmetry.system.structure.n
+    mass = ca.Function("mass", [s.q, s.v, s.t, s.c], [ca.densify(ca.fabs(ca.diag(s.mass_matrix)))])
+    inertia = over_columns(mass, motion.q, motion.v, motion.t[:, None], motion.c)[0].max(axis=0)
+    root = np.sqrt(np.where(inertia > 0, inertia, inertia.max() or 1.0))
+    q = np.abs(motion.q * root).max() / root
+    p = max(np.abs(motion.p / root).max(), SHIFT * (root * q).max() / abs(motion.h)) * root
+    slope = ca.jacobian(symmetry.xi, s.q)
+    field = ca.Function("field", [s.q, s.t, s.c], [ca.densify(symmetry.xi), ca.densify(slope)])
+    xi, slope = over_columns(field, motion.q, motion.t[:, None], motion.c)
+    turn = np.abs(slope).max(axis=0).reshape(n, n).T @ q
+    return float(p @ np.maximum(np.abs(xi).max(axis=0), turn))
+
+
 def _expected(motion: Trajectory, symmetry: Symmetry, start: float) -> np.ndarray | None:
-    if set(symmetry.broken_by) - {"force"}:
-        return None
     if not symmetry.broken_by:
         return np.full(len(motion), start)
+    jumps = _jumps(motion, symmetry)
+    if jumps is None or (not symmetry.tau.is_zero() and {"constraint", "nonholonomic"} & set(symmetry.broken_by)):
+        return None
     work = motion.sums(lambda scene: _work(scene, motion.rule, symmetry))[:, 0]
-    return start + np.concatenate([[0.0], np.cumsum(work)])
+    return start + np.concatenate([[0.0], np.cumsum(work)]) + np.cumsum(jumps)
+
+
+def _jumps(motion: Trajectory, symmetry: Symmetry) -> np.ndarray | None:
+    """What impacts add to J at each node, Λ ∂gap/∂q·ξ; None where other rows take part in one, unknown by how much."""
+    s, jumps = symmetry.system, np.zeros(len(motion))
+    gaps = ca.Function("gaps", [s.q, s.t, s.c], [ca.mtimes(ca.jacobian(s.contact, s.q), symmetry.xi)])
+    for event in motion.events:
+        if event.contact is None or not event.impulse:
+            continue
+        passed = (event.time - motion.t) * motion.h
+        if passed[0] <= 0 or passed[-1] > 0:
+            continue
+        node = len(motion) - 1 - int(np.argmin(np.abs(passed[::-1])))  # of two at the same time the one after it
+        held = motion.phases[motion.phase[max(node - 1, 0)]] if motion.phase is not None else None
+        others = s.structure.nonholonomic or s.structure.constraints or (held is not None and held.holding)
+        if others or motion.t[node] != event.time:
+            return None
+        if symmetry.tau.is_zero():
+            along = np.array(gaps(motion.q[node], motion.t[node], motion.c)).ravel()[event.contact]
+            jumps[node] += event.impulse * along
+        else:
+            jumps[node] += event.energy_after - event.energy_before
+    return jumps
 
 
 def _work(system: System, rule: Rule, symmetry: Symmetry) -> ca.Function:
-    """What forces add to J in a step, Σ_j f_j·ξ(Q_j) = h Σ_i b_i F_i·ξ(q(c_i h)) for affine ξ.
+    """What forces and reactions r_j add to J in a step, Σ_j (f_j + r_j)·ξ(Q_j).
 
-    Eliminating the inner control points turns the sum over j into f⁻·ξ(q_k) + f⁺·ξ(q_{k+1}).
+    The forces' part is h Σ_i b_i F_i·ξ(q(c_i h)) for affine ξ. Eliminating the inner control points turns the sum over
+    j into f⁻·ξ(q_k) + f⁺·ξ(q_{k+1}).
     """
     one, s = interval(system, rule), system
     along = ca.Function("along", [s.q, s.v, s.t, s.c], [ca.densify(symmetry.xi + symmetry.tau * s.v)])
+    along_xi = ca.Function("xi", [s.q, s.t, s.c], [ca.densify(symmetry.xi)])
     work = ca.SX(0)
     for i, b in enumerate(rule.weights):
         q, v, t = one.q_nodes[:, i], one.v_nodes[:, i], one.t_nodes[i]
         force = point_function(s)(q, v, one.u[:, i], t, one.c)[3]
         work += one.h * b * ca.dot(force, along(q, v, t, one.c))
-    return along_step(system, rule, one, [work])
+    reactions = ca.SX.sym("reactions", s.structure.n, one.dq.shape[1] + 1)
+    if rule.points and not symmetry.xi.is_zero():
+        path = ca.horzcat(one.q0, ca.repmat(one.q0, 1, one.dq.shape[1]) + one.dq)
+        for j, point in enumerate(rule.points):
+            work += ca.dot(reactions[:, j], along_xi(path[:, j], one.t + one.h * point, one.c))
+    return along_step(system, rule, one, [work], reactions)

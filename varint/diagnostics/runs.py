@@ -53,6 +53,17 @@ class Scene:
     c: np.ndarray
 
     @property
+    def is_held(self) -> bool:
+        """Whether the start lies on constraints, so that it cannot be moved freely."""
+        s = self.system.structure
+        return bool(s.constraints or s.nonholonomic)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether impacts lose energy."""
+        return bool(self.system.structure.contacts and (self.system.restitution < 1).any())
+
+    @property
     def name(self) -> str:
         return str(self.method) if isinstance(self.method, Rule) else self.method.name()
 
@@ -135,7 +146,8 @@ def march(scene: Scene, h: float, steps: int, q: Any = None, p: Any = None, t: f
             motion = simulate(
                 scene.system, scene.method, q0=q, p0=p, h=h, steps=steps, t0=t, params=values, u=u, progress=False
             )
-        return motion.q, motion.p, motion.t
+        grid = np.unique(motion.k, return_index=True)[1]  # impacts add nodes between those of the grid
+        return motion.q[grid], motion.p[grid], motion.t[grid]
     times = t + h * np.arange(steps + 1)
     n, x, states, k = len(q), np.concatenate([q, p]), [np.concatenate([q, p])[None]], 0
     for count in blocks(steps, LARGEST_BLOCK // 10):

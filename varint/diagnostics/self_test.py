@@ -50,10 +50,10 @@ class SelfTest:
 
     @property
     def momenta(self) -> bool | None:
-        """Whether every quantity that the rule keeps exactly drifts less than 1e-11, forces taken into account."""
+        """Whether all that the rule keeps exactly drifts less than 1e-11, forces and reactions taken into account."""
         if self.conserved is None:
             return None
-        kept = [m for m in self.conserved if m.expected is not None and m.symmetry.tau.is_zero()]
+        kept = [m for m in self.conserved if m.expected is not None and m.exact]
         return all(m.drift <= DRIFT for m in kept) if kept else None
 
     @property

@@ -34,7 +34,7 @@ class SymplecticDefect:
     values : ndarray
         One a state.
     passed : bool or None
-        None where forces make the flow itself not symplectic.
+        None where forces or non-holonomic constraints make the flow itself not symplectic, and with contacts.
     """
 
     method: str
@@ -44,11 +44,13 @@ class SymplecticDefect:
 
     @property
     def worst(self) -> float:
-        return float(self.values.max())
+        return float(self.values.max(initial=0.0))
 
     def __str__(self) -> str:
+        if not self.values.size:
+            return f"{mark(None)} symplectic: contacts have no step that could be differentiated"
         what = "symplectic" if self.worst <= SYMPLECTIC else "not symplectic"
-        what += ": forces do work" if self.passed is None else ""
+        what += ": forces or non-holonomic constraints" if self.passed is None else ""
         return f"{mark(self.passed)} {what}: ‖AᵀJA − J‖ = {self.worst:.1e} (limit {SYMPLECTIC:g})"
 
 
@@ -95,10 +97,12 @@ def symplectic_defect(
     """
     start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
     states, apart = whole("states", states), whole("apart", apart)
+    if system.structure.contacts:
+        return SymplecticDefect(start.name, h, np.empty(0), None)
     q, p, t = march(start, h, max(states - 1, 1) * apart)
     values = np.array([_defect(start, q[i], p[i], t[i], h) for i in range(0, len(q), apart)][:states])
-    good = bool((values <= SYMPLECTIC).all())
-    return SymplecticDefect(start.name, h, values, None if system.structure.forced and not good else good)
+    good, free = bool((values <= SYMPLECTIC).all()), system.structure.forced or system.structure.nonholonomic
+    return SymplecticDefect(start.name, h, values, None if free and not good else good)
 
 
 def _defect(start: Scene, q: np.ndarray, p: np.ndarray, t: float, h: float) -> float:
@@ -173,6 +177,7 @@ class ReversibilityDefect:
     def __str__(self) -> str:
         how = "flipping v" if self.flipped else "flipping h"
         what = "reversible" if self.passed else "not reversible"
+        what += ": impacts lose energy" if self.passed is None else ""
         return (
             f"{mark(self.passed)} {what}: {self.error:.1e} after {self.steps} steps there and back, {how} "
             f"(limit {self.limit:.1e}: round-off × growth {self.growth:.1e})"
@@ -214,13 +219,12 @@ def reversibility_defect(
     size = np.abs(q).max(), np.abs(p).max()
     error = max(_relative(back_q - start.q, size[0]), _relative(back_p - start.p, size[1]))
     nudge = PROBE * np.where(np.abs(start.q) > 0, start.q, size[0])
-    near_q, near_p, _ = (
-        march(start, h, steps, start.q + nudge, start.p) if not system.structure.constraints else (q, p, t)
-    )
+    near_q, near_p, _ = (q, p, t) if start.is_held else march(start, h, steps, start.q + nudge, start.p)
     apart = max(_relative(near_q[-1] - q[-1], size[0]), _relative(near_p[-1] - p[-1], size[1]))
     growth = max(1.0, apart / PROBE)
     limit = MARGIN * EPS * steps * growth
-    return ReversibilityDefect(start.name, h, steps, error, limit, growth, flip, bool(error <= limit))
+    good = None if start.dissipates else bool(error <= limit)
+    return ReversibilityDefect(start.name, h, steps, error, limit, growth, flip, good)
 
 
 def is_even(system: System) -> bool:

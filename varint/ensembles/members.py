@@ -117,7 +117,7 @@ def momenta(system: System, members: Members) -> np.ndarray:
     s, n, count = system.structure, system.structure.n, len(members)
     v = np.zeros((count, n)) if members.v0 is None else members.v0
     t = np.full((count, 1), members.t0)
-    p, mass, push = over_columns(start_function(system), members.q0, v, np.zeros((count, s.controls)), t, members.c)
+    p, mass, push, _ = over_columns(start_function(system), members.q0, v, np.zeros((count, s.controls)), t, members.c)
     bad = ~(np.isfinite(p).all(axis=1) & np.isfinite(mass).all(axis=1) & np.isfinite(push).all(axis=1))
     if bad.any():
         raise InputError(

@@ -30,6 +30,7 @@ from varint.models.control import (
     swing_up_rod,
     walker,
 )
+from varint.models.control_bodies import carried_load, carried_load_reduced, hovercraft
 from varint.models.degenerate import guiding_centre, lotka_volterra
 from varint.models.driven import (
     accelerated_pivot,
@@ -111,6 +112,7 @@ control_catalogue = {
     for factory in (
         rest_to_rest, fastest_transfer, swing_up_cart_pole, swing_up_pendulum, swing_up_acrobot, overhead_crane,
         fastest_wire, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
+        hovercraft, carried_load, carried_load_reduced,
     )
 }  # fmt: skip
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from varint.discrete import point_function
 from varint.errors import InputError
-from varint.rules import MOST_STAGES, Rule, gauss
-from varint.stepping.rattle import eliminates_path
+from varint.rules import Rule
 from varint.stepping.run import Block, Position, Task, run
 from varint.system import System
 
@@ -19,8 +18,9 @@ if TYPE_CHECKING:
 BACKENDS = ("auto", "compiled", "interpreted")
 WORTH_COMPILING = 0.5  # seconds of interpreted work; the compiler takes 0.3 to 1, the first time
 INSTRUCTION = 4e-9  # seconds of CasADi's virtual machine for one operation
-ITERATIONS = 6  # evaluations of every stage in an implicit step
-UNKNOWN = 2e-6  # seconds of it for an unknown of Newton's method
+EVALUATIONS = 36  # of every stage in an implicit step, derivatives included
+FACTOR = 3e-9  # seconds of it for the cube of an unknown: factorisations
+UNKNOWN = 2e-6  # seconds of it for an unknown of Newton's method with constraints
 COMPILING = 0.03  # seconds of the compiler for an unknown or coordinate
 CALL = 3e-7  # seconds of CasADi's virtual machine for a step besides
 
@@ -42,9 +42,7 @@ def kernel_for(system: System, rule: Rule, task: Task, backend: str) -> Kernel |
         raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
     if backend == "interpreted" or (backend == "auto" and not repays(system, rule, task.steps)):
         return None
-    from varint.compiled.cache import CompileError
-    from varint.compiled.graph import NotCompilable
-    from varint.stepping.native import kernel_of
+    from varint.stepping.native import CompileError, NotCompilable, kernel_of
 
     try:
         return kernel_of(system, rule)
@@ -61,19 +59,34 @@ def kernel_for(system: System, rule: Rule, task: Task, backend: str) -> Kernel |
 def repays(system: System, rule: Rule, steps: int) -> bool:
     """Whether so many interpreted steps take longer than the compiler."""
     s = system.structure
-    worth = WORTH_COMPILING
-    if rule.kicks and s.explicit:
-        work = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION
-    elif s.degenerate or s.contacts or not s.quadratic_kinetic or not rule.points:
+    if not (rule.kicks and s.explicit) and (s.degenerate or s.contacts or not s.quadratic_kinetic or not rule.points):
         return False
-    elif not (s.constraints or s.nonholonomic) and rule == gauss(min(len(rule.nodes), MOST_STAGES)):
-        work = point_function(system).n_instructions() * len(rule.nodes) * ITERATIONS * INSTRUCTION
-    else:
-        path = 0 if s.constraints and eliminates_path(system, rule) else s.n * rule.degree
-        unknowns = path + s.constraints * rule.degree + s.nonholonomic
-        work = unknowns * UNKNOWN
-        worth += COMPILING * (s.n + unknowns)
-    return (work + CALL) * steps > worth
+    worth = WORTH_COMPILING
+    if s.constraints or s.nonholonomic:
+        worth += COMPILING * (s.n + _unknowns(system, rule))
+    return interpreted_seconds(system, rule) * steps > worth
+
+
+def interpreted_seconds(system: System, rule: Rule) -> float:
+    """An estimate of the time of an interpreted step, from the number of operations alone."""
+    s = system.structure
+    evaluation = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION
+    if rule.kicks and s.explicit:
+        return evaluation + CALL
+    unknowns = _unknowns(system, rule)
+    if s.constraints or s.nonholonomic:
+        return unknowns * UNKNOWN + CALL
+    return evaluation * EVALUATIONS + unknowns**3 * FACTOR + CALL
+
+
+def _unknowns(system: System, rule: Rule) -> int:
+    s = system.structure
+    if not (s.constraints or s.nonholonomic):
+        return s.n * rule.degree
+    from varint.stepping.rattle import eliminates_path
+
+    path = 0 if s.constraints and eliminates_path(system, rule) else s.n * rule.degree
+    return path + s.constraints * rule.degree + s.nonholonomic
 
 
 _SAID: set[str] = set()
@@ -89,7 +102,7 @@ def blocks_of(
     system: System, rule: Rule, task: Task, kernel: Kernel | None, at: Position | None = None
 ) -> Iterator[Block]:
     """The run block by block, compiled where there is a kernel; from a position on where one is given."""
-    if kernel is None or (at is not None and at.carry is None):
+    if kernel is None or (at is not None and at.carry is None and not at.by_newton):
         return run(system, rule, task, at)
     from varint.stepping.native import native_blocks
 

@@ -18,7 +18,7 @@ from varint.stepping.run import Block, Position, Task
 from varint.system import System
 from varint.trajectory import Event
 
-FORMAT = "varint checkpoint 1"
+FORMAT = "varint checkpoint 2"
 PAUSE = 1.0  # seconds between two checkpoints, more where writing them would take more than a tenth of the run
 MOST_SHARE = 0.1
 NODES = ("k", "t", "q", "p")
@@ -52,6 +52,7 @@ class Checkpoint:
             "identity": self.identity,
             "k": at.k,
             "largest": at.largest,
+            "by_newton": at.by_newton,
             "residual": max(block.residual for block in nodes),
             "iterations": sum(block.iterations for block in nodes),
             "events": [asdict(event) for event in [*events, *(e for block in nodes for e in block.events)]],
@@ -79,7 +80,8 @@ class Checkpoint:
                     raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
                 k, t, q, p = (data[name] for name in NODES)
                 state = {name: data[name] for name in POSITION if name in data}
-                after = Position(k=int(header["k"]), largest=int(header["largest"]), **state)
+                taken_over = bool(header["by_newton"])
+                after = Position(k=int(header["k"]), largest=int(header["largest"]), by_newton=taken_over, **state)
                 events = tuple(Event(**event) for event in header["events"])
                 block = Block(
                     k, q, p, float(header["residual"]), len(k), t=t, events=events,
@@ -107,7 +109,9 @@ def checkpoint_of(path: Any, system: System, rule: Rule, task: Task, **words: st
     InputError
         If the scene has contacts.
     """
+    if not isinstance(path, (str, Path)):
+        raise InputError(f"checkpoint must be the path of a file, got {path!r}")
     if system.structure.contacts:
         raise InputError("a run with contacts cannot be taken up from a checkpoint; leave checkpoint= out")
-    numbers = {name: getattr(task, name) for name in ("q0", "p0", "t0", "h", "steps", "save_every", "u")}
+    numbers = {name: getattr(task, name) for name in ("q0", "p0", "t0", "h", "steps", "save_every", "u", "level")}
     return Checkpoint(Path(path), identity(system, rule, params=task.c, **numbers, **words))

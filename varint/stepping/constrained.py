@@ -15,7 +15,7 @@ from varint.legendre import velocity_function
 from varint.manifold import rows_function, tangent_function
 from varint.rules import Rule
 from varint.stepping.equations import Equations
-from varint.stepping.newton import newton
+from varint.stepping.newton import iterations, newton
 from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
 
@@ -63,20 +63,40 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     equations = ca.Function("constrained_step", [e.y, *arguments], [e.scaled], {"cse": True})
     solve = newton("newton", equations)
 
-    x = ca.MX.sym("x", 4 * n + e.y.numel() + 1)
+    x = ca.MX.sym("x", 4 * n + e.y.numel() + 2)
     u, t, h, c = (ca.MX.sym(name, a.numel()) for name, a in zip("uthc", arguments[2:6], strict=True))
     s = ca.MX.sym("s", 2 * n)
-    q0, _, p0, carry, guess, _ = ca.vertsplit(x, [0, n, 2 * n, 3 * n, 4 * n, 4 * n + e.y.numel(), x.numel()])
+    q0, _, p0, carry, guess, _ = ca.vertsplit(x, [0, n, 2 * n, 3 * n, 4 * n, x.numel() - 2, x.numel()])
     size = size_function(system)(q0, t, h, c, s)
     unit = ca.Function("units", [e.sizes], [e.y_size])(size)
-    found = solve(guess / unit, q0, p0, u, t, h, c, size) * unit
-    q1, cq1, gain, ahead, worst = _advance(e, rule)(x, found, u, t, h, c, size, s)
+    solution = solve(ca.vertcat(guess / unit, 0), q0, p0, u, t, h, c, size)
+    solved, count = ca.vertsplit(solution, [0, e.y.numel(), e.y.numel() + 1])
+    found = solved * unit
+    q1, cq1, gain, ahead, done = _advance(e, rule)(x, found, count, u, t, h, c, size, s)
     _, pull = tangent_function(system)(q1, p0 + gain, t + h, c)
     p1, cp1 = sum_function(n)(p0, carry, gain + pull, h)
     inputs = [x, u, t, h, c, s]
-    step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, worst)])
+    step = ca.Function("constrained", inputs, [ca.vertcat(q1, cq1, p1, cp1, ahead, done)])
     start = _start(system, rule, interval(system, rule), e.y.numel())
-    return Stepper(step, start, ca.Function("path", inputs, [h * found[: n * rule.degree]]), solve)
+    path = ca.Function("path", inputs, [h * found[: n * rule.degree]])
+    pushes = ca.horzcat(_pushes(system, rule)(found, q0, t, h, c), pull)
+    return Stepper(step, start, path, ca.Function("reactions", inputs, [pushes]), counts=True)
+
+
+def _pushes(system: System, rule: Rule) -> ca.Function:
+    """(z, λ, ν), q0, t, h, c → h w_j G(Q_j)ᵀλ_j at the control points j < d, with ½h A(q0)ᵀν at the first, (n, d)."""
+    s, n, d = system, system.structure.n, rule.degree
+    m, k = s.structure.constraints, s.structure.nonholonomic
+    z, lam, nu = ca.SX.sym("z", n, d), ca.SX.sym("lam", m, d), ca.SX.sym("nu", k)
+    h, pushes = ca.SX.sym("h"), []
+    at = ca.Function("A", [s.q, s.t, s.c], [s.nonholonomic])
+    for j in range(d):
+        q = s.q + h * z[:, j - 1] if j else s.q
+        slope = constraint_function(s)(q, s.t + h * rule.points[j], s.c)[1]
+        push = h * rule.weights[j] * ca.mtimes(slope.T, lam[:, j]) if m else ca.SX.zeros(n)
+        pushes.append(push if j or not k else push + h / 2 * ca.mtimes(at(s.q, s.t, s.c).T, nu))
+    y = ca.vertcat(ca.vec(z), ca.vec(lam), nu)
+    return ca.Function("pushes", [y, s.q, s.t, h, s.c], [ca.densify(ca.horzcat(*pushes))], {"cse": True})
 
 
 def _parts(sizes: ca.SX, n: int, m: int, k: int) -> list[list[ca.SX]]:
@@ -138,15 +158,16 @@ def size_expressions(system: System) -> ca.Function:
 
 
 def _advance(e: Equations, rule: Rule) -> ca.Function:
-    """(x, y, …) → q and its carry, the momentum gain before projection, the next start values, the worst residual."""
+    """(x, y, counter, …) → q, its carry, the momentum gain before projection, start values, iterations and residual."""
     n, d = e.q.numel(), rule.degree
-    cq, carry, guess, worst = (ca.SX.sym("x", i) for i in (n, n, e.y.numel(), 1))
-    x = ca.vertcat(e.q, cq, e.p, carry, guess, worst)
+    cq, carry, guess, count, worst, more = (ca.SX.sym("x", i) for i in (n, n, e.y.numel(), 1, 1, 1))
+    x = ca.vertcat(e.q, cq, e.p, carry, guess, count, worst)
     z, others = ca.vertsplit(e.y, [0, n * d, e.y.numel()])
     ahead = ca.vertcat(ca.vec(ca.mtimes(ca.reshape(z, n, d), ca.DM(rule.extrapolation).T)), others)
     q1, cq1 = compensated(e.q, cq, e.increment, e.h)
-    outputs = [q1, cq1, e.gain, ahead, ca.fmax(worst, ca.norm_inf(e.remains))]
-    return ca.Function("advance", [x, e.y, e.u, e.t, e.h, e.c, e.sizes, e.scale], outputs, {"cse": True})
+    done = ca.vertcat(count + iterations(more), ca.fmax(worst, ca.norm_inf(e.remains)))
+    outputs = [q1, cq1, e.gain, ahead, done]
+    return ca.Function("advance", [x, e.y, more, e.u, e.t, e.h, e.c, e.sizes, e.scale], outputs, {"cse": True})
 
 
 def sum_function(n: int) -> ca.Function:
@@ -163,5 +184,5 @@ def _start(system: System, rule: Rule, one: Interval, unknowns: int) -> ca.Funct
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("c", one.c.numel())
     v = velocity_function(system)(q, p, t, c)
     path = ca.vec(ca.mtimes(v, ca.DM(rule.points[1:]).T))
-    x = ca.vertcat(q, ca.DM.zeros(n), p, ca.DM.zeros(n), path, ca.DM.zeros(unknowns - n * d), 0)
+    x = ca.vertcat(q, ca.DM.zeros(n), p, ca.DM.zeros(n), path, ca.DM.zeros(unknowns - n * d + 2))
     return ca.Function("start", [q, p, u, t, h, c], [x])

@@ -29,17 +29,23 @@ from varint.stepping.contact import (
 )
 from varint.stepping.events import root
 from varint.stepping.run import RESIDUAL_LIMIT, Block, Task, run
-from varint.stepping.step_function import step_function
+from varint.stepping.step_function import counting_step_function
 from varint.system import System
 from varint.trajectory import Event
 
 LONGEST = 1000  # steps between two looks at the contacts
 HALVINGS = 50
 
+# ahead → the instant that much later in the same phase, residual and iterations of that sub-step
+Advance = Callable[[float], tuple[Instant, float, int]]
+
 
 def contact_run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
     """The run of a scene with contacts, block after block; event nodes lie between the nodes of the grid."""
-    for block in _every_node(system, rule, task):
+    unsaid = 0  # iterations of steps none of whose nodes is kept
+    for found in _every_node(system, rule, task):
+        block = replace(found, iterations=found.iterations + unsaid)
+        unsaid = 0
         wanted = (block.k % task.save_every == 0) | (block.k == task.steps)
         if task.save_every == 1 or block.events or block.good < len(block.k):
             yield block
@@ -47,6 +53,8 @@ def contact_run(system: System, rule: Rule, task: Task) -> Iterator[Block]:
             assert block.t is not None
             k, q, p = (x[wanted] for x in (block.k, block.q, block.p))
             yield replace(block, k=k, q=q, p=p, t=block.t[wanted], good=len(k))
+        else:
+            unsaid = block.iterations
 
 
 def _every_node(system: System, rule: Rule, task: Task) -> Iterator[Block]:
@@ -73,9 +81,11 @@ def _every_node(system: System, rule: Rule, task: Task) -> Iterator[Block]:
         size = 10
         if quiet:
             times = task.t0 + task.h * block.k[:quiet]
+            assert block.counts is not None
             yield replace(
-                block, k=block.k[:quiet], q=block.q[:quiet], p=block.p[:quiet], good=quiet, t=times, phase=now.phase
-            )
+                block, k=block.k[:quiet], q=block.q[:quiet], p=block.p[:quiet], good=quiet, t=times, phase=now.phase,
+                iterations=int(block.counts[quiet - 1]),
+            )  # fmt: skip
             k += quiet
             now = Instant(float(times[-1]), block.q[quiet - 1], block.p[quiet - 1], now.phase)
         for passed in _through(system, rule, task, now, k):
@@ -140,13 +150,13 @@ def _through(system: System, rule: Rule, task: Task, now: Instant, k: int) -> It
         left = end - now.t
         found = _earliest(system, now, advance, left, task, u) if left * task.h > 0 else None
         if found is None:
-            there, residual = advance(left) if left * task.h > 0 else (now, 0.0)
-            yield _node(k + 1, replace(there, t=end), residual, ())
+            there, residual, count = advance(left) if left * task.h > 0 else (now, 0.0, 0)
+            yield _node(k + 1, replace(there, t=end), residual, (), count)
             return
         ahead, lets_go = found
-        there, residual = advance(ahead) if ahead else (now, 0.0)
+        there, residual, count = advance(ahead) if ahead else (now, 0.0, 0)
         if not residual <= RESIDUAL_LIMIT:
-            yield _node(k, there, residual, ())
+            yield _node(k, there, residual, (), count)
             return
         energy = view(system, there, task.c).energy
         events = [] if lets_go is None else [Event(there.t, "detachment", lets_go, 0.0, energy, energy)]
@@ -155,32 +165,32 @@ def _through(system: System, rule: Rule, task: Task, now: Instant, k: int) -> It
             there = replace(there, phase=replace(there.phase, contacts=kept, holding=kept))
         released = frozenset() if lets_go is None else frozenset({lets_go})
         now, more = settle(system, there, task.c, u, task.h, released=released, tired=count >= MOST_IMPACTS)
-        yield _node(k, now, residual, (*events, *more))
+        yield _node(k, now, residual, (*events, *more), count)
     raise InputError(f"more than {10 * MOST_IMPACTS} events in the step after t = {now.t:g}: take a smaller h")
 
 
-def _node(k: int, now: Instant, residual: float, events: tuple[Event, ...]) -> Block:
+def _node(k: int, now: Instant, residual: float, events: tuple[Event, ...], count: int) -> Block:
     good = int(residual <= RESIDUAL_LIMIT)
     q, p, t = (x[:good] for x in (now.q[None], now.p[None], np.array([now.t])))
     worst, failed = (residual, 0.0) if good else (0.0, residual)
-    return Block(np.array([k]), q, p, worst, good, failed, t, now.phase, events)
+    return Block(np.array([k]), q, p, worst, good, failed, t, now.phase, events, good * count)
 
 
-def _advance(system: System, rule: Rule, task: Task, now: Instant, k: int) -> Callable[[float], tuple[Instant, float]]:
-    """ahead → (the instant that much later in the same phase, the residual of that sub-step)."""
-    step = step_function(now.phase.scene(system), rule)
+def _advance(system: System, rule: Rule, task: Task, now: Instant, k: int) -> Advance:
+    """Sub-steps from an instant within step k."""
+    step = counting_step_function(now.phase.scene(system), rule)
     u = np.ascontiguousarray(task.controls(k, 1)).ravel()
 
-    def advance(ahead: float) -> tuple[Instant, float]:
-        q, p, residual = call(step, now.q, now.p, u, task.c, np.array([now.t]), np.array([ahead]))
-        return Instant(now.t + ahead, q, p, now.phase), float(residual[0])
+    def advance(ahead: float) -> tuple[Instant, float, int]:
+        q, p, residual, count = call(step, now.q, now.p, u, task.c, np.array([now.t]), np.array([ahead]))
+        return Instant(now.t + ahead, q, p, now.phase), float(residual[0]), int(count[0])
 
     return advance
 
 
 def _earliest(system: System, now: Instant, advance, left: float, task: Task, u) -> tuple[float, int | None] | None:
     """(time ahead, contact that lets go or None for one that closes) of the first event in the rest of the step."""
-    there, _ = advance(left)
+    there = advance(left)[0]
     here, then = view(system, now, task.c), view(system, there, task.c)
     found: list[tuple[float, int | None]] = []
     for i in range(len(here.gap)):

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
-
 import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
 from varint.discrete import constraint_function, point_function
 from varint.errors import ConvergenceError
-from varint.legendre import velocity_function
+from varint.stepping.jump import energy_jump
 from varint.stepping.run import RESIDUAL_LIMIT
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
 
-SAMPLES = 10
-GROSS = 0.25  # of the largest p·v, that is half of the kinetic energy
-NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
 LOOKED_AT = 20  # nodes before the failure
 STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
 FAST = 0.5  # h ω above which the step may be too large
@@ -43,65 +37,6 @@ def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> 
     )  # fmt: skip
 
 
-class Jump(NamedTuple):
-    """The energy at some node is not the one of the start by far."""
-
-    time: float
-    before: float
-    after: float
-
-    def __str__(self) -> str:
-        return (
-            f"the energy went from {self.before:.6g} to {self.after:.6g} by t = {self.time:.6g}, which nothing in the"
-        )
-
-
-@np.errstate(all="ignore")  # what is not finite is looked at
-def energy_jump(motion: Trajectory) -> Jump | None:
-    """The first of ten nodes whose energy error is as large as the kinetic energy, in a scene that conserves energy.
-
-    A step that is much too large can have solutions that are none of the motion's, and an explicit rule beyond its
-    limit of stability is finite for long: nothing else tells.
-    """
-    s = motion.system.structure
-    if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
-        return None
-    i = np.arange(SAMPLES) * (len(motion) - 1) // (SAMPLES - 1)
-    q, p, t = motion.q[i], motion.p[i], motion.t[i, None]
-    h = np.array([motion.h])
-    if motion.phase is None:
-        found = over_columns(_energy_of_momentum(motion.system), q, p, t, motion.c, h)
-    else:
-        v = replace(motion, t=t[:, 0], q=q, p=p, k=motion.k[i], phase=motion.phase[i]).v
-        found = over_columns(_energy_function(motion.system), q, v, t, motion.c, h)
-    energy, moving, kicked = (x[:, 0] for x in found)
-    change = np.abs(energy - energy[0])
-    wrong = ~(change <= max(GROSS * moving.max(), GROSS * kicked[0], NOTHING * np.abs(energy).max()))
-    if not wrong.any():
-        return None
-    k = int(np.argmax(wrong))
-    return Jump(float(motion.t[i[k]]), float(energy[0]), float(energy[k]))
-
-
-@per_system
-def _energy_function(system: System) -> ca.Function:
-    """(q, v, t, c, h) → H, p·v, and what a step from rest makes of p·v."""
-    s, h = system, ca.SX.sym("h")
-    mass = ca.fabs(ca.diag(s.mass_matrix))
-    kicked = ca.if_else(mass > 0, (h * ca.gradient(s.lagrangian, s.q)) ** 2 / mass, 0)
-    outputs = [s.energy, ca.fabs(ca.dot(s.momentum, s.v)), ca.sum1(kicked)]
-    return ca.Function("energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True})
-
-
-@per_system
-def _energy_of_momentum(system: System) -> ca.Function:
-    """(q, p, t, c, h) → the same."""
-    n = system.structure.n
-    q, p, t, c, h = (ca.MX.sym(x, k) for x, k in zip("qptch", (n, n, 1, system.c.numel(), 1), strict=True))
-    v = velocity_function(system)(q, p, t, c)
-    return ca.Function("energy", [q, p, t, c, h], _energy_function(system)(q, v, t, c, h))
-
-
 @np.errstate(all="ignore")
 def likely_cause(motion: Trajectory) -> str:
     """The likely cause of the failure of the step after the trajectory's last node, with what to try."""
@@ -109,7 +44,7 @@ def likely_cause(motion: Trajectory) -> str:
         return f"{jump} scene can do: h is too large, and steps before this one were wrong already: try a smaller h"
     last = motion[-LOOKED_AT:]
     causes = [*_singular(last), *_undefined(last)]
-    speeds = np.abs(motion.h) * _frequencies(last)
+    speeds = np.abs(motion.h) * frequencies(last)
     if len(speeds) and speeds[-1] > STEEPER * np.median(speeds):
         causes.append(
             f"a collision or near approach (the stiffness grew {(speeds[-1] / np.median(speeds)) ** 2:.1g}-fold over "
@@ -181,7 +116,7 @@ def _undefined(motion: Trajectory) -> list[str]:
     ]
 
 
-def _frequencies(motion: Trajectory) -> np.ndarray:
+def frequencies(motion: Trajectory) -> np.ndarray:
     """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
     if motion.system.structure.degenerate or motion.system.structure.n > 60:
         return np.empty(0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,15 @@ def watched(what: str, wanted: Any) -> Watch:
     if not isinstance(expression, ca.SX) or expression.numel() != 1:
         raise InputError(f"{what} must be one SX expression, or (expression, direction), got {wanted!r}")
     return Watch(what, expression, direction)
+
+
+def watched_events(events: Any) -> list[Watch]:
+    """The expressions of `events`, a dictionary by name or None."""
+    if events is None:
+        return []
+    if not isinstance(events, Mapping):
+        raise InputError(f"events must be a dictionary of names and expressions, got {type(events).__name__}")
+    return [watched(name, wanted) for name, wanted in events.items()]
 
 
 def crossings(trajectory: Trajectory, watch: Watch) -> list[tuple[int, float]]:

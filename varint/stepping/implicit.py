@@ -8,12 +8,10 @@ from varint.discrete import Interval, interval
 from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.equations import Equations
+from varint.stepping.newton import NEVER, iterations, newton
 from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
 
-# Newton's corrections are quadratic: one of 1e-9 (relative), applied, leaves an error at the round-off level.
-LAST_CORRECTION = 1e-9
-MOST_ITERATIONS = 30
 QUIET = 1e-3  # of the largest momentum, and of |∂p/∂q| |q|: round-off of 1e-16 in these stays below 1e-12
 
 
@@ -46,28 +44,44 @@ def implicit_stepper(system: System, rule: Rule) -> Stepper:
     # scaled unknowns and rows, so that the iteration's end does not depend on the units
     arguments = [e.q, e.p, e.u, e.t, e.h, e.c, e.scale]
     equations = ca.Function("momentum_matching", [e.y, *arguments], [e.scaled], {"cse": True})
-    options = {"abstol": 0.0, "abstolStep": LAST_CORRECTION, "max_iter": MOST_ITERATIONS, "error_on_fail": False}
-    solve = ca.rootfinder("newton", "fast_newton", equations, options)
-    finish = _finish(e, rule)
-    x = ca.MX.sym("x", 4 * n + n * d + 1)
+    solve = newton("newton", equations, large=NEVER)
+    begin, finish = _begin(e), _finish(e, rule)
+    x = ca.MX.sym("x", 4 * n + n * d + 2)
     u, t, h, c, s = (ca.MX.sym(name, size) for name, size in zip("uthcs", map(ca.SX.numel, arguments[2:]), strict=True))
-    q0, _, p0, _, guess, _ = ca.vertsplit(x, [0, n, 2 * n, 3 * n, 4 * n, 4 * n + n * d, 4 * n + n * d + 1])
-    found = solve(guess / ca.repmat(s[:n], d, 1), q0, p0, u, t, h, c, s) * ca.repmat(s[:n], d, 1)
+    guess, q0, p0 = begin(x, s)
+    found = solve(guess, q0, p0, u, t, h, c, s)
     inputs = [x, u, t, h, c, s]
     step = ca.Function("newton_step", inputs, [finish(x, found, u, t, h, c, s)])
-    return Stepper(step, _start(system, rule, interval(system, rule)), ca.Function("path", inputs, [h * found]), solve)
+    path = ca.Function("path", inputs, [h * found[:-1] * ca.repmat(s[:n], d, 1)])
+    return Stepper(step, _start(system, rule, interval(system, rule)), path, counts=True)
+
+
+def _state(e: Equations) -> list[ca.SX]:
+    """Parts of x: q and its carry, p and its carry, start values of the unknowns, iterations and worst residual."""
+    n = e.q.numel()
+    cq, carry, guess, count, worst = (ca.SX.sym("x", k) for k in (n, n, e.y.numel(), 1, 1))
+    return [e.q, cq, e.p, carry, guess, count, worst]
+
+
+def _begin(e: Equations) -> ca.Function:
+    """(x, scale) → start values in units of the unknowns and the counter's, q, p."""
+    x = _state(e)
+    return ca.Function("begin", [ca.vertcat(*x), e.scale], [ca.vertcat(x[4] / e.y_size, 0), e.q, e.p])
 
 
 def _finish(e: Equations, rule: Rule) -> ca.Function:
-    """(x, z, …) → x after the step: compensated updates, the next start values, the worst residual so far."""
+    """(x, found, …) → x after the step: compensated updates, the next start values, what was found on the way."""
     n = e.q.numel()
-    cq, carry, guess, worst = (ca.SX.sym("x", k) for k in (n, n, e.y.numel(), 1))
-    x = ca.vertcat(e.q, cq, e.p, carry, guess, worst)
+    x = _state(e)
+    _, cq, _, carry, _, count, worst = x
+    found = ca.SX.sym("found", e.y.numel() + 1)
     ahead = ca.mtimes(ca.reshape(e.y, n, -1), ca.DM(rule.extrapolation).T)
     q1, cq1 = compensated(e.q, cq, e.increment, e.h)
     p1, cp1 = compensated(e.p, carry, e.gain, e.h)
-    after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead), ca.fmax(worst, ca.norm_inf(e.remains)))
-    return ca.Function("finish", [x, e.y, e.u, e.t, e.h, e.c, e.scale], [after], {"cse": True})
+    after = ca.vertcat(q1, cq1, p1, cp1, ca.vec(ahead))
+    after, left = ca.substitute([after, ca.norm_inf(e.remains)], [e.y], [found[:-1] * e.y_size])
+    after = ca.vertcat(after, count + iterations(found[-1]), ca.fmax(worst, left))
+    return ca.Function("finish", [ca.vertcat(*x), found, e.u, e.t, e.h, e.c, e.scale], [after], {"cse": True})
 
 
 def _roundable(system: System, one: Interval, q: ca.SX, v: ca.SX, p: ca.SX) -> ca.SX:
@@ -91,5 +105,5 @@ def _start(system: System, rule: Rule, one: Interval) -> ca.Function:
     q, p, u = ca.MX.sym("q", n), ca.MX.sym("p", n), ca.MX.sym("u", one.u.numel())
     t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("c", one.c.numel())
     v = velocity_function(system)(q, p, t, c)
-    x = ca.vertcat(q, ca.DM.zeros(n), p, ca.DM.zeros(n), ca.vec(ca.mtimes(v, tau.T)), 0)
+    x = ca.vertcat(q, ca.DM.zeros(n), p, ca.DM.zeros(n), ca.vec(ca.mtimes(v, tau.T)), 0, 0)
     return ca.Function("start", [q, p, u, t, h, c], [x])

@@ -5,24 +5,27 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from varint.arrays import call
-from varint.consistency import check_gaps, check_start, independent_rows
 from varint.discrete import point_function
 from varint.errors import InputError
-from varint.manifold import Phase, every_row_function, tangent_function
 from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.stepping.run import Task
 from varint.system import System, parameter_values, per_system
 
+if TYPE_CHECKING:
+    from varint.manifold import Phase
+
 WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
+LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
+MOST_STEPS = 10**15  # years of the cheapest steps
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -40,6 +43,7 @@ def initial_task(
     u: Any,
     params: Mapping[str, Any] | None,
     save_every: int,
+    level: float = 0.0,
 ) -> Task:
     """Checked and completed input of one run."""
     n = system.structure.n
@@ -52,16 +56,13 @@ def initial_task(
     phase = None
     _check_rows(system, q, t0, c)
     if system.structure.contacts:
-        if step < 0:
-            raise InputError(
-                "contacts cannot be run backwards: what happened before an impact does not follow from what came after "
-                "it; run forwards (an elastic scene from v0 = −v of its end)"
-            )
+        from varint.consistency import check_gaps
+
         check_gaps(system, q, t0, c)
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
     u = controls(system, rule, u, count)
-    return Task(q, p, t0, step, count, save_every, u, c, len(rule.nodes), phase)
+    return Task(q, p, t0, step, count, save_every, u, c, len(rule.nodes), phase, level=level)
 
 
 @per_system
@@ -76,6 +77,8 @@ def _check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None
     s = system.structure
     if not (s.constraints or s.nonholonomic or s.contacts):
         return
+    from varint.manifold import every_row_function
+
     rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
     rows += call(_held_function(system), q, np.array([t0]), c)
     if not all((np.abs(x) < STEEPEST).all() for x in rows):
@@ -89,6 +92,9 @@ def _on_manifold(
     system: System, q: np.ndarray, v: np.ndarray | None, p: np.ndarray, t0: float, c: np.ndarray
 ) -> tuple[np.ndarray, Phase]:
     """The momentum without its round-off across the constraints, and the rows that are solved."""
+    from varint.consistency import check_start, independent_rows
+    from varint.manifold import Phase, tangent_function
+
     t = np.array([t0])
     phase = Phase(independent_rows(system, q, np.zeros(len(q)) if v is None else v.ravel(), t0, c))
     tangent = tangent_function(phase.scene(system))
@@ -114,6 +120,8 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     if len(given) != 2:
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
     steps = None if steps is None else whole("steps", steps)
+    if steps is not None and steps > MOST_STEPS:
+        raise InputError(f"steps={steps} is more than any run can take; at most {MOST_STEPS}")
     for name, x in (("h", h), ("duration", duration)):
         if x is not None and number(name, x) == 0:
             raise InputError(f"{name} must not be zero")
@@ -150,10 +158,10 @@ def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
 
 @per_system
 def start_function(system: System) -> ca.Function:
-    """(q, v, u, t, c) → (p, M, ∂L/∂q + F) at the start."""
+    """(q, v, u, t, c) → (p, M, ∂L/∂q + F, L) at the start."""
     s = system
-    _, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
-    outputs = [ca.densify(x) for x in (momentum, s.mass_matrix, gradient + force)]
+    value, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
+    outputs = [ca.densify(x) for x in (momentum, s.mass_matrix, gradient + force, value)]
     return ca.Function("start_values", [s.q, s.v, s.control, s.t, s.c], outputs)
 
 
@@ -170,12 +178,14 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
     elif v0 is None and p0 is None:
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
-    u, t = np.zeros(structure.controls), np.array([t0])
-    p, mass, push = call(start_function(system), q, v, u, t, c)
-    if not (np.isfinite(p).all() and np.isfinite(mass).all() and np.isfinite(push).all()):
+    u, t = np.zeros(structure.controls), np.array((t0,))
+    p, mass, push, value = call(start_function(system), q, v, u, t, c)
+    if not np.isfinite(np.concatenate((p, mass, push, value))).all():
+        what = "the Lagrangian" if np.isfinite(p).all() and np.isfinite(push).all() else "the Lagrangian's derivatives"
         raise InputError(
-            f"the Lagrangian's derivatives are not finite at the start, q0={q}, t0={t0:g}: a collision, a square root "
-            "or logarithm of a negative number, or a parameter value; move the start or change the parameters"
+            f"{what} {'is' if what == 'the Lagrangian' else 'are'} not finite at the start, q0={q}, t0={t0:g}: a "
+            "collision, a square root or logarithm of a negative number, or a parameter value; move the start or "
+            "change the parameters"
         )
     if not (structure.degenerate or structure.constraints or structure.nonholonomic):
         _check_mass(system, mass.reshape(n, n), c)

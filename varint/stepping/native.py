@@ -18,17 +18,18 @@ from varint.compiled.kernel import run as compiled_run
 from varint.compiled.newton import CLOSED, newton_kernel
 from varint.rules import MOST_STAGES, Rule, gauss
 from varint.stepping.run import Block, Position, Task, run
-from varint.system import System
+from varint.system import System, per_system
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
 PATIENCE = 0.2  # seconds that Ctrl-C may wait for a block
 CAUTION = 1e-7  # seconds of an operation, for the first block; in truth it takes a hundredth to a tenth of it
 NOTHING = np.empty(0)
-PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts; the first block of it
+PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 
+@per_system
 def kernel_of(system: System, rule: Rule) -> Kernel:
     """The compiled loop of a system and a rule.
 
@@ -52,56 +53,54 @@ def native_blocks(
     system: System, rule: Rule, task: Task, kernel: Kernel, at: Position | None = None
 ) -> Iterator[Block]:
     """The compiled run block by block; where fixed-point iteration hardly contracts Newton's method takes over."""
-    if at is not None and at.carry is not None and at.carry.size and np.isnan(at.carry[-1]):
-        yield from _newton_blocks(system, rule, task, newton_kernel(system, rule), replace(at, carry=at.carry[:-1]))
-        return
     k, carry = (task.first, None) if at is None else (at.k, at.carry)
-    q, p = (task.q0, task.p0) if at is None else np.split(at.x, 2)
-    c = np.ascontiguousarray(task.c)
+    q, p = (task.q0, task.p0) if at is None else (at.x[: len(at.x) // 2], at.x[len(at.x) // 2 :])
+    taken_over = at is not None and at.by_newton
+    if taken_over and carry is None:
+        yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k))
+        return
+    if taken_over:
+        kernel = newton_kernel(system, rule)
     by_stages = kernel.opening is None and not rule.kicks
-    most = PILOT if by_stages else max(int(PATIENCE / (CAUTION * kernel.operations * kernel.nodes)), 1)
+    most = PILOT if by_stages else max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
     while k < task.steps:
         steps, every = _piece(k, task.steps, task.save_every, most)
         u, began = task.controls(k, steps) if kernel.controls else None, perf_counter()
         part = compiled_run(
-            kernel,
-            q,
-            p,
-            c,
-            t0=task.t0,
-            h=task.h,
-            steps=steps,
-            save_every=every,
-            u=u,
-            first=k,
-            carry=carry,
-            level=task.level,
-        )
+            kernel, q, p, task.c,
+            t0=task.t0, h=task.h, steps=steps, save_every=every, u=u, first=k, carry=carry, level=task.level,
+        )  # fmt: skip
         per_step = max((perf_counter() - began) / max(part.steps, 1), 1e-12)
-        rows = part.rows[1:]
+        poor = by_stages and at is None and k == task.first and part.iterations > POOR * steps
+        rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
         if part.status == NOT_CONVERGED:
             wanted = good
         elif part.status != DONE:
             wanted = max(wanted, good + 1)
+        counts = k - part.steps + every * np.arange(1, wanted + 1)
+        after = Position(x, NOTHING, NOTHING, k, 0, None if poor else part.carry, poor or taken_over)
         failed = 0.0 if part.status in (DONE, NOT_CONVERGED) else float("nan")
-        counts = k + every * np.arange(1, wanted + 1)
-        last = Position(part.last[: 2 * kernel.n].copy(), NOTHING, NOTHING, k + part.steps, 0, part.carry)
-        after = None if part.status == NOT_CONVERGED else last
-        yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after)
-        poor = by_stages and at is None and k == task.first and part.iterations > POOR * max(part.steps, 1)
+        after_it = None if part.status == NOT_CONVERGED else after
+        yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after_it)
         if part.status == NOT_CONVERGED or (poor and part.status == DONE):
-            if last.k < task.steps:
-                q, p = np.split(last.x, 2)
-                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=last.k), by_stages)
+            if k < task.steps:
+                q, p = np.split(x, 2)
+                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k), by_stages)
             return
         if part.status != DONE:
             return
-        k, carry = k + steps, part.carry
+        carry = part.carry
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
 
 
-def _by_newton(system: System, rule: Rule, task: Task, compiled: bool) -> Iterator[Block]:
+def one_step(kernel: Kernel, task: Task, t: float, q: np.ndarray, p: np.ndarray, h: float) -> np.ndarray | None:
+    """(q, p, v) after one step of its own size, (3, n); None where the iteration does not converge."""
+    part = compiled_run(kernel, q, p, task.c, t0=t, h=h, steps=1)
+    return part.rows[1] if part.status == DONE else None
+
+
+def _by_newton(system: System, rule: Rule, task: Task, compiled: bool = True) -> Iterator[Block]:
     """The rest of a run on which an iteration failed: by the compiled Newton's method, then the interpreted one."""
     kernel = None
     if compiled:
@@ -109,17 +108,11 @@ def _by_newton(system: System, rule: Rule, task: Task, compiled: bool) -> Iterat
             kernel = newton_kernel(system, rule)
     if kernel is None:
         yield from run(system, rule, task)
-    else:
-        yield from _newton_blocks(system, rule, task, kernel)
-
-
-def _newton_blocks(
-    system: System, rule: Rule, task: Task, kernel: Kernel, at: Position | None = None
-) -> Iterator[Block]:
-    """Blocks by Newton's method where another loop gave up; what they carry ends with NaN, which tells whose it is."""
-    for block in native_blocks(system, rule, task, kernel, at):
-        if block.after is not None and block.after.carry is not None:
-            block = replace(block, after=replace(block.after, carry=np.append(block.after.carry, np.nan)))
+        return
+    for block in native_blocks(system, rule, task, kernel):
+        at = block.after
+        if at is not None and at.carry is not None:  # not handed on to the interpreted one
+            block = replace(block, after=replace(at, by_newton=True))
         yield block
 
 

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.stepping.implicit import LAST_CORRECTION, MOST_ITERATIONS
-
+# Newton's corrections are quadratic: one of 1e-9 (relative), applied, leaves an error at the round-off level.
+LAST_CORRECTION = 1e-9
+MOST_ITERATIONS = 30
 # CasADi's sparse QR turns round-off that stands for zero into NaN where it multiplies along a chain and its square
 # underflows; some twenty links suffice. LDLᵀ of the normal equations has the same fill and no such trouble; it squares
 # the condition, and Newton's method corrects that (a chain of 200 links: a factor 1e-3 an iteration).
 LARGE = 120
+NEVER = 10**9
 ROUNDS = 12  # unrolled; each that is not needed costs a copy
+COUNT = 1e-30  # what one iteration adds to the counter among the unknowns: far below everything that is tested
 
 
 def newton(name: str, equations: ca.Function, *, large: int = LARGE) -> ca.Function:
-    """Root of F(y, …) = 0 from a guess, (y, …) → y; y and F dimensionless, one argument and one output of `equations`.
+    """Root of F(y, …) = 0 from a guess, (y; 0), … → (y; COUNT · iterations); y, F dimensionless, input 0 and output 0.
 
     It ends with the first correction below LAST_CORRECTION, applied: what is left is its square. From `large` unknowns
-    on the normal equations are solved.
+    on the normal equations are solved. The counter is one more unknown k with the equation COUNT exp(−k/COUNT) = 0, of
+    which every correction is COUNT: CasADi tells of the iterations of a single call only, not of those in a loop.
     """
     if equations.numel_in(0) < large:
         options = {"abstol": 0.0, "abstolStep": LAST_CORRECTION, "max_iter": MOST_ITERATIONS, "error_on_fail": False}
-        return ca.rootfinder(name, "fast_newton", equations, options)
+        return ca.rootfinder(name, "fast_newton", _counting(equations), options)
     inputs = equations.sx_in()
     residual = equations.call(inputs)[0]
     slope = ca.jacobian(residual, inputs[0])
@@ -29,15 +33,30 @@ def newton(name: str, equations: ca.Function, *, large: int = LARGE) -> ca.Funct
     linear = ca.Function("linear", inputs, normal, {"cse": True})
     size = equations.numel_in(0)
     args = [ca.MX.sym(f"a{i}", equations.numel_in(i)) for i in range(1, equations.n_in())]
-    y, last = ca.MX.sym("y", size), ca.MX.sym("last")
+    y, k, last = ca.MX.sym("y", size), ca.MX.sym("k"), ca.MX.sym("last")
+    state = ca.vertcat(y, k, last)
     correction = ca.solve(*linear(y, *args), "ldl")
-    improve = ca.Function(
-        "improve", [ca.vertcat(y, last), *args], [ca.vertcat(y - correction, ca.norm_inf(correction))]
-    )
-    keep = ca.Function("keep", [ca.vertcat(y, last), *args], [ca.vertcat(y, last)])
+    better = ca.vertcat(y - correction, k + COUNT, ca.norm_inf(correction))
+    improve = ca.Function("improve", [state, *args], [better])
+    keep = ca.Function("keep", [state, *args], [state])
     either = ca.Function.if_else("either", improve, keep)
-    state = ca.MX.sym("state", size + 1)
+    state = ca.MX.sym("state", size + 2)
     once = ca.Function("once", [state, *args], [either(state[-1] > LAST_CORRECTION, state, *args)])
     many = once.fold(ROUNDS)
-    found = many(ca.vertcat(y, 1), *(ca.repmat(a, 1, ROUNDS) for a in args))
-    return ca.Function(name, [y, *args], [found[:-1]])
+    start = ca.MX.sym("start", size + 1)
+    found = many(ca.vertcat(start, 1), *(ca.repmat(a, 1, ROUNDS) for a in args))
+    return ca.Function(name, [start, *args], [found[:-1]])
+
+
+def iterations(counter: ca.SX | ca.MX) -> ca.SX | ca.MX:
+    """The number that the last entry of what `newton` found stands for."""
+    return ca.floor(counter / COUNT + 0.5)
+
+
+def _counting(equations: ca.Function) -> ca.Function:
+    """The equations and that of the counter."""
+    y, *rest = equations.sx_in()
+    k = ca.SX.sym("k")
+    residual = equations.call([y, *rest])[0]
+    both = ca.vertcat(residual, COUNT * ca.exp(-k / COUNT))
+    return ca.Function(equations.name(), [ca.vertcat(y, k), *rest], [both], {"cse": True})

@@ -7,15 +7,9 @@ from dataclasses import dataclass, replace
 
 from varint.discrete import require_explicit
 from varint.errors import InputError
-from varint.manifold import Phase
 from varint.rules import Rule, composition, gauss, lobatto
-from varint.stepping.constrained import constrained_stepper
-from varint.stepping.explicit import explicit_stepper
-from varint.stepping.implicit import implicit_stepper
-from varint.stepping.linear import is_linear, linear_stepper
-from varint.stepping.rattle import eliminates_path, rattle_stepper
 from varint.stepping.stepper import Stepper
-from varint.system import System
+from varint.system import System, per_system
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +83,21 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
       skipped  matrix solves: M is diagonal
       skipped  time: the scene is autonomous
     """
-    rule = default_rule(system) if rule is None else rule
-    if not isinstance(rule, Rule):
+    if not isinstance(system, System):
+        raise InputError(f"the first argument must be a varint System, got {type(system).__name__}")
+    if rule is not None and not isinstance(rule, Rule):
         raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
+    return _plan(system, rule)
+
+
+@per_system
+def _plan(system: System, rule: Rule | None) -> Plan:
+    rule = default_rule(system) if rule is None else rule
     s = system.structure
     refuse_what_no_stepper_has(system, rule)
     if s.contacts:
+        from varint.manifold import Phase
+
         free = plan(Phase(tuple(range(s.constraints))).scene(system), rule)
         watch = "a look at gaps and contact multipliers after every block of steps; sub-steps where one changes sign"
         return replace(free, method=f"{free.method}, contacts watched", runs=(*free.runs, watch), build=_not_one_step)
@@ -102,6 +105,8 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
     if s.autonomous:
         skipped.append("time: the scene is autonomous")
     if rule.kicks and (s.explicit or not rule.points):
+        from varint.stepping.explicit import explicit_stepper
+
         require_explicit(system, rule)
         if s.diagonal_mass:
             skipped.insert(0, "matrix solves: M is diagonal")
@@ -111,6 +116,9 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
         runs: tuple[str, ...] = (f"{evaluations} force evaluation{'s' * (evaluations > 1)} a step{kept}",)
         return Plan(rule, "kick and drift", runs, tuple(skipped), explicit_stepper)
     if s.constraints or s.nonholonomic:
+        from varint.stepping.constrained import constrained_stepper
+        from varint.stepping.rattle import eliminates_path, rattle_stepper
+
         if eliminates_path(system, rule):
             runs = (
                 f"Newton's method for {s.constraints} multipliers, banded for chains (SHAKE)",
@@ -125,6 +133,9 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
             "projection of the momentum onto the hidden constraint at the end of the step",
         )
         return Plan(rule, "Newton's method with multipliers", runs, tuple(skipped), constrained_stepper)
+    from varint.stepping.implicit import implicit_stepper
+    from varint.stepping.linear import is_linear, linear_stepper
+
     if is_linear(system, rule):
         runs = (f"one constant linear map for {rule.degree} × {s.n} unknowns, inverted once for the whole run",)
         skipped.insert(0, "root finding: L is quadratic and the forces are linear")

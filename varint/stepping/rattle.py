@@ -15,11 +15,9 @@ from varint.rules import Rule, lobatto
 from varint.stepping.constrained import size_function, sum_function
 from varint.stepping.equations import Equations
 from varint.stepping.explicit import drift_function, kick_function
-from varint.stepping.newton import newton
+from varint.stepping.newton import NEVER, iterations, newton
 from varint.stepping.stepper import Stepper, compensated
 from varint.system import System, per_system
-
-NEVER = 10**9  # G M⁻¹ Gᵀ of a chain is tridiagonal: no zero is filled, sparse QR is safe and fast at any length
 
 
 def eliminates_path(system: System, rule: Rule) -> bool:
@@ -41,25 +39,30 @@ def rattle_stepper(system: System, rule: Rule) -> Stepper:
     e = shake_equations(s)
     solve, travel = _shake(e)
     kick, project = kick_function(s), _projection(s)
-    offsets = [0, n, 2 * n, 3 * n, 4 * n, 5 * n, 5 * n + m, 5 * n + m + 1]
+    offsets = [0, n, 2 * n, 3 * n, 4 * n, 5 * n, 5 * n + m, 5 * n + m + 1, 5 * n + m + 2]
     x, scale = ca.MX.sym("x", offsets[-1]), ca.MX.sym("scale", 2 * n)
     u, t, h, c = (
         ca.MX.sym(name, k) for name, k in zip("uthc", (2 * s.structure.controls, 1, 1, s.c.numel()), strict=True)
     )
-    q0, cq0, p0, cp0, kept, guess, worst = ca.vertsplit(x, offsets)
+    q0, cq0, p0, cp0, kept, guess, count, worst = ca.vertsplit(x, offsets)
     u0, u1 = ca.vertsplit(u, [0, s.structure.controls, 2 * s.structure.controls])
     force = kick(q0, u0, t, c) if s.structure.controls else kept
     size = size_function(s)(q0, t, h, c, scale)
     unit = ca.vertsplit(size, [0, n, n + m, 2 * (n + m)])[1]
     kicked = p0 + h / 2 * force
-    lam = solve(guess / unit, q0, kicked, t, h, c, size) * unit
+    lam, more = ca.vertsplit(solve(ca.vertcat(guess / unit, 0), q0, kicked, t, h, c, size), [0, m, m + 1])
+    lam = lam * unit
     q1, cq1, gain, increment, gap = travel(lam, q0, cq0, kicked, t, h, c, size)
-    after = kick(q1, u1, t + h, c)
+    after = ca.densify(kick(q1, u1, t + h, c))  # CasADi drops zeros that a scene without forces has
     gain = gain + h / 2 * (force + after)
-    p1, cp1 = sum_function(n)(p0, cp0, gain + project(q1, p0 + gain, t + h, c), h)
+    pull = project(q1, p0 + gain, t + h, c)
+    p1, cp1 = sum_function(n)(p0, cp0, gain + pull, h)
     inputs = [x, u, t, h, c, scale]
-    step = ca.Function("rattle", inputs, [ca.densify(ca.vertcat(q1, cq1, p1, cp1, after, lam, ca.fmax(worst, gap)))])
-    return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), solve)
+    done = count + iterations(more), ca.fmax(worst, gap)
+    step = ca.Function("rattle", inputs, [ca.vertcat(q1, cq1, p1, cp1, after, lam, *done)])
+    push = h / 2 * ca.mtimes(constraint_function(s)(q0, t, c)[1].T, lam)
+    reactions = ca.Function("reactions", inputs, [ca.horzcat(push, pull)])
+    return Stepper(step, _start(s), ca.Function("path", inputs, [increment]), reactions, counts=True)
 
 
 @per_system
@@ -82,6 +85,7 @@ def shake_equations(system: System) -> Equations:
 def _shake(e: Equations) -> tuple[ca.Function, ca.Function]:
     """The root finder for the multipliers, and what follows from them: q1, the momentum gain so far, the size of g."""
     arguments = [e.q, e.p, e.t, e.h, e.c, e.sizes]
+    # G M⁻¹Gᵀ of a chain is tridiagonal: no zero is filled, sparse QR is safe and fast at any length
     solve = newton("newton", ca.Function("gaps", [e.y, *arguments], [e.scaled], {"cse": True}), large=NEVER)
     cq = ca.SX.sym("cq", e.q.numel())
     q1, cq1 = compensated(e.q, cq, e.increment, e.h)
@@ -118,7 +122,7 @@ def _start(system: System) -> ca.Function:
     s, n = system, system.structure.n
     q, p, t, h = ca.SX.sym("q", n), ca.SX.sym("p", n), ca.SX.sym("t"), ca.SX.sym("h")
     u = ca.SX.sym("u", 2 * s.structure.controls)
-    force = kick_function(s)(q, u[: s.structure.controls], t, s.c)
+    force = ca.densify(kick_function(s)(q, u[: s.structure.controls], t, s.c))
     zeros = ca.SX.zeros(n)
-    x = ca.vertcat(q, zeros, p, zeros, force, ca.SX.zeros(s.structure.constraints + 1))
+    x = ca.vertcat(q, zeros, p, zeros, force, ca.SX.zeros(s.structure.constraints + 2))
     return ca.Function("start", [q, p, u, t, h, s.c], [x])

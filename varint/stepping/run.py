@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from varint.arrays import call, over_columns
-from varint.manifold import Phase
 from varint.rules import Rule
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, inertia_function, scale_function
 from varint.system import System, per_system
 from varint.trajectory import Event
+
+if TYPE_CHECKING:
+    from varint.manifold import Phase
 
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
@@ -42,6 +45,8 @@ class Task:
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""
         u = self.u[k : k + count]
+        if not u.size:
+            return np.empty((len(u), self.nodes, 0))
         return np.ascontiguousarray(np.broadcast_to(u, (len(u), self.nodes, u.shape[2])))
 
 
@@ -50,7 +55,8 @@ class Position:
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
-    next block may have (few after a failure). Of a compiled run: q and p as x, and what its loop carries along.
+    next block may have (few after a failure). Of a compiled run: q and p as x, what its loop carries along, and whether
+    Newton's method has taken over from fixed-point iteration.
     """
 
     x: np.ndarray
@@ -59,6 +65,7 @@ class Position:
     k: int
     largest: int
     carry: np.ndarray | None = None
+    by_newton: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +73,9 @@ class Block:
     """Some saved nodes: step counts k, coordinates, momenta.
 
     The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one. Scenes
-    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them;
-    compiled runs also count their iterations. The run goes on from `after`, where it can be taken up again.
+    with contacts also say when the nodes are (`t`), what holds from there on (`phase`) and what happened before them.
+    `iterations` are those of Newton's method, or of the stages, in the solved steps; `counts` the sums up to each node,
+    where runs may be cut. The run goes on from `after`, where it can be taken up again.
     """
 
     k: np.ndarray
@@ -81,6 +89,7 @@ class Block:
     events: tuple[Event, ...] = ()
     iterations: int = 0
     after: Position | None = None
+    counts: np.ndarray | None = None
 
 
 @per_system
@@ -124,10 +133,19 @@ def beginning_rows(
     `u` are the controls of the first step, `typical` the largest sizes of each control during the run.
     """
     t = np.full((len(q0), 1), t0)
-    stepper = plan(system, rule).build(system, rule)
-    x = over_columns(stepper.start, q0, p0, u, t, h, c)[0]
-    scale = over_columns(scale_function(system), q0, p0, typical, t, h, c)[0]
-    return Position(x, scale, over_columns(inertia_function(system), q0, p0, t, c)[0], 0, largest_block(x[0]))
+    x, scale, inertia = over_columns(_beginning_function(system, rule), q0, p0, u, typical, t, h, c)
+    return Position(x, scale, inertia, 0, largest_block(x[0]))
+
+
+@per_system
+def _beginning_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, typical, t, h, c) → x, typical sizes, and the inertia between them."""
+    start, n = plan(system, rule).build(system, rule).start, system.structure.n
+    sizes = (n, n, start.numel_in(2), system.structure.controls, 1, 1, system.c.numel())
+    q, p, u, typical, t, h, c = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    scale = scale_function(system)(q, p, typical, t, h, c)
+    outputs = [start(q, p, u, t, h, c), scale, inertia_function(system)(q, p, t, c)]
+    return ca.Function("beginning", inputs, outputs)
 
 
 def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> Iterator[Block]:
@@ -142,13 +160,14 @@ def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> I
         states = call(function, at.x, task.controls(at.k, total), times, h, task.c, at.scale)[0].reshape(count, -1)
         good = int(good_nodes(states))
         worst = float(states[good - 1, -1]) if good else 0.0
-        after = _advanced(at, states[:good], task.h, every)
+        after, counts = _advanced(at, states[:good], task.h, every), counted(system, rule, at.x, states[:good])
         k = at.k + every * np.arange(1, count + 1)
         if good == count and not is_saved(int(k[-1]), task.steps, task.save_every):  # within a long interval
             k, states = k[:0], states[:0]
         q, p = states[:good, :n], states[:good, 2 * n : 3 * n]
         failed = 0.0 if good == count else size(states[good])
-        yield Block(k, q, p, worst, len(q), failed, after=after)
+        total = int(counts[-1]) if good else 0
+        yield Block(k, q, p, worst, len(q), failed, iterations=total, after=after, counts=counts)
         if good < count:
             return
         at = after
@@ -174,6 +193,12 @@ def good_nodes(states: np.ndarray) -> np.ndarray:
     """How many of the states (…, nodes, size), from the first on, are finite and solved."""
     good = np.isfinite(states).all(axis=-1) & (states[..., -1] <= RESIDUAL_LIMIT)
     return np.where(good.all(axis=-1), states.shape[-2], np.argmin(good, axis=-1))
+
+
+def counted(system: System, rule: Rule, before: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Iterations since the state `before`, at each of the states (nodes, size) that follow it."""
+    iterates = plan(system, rule).build(system, rule).counts
+    return states[:, -2] - before[-2] if iterates else np.zeros(len(states))
 
 
 def _advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
@@ -208,8 +233,8 @@ def rescaled(at: Position, states: np.ndarray, apart: float) -> np.ndarray:
     """Typical sizes of velocities and momenta as the states (…, nodes, size) after `at` show; see `scale_function`."""
     n = at.inertia.shape[-1]
     q, p = states[..., :n], states[..., 2 * n : 3 * n]
-    path = np.concatenate([at.x[..., None, :n], q], axis=-2)
-    v_size = np.maximum(np.abs(np.diff(path, axis=-2)).max(axis=-2) / apart, 0.1 * at.scale[..., :n])
+    before = np.concatenate([at.x[..., None, :n], q[..., :-1, :]], axis=-2)
+    v_size = np.maximum(np.abs(q - before).max(axis=-2) / apart, 0.1 * at.scale[..., :n])
     p_size = np.maximum(np.abs(p).max(axis=-2), 0.1 * at.scale[..., n:])
     root = np.sqrt(at.inertia)
     least = SMALLEST * (v_size * root).max(axis=-1, keepdims=True)

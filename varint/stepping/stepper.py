@@ -22,14 +22,18 @@ class Stepper:
         (q0, p0, u, t, h, c) → x at the start.
     path : Function
         (x, u, t, h, c, scale) → increments Q_j − q0 of the step's control points, column by column.
-    solve : Function or None
-        The root finder inside, for its iteration count; None for explicit steppers.
+    reactions : Function or None
+        (x, u, t, h, c, scale) → momenta that constraints give at the step's control points, (n, d + 1); the last column
+        is the projection at the end. None where nothing is constrained.
+    counts : bool
+        Whether a root finder iterates in the step; the last number of the memory, x[-2], then counts its iterations.
     """
 
     step: ca.Function
     start: ca.Function
     path: ca.Function
-    solve: ca.Function | None = None
+    reactions: ca.Function | None = None
+    counts: bool = False
 
 
 def compensated(x: ca.SX, carry: ca.SX, increment: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -12,7 +12,7 @@ from varint.discrete import energy_function
 from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.plan import plan
-from varint.stepping.run import Block, Position, Task, good_nodes, is_saved, run, size
+from varint.stepping.run import Block, Position, Task, counted, good_nodes, is_saved, run, size
 from varint.system import System
 from varint.trajectory import Event
 
@@ -44,7 +44,7 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
     n, end = system.structure.n, min((at.k // task.save_every + 1) * task.save_every, task.steps)
     nodes: list[tuple[int, float, np.ndarray]] = []  # whole steps, time, state
     divided: list[Event] = []
-    x, k, worst, failed = at.x, at.k, 0.0, 0.0
+    x, k, worst, failed, iterations = at.x, at.k, 0.0, 0.0, 0
     while k < end:
         states, parts = _divided(system, rule, task, k, x, at.scale)
         if good_nodes(states) < len(states):
@@ -59,6 +59,7 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
                 nodes.append((k, began, x))
             nodes += [(k, float(t[j]), states[j]) for j in range(parts - 1)]
         k += 1
+        iterations += _iterations(system, rule, x, states, parts)
         worst = max(worst, float(states[:, -1].max()))
         x = _restarted(system, rule, task, k, states[-1]) if parts > 1 else states[-1].copy()
         x[-1] = 0.0
@@ -68,8 +69,13 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
     counts = [i for i, _, _ in nodes] + ([k + 1] if k < end else [])
     return Block(
         np.array(counts, dtype=int), saved[:, :n], saved[:, 2 * n : 3 * n], worst, len(nodes), failed,
-        np.array([t for _, t, _ in nodes]), None, tuple(divided), 0, replace(at, x=x, k=k, largest=1),
+        np.array([t for _, t, _ in nodes]), None, tuple(divided), iterations, replace(at, x=x, k=k, largest=1),
     )  # fmt: skip
+
+
+def _iterations(system: System, rule: Rule, x: np.ndarray, states: np.ndarray, parts: int) -> int:
+    """Iterations of a whole step from x, or of its parts, which are counted from zero."""
+    return int(counted(system, rule, x if parts == 1 else np.zeros(len(x)), states)[-1])
 
 
 def _divided(

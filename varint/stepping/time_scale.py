@@ -86,9 +86,20 @@ def close_encounters(distances: Any, power: float = 1.5) -> ca.SX:
 
 
 def rescaled(system: System, sigma: Any) -> Rescaled:
-    """The scene with the time scale σ(q); scenes already seen are remembered."""
-    sigma = _checked(system, sigma)
+    """The scene with the time scale σ(q); scenes already seen are remembered, by the expression and by its meaning."""
     known = system.__dict__.setdefault("_rescaled", {})
+    seen = known.get(id(sigma))
+    if seen and seen[0] is sigma:
+        return seen[1]
+    scene = _by_meaning(system, _checked(system, sigma))
+    if len(known) >= MOST_SCALES:
+        known.clear()
+    known[id(sigma)] = sigma, scene
+    return scene
+
+
+def _by_meaning(system: System, sigma: ca.SX) -> Rescaled:
+    known = system.__dict__.setdefault("_rescaled_by_meaning", {})
     key = ca.Function("sigma", [system.q, system.c], [sigma]).serialize()
     if key not in known:
         if len(known) >= MOST_SCALES:

@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.parameters import finite_array, number
 from varint.rules import Rule
 from varint.symmetry.basis import generators
 from varint.symmetry.gauge import quadratic_gauge
-from varint.symmetry.naming import groups_of, name_of
+from varint.symmetry.naming import groups_of, name_of, reach
 from varint.symmetry.sampling import Region
+from varint.symmetry.search import null_space
 from varint.symmetry.symmetry import Symmetry
 from varint.symmetry.table import Symmetries
 from varint.symmetry.verify import TOLERANCE, broken_by, residual
@@ -61,7 +61,11 @@ def symmetries(
 
     Affine point symmetries only: neither the Runge–Lenz vector (no point symmetry) nor symmetries with generators such
     as cos(ωt) are found; `noether` checks any generator ξ(q, t). With more than 40 coordinates A is looked for only
-    among the matrices that act alike on all particles, told by coordinate names such as x1, y1, x2, y2.
+    within single particles, told by coordinate names such as x1, y1, x2, y2, and within small groups that nothing
+    couples to others; with very many only among the matrices that act alike on all particles. The table says so.
+
+    Symmetries of L that forces, constraints or contacts break are listed too: what they add to J is known, see
+    `Trajectory.momentum_map`. Combinations of them that the whole scene keeps come in their place.
 
     References
     ----------
@@ -82,17 +86,21 @@ def symmetries(
     groups = groups_of(system, MOST_COORDINATES)
     basis = generators(region, groups, rng)
     found = sorted((_built(region, groups, vector, rng) for vector in basis.vectors), key=_order)
-    notes = []
+    notes = [reach(system, groups)] if reach(system, groups) else []
     if basis.dependent:
         notes.append(
             f"{basis.dependent} more conserve functions of these quantities: rotations of the centre of mass alone"
         )
     if basis.unrecognised:
-        notes.append(f"{basis.unrecognised} more, coefficients no monomials of the parameters: give params={{}}")
+        notes.append(f"{basis.unrecognised} more whose dependence on the parameters is unclear: give params={{}}")
+    if basis.unclear:
+        notes.append(f"the scene keeps {basis.unclear} combinations that depend on the parameters: give params={{}}")
+    if basis.left_out:
+        notes.append(f"{basis.left_out} more of L alone: linear ones that the rest of the scene breaks")
     if region.c is None and system.c.numel():
-        here = generators(Region(system, system.default_vector, region.near), groups, rng)
-        if here.dimension > basis.dimension:
-            notes.append(f"{here.dimension - basis.dimension} more at the default parameters: give params={{}}")
+        here = null_space(Region(system, system.default_vector, region.near), groups, rng)[0].shape[1]
+        if here > basis.dimension:
+            notes.append(f"{here - basis.dimension} more at the default parameters: give params={{}}")
     return Symmetries(tuple(found), rule, "\n".join(notes))
 
 
@@ -145,7 +153,11 @@ def noether(
     region = _region(system, params, near)
     field = _field("the generator xi", xi, system, system.structure.n)
     gauge = _field("the gauge term", gauge, system, 1)
-    shift = ca.SX(number("tau", tau))
+    if not isinstance(tau, (int, float)) or not np.isfinite(tau):
+        raise InputError(f"tau must be a number, got {tau!r}")
+    if field.is_zero() and not tau:
+        raise InputError("the generator is zero: xi = 0 and tau = 0 change nothing and conserve nothing")
+    shift = ca.SX(float(tau))
     rng = np.random.default_rng(SEED)
     left, where = residual(region, field, shift, gauge, rng)
     if left > TOLERANCE:
@@ -198,8 +210,8 @@ def _region(system: System, params: Mapping[str, Any] | None, near: Any) -> Regi
     if not isinstance(system, System):
         raise InputError(f"symmetries are those of a varint System, got {type(system).__name__}")
     if near is not None:
-        near = finite_array("near", near).reshape(-1)
-        if near.shape != (system.structure.n,):
+        near = np.asarray(near, dtype=float).reshape(-1)
+        if near.shape != (system.structure.n,) or not np.isfinite(near).all():
             raise InputError(f"near must be {system.structure.n} finite numbers, one for each of {list(system.names)}")
     return Region(system, None if params is None else parameter_values(system, params), near)
 

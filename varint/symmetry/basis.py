@@ -4,73 +4,138 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
-from itertools import combinations
 
 import casadi as ca
 import numpy as np
 
-from varint.symmetry.independent import listed
+from varint.symmetry.coefficients import as_monomial, simple, solved
+from varint.symmetry.independent import SAME, listed, orthonormal, products
 from varint.symmetry.naming import particles
 from varint.symmetry.sampling import Region, random_parameters, sampled
 from varint.symmetry.search import Pairs, euler_function, euler_rows, gauge_rows, null_space
+from varint.symmetry.shared import conditions, conditions_kernel
 
 SMALL = 1e-6  # coefficients below it are rounding errors of the null space
-SIMPLE = ((6, 1e-7), (1000, 1e-9))  # denominators, and how close to such a fraction a coefficient is that fraction
-CLOSE = 1e-8  # values this close are the same; what is made of them is verified afterwards
+AGREES = 1e-6  # relative: the exact solution of some of the equations is the generator found from all of them
+MOST_BROKEN = 20  # symmetries of L that are listed although the scene breaks them
 HOLDS = 1e-7  # residual, relative to its terms, of a generator that is a symmetry; verified more sharply afterwards
-MOST_IN_PRODUCTS = 12  # parameters, for sums of products of two
-MOST_PARAMETERS = 30  # one null space is needed for each when coefficients depend on them
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """Coefficient lists (τ, A by groups, b, c) of generators, and how many more there are.
 
-    `dependent` ones conserve functions of the others' quantities; `unrecognised` ones have coefficients that are no
-    monomials of the parameters.
+    `dependent` ones conserve functions of the others' quantities; for `unrecognised` ones no coefficients were found
+    that hold for all parameters; `left_out` are linear ones that the rest of the scene breaks, where there are many. Of
+    these together `unclear` combinations are shared by the rest of the scene, but not listed as such.
     """
 
     vectors: list[list]
     dependent: int
     unrecognised: int
+    left_out: int = 0
+    unclear: int = 0
 
     @property
     def dimension(self) -> int:
-        return len(self.vectors) + self.dependent + self.unrecognised
+        return len(self.vectors) + self.dependent + self.unrecognised + self.left_out
 
 
 def generators(region: Region, groups: Sequence[Pairs], rng: np.random.Generator) -> Found:
     """Basis of the affine generators.
 
     With parameter values given in `region` the coefficients are numbers. Otherwise they hold for all values: numbers,
-    or monomials such as Ω or m1/m2.
+    and functions of the parameters such as Ω or m1/(m1 + m2).
     """
     s = region.system
     order = _order(s.structure.n, groups)
     fixed = region.c is not None or not s.c.numel()
-    values = region.c[None] if region.c is not None else random_parameters(s, rng, s.c.numel() + 4)
-    here = Region(s, values[0], region.near)
+    here = Region(s, region.c if region.c is not None else random_parameters(s, rng, 1)[0], region.near)
     basis, size = null_space(here, groups, rng)
     rows, pivots = reduced(basis, size, order)
     turns, kept, dependent = listed(here, groups, rows, size, particles(s.names), rng)
-    found: list[list] = [[simple(x) for x in row] for row in turns]
     constant = np.ones(len(kept), dtype=bool) if fixed else _hold_everywhere(region, groups, rows[kept], rng)
-    found += [[simple(x) for x in row] for row in rows[kept[constant]]]
-    varying = kept[~constant]
-    if not len(varying) or s.c.numel() > MOST_PARAMETERS:
-        return Found(found, dependent, len(varying))
-    tables = [rows]
-    for c in values[1:]:
-        more, at = reduced(*null_space(Region(s, c, region.near), groups, rng), order)
+    plain = np.concatenate([turns, rows[kept[constant]]])
+    found = [(row, [simple(x) for x in row]) for row in plain]
+    for i in kept[~constant]:
+        coefficients = solved(here, groups, rows[i], size, pivots[i], rng)
+        values = np.array(ca.Function("at", [s.c], [ca.vertcat(*coefficients)])(here.c)).ravel()
+        if np.abs((values - rows[i]) / size).max() <= AGREES * np.abs(rows[i] / size).max():
+            found.append((rows[i], coefficients))
+    lost = len(turns) + len(kept) - len(found)
+    more = s.structure.constraints or s.structure.nonholonomic or s.structure.forced or s.structure.contacts
+    if found and more:
+        found, left_out, unclear = _with_shared(region, here, groups, found, len(turns), (basis, size, order), rng)
+        return Found([x for _, x in found], dependent, lost, left_out, unclear)
+    return Found([x for _, x in found], dependent, lost)
+
+
+def _with_shared(region: Region, here: Region, groups: Sequence[Pairs], found: list, turns: int, space, rng):
+    """The generators with combinations of them that the rest of the scene shares in place of ones that it breaks.
+
+    Where it breaks many, the linear ones among these are left out, but for the first `turns`. Also returned: how many
+    these are, and of how many combinations the coefficients depend on the parameters unclearly.
+    """
+    basis, size, order = space
+    n = here.system.structure.n
+    shared = basis @ conditions_kernel(here, groups, size[:, None] * basis, rng)
+    rows = np.array([row / size for row, _ in found]).reshape(len(found), len(size))
+    span = orthonormal(shared.T)
+    off = np.linalg.norm(rows - (rows @ span.T) @ span, axis=1)
+    kept = [int(i) for i in np.flatnonzero(off <= SAME * np.linalg.norm(rows, axis=1))]
+    flat = [i for i in kept if not np.abs(rows[i, 1 : -2 * n]).max(initial=0.0)]
+    follow = products(here, rows[flat] * size, n, rng) if len(groups) == n * n else []
+    known = [*rows[kept], *(x / size for x in follow)]
+    reduced_rows, pivots = reduced(shared, size, order)
+    more = [k for k, _ in _added(known, reduced_rows / size)]
+    extra, unclear = [], 0
+    if more:
+        extra, unclear = _for_all_parameters(region, here, groups, reduced_rows[more], pivots, more, order, rng)
+    taken = [*rows[kept], *(row / size for row, _ in extra)]
+    broken = [i for i in range(len(found)) if i not in kept]
+    broken = [broken[k] for k, _ in _added(taken, rows[broken])]
+    few = broken
+    if len(broken) > MOST_BROKEN:
+        few = [i for i in broken if i < turns or not np.abs(rows[i, 1 : -2 * n]).max(initial=0.0)]
+    return [*(found[i] for i in kept), *extra, *(found[i] for i in few)], len(broken) - len(few), unclear
+
+
+def _added(known: list[np.ndarray], rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Numbers of the rows, and they, that are independent of what is known and of the rows taken before."""
+    taken: list[tuple[int, np.ndarray]] = []
+    span = orthonormal(np.array(known).reshape(len(known), rows.shape[1]))
+    for k, row in enumerate(rows):
+        rest = row - span.T @ (span @ row)
+        rest -= span.T @ (span @ rest)
+        if np.linalg.norm(rest) > SAME * np.linalg.norm(row):
+            taken.append((k, row))
+            span = np.vstack([span, rest / np.linalg.norm(rest)])
+    return taken
+
+
+def _for_all_parameters(region: Region, here: Region, groups, rows: np.ndarray, pivots, which: list[int], order, rng):
+    """(row, coefficients) of combinations that are shared, and of how many the coefficients were not recognised."""
+    s = here.system
+    if region.c is not None or not s.c.numel():
+        return [(row, [simple(x) for x in row]) for row in rows], 0
+    constant = _hold_everywhere(region, groups, rows, rng)
+    constant &= np.abs(conditions(region, groups, rows.T, rng)).max(axis=0, initial=0.0) <= HOLDS
+    found: list[tuple[np.ndarray, list]] = [(row, [simple(x) for x in row]) for row in rows[constant]]
+    if constant.all():
+        return found, 0
+    tables, c = [], random_parameters(s, rng, s.c.numel() + 4)
+    for values in c:
+        there = Region(s, values, region.near)
+        basis, size = null_space(there, groups, rng)
+        again, at = reduced(basis @ conditions_kernel(there, groups, size[:, None] * basis, rng), size, order)
         if at != pivots:
-            return Found(found, dependent, len(varying))
-        tables.append(more)
-    for i in varying:
-        coefficients = [as_monomial(y, values, s.c) for y in np.array([table[i] for table in tables]).T]
+            return found, int((~constant).sum())
+        tables.append(again[which])
+    for i in np.flatnonzero(~constant):
+        coefficients = [as_monomial(y, c, s.c) for y in np.array([table[i] for table in tables]).T]
         if all(x is not None for x in coefficients):
-            found.append(coefficients)
-    return Found(found, dependent, len(turns) + len(kept) - len(found))
+            found.append((rows[i], coefficients))
+    return found, len(rows) - len(found)
 
 
 def _order(n: int, groups: Sequence[Pairs]) -> list[int]:
@@ -106,64 +171,6 @@ def reduced(basis: np.ndarray, size: np.ndarray, order: list[int]) -> tuple[np.n
     rows[np.abs(rows) < SMALL * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)] = 0.0
     units = size[pivots][:, None] if pivots else 1.0
     return rows * size / units, tuple(pivots)
-
-
-def simple(x: float) -> float:
-    """x, or the simple fraction that it is up to rounding: the simpler, the more rounding is allowed."""
-    for denominator, close in SIMPLE:
-        fraction = float(Fraction(float(x)).limit_denominator(denominator))
-        if abs(fraction - x) <= close * abs(x):
-            return fraction
-    return float(x)
-
-
-def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float | None:
-    """The function f c_1^{e_1} c_2^{e_2} … with values y at the parameters c, exponents multiples of ½; or None."""
-    if np.ptp(y) <= CLOSE * np.abs(y).max():
-        return simple(float(y.mean()))
-    used = np.ptp(c, axis=0) > 0
-    if (y == 0).any() or not (c[:, used] != 0).all():
-        return None
-    matrix = np.column_stack([np.log(np.abs(c[:, used])), np.ones(len(c))])
-    found = np.linalg.lstsq(matrix, np.log(np.abs(y)), rcond=None)[0]
-    exponents = np.round(2 * found[:-1]) / 2
-    if np.abs(exponents - found[:-1]).max() > 1e-5:
-        return None
-    with np.errstate(invalid="ignore"):
-        ratio = y / np.prod(c[:, used] ** exponents, axis=1)
-    if not np.ptp(ratio) <= CLOSE * np.abs(ratio).max():
-        return None
-    product = ca.SX(simple(float(ratio.mean())))
-    for symbol, e in zip(np.array(ca.vertsplit(symbols), dtype=object)[used], exponents, strict=True):
-        if e:
-            product *= symbol ** (int(e) if e == int(e) else float(e))
-    return product
-
-
-def products(symbols: ca.SX) -> list[tuple[int, ...]]:
-    """Parameters and products of two, by number; none where there are too many."""
-    n = symbols.numel()
-    return [(i,) for i in range(n)] + list(combinations(range(n), 2)) if n <= MOST_IN_PRODUCTS else []
-
-
-def as_products(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | None:
-    """The sum of parameters and products of two with simple coefficients that has the values y; or None."""
-    terms = products(symbols)
-    if len(y) <= len(terms) or not terms:
-        return None
-    table = np.array([[np.prod(row[list(term)]) for term in terms] for row in c])
-    size = np.abs(table).max(axis=0)
-    size[size == 0] = 1.0
-    found = np.linalg.lstsq(table / size, y, rcond=None)[0]
-    found[np.abs(found) < CLOSE * np.abs(found).max()] = 0.0
-    factors = np.array([simple(x) for x in found / size])
-    if np.abs(table @ factors - y).max() > CLOSE * np.abs(y).max():
-        return None
-    return sum((ca.SX(f) * _product(symbols, term) for f, term in zip(factors, terms, strict=True) if f), ca.SX(0))
-
-
-def _product(symbols: ca.SX, term: tuple[int, ...]) -> ca.SX:
-    return symbols[term[0]] if len(term) == 1 else symbols[term[0]] * symbols[term[1]]
 
 
 def _hold_everywhere(region: Region, groups: Sequence[Pairs], rows: np.ndarray, rng) -> np.ndarray:

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.symmetry.basis import as_monomial, as_products, products
-from varint.symmetry.sampling import Region, at_points, random_parameters, sampled
+from varint.symmetry.coefficients import parameter_samples, readable
+from varint.symmetry.sampling import Region, at_points, sampled
 from varint.symmetry.verify import TOLERANCE, residual, variation
 
 ZERO = 1e-10  # of the largest coefficient
@@ -67,8 +67,7 @@ def _expansion_point(region: Region, taylor: list[ca.SX], rng) -> np.ndarray:
 def _tidied(region: Region, coefficients: list[ca.SX], rng) -> list[ca.SX]:
     """Coefficients that vanish or are numbers for all parameter values as such; the others as they are."""
     s = region.system
-    count = s.c.numel() + 4 + len(products(s.c))
-    c = random_parameters(s, rng, count) if region.c is None else region.c[None]
+    c = parameter_samples(s, rng) if region.c is None else region.c[None]
     function = ca.Function("coefficients", [s.c], [ca.densify(x) for x in coefficients])
     values = over_columns(function, c)
     scale = max(np.abs(x).max(initial=0.0) for x in values)
@@ -77,9 +76,6 @@ def _tidied(region: Region, coefficients: list[ca.SX], rng) -> list[ca.SX]:
         new = ca.SX(*expression.shape)
         for i in np.flatnonzero(np.abs(table).max(axis=0) > ZERO * scale):
             row, col = int(i) % expression.shape[0], int(i) // expression.shape[0]
-            known = as_monomial(table[:, i], c, s.c)
-            if known is None:
-                known = as_products(table[:, i], c, s.c)
-            new[row, col] = expression[row, col] if known is None else known
+            new[row, col] = readable(ca.SX(expression[row, col]), table[:, i], c, s.c)
         tidy.append(new)
     return tidy

@@ -28,12 +28,12 @@ def listed(
     n = region.system.structure.n
     linear = np.abs(rows[:, 1 : -2 * n]).max(axis=1, initial=0.0) > 0
     several = len(bodies.index) > 1 and len(groups) == n * n
-    products = _products(region, rows[~linear], n, rng) if several else []
+    follow = products(region, rows[~linear], n, rng) if several else []
     rows = rows / size
-    turns = _inside(rows, [x / size for x in _rotations(groups, n, bodies)])
-    known = [*turns, *_inside(rows, [x / size for x in products])]
+    turns = inside(rows, [x / size for x in _rotations(groups, n, bodies)])
+    known = [*turns, *inside(rows, [x / size for x in follow])]
     kept = [int(i) for i in np.flatnonzero(~linear)]
-    span = _orthonormal(np.array(known).reshape(len(known), rows.shape[1]))
+    span = orthonormal(np.array(known).reshape(len(known), rows.shape[1]))
     for i in np.flatnonzero(linear):
         rest = rows[i] - span.T @ (span @ rows[i])
         rest -= span.T @ (span @ rest)
@@ -59,7 +59,7 @@ def _rotations(groups: Sequence[Pairs], n: int, bodies: Particles) -> list[np.nd
     return vectors
 
 
-def _products(region: Region, rows: np.ndarray, n: int, rng) -> list[np.ndarray]:
+def products(region: Region, rows: np.ndarray, n: int, rng) -> list[np.ndarray]:
     """Generators β₁ k₂ᵀ − β₂ k₁ᵀ of P₁ G₂ − P₂ G₁ for boosts along β with K = k·q."""
     only_boost = (np.abs(rows[:, :-n]).max(axis=1, initial=0.0) == 0) if len(rows) else np.zeros(0, dtype=bool)
     boosts = rows[only_boost, -n:]
@@ -74,14 +74,14 @@ def _products(region: Region, rows: np.ndarray, n: int, rng) -> list[np.ndarray]
     ]
 
 
-def _inside(rows: np.ndarray, vectors: list[np.ndarray]) -> np.ndarray:
+def inside(rows: np.ndarray, vectors: list[np.ndarray]) -> np.ndarray:
     """Those of the vectors that lie in the span of the rows."""
-    span = _orthonormal(rows)
+    span = orthonormal(rows)
     found = [x for x in vectors if np.linalg.norm(x - span.T @ (span @ x)) <= SAME * np.linalg.norm(x)]
     return np.array(found).reshape(len(found), rows.shape[1])
 
 
-def _orthonormal(rows: np.ndarray) -> np.ndarray:
+def orthonormal(rows: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the span of the rows, as rows."""
     if not rows.size:
         return rows

@@ -13,6 +13,8 @@ from varint.system import System
 
 AXES = "xyz"
 AXIS_IN_NAME = r"(?P<axis>[xyz])_?(?P<rest>\d*|_\w+)|(?P<body>\w*?)_?(?P<last>[xyz])"
+SMALL_BLOCK = 6  # coordinates
+MOST_ENTRIES = 700  # of matrices within particles: the null space of that many unknowns takes seconds
 ALIKE = 1e-9  # relative: coefficients this close are the same
 
 
@@ -31,9 +33,7 @@ def particles(names: tuple[str, ...]) -> Particles:
     """Particles by the names of their coordinates, as in x1, y1, x2, y2 or sun_x, sun_y; other names are left out."""
     found: dict[str, dict[str, int]] = {}
     for i, name in enumerate(names):
-        match = re.fullmatch(
-            r"(?P<axis>[xyz])_?(?P<rest>\d*|_\w+)|(?P<body>\w*?)_?(?P<last>[xyz])", name, re.IGNORECASE
-        )
+        match = re.fullmatch(AXIS_IN_NAME, name, re.IGNORECASE)
         if match:
             axis = (match["axis"] or match["last"]).lower()
             found.setdefault((match["rest"] or match["body"] or "").strip("_"), {})[axis] = i
@@ -43,13 +43,18 @@ def particles(names: tuple[str, ...]) -> Particles:
 def groups_of(system: System, largest: int) -> list[Pairs]:
     """Entries of A that get an unknown of their own.
 
-    Every entry, up to `largest` coordinates. Beyond, one matrix that is the same for all particles: rotations and
-    shears of the whole scene.
+    Every entry, up to `largest` coordinates. Beyond, those within single particles and within small groups of
+    coordinates that nothing couples to others; where these are too many, one matrix that is the same for all particles.
     """
     n = system.structure.n
     if n <= largest:
         return [(np.array([i]), np.array([j])) for i in range(n) for j in range(n)]
     bodies = particles(system.names)
+    within = [list(p.values()) for p in bodies.index]
+    within += [list(block) for block in system.structure.blocks if 1 < len(block) <= SMALL_BLOCK]
+    entries = sorted({(i, j) for block in within for i in block for j in block})
+    if len(entries) <= MOST_ENTRIES:
+        return [(np.array([i]), np.array([j])) for i, j in entries]
     pairs = []
     for a in bodies.axes:
         for b in bodies.axes:
@@ -57,6 +62,15 @@ def groups_of(system: System, largest: int) -> list[Pairs]:
             if both:
                 pairs.append((np.array([i for i, _ in both]), np.array([j for _, j in both])))
     return pairs
+
+
+def reach(system: System, groups: list[Pairs]) -> str:
+    """Which matrices A were looked for, where not all of them."""
+    if len(groups) == system.structure.n**2:
+        return ""
+    alike = any(len(i) > 1 for i, _ in groups)
+    which = "that act alike on all particles" if alike else "within single particles and uncoupled groups"
+    return f"{system.structure.n} coordinates: of linear generators only those {which} were looked for"
 
 
 def name_of(system: System, xi: ca.SX, tau: ca.SX, gauge: ca.SX) -> str:
@@ -75,10 +89,10 @@ def name_of(system: System, xi: ca.SX, tau: ca.SX, gauge: ca.SX) -> str:
         return _shift_name(system, shift, gauge)
     if slope.is_zero() and shift.is_zero():
         return _along(system, boost, "Galilean boost") or "boost of " + _listed(system, boost)
+    turn = _rotation(system, slope, shift)
     if boost.is_zero():
-        turn = _rotation(system, slope, shift)
         return turn or "linear symmetry of " + _listed(system, ca.sum2(ca.fabs(slope)))
-    return "affine symmetry"
+    return f"{turn} in a moving frame" if turn else "affine symmetry"
 
 
 def _shift_name(system: System, shift: ca.SX, gauge: ca.SX) -> str:

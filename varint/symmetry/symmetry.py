@@ -14,6 +14,7 @@ from varint.system import System
 
 HIGHEST_DEGREE = 10  # in time, of a polynomial that a rule can still integrate exactly
 ROUNDING = 1e-13
+LONGEST_TEXT = 120  # characters of a coefficient
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,13 +104,15 @@ class Symmetry:
         """
         if self.broken_by:
             return f"broken by {', '.join(self.broken_by)}"
+        return "exactly" if self.shared_by(rule) else f"to order {rule.order}"
+
+    def shared_by(self, rule: Rule) -> bool:
+        """Whether the discrete Lagrangian of `rule` has the symmetry too: J, or its balance, is exact to round-off."""
         if not self.tau.is_zero():
             s = self.system.structure
-            exact = self.gauge.is_zero() and self.xi.is_zero() and s.linear and s.autonomous and is_gauss(rule)
-        else:
-            degree = max(rule.degree, 1)  # a composition's path is straight between kicks
-            exact = self._is_affine(degree) and self._gauge_degree(degree) <= exactness(rule)
-        return "exactly" if exact else f"to order {rule.order}"
+            return self.gauge.is_zero() and self.xi.is_zero() and s.linear and s.autonomous and is_gauss(rule)
+        degree = max(rule.degree, 1)  # a composition's path is straight between kicks
+        return self._is_affine(degree) and self._gauge_degree(degree) <= exactness(rule)
 
     def _is_affine(self, degree: int) -> bool:
         """Whether ξ = A q + b(t) with constant A and b of at most the given degree."""
@@ -151,8 +154,10 @@ def _signed(factor: ca.SX) -> tuple[str, ca.SX]:
 
 
 def _plain(expression: ca.SX) -> str:
-    """CasADi's text, without the parentheses around a whole product."""
+    """CasADi's text, without the parentheses around a whole product; long ones as a function of what they depend on."""
     text = str(expression)
+    if "@" in text or len(text) > LONGEST_TEXT:
+        return f"f({', '.join(sorted(x.name() for x in ca.symvar(expression)))})"
     return text[1:-1] if re.fullmatch(r"\([^()+-]*\)", text) else text
 
 

@@ -90,22 +90,27 @@ def _invariant(region: Region, surface: ca.SX, xi: ca.SX, tau: ca.SX, rng) -> bo
     size = _product_size(slope, xi) + ca.norm_1(ca.vec(tau * by_t))
     function = at_points(s, "invariance", [surface, slope, change, size])
     points, _ = sampled(region, function, CHECKS, rng)
-    held = _projected(points, function, surface.numel())
+    held = projected(points, function, surface.numel())
     _, _, left, total = over_columns(function, *held.columns)
     return bool((np.abs(left).max(axis=1) <= TOLERANCE * np.where(total[:, 0] > 0, total[:, 0], 1.0)).all())
 
 
-def _projected(points: Points, function: ca.Function, m: int) -> Points:
+def projected(points: Points, function: ca.Function, m: int) -> Points:
     """Those of the points that Gauss–Newton steps bring onto the surface g = 0; never none."""
     n = points.q.shape[1]
     q, t = points.q.copy(), points.t
+    held = np.zeros(len(q), dtype=bool)
     for _ in range(MOST_PROJECTIONS):
-        now = Points(q, points.v, points.a, points.u, t, points.c)
-        g, slope, *_ = over_columns(function, *now.columns)
+        now, left = Points(q, points.v, points.a, points.u, t, points.c), np.flatnonzero(~held)
+        g, slope, *_ = over_columns(function, *now[left].columns)
         good = np.isfinite(g).all(axis=1) & np.isfinite(slope).all(axis=1)
-        rows = np.where(good[:, None], slope, 0.0).reshape(-1, n, m).transpose(0, 2, 1)
-        q = q - np.einsum("snm,sm->sn", np.linalg.pinv(rows, rcond=1e-10), np.where(good[:, None], g, 0.0))
-    held = good & (np.abs(g).max(axis=1) <= ON_SURFACE * (1 + np.abs(q).max(axis=1)))
+        g, slope = np.where(good[:, None], g, 0.0), np.where(good[:, None], slope, 0.0)
+        held[left] = good & (np.abs(g).max(axis=1) <= ON_SURFACE * (1 + np.abs(q[left]).max(axis=1)))
+        rows = slope.reshape(-1, n, m).transpose(0, 2, 1)
+        q[left] -= np.einsum("snm,sm->sn", np.linalg.pinv(rows, rcond=1e-10), g)  # once more where it is held: free
+        if held.all():
+            break
+    now = Points(q, points.v, points.a, points.u, t, points.c)
     if not held.any():
         raise InputError("no point was found where the constraints or contacts hold; give near=q close to one")
     return now[held]

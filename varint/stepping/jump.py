@@ -1,0 +1,77 @@
+"""Runs that went astray without a step that failed: their energy tells."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.arrays import over_columns
+from varint.legendre import velocity_function
+from varint.system import System, per_system
+from varint.trajectory import Trajectory
+
+SAMPLES = 10
+GROSS = 0.25  # of the largest p·v, that is half of the kinetic energy
+NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
+
+
+class Jump(NamedTuple):
+    """The energy at some node is not the one of the start by far."""
+
+    time: float
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        return (
+            f"the energy went from {self.before:.6g} to {self.after:.6g} by t = {self.time:.6g}, which nothing in the"
+        )
+
+
+def energy_jump(motion: Trajectory) -> Jump | None:
+    """The first of ten nodes whose energy error is as large as the kinetic energy, in a scene that conserves energy.
+
+    A step that is much too large can have solutions that are none of the motion's, and an explicit rule beyond its
+    limit of stability is finite for long: nothing else tells.
+    """
+    s = motion.system.structure
+    if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
+        return None
+    last, h = len(motion) - 1, np.array((motion.h,))
+    i: Any = slice(None) if last < SAMPLES else np.arange(SAMPLES) * last // (SAMPLES - 1)
+    q, t = motion.q[i], motion.t[i]
+    if motion.phase is None:
+        found = over_columns(_energy_of_momentum(motion.system), q, motion.p[i], t[:, None], motion.c, h)
+    else:
+        found = over_columns(
+            _energy_function(motion.system), q, motion[np.arange(last + 1)[i]].v, t[:, None], motion.c, h
+        )
+    energy, moving, kicked = (x[:, 0].tolist() for x in found)  # so few that lists are faster than arrays
+    before = energy[0]
+    largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
+    for k, after in enumerate(energy):
+        if not abs(after - before) <= largest:
+            return Jump(float(t[k]), before, after)
+    return None
+
+
+@per_system
+def _energy_function(system: System) -> ca.Function:
+    """(q, v, t, c, h) → H, p·v, and what a step from rest makes of p·v."""
+    s, h = system, ca.SX.sym("h")
+    mass = ca.fabs(ca.diag(s.mass_matrix))
+    kicked = ca.if_else(mass > 0, (h * ca.gradient(s.lagrangian, s.q)) ** 2 / mass, 0)
+    outputs = [s.energy, ca.fabs(ca.dot(s.momentum, s.v)), ca.sum1(kicked)]
+    return ca.Function("energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True})
+
+
+@per_system
+def _energy_of_momentum(system: System) -> ca.Function:
+    """(q, p, t, c, h) → the same."""
+    n, velocity = system.structure.n, velocity_function(system)
+    symbol = ca.SX.sym if velocity.is_a("SXFunction") else ca.MX.sym
+    q, p, t, c, h = (symbol(x, k) for x, k in zip("qptch", (n, n, 1, system.c.numel(), 1), strict=True))
+    outputs = _energy_function(system)(q, velocity(q, p, t, c), t, c, h)
+    return ca.Function("energy", [q, p, t, c, h], outputs)
