@@ -51,10 +51,10 @@ def parser() -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text)
         command.set_defaults(command=function)
         command.add_argument("model", metavar="MODEL", help="its name, see `list`")
-        command.add_argument("--duration", type=float, help="time span (default: the model's)")
+        command.add_argument("--duration", type=positive, help="time span (default: the model's)")
         if name != "bench":
             command.add_argument("--rule", type=rule, help="such as gauss(2), lobatto(3), midpoint, blanes-moan6")
-            command.add_argument("--h", type=float, help="step (default: the model's)")
+            command.add_argument("--h", type=positive, help="step (default: the model's)")
         if name != "check":
             command.add_argument("--plot", type=Path, metavar="FILE", help="write a figure (.png, .pdf, .svg)")
         if name == "run":
@@ -74,6 +74,17 @@ def rule(text: str) -> vi.Rule:
         raise argparse.ArgumentTypeError(f"{text}: write gauss(2), lobatto(3), midpoint or trapezoidal") from None
     except vi.VarintError as error:
         raise argparse.ArgumentTypeError(f"{text} is no rule: {error}; or gauss(2), lobatto(3), midpoint") from None
+
+
+def positive(text: str) -> float:
+    """A positive, finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not (value > 0 and np.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"{text} is no positive number")
+    return value
 
 
 def model_of(name: str) -> Model:
