@@ -327,3 +327,13 @@ def test_wrong_ensembles_are_refused_at_once():
         vi.ensemble(pushed(), vi.lobatto(3), q0=[[0, 0], [1, 1]], v0=[0, 0], u=1.0, backend="compiled", **grid)
     with pytest.raises(vi.InputError, match="may be one table"):
         vi.ensemble(pushed(), vi.gauss(2), q0=[0, 0], v0=[0, 0], u=np.zeros((2, 2, 1)), h=0.1, steps=2)
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+def test_members_whose_energy_strays_are_named_in_one_warning(backend):
+    """Beyond hω = 2 Verlet grows; the others are left in peace."""
+    lengths = np.array([1.0, 0.02, 2.0, 0.01, 0.5])
+    start = dict(q0=0.1, v0=0.0, h=0.1, steps=40, params=dict(length=lengths), backend=backend)
+    with pytest.warns(UserWarning, match=r"the energy of 2 members .*\(member 1: .*members \[1, 3\]"):
+        vi.ensemble(swinging(), vi.composition("verlet"), **start)
+    vi.ensemble(swinging(), vi.composition("verlet"), **start | dict(params=dict(length=lengths[[0, 2, 4]])))

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from functools import partial
 from typing import Any
 
+from varint.ensembles.alarm import astray, warn_of
 from varint.ensembles.batch import Chunk
 from varint.ensembles.executor import computed
 from varint.ensembles.members import Members, members_of
@@ -116,13 +117,16 @@ def ensemble(
     done = kept.ranges if kept is not None else []
     chunks: list[Chunk] = []
     before = sum(count for _, count in done)
+    strays: list[tuple[int, float, float]] = []
     with progress_bar(len(members), "member", progress, before) as move:
         for chunk in computed(system, rule, members, _missing(done, len(members)), executor, loop):
+            strays += astray(system, members, chunk)
             if kept is None:
                 chunks.append(chunk)
             else:
                 kept.add(chunk)
             move(len(chunk), partial(_note, chunk))
+    warn_of(sorted(strays), members.h)
     chunks.sort(key=lambda chunk: chunk.first)
     return Ensemble(system, rule, members, chunks if kept is None else kept)
 
