@@ -108,6 +108,69 @@ def gimbal_lock(angle: float) -> str:
     return f"{'alarm, ' if caught else ''}energy error {energy_error(motion):.1e}"
 
 
+def folding_linkage(angle: float, h: float) -> str:
+    """A parallelogram of four bars driven through the configuration in which it is flat, from an angle before it.
+
+    There its constraints lose their rank, and it may go on as a parallelogram or as an antiparallelogram.
+    """
+    q, v = vi.coordinates("x1", "y1", "x2", "y2")
+    bars = ca.vertcat(ca.sumsqr(q[:2]) - 1, ca.sumsqr(q[2:] - q[:2]) - 4, ca.sumsqr(q[2:] - ca.DM([2.0, 0])) - 1)
+    linkage = vi.System(q, v, ca.sumsqr(v) / 2, constraint=bars)
+    c, s = np.cos(angle), np.sin(angle)
+    start = dict(q0=[c, s, 2 + c, s], v0=[2 * s, -2 * c, 2 * s, -2 * c])
+    try:
+        motion = vi.simulate(linkage, vi.lobatto(3), h=h, steps=round(2 / h), **start)
+    except (vi.ConvergenceError, vi.InputError) as error:
+        return f"refused: {str(error)[:110]}"
+    gap = float(np.abs(motion.value(linkage.constraint)).max())
+    kept = np.abs(motion.q[-1, 3] - motion.q[-1, 1]) < 1e-3
+    return (
+        f"passed as {'a' if kept else 'an anti'}parallelogram, |g| {gap:.1e}, energy error {energy_error(motion):.1e}"
+    )
+
+
+def random_lagrangian(rng: np.random.Generator) -> tuple[vi.System, dict]:
+    """A scene of one to three coordinates with a random potential, coupling and mass, and a random start."""
+    n = int(rng.integers(1, 4))
+    q, v = vi.coordinates(*"xyz"[:n])
+
+    def expression(symbols: list[ca.SX], depth: int) -> ca.SX:
+        if depth == 0 or rng.random() < 0.2:
+            return symbols[rng.integers(len(symbols))] if rng.random() < 0.7 else ca.SX(rng.uniform(-2, 2))
+        if rng.random() < 0.5:
+            functions = (ca.sin, ca.cos, ca.exp, ca.sqrt, ca.log, ca.tanh, lambda x: x**2, lambda x: 1 / x)
+            return functions[rng.integers(len(functions))](expression(symbols, depth - 1))
+        a, b = expression(symbols, depth - 1), expression(symbols, depth - 1)
+        return (a + b, a * b, a - b, a / b)[rng.integers(4)]
+
+    places = ca.vertsplit(q)
+    kinetic = ca.sumsqr(v) / 2 * (1 if rng.random() < 0.5 else 1 + expression(places, 2) ** 2)
+    system = vi.System(q, v, kinetic - expression(places, 4))
+    h = float(rng.choice([1e-3, 0.01, 0.1, 1.0]))
+    return system, dict(q0=rng.uniform(-2, 2, n), v0=rng.uniform(-2, 2, n), h=h, steps=50)
+
+
+def random_lagrangians(count: int, seed: int = 1) -> str:
+    """How many random scenes run, raise the alarm, or are refused; any other end is an error."""
+    rng = np.random.default_rng(seed)
+    ends = {"ran": 0, "raised the alarm": 0, "failed on the way": 0, "were refused": 0}
+    for _ in range(count):
+        system, start = random_lagrangian(rng)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                motion = vi.simulate(system, backend="interpreted", **start)
+                end = "raised the alarm" if caught else "ran"
+            except vi.ConvergenceError as error:
+                motion, end = error.trajectory, "failed on the way"
+            except vi.InputError:
+                motion, end = None, "were refused"
+        if motion is not None and not (np.isfinite(motion.q).all() and np.isfinite(motion.p).all()):
+            raise AssertionError(f"a motion of {system.lagrangian} is not finite")
+        ends[end] += 1
+    return ", ".join(f"{number} {end}" for end, number in ends.items())
+
+
 def hanging_chain(links: int) -> tuple[vi.System, np.ndarray]:
     """A chain of rods in Cartesian coordinates, and its start stretched out sideways."""
     names = [f"{axis}{i}" for i in range(links) for axis in "xy"]
@@ -181,6 +244,9 @@ def main() -> None:
         report(rows, f"Kepler, e = {e:g}, 4000 steps an orbit", lambda e=e: near_collision(e))
     for angle in (1e-1, 1e-2, 1e-4, 1e-8, 0.0):
         report(rows, f"heavy top, {angle:g} from the pole", lambda angle=angle: gimbal_lock(angle))
+    for angle, h in ((0.0, 1e-2), (1.0, 1e-2), (1.0, 1e-3), (1.0, 3.7e-3)):
+        report(rows, f"parallelogram, {angle:g} before it folds, h = {h:g}", lambda a=angle, h=h: folding_linkage(a, h))
+    report(rows, "2000 random Lagrangians", lambda: random_lagrangians(2000))
     text = "|g| {:.1e} of a link, energy error {:.1e}"
     for links, steps in ((20, 20_000), (200, 5000)):
         report(

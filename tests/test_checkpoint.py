@@ -123,6 +123,29 @@ def test_a_run_goes_on_from_its_checkpoint_with_controls_and_any_loop(tmp_path, 
         assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
 
 
+@pytest.mark.parametrize("every", [1, 30_000])
+def test_a_run_that_newtons_method_took_over_goes_on_from_its_checkpoint(tmp_path, monkeypatch, every):
+    """A spring that stiffens: fixed-point iteration gives up on the way."""
+    from varint.stepping import native
+
+    q, v = vi.coordinates("x", "y")
+    t = vi.time()
+    stiff = vi.System(q, v, ca.sumsqr(v) / 2 - (1 + t**2) * ca.cosh(q[0] - q[1]) - ca.sumsqr(q), t=t)
+    start = dict(q0=[0.5, 0], v0=[0, 0], h=0.01, steps=60_000, save_every=every, backend="compiled")
+    monkeypatch.setattr(native, "STEPS_IN_BLOCK", 2500)
+    whole = vi.simulate(stiff, vi.gauss(2), **start)
+    with monkeypatch.context() as patch:
+        stopped_after(patch, 15, Stopped)
+        with pytest.raises(Stopped):
+            vi.simulate(stiff, vi.gauss(2), checkpoint=tmp_path / "run", **start)
+    with np.load(tmp_path / "run") as data:
+        assert "carry" in data
+    assert header_of(tmp_path / "run")["by_newton"] and header_of(tmp_path / "run")["k"] < 60_000
+    again = vi.simulate(stiff, vi.gauss(2), checkpoint=tmp_path / "run", **start)
+    for name in ARRAYS:
+        assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
+
+
 @pytest.mark.parametrize("blocks", [1, 2, 4])
 @pytest.mark.parametrize("step", [0.06, 0.1])
 def test_a_run_that_newtons_method_has_taken_over_goes_on_by_it(tmp_path, monkeypatch, step, blocks):
@@ -140,6 +163,24 @@ def test_a_run_that_newtons_method_has_taken_over_goes_on_by_it(tmp_path, monkey
     again = vi.simulate(model.system, vi.gauss(4), checkpoint=path, **start)
     for name in ARRAYS:
         assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
+
+
+@pytest.mark.parametrize("every", [1, 7, 100_000])
+@pytest.mark.parametrize("rule", [vi.composition("verlet"), vi.gauss(1), vi.gauss(4)], ids=str)
+def test_how_long_the_blocks_of_a_compiled_run_are_shows_in_nothing(monkeypatch, rule, every):
+    """Ctrl-C waits for a block, so blocks are cut by the clock."""
+    from varint.stepping import native
+
+    start = dict(q0=[0.7, 0.2], v0=[0, 0], h=0.02, steps=120_001, save_every=every, backend="compiled")
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sumsqr(q) ** 2 + ca.cos(q[0] - q[1]))
+    whole = vi.simulate(system, rule, **start)
+    for most, patience in ((10**9, 1e-3), (997, 0.2), (10**9, 100.0)):
+        monkeypatch.setattr(native, "STEPS_IN_BLOCK", most)
+        monkeypatch.setattr(native, "PATIENCE", patience)
+        again = vi.simulate(system, rule, **start)
+        for name in ARRAYS:
+            assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
 
 
 def header_of(path: Path) -> dict:
@@ -218,17 +259,23 @@ def test_ctrl_c_returns_what_there_is_and_the_checkpoint_goes_on_from_there(tmp_
     assert again.p.tobytes() == whole.p.tobytes()
 
 
-def test_a_real_interrupt_ends_a_run_with_its_nodes():
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
+@pytest.mark.parametrize(("backend", "every"), [("interpreted", 10), ("compiled", 10**4), ("compiled", 10**11)])
+def test_a_real_interrupt_ends_a_run_with_its_nodes(backend, every):
+    """Also within an interval between two nodes that would take a quarter of an hour."""
     code = (
         "import os, signal, threading, sys; sys.path[:0] = sys.argv[1:3]\n"
-        "import varint as vi; from scenes import double_pendulum\n"
-        "threading.Timer(2.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()\n"
-        "start = dict(q0=[.4, .2], v0=[0, 0], h=0.01, save_every=10, backend='interpreted')\n"
-        "m = vi.simulate(double_pendulum(), vi.gauss(2), steps=10**8, **start)\n"
-        "print(m.stats['interrupted'], len(m) > 1, bool(abs(m.q).max() < 10))\n"
+        "import varint as vi; from scenes import double_pendulum, henon_heiles\n"
+        "backend, every = sys.argv[3], int(sys.argv[4])\n"
+        "scene, rule = (henon_heiles(), None) if backend == 'compiled' else (double_pendulum(), vi.gauss(2))\n"
+        "start = dict(q0=[.4, .2], v0=[0, 0], h=0.01, save_every=every, backend=backend)\n"
+        "vi.simulate(scene, rule, steps=10, **start | dict(save_every=1))\n"
+        "threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()\n"
+        "m = vi.simulate(scene, rule, steps=max(10**8, every), **start)\n"
+        "print(m.stats['interrupted'], len(m) > 1 or every == 10**11, bool(abs(m.q).max() < 10))\n"
     )
     here = Path(__file__).resolve().parent
-    call = [sys.executable, "-c", code, str(here.parent), str(here)]
+    call = [sys.executable, "-c", code, str(here.parent), str(here), backend, str(every)]
     done = subprocess.run(call, capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == ["True", "True", "True"], done.stderr
 

@@ -289,3 +289,16 @@ def test_the_action_along_a_constrained_path_is_that_of_the_angle():
     start = dict(q0=[np.sin(0.9), -np.cos(0.9)], v0=[0, 0])
     motion = vi.simulate(cartesian_pendulum(), vi.lobatto(5), **start, h=0.01, steps=100)
     np.testing.assert_allclose(motion.action, exact.action, rtol=1e-12)
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+@pytest.mark.parametrize("rule", [vi.trapezoidal(), vi.lobatto(3)], ids=str)
+def test_a_free_particle_on_a_sphere_follows_a_great_circle(rule, backend):
+    """No force at all: a structural zero that a stepper must not take for nothing."""
+    q, v = vi.coordinates("x", "y", "z")
+    sphere = vi.System(q, v, ca.sumsqr(v) / 2, constraint=(ca.sumsqr(q) - 1) / 2)
+    motion = vi.simulate(sphere, rule, q0=[1, 0, 0], v0=[0, 0.6, 0.8], h=0.01, steps=200, backend=backend)
+    t = motion.t[:, None]
+    exact = np.cos(t) * [1, 0, 0] + np.sin(t) * [0, 0.6, 0.8]
+    np.testing.assert_allclose(motion.q, exact, atol=1e-4 if rule.order == 2 else 1e-10)
+    np.testing.assert_allclose(motion.multipliers, -1.0, rtol=1e-10)

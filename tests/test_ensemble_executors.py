@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
+import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 
 import casadi as ca
@@ -17,6 +20,7 @@ from scenes import double_pendulum, henon_heiles
 
 import varint as vi
 from varint.ensembles import executor as module
+from varint.ensembles import result, zarr_store
 
 START = dict(v0=[0, 0], h=0.02, steps=200, backend="interpreted")
 
@@ -137,6 +141,128 @@ def test_a_store_is_bounded_in_memory_and_reads_like_the_arrays(small_chunks, tm
     again = vi.load(tmp_path / "kept")
     assert_same(again, plain)
     assert again[3].energy == pytest.approx(plain[3].energy, abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["kept", "kept.zarr"])
+def test_a_store_bounds_the_memory_of_an_ensemble_that_is_larger(tmp_path, monkeypatch, kind):
+    """5 MB of coordinates and momenta, made, averaged and ranked within 3."""
+    if kind.endswith("zarr"):
+        pytest.importorskip("zarr", reason="needs the extra: pip install varint-mechanics[zarr]")
+    monkeypatch.setattr(module, "MOST_NUMBERS", 40_000)
+    monkeypatch.setattr(zarr_store, "MOST_NUMBERS", 40_000)
+    monkeypatch.setattr(result, "MOST_NUMBERS", 100_000)
+    system, rule = henon_heiles(), vi.gauss(2)
+    start = dict(v0=[0, 0], h=0.02, steps=500, backend="compiled")
+
+    def peak(count: int, **store) -> tuple[float, tuple]:
+        """Megabytes in use at most, and statistics."""
+        tracemalloc.start()
+        motions = vi.ensemble(system, rule, q0=starts(count) / 10, **store, **start)
+        low, high = motions.quantiles(system.q[0], (0.05, 0.95))
+        found = motions.mean(system.q[0]).tobytes(), motions.std(system.v[1]).tobytes(), low.tobytes(), high.tobytes()
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return most / 2**20, found
+
+    peak(8)  # builds the functions
+    (less, kept), (more, plain) = peak(300, store=tmp_path / kind), peak(300)
+    assert less < 3 and more > 5, (less, more)
+    assert kept == plain, "the statistics depend on where the members are kept"
+
+
+def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chunks, tmp_path, monkeypatch):
+    zarr = pytest.importorskip("zarr", reason="needs the extra: pip install varint-mechanics[zarr]")
+    system, q0 = double_pendulum(), starts(53)
+    plain = vi.ensemble(system, q0=q0, **START)
+    stepped, done = module.stepped, []
+
+    def interrupted(system, rule, members, backend):
+        if len(done) == 4:
+            raise KeyboardInterrupt
+        done.append(members.first)
+        return stepped(system, rule, members, backend)
+
+    where = tmp_path / "kept.zarr"
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "stepped", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            vi.ensemble(system, q0=q0, store=where, **START)
+    with pytest.raises(vi.InputError, match="not complete"):
+        vi.load(where)
+    before, seen = set(done), []
+
+    def counted(system, rule, members, backend):
+        seen.append(members.first)
+        return stepped(system, rule, members, backend)
+
+    monkeypatch.setattr(module, "stepped", counted)
+    again = vi.ensemble(system, q0=q0, store=where, **START)
+    assert_same(again, plain)
+    assert seen and not before & set(seen), "a chunk was done twice"
+    assert_same(vi.load(where), plain)
+    np.testing.assert_array_equal(zarr.open_group(str(where), mode="r")["q"][:], plain.q)
+    with pytest.raises(vi.InputError, match=r"holds another ensemble: it differs in \['q0'\]"):
+        vi.ensemble(system, q0=q0 + 1, store=where, **START)
+    group = zarr.group(zarr.storage.MemoryStore())
+    assert_same(vi.ensemble(system, q0=q0, store=group, **START), plain)
+    foreign = zarr.open_group(str(tmp_path / "foreign.zarr"), mode="w")
+    foreign.create_array("mine", shape=(3,), dtype="f8")
+    with pytest.raises(vi.InputError, match="not empty and holds no ensemble"):
+        vi.ensemble(system, q0=q0, store=tmp_path / "foreign.zarr", **START)
+    chunk = next(path for path in (where / "q").rglob("*") if path.is_file() and path.name != "zarr.json")
+    chunk.write_bytes(chunk.read_bytes()[:20])
+    with pytest.raises(vi.InputError, match="torn or not from varint"):
+        _ = vi.load(where).q
+
+
+def test_without_zarr_the_message_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(vi.InputError, match=r"pip install varint-mechanics\[zarr\]"):
+        vi.ensemble(double_pendulum(), q0=starts(3), store=tmp_path / "kept.zarr", **START)
+    with pytest.raises(vi.InputError, match="store must be the path"):
+        vi.ensemble(double_pendulum(), q0=starts(3), store=7, **START)
+
+
+MPI = r"""
+import numpy as np, varint as vi
+from mpi4py.futures import MPIPoolExecutor
+from scenes import double_pendulum
+from varint.ensembles import executor
+
+if __name__ == "__main__":
+    executor.SECONDS = 1e-9
+    start = dict(q0=np.random.default_rng(6).normal(size=(100, 2)), v0=[0, 0], h=0.02, steps=200, backend="interpreted")
+    plain = vi.ensemble(double_pendulum(), **start)
+    with MPIPoolExecutor() as pool:
+        there = vi.ensemble(double_pendulum(), executor=pool, **start)
+    print(len(there.chunks) > 4, there.q.tobytes() == plain.q.tobytes(), there.p.tobytes() == plain.p.tobytes())
+"""
+
+
+def test_a_pool_of_mpi_processes_gives_the_bits_of_one_process(tmp_path):
+    pytest.importorskip("mpi4py", reason="needs the extra: pip install varint-mechanics[mpi]")
+    beside = os.path.dirname(sys.executable)
+    launcher = shutil.which("mpiexec", path=os.pathsep.join([beside, os.environ.get("PATH", "")]))
+    if launcher is None:
+        pytest.skip("no mpiexec")
+    here, script = os.path.dirname(os.path.abspath(__file__)), tmp_path / "pool.py"
+    script.write_text(MPI)
+    call = [launcher, "-n", "3", sys.executable, "-m", "mpi4py.futures", str(script)]
+    there = os.environ | {"PYTHONPATH": os.pathsep.join([os.path.dirname(here), here])}
+    done = subprocess.run(call, capture_output=True, text=True, timeout=120, env=there)
+    assert done.stdout.split() == ["True"] * 3, done.stderr
+
+
+@pytest.mark.filterwarnings("ignore")  # of loky's own
+def test_other_kinds_of_pools_work_too():
+    loky = pytest.importorskip("loky")
+    system, q0 = double_pendulum(), starts(60)
+    plain = vi.ensemble(system, q0=q0, **START)
+    pool = loky.get_reusable_executor(max_workers=2)
+    try:
+        assert_same(vi.ensemble(system, q0=q0, executor=pool, **START), plain)
+    finally:
+        pool.shutdown(wait=True, kill_workers=True)
 
 
 def test_an_interrupted_ensemble_goes_on_where_it_was(small_chunks, tmp_path, monkeypatch):

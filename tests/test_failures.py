@@ -70,7 +70,17 @@ def test_a_folded_linkage_is_named():
     from varint.stepping.diagnosis import likely_cause
 
     stretched = vi.System(q, v, ca.sumsqr(v) / 2, constraint=rods)
-    assert "singular configuration" in likely_cause(replace(motion[:1], system=stretched, phase=None))
+    cause = likely_cause(replace(motion[:1], system=stretched, phase=None))
+    assert "singular configuration (the gradients of the constraint rows [" in cause
+
+
+def test_a_four_bar_linkage_at_its_dead_point_is_refused_with_its_rows():
+    """A parallelogram folded flat may go on as one or as an antiparallelogram: the motion is not determined."""
+    q, v = vi.coordinates("x1", "y1", "x2", "y2")
+    bars = ca.vertcat(ca.sumsqr(q[:2]) - 1, ca.sumsqr(q[2:] - q[:2]) - 4, ca.sumsqr(q[2:] - ca.DM([2.0, 0])) - 1)
+    linkage = vi.System(q, v, ca.sumsqr(v) / 2, constraint=bars)
+    with pytest.raises(vi.InputError, match=r"rows \[0, 1, 2\] are dependent at the start .* folded linkage"):
+        vi.simulate(linkage, q0=[1, 0, 3, 0], v0=[0, 1, 0, 1], h=0.01, steps=10)
 
 
 def test_an_energy_that_nothing_can_change_raises_the_alarm():

@@ -13,6 +13,8 @@ import varint as vi
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 import stress
 
+pytestmark = pytest.mark.stress
+
 
 @pytest.mark.parametrize("stages", [1, 2, 3, 5, 8, 10])
 def test_gauss_is_stable_at_every_h_omega_to_30(stages):
@@ -72,6 +74,19 @@ def test_a_near_collision_is_a_result_an_alarm_or_a_refusal_but_never_silent():
 def test_a_top_near_gimbal_lock_runs_and_in_it_is_refused():
     assert float(stress.gimbal_lock(0.1).removeprefix("energy error ")) < 1e-6
     assert stress.gimbal_lock(0.0).startswith("refused"), "the mass matrix is singular there"
+
+
+def test_a_linkage_that_folds_is_refused_there_and_passes_with_its_constraints():
+    """Which branch it takes is not determined; that its bars keep their lengths is."""
+    assert "folded linkage" in stress.folding_linkage(0.0, 1e-2) or "dependent" in stress.folding_linkage(0.0, 1e-2)
+    passed = stress.folding_linkage(1.0, 3.7e-3)
+    assert float(passed.split("|g| ")[1].split(",")[0]) < 1e-12, passed
+
+
+def test_random_lagrangians_run_or_say_why_not():
+    ends = stress.random_lagrangians(150, seed=2)
+    ran, alarm, failed, refused = (int(part.split()[0]) for part in ends.split(", "))
+    assert ran + alarm + failed + refused == 150 and ran > 30 and failed and refused
 
 
 def test_a_chain_of_200_rods_lets_go_and_holds_its_constraints():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import casadi as ca
@@ -60,6 +61,24 @@ def finite_array(what: str, value: Any) -> np.ndarray:
     if not np.isfinite(array).all():
         raise InputError(f"{what} is not finite: {value!r}")
     return array
+
+
+def number(what: str, x: Any) -> float:
+    """x as a finite number."""
+    try:
+        value = float(x)
+    except (TypeError, ValueError, RuntimeError, NotImplementedError, OverflowError):
+        raise InputError(f"{what} must be a number, got {x!r}") from None
+    if not math.isfinite(value):
+        raise InputError(f"{what} must be finite, got {x!r}")
+    return value
+
+
+def whole(what: str, x: Any, least: int = 1) -> int:
+    """x as a whole number that is not too small."""
+    if not isinstance(x, (int, np.integer)) or isinstance(x, bool) or x < least:
+        raise InputError(f"{what} must be a whole number, at least {least}, got {x!r}")
+    return int(x)
 
 
 def _symbol_shape(value: np.ndarray) -> tuple[int, int]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from types import NoneType
+
+from varint.errors import InputError
 
 PATIENCE = 1.0  # seconds before a bar appears unasked
 
@@ -22,11 +25,13 @@ def progress_bar(total: int, unit: str, wanted: bool | None, done: int = 0) -> A
     unit : str
         What is counted.
     wanted : bool or None
-        None: a bar in a terminal, once the work has taken longer than a second.
+        None: a bar in a terminal or notebook, once the work has taken longer than a second.
     done : int
         Units that were finished before.
     """
-    if wanted is False or (wanted is None and not sys.stderr.isatty()):
+    if not isinstance(wanted, (bool, NoneType)):
+        raise InputError(f"progress must be True, False or None (a bar where someone watches), got {wanted!r}")
+    if wanted is False or (wanted is None and not _is_watched()):
         return nullcontext(_unseen)
     return _bar(total, unit, bool(wanted), done)
 
@@ -47,3 +52,9 @@ def _bar(total: int, unit: str, wanted: bool, done: int) -> Iterator[Move]:
                 bar.set_postfix_str(note(), refresh=False)
 
         yield move
+
+
+def _is_watched() -> bool:
+    """Whether what is printed goes to a terminal or a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return sys.stderr.isatty() or type(shell).__name__ == "ZMQInteractiveShell"

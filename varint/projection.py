@@ -11,7 +11,7 @@ import numpy as np
 from varint.arrays import call
 from varint.errors import InputError
 from varint.manifold import rows_function
-from varint.parameters import finite_array
+from varint.parameters import finite_array, number
 from varint.system import System, parameter_values, per_system
 
 OFF = 1e-11  # of what the coordinates themselves contribute to g: larger is a wrong start, smaller is round-off
@@ -85,9 +85,9 @@ def project(
     v = np.zeros(n) if v0 is None else finite_array("v0", v0).ravel()
     if q.shape != (n,) or v.shape != (n,):
         raise InputError(f"q0 has {q.size} and v0 {v.size} numbers; each needs {n}, one for each of {list(names)}")
-    c = parameter_values(system, params)
-    q = onto(system, q, v, float(t0), c)
-    rows, slope = velocity_gaps(system, q, v, float(t0), c)
+    c, t0 = parameter_values(system, params), number("t0", t0)
+    q = onto(system, q, v, t0, c)
+    rows, slope = velocity_gaps(system, q, v, t0, c)
     _, _, mass, _ = shape(system, q, v, t0, c)
     return q, v + _least(mass, slope, -rows)
 
@@ -119,6 +119,7 @@ def onto(system: System, q0: np.ndarray, v: np.ndarray, t: float, c: np.ndarray)
     return q
 
 
+@np.errstate(all="ignore")  # what is not finite is looked at
 def _least(mass: np.ndarray, slope: np.ndarray, target: np.ndarray) -> np.ndarray:
     """min xᵀMx with slope x = target, of least norm where that leaves a choice."""
     n, m = mass.shape[0], len(target)
@@ -131,6 +132,11 @@ def _least(mass: np.ndarray, slope: np.ndarray, target: np.ndarray) -> np.ndarra
     matrix[:n, :n] = mass / np.outer(size, size)
     matrix[:n, n:], matrix[n:, :n] = (rows / length[:, None]).T, rows / length[:, None]
     right = np.concatenate([np.zeros(n), target / length])
+    if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+        raise InputError(
+            "no projection: the constraints, their gradients or the mass matrix are not finite or too large on the way "
+            "(a square root of a negative number, a pole, an overflow); start closer, or in other units"
+        )
     return np.linalg.lstsq(matrix, right, rcond=1e-13)[0][:n] / size
 
 

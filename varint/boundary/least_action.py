@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from varint.boundary.newton import Outcome, newton
 from varint.boundary.posing import posed
 from varint.boundary.result import conjugate_ends, path_of
 from varint.boundary.stationary import Iterate, Problem, with_duration
-from varint.errors import SolverError
+from varint.errors import InputError, SolverError
 from varint.horizon import Free
 from varint.rules import Rule, gauss
 from varint.system import System
@@ -101,6 +102,8 @@ def least_action(
     (1, array([3.141593]))
     """
     began = perf_counter()
+    if not isinstance(bounds, (Sequence, NoneType)):
+        raise InputError(f"bounds must be a list of (lower, expression, upper), got {type(bounds).__name__}")
     minimise = bool(bounds) or (isinstance(duration, Free) and energy is None)
     if rule is None and minimise and not system.structure.constraints:
         rule = gauss(2)  # a composition has no path between its nodes to bound

@@ -13,6 +13,7 @@ from varint.boundary.stationary import Iterate, Problem, iterate_through, point_
 from varint.discrete import constraint_function, interval, point_function
 from varint.errors import InputError
 from varint.horizon import Free, window
+from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.stepping.initial import controls, vector
 from varint.stepping.plan import default_rule
@@ -41,8 +42,9 @@ def posed(
     """Problem, first iterate and bounds of the duration."""
     rule = default_rule(system) if rule is None else rule
     _suitable(system, rule)
-    if not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1:
-        raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
+    steps, t0 = whole("steps", steps), number("t0", t0)
+    if not isinstance(periodic, bool):
+        raise InputError(f"periodic must be True or False, got {periodic!r}")
     n, names, c = system.structure.n, system.names, parameter_values(system, params)
     free = energy is not None or isinstance(duration, Free)
     if free and system.structure.forced:
@@ -77,7 +79,7 @@ def posed(
         points[0], points[-1] = ends
     guessed, lower, upper = _duration(system, duration, energy, points, t0, c)
     level = (energy or 0.0) if free else None
-    problem = Problem(system, rule, int(steps), float(t0), u.reshape(steps, -1), c, ends, closure, level)
+    problem = Problem(system, rule, steps, t0, u.reshape(steps, -1), c, ends, closure, level)
     if ends is not None:
         _on_constraints(problem, ends, guessed)
     _finite(problem, points, guessed)
@@ -127,7 +129,7 @@ def _nodes(guess: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
     value = value[:, None] if value.ndim == 1 and n == 1 else value
     if value.ndim != 2 or value.shape[1] != n or len(value) < 2 or not np.isfinite(value).all():
         raise InputError(
-            f"guess has shape {np.shape(guess)}; it must be (k, {n}) with k ≥ 2 finite configurations of {list(names)}"
+            f"guess has shape {value.shape}; it must be (k, {n}) with k ≥ 2 finite configurations of {list(names)}"
         )
     return value
 
@@ -139,12 +141,12 @@ def _duration(
     if duration is None:
         if energy is None:
             raise InputError("give the duration of the path, or its energy")
-        return _time_at_energy(system, energy, points, t0, c), 0.0, np.inf
+        return _time_at_energy(system, number("energy", energy), points, t0, c), 0.0, np.inf
     if energy is not None and not isinstance(duration, Free):
         raise InputError("give duration or energy, not both; a guess of the duration is free(guess, lower, upper)")
     try:
         guess, lower, upper = window(duration)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise InputError(f"duration must be a number or free(guess, lower, upper), got {duration!r}") from None
     if not (np.isfinite(guess) and lower > 0):
         raise InputError(f"duration must be positive and finite (and its lower bound positive), got {duration!r}")

@@ -1,14 +1,15 @@
 /* Kick-drift compositions of many members at once, one in each lane; see explicit.c for the method.
 
-   Defined before this file: N, NC, KICKS, the weights KICK, DRIFT and times NODE of the kicks, and the scene's functions,
+   Defined before this file: N, NC, NU, KICKS, the weights KICK, DRIFT and times NODE of the kicks, and the scene's functions,
    whose parameters are inputs here: they differ from lane to lane. A member's arithmetic does not depend on its
    neighbours, but for functions outside their range (an angle above a million turns takes all lanes to the C library);
    groups begin at the same members whatever the chunks are, so that even this does not show. */
 
 typedef struct {
     int64_t members, steps, save_every, nodes; /* nodes: rows of a member, its start included */
+    int64_t apart;                             /* numbers between the controls of two members: 0 where all have the same */
     double t0, h;
-    const double *q0, *p0, *c; /* (members, N), (members, N), (members, NC) */
+    const double *q0, *p0, *c, *u; /* (members, N), (members, N), (members, NC), (members or 1, steps, KICKS, NU) */
     double *q, *p;             /* (members, nodes, N); row 0 is not written */
     int64_t *good;             /* (members): rows that are finite, the start included */
 } Args;
@@ -18,6 +19,14 @@ INLINE void compensated(V *value, V *rest, V increment) {
     V y = increment + *rest, old = *value, s = old + y, part = s - old;
     *rest = (old - (s - part)) + (y - part);
     *value = s;
+}
+
+/* Controls of every lane at the kicks of step k */
+INLINE void controls(const Args *a, const int64_t *at, int64_t k, V u[KICKS][NU + 1]) {
+    (void)a, (void)at, (void)k;
+    for (int l = 0; l < LANES; l++)
+        for (int i = 0; i < KICKS; i++)
+            for (int m = 0; m < NU; m++) set_lane(&u[i][m], l, a->u[at[l] * a->apart + (k * KICKS + i) * NU + m]);
 }
 
 static int64_t group(const Args *a, int64_t first) {
@@ -37,17 +46,25 @@ static int64_t group(const Args *a, int64_t first) {
     const double h = a->h;
     double hk[KICKS], hd[KICKS], pending = 0;
     for (int i = 0; i < KICKS; i++) hk[i] = h * KICK[i], hd[i] = i < KICKS - 1 ? h * DRIFT[i] : 0;
-    V t = splat(a->t0);
-    rhs(q, &t, c, none, force);
+    V t = splat(a->t0), u[KICKS][NU + 1];
+    controls(a, at, 0, u);
+    rhs(q, &t, u[0], c, none, force);
     int64_t row = 1, unsaved = 0;
     for (int64_t k = 0; k < a->steps && alive; k++) {
         const double now = a->t0 + h * (double)k;
+#if NU
+        controls(a, at, k, u);
+        V opening[N], begin = splat(now);
+        rhs(q, &begin, u[0], c, none, opening);
+        for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], pending * force[d] + hk[0] * opening[d]);
+#else
         for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], (pending + hk[0]) * force[d]);
+#endif
         for (int i = 1; i < KICKS; i++) {
             V v[N], moment = splat(now + h * NODE[i]);
             velocity(q, p, &moment, c, none, v);
             for (int d = 0; d < N; d++) compensated(&q[d], &rest_q[d], hd[i - 1] * v[d]);
-            rhs(q, &moment, c, none, force);
+            rhs(q, &moment, u[i], c, none, force);
             if (i < KICKS - 1)
                 for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], hk[i] * force[d]);
         }

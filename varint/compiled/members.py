@@ -1,88 +1,121 @@
-"""Many members of one separable scene in a compiled loop, one in each lane of a vector."""
+"""Many members of one scene in a compiled loop, one in each lane of a vector."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable
 from ctypes import c_char_p, c_int
-from dataclasses import dataclass
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from varint.compiled.cache import library
 from varint.compiled.emit import emit
+from varint.compiled.gauss import gauss_form
 from varint.compiled.graph import NotCompilable
-from varint.compiled.mechanics import force, velocity
-from varint.rules import Rule
+from varint.compiled.kernel import MOST_ITERATIONS, text
+from varint.compiled.mechanics import acceleration, force, velocity
+from varint.compiled.tableau import gauss_tableau
+from varint.rules import MOST_STAGES, Rule, gauss
 from varint.system import System, per_system
 
 LANES = 8  # also on machines with shorter vectors: the compiler takes two or four of them
 MOST_OPERATIONS = 20_000
-_ARGUMENTS = struct.Struct("4q2d6P")
-
-
-@dataclass(frozen=True, eq=False)
-class MembersKernel:
-    """A compiled loop over members: `entry` takes the packed arguments of members.c."""
-
-    n: int
-    entry: Callable[[bytes], int]
+MOST_UNKNOWNS = 400  # of all stages: a step's vectors are to stay in the cache
+PILOT = 100  # steps after which a member's iteration must have shown that it contracts
+POOR = 30  # iterations a step beyond which Newton's method is cheaper
+_ARGUMENTS = struct.Struct("5q2d7P")
+Expressions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
 
 
 @per_system
-def members_kernel(system: System, rule: Rule) -> MembersKernel:
-    """The compiled composition of a separable scene for members that differ in start and parameters.
+def members_kernel(system: System, rule: Rule) -> Callable[[bytes], int]:
+    """The compiled loop for members of a scene that differ in start, parameters and controls.
+
+    Compositions of separable scenes with constant mass are explicit; Gauss rules iterate all members of a vector until
+    the last of them has settled.
 
     Raises
     ------
     NotCompilable
-        If the scene is not separable with constant mass, has controls, or the rule has no kicks.
+        If the scene or the rule is of another kind.
     CompileError
         If there is no compiler or no safe cache folder.
     """
-    s = system.structure
-    if not s.explicit or not rule.kicks or s.controls:
-        raise NotCompilable(
-            "members are compiled together for compositions of separable scenes with constant mass and without "
-            'controls; use backend="interpreted"'
-        )
-    p, none = ca.SX.sym("p", s.n), ca.SX(0, 1)
-    expressions = {
-        "rhs": ([system.q, system.t, system.c, none], force(system)),
-        "velocity": ([system.q, p, system.t, system.c, none], velocity(system, p)),
-    }
-    source = f"#define LANES {LANES}\n#define N {s.n}\n#define NC {system.c.numel()}\n#define KICKS {len(rule.kicks)}\n"
-    folder = Path(__file__).parent
-    source += (folder / "lanes.h").read_text()
+    if rule.kicks and system.structure.explicit:
+        return _built(system, len(rule.kicks), *_explicit(system, rule))
+    if rule == gauss(min(len(rule.nodes), MOST_STAGES)) and gauss_form(system):
+        return _built(system, len(rule.nodes), *_gauss(system, len(rule.nodes)))
+    raise NotCompilable(
+        "members are compiled together for compositions of separable scenes with constant mass, and for Gauss rules "
+        'of regular scenes without constraints and contacts, quadratic in velocities; use backend="interpreted"'
+    )
+
+
+def _explicit(system: System, rule: Rule) -> tuple[Expressions, str, str]:
+    q, t, u, p = system.q, system.t, system.control, ca.SX.sym("p", system.q.numel())
     times = [sum(rule.drifts[:k]) for k in range(len(rule.kicks))]
+    data = f"#define KICKS {len(rule.kicks)}\n"
     for name, values in (("KICK", rule.kicks), ("DRIFT", rule.drifts), ("NODE", times)):
-        source += f"static const double {name}[] = {{{', '.join(float(x).hex() for x in values)}}};\n"
-    for name, (inputs, output) in expressions.items():
-        f = ca.Function(name, inputs, [ca.cse(ca.densify(output))])
-        if f.n_instructions() > MOST_OPERATIONS:
-            raise NotCompilable(f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}")
+        data += f"static const double {name}[] = {{{_numbers(values)}}};\n"
+    return {"rhs": ([q, t, u], [force(system)]), "velocity": ([q, p, t], [velocity(system, p)])}, data, "members.c"
+
+
+def _gauss(system: System, stages: int) -> tuple[Expressions, str, str]:
+    form, (q, v, t, u) = gauss_form(system), (system.q, system.v, system.t, system.control)
+    p = ca.SX.sym("p", q.numel())
+    speed = velocity(system, p)
+    if 2 * q.numel() * stages > MOST_UNKNOWNS:
+        raise NotCompilable(f"{q.numel()} coordinates at {stages} stages are too many for members in lanes")
+    if form == 2:
+        right = ([q, v, t, u], [acceleration(system)])
+    else:
+        right = ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])
+    heads = dict(STAGES=stages, FORM=form, MOST=MOST_ITERATIONS, PILOT=PILOT, POOR=POOR)
+    heads["ON_VELOCITY"] = int(form == 2 and system.structure.force_on_velocity)
+    data = "".join(f"#define {key} {value}\n" for key, value in heads.items())
+    for name, table in gauss_tableau(stages).items():
+        if len(table) == 1:
+            data += f"static const double {name}[STAGES] = {{{_numbers(table[0])}}};\n"
+        else:
+            rows = ", ".join(f"{{{_numbers(row)}}}" for row in table)
+            data += f"static const double {name}[STAGES][STAGES] __attribute__((unused)) = {{{rows}}};\n"
+    at_nodes = {"velocity": ([q, p, t], [speed]), "momentum": ([q, v, t], [system.momentum])}
+    return {"rhs": right, **at_nodes}, data, "members_gauss.c"
+
+
+def _numbers(values) -> str:
+    return ", ".join(float(x).hex() for x in values)
+
+
+def _built(system: System, nodes: int, expressions: Expressions, data: str, loop: str) -> Callable[[bytes], int]:
+    """Compile the loop around the scene's functions; parameters are inputs, for they differ from lane to lane."""
+    heads = dict(LANES=LANES, N=system.q.numel(), NC=system.c.numel(), NU=system.control.numel())
+    source = "".join(f"#define {key} {value}\n" for key, value in heads.items()) + text("lanes.h") + data
+    for name, (inputs, outputs) in expressions.items():
+        f = ca.Function(name, [*inputs, system.c, ca.SX(0, 1)], ca.cse([ca.densify(x) for x in outputs]))
+        if f.n_instructions() * (nodes if loop == "members_gauss.c" and name == "rhs" else 1) > MOST_OPERATIONS:
+            raise NotCompilable(f"{name} has {f.n_instructions()} operations, too many for members in lanes")
         source += emit(name, f).source
-    compiled = library(source + (folder / "members.c").read_text())
-    entry = compiled.run
+    entry = library(source + text(loop)).run
     entry.argtypes, entry.restype = [c_char_p], c_int
-    return MembersKernel(s.n, entry)
+    return entry
 
 
 def run_members(
-    kernel: MembersKernel, q0: np.ndarray, p0: np.ndarray, c: np.ndarray, *, t0: float, h: float, steps: int,
-    save_every: int, nodes: int,
+    entry: Callable[[bytes], int], q0: np.ndarray, p0: np.ndarray, c: np.ndarray, u: np.ndarray, *, t0: float,
+    h: float, steps: int, save_every: int, nodes: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Motions of all members: q and p (members, nodes, n), and how many nodes of each are finite.
+    """Motions of all members: q and p (members, nodes, n), and how many nodes of each are solved.
 
-    Rows behind a member's good ones are zero and no data.
+    Controls u are (members or 1, steps, nodes of the rule, k). Rows behind a member's good ones are zero and no data.
     """
-    count = len(q0)
-    q0, p0, c = (np.ascontiguousarray(x, dtype=float) for x in (q0, p0, c))
-    q, p = np.zeros((count, nodes, kernel.n)), np.zeros((count, nodes, kernel.n))
+    count, n = q0.shape
+    q0, p0, c, u = (np.ascontiguousarray(x, dtype=float) for x in (q0, p0, c, u))
+    q, p = np.zeros((count, nodes, n)), np.zeros((count, nodes, n))
     q[:, 0], p[:, 0] = q0, p0
     good = np.empty(count, dtype=np.int64)
-    places = (x.ctypes.data for x in (q0, p0, c, q, p, good))
-    kernel.entry(_ARGUMENTS.pack(count, steps, save_every, nodes, t0, h, *places))
+    places = (x.ctypes.data for x in (q0, p0, c, u, q, p, good))
+    apart = u[0].size if len(u) > 1 else 0
+    entry(_ARGUMENTS.pack(count, steps, save_every, nodes, apart, t0, h, *places))
     return q, p, good

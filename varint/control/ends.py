@@ -84,10 +84,10 @@ def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray
     n, names = system.structure.n, system.names
     if value is None:
         value = [None] * n
-    elif isinstance(value, Free) or np.ndim(value) == 0:
-        value = [value]
     elif isinstance(value, (ca.DM, np.ndarray)):
         value = np.asarray(value, dtype=float).ravel().tolist()
+    elif not isinstance(value, Sequence):
+        value = [value]
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != n:
         raise InputError(f"{what} takes entries, one for each of {list(names)} (None: free), got {value!r}")
     guess, low, high = np.full(n, np.nan), np.full(n, -np.inf), np.full(n, np.inf)
@@ -101,7 +101,7 @@ def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray
             continue
         try:
             guess[i] = low[i] = high[i] = float(entry)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, RuntimeError, NotImplementedError):
             raise InputError(f"{what}: {names[i]} must be a number, None or free(…), got {entry!r}") from None
         if not np.isfinite(guess[i]):
             raise InputError(f"{what}: {names[i]} is not finite: {entry!r}; None leaves it free")
@@ -114,8 +114,9 @@ def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
     if value is True:
         return np.zeros(n)
     try:
-        offset = np.array([np.nan if x is None else float(x) for x in np.atleast_1d(value)])
-    except (TypeError, ValueError):
+        entries = value if isinstance(value, Sequence) else np.atleast_1d(value)
+        offset = np.array([np.nan if x is None else float(x) for x in entries])
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise InputError(f"periodic must be True or one offset (or None) for each of {list(names)}") from None
     if offset.shape != (n,):
         raise InputError(f"periodic has {len(offset)} entries; one for each of {list(names)}")

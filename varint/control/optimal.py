@@ -16,6 +16,7 @@ from varint.control.solution import trajectories
 from varint.control.warm import start_multipliers
 from varint.errors import InputError, SolverError
 from varint.horizon import Free
+from varint.parameters import number
 from varint.rules import Rule
 from varint.system import System
 from varint.trajectory import Trajectory
@@ -151,7 +152,7 @@ def optimal_phases(
     if not phases or not all(isinstance(phase, Phase) for phase in phases):
         raise InputError("optimal_phases takes a list of varint.Phase, at least one")
     ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else list(links)
-    return solved(problem(phases, ties, t0, nlp.backend_for(solver, backend)), solver, options, progress)
+    return solved(problem(phases, ties, number("t0", t0), nlp.backend_for(solver, backend)), solver, options, progress)
 
 
 def solved(one: Problem, name: str, options: Mapping[str, Any] | None, progress: bool | None) -> list[Trajectory]:

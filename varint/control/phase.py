@@ -14,6 +14,7 @@ from varint.control.ends import End, end_conditions
 from varint.control.expressions import scalar
 from varint.errors import InputError
 from varint.horizon import Free
+from varint.parameters import finite_array
 from varint.rules import Rule, gauss, lobatto
 from varint.system import System, parameter_values
 
@@ -156,7 +157,7 @@ def _duration(value: Any) -> tuple[float, float, float]:
         return float(value.guess), float(value.lower), float(value.upper)
     try:
         duration = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise InputError(f"the duration must be a number or free(guess, lower, upper), got {value!r}") from None
     if not (np.isfinite(duration) and duration > 0):
         raise InputError(f"the duration must be positive and finite, got {value!r}")
@@ -168,10 +169,7 @@ def _mesh(steps: Any, mesh: Any) -> np.ndarray:
         if not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1:
             raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
         return np.arange(steps + 1) / steps
-    try:
-        mesh = np.asarray(mesh, dtype=float)
-    except (TypeError, ValueError):
-        mesh = np.zeros(0)
+    mesh = finite_array("mesh", mesh)
     if mesh.ndim != 1 or len(mesh) < 2 or mesh[0] != 0 or mesh[-1] != 1 or not (np.diff(mesh) > 0).all():
         raise InputError("mesh must hold fractions of the duration that increase from 0 to 1")
     if steps and steps != len(mesh) - 1:
@@ -181,6 +179,8 @@ def _mesh(steps: Any, mesh: Any) -> np.ndarray:
 
 def _parameters(system: System, params: Mapping[str, Any] | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Guess, lower and upper bound of the parameter vector."""
+    if params is not None and not isinstance(params, Mapping):
+        raise InputError(f"params must be a dictionary of names and values, got {type(params).__name__}")
     given = dict(params or {})
 
     def part(name: str) -> np.ndarray:

@@ -15,6 +15,7 @@ from varint.diagnostics.structure import EPS
 from varint.diagnostics.verdict import mark
 from varint.discrete import point_function
 from varint.errors import ConvergenceError, InputError
+from varint.parameters import number, whole
 from varint.rules import Rule, gauss, lobatto
 from varint.stepping.plan import default_rule
 from varint.system import System
@@ -124,8 +125,9 @@ def convergence(
         if not isinstance(start.method, Rule):
             raise InputError("give order=, the order that this step function is expected to have")
         order = start.method.order
+    duration, order = number("duration", duration), number("order", order)
     q, p, floor = _end(start, duration, reference)
-    counts = np.array(sorted({int(k) for k in steps}))
+    counts = _counts(steps)
     errors = np.array([_error(start, duration, int(k), q, p) for k in counts])
     orders = [_order(duration / counts, e, floor) for e in errors.T]
     known = not np.isnan(orders).any()
@@ -133,6 +135,16 @@ def convergence(
     return Convergence(
         start.name, duration / counts, errors[:, 0], errors[:, 1], orders[0], orders[1], order, floor, good
     )  # fmt: skip
+
+
+def _counts(steps: Sequence[int]) -> np.ndarray:
+    try:
+        counts = sorted({whole("every number of steps", k) for k in steps})
+    except TypeError:
+        counts = []
+    if not counts:
+        raise InputError(f"steps must be a sequence of numbers of steps, got {steps!r}")
+    return np.array(counts)
 
 
 def _order(h: np.ndarray, error: np.ndarray, floor: float) -> float:
@@ -309,7 +321,7 @@ def work_precision(
         raise InputError("methods must be a list of rules, such as [gauss(2), composition('blanes-moan4')]")
     starts = [scene(system, m, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0) for m in methods]
     q, p, floor = _end(starts[0], duration, reference)
-    counts = np.array(sorted({int(k) for k in steps}))
+    counts = _counts(steps)
     seconds, errors = np.empty((len(starts), len(counts))), np.empty((len(starts), len(counts)))
     for i, start in enumerate(starts):
         for j, count in enumerate(counts):

@@ -11,6 +11,7 @@ import numpy as np
 from varint.diagnostics.runs import Scene, march, scene
 from varint.diagnostics.structure import EPS, is_even
 from varint.diagnostics.verdict import mark
+from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.system import System
 
@@ -105,6 +106,7 @@ def energy_slope(
         Passed if the slope is within its noise, or negligible against the oscillation, or what round-off alone does.
     """
     start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    h, steps, windows = number("h", h), whole("steps", steps), whole("windows", windows, least=3)
     q, p, t = march(start, h, steps)
     energy = start.energy(q, p, t)
     centres, means = windowed(t, energy, windows)
@@ -209,6 +211,7 @@ def round_off(
         & Wanner, VIII.5).
     """
     start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    h, steps = number("h", h), whole("steps", steps)
     if start.dissipates:
         nothing = np.full(1, np.nan)
         return RoundOff(start.name, h, np.array([steps]), nothing, nothing, float("nan"), None)

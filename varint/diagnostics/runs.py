@@ -15,6 +15,7 @@ from varint.arrays import LARGEST_BLOCK, blocks, call
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.legendre import velocity_function
+from varint.parameters import finite_array
 from varint.rules import Rule
 from varint.stepping.initial import initial_task
 from varint.stepping.plan import plan
@@ -109,7 +110,7 @@ def scene(
         raise InputError(f"give a rule or a step function like that of step_function(system), got {method!r}")
     arguments = dict(h=1.0, steps=1, duration=None, t0=t0, params=params, save_every=1)
     k = system.structure.controls
-    u = np.zeros(k) if u is None else np.asarray(u, dtype=float).reshape(-1)
+    u = np.zeros(k) if u is None else finite_array("u", u).reshape(-1)
     task = initial_task(system, rule, q0=q0, v0=v0, p0=p0, u=u if k else None, **arguments)  # type: ignore[arg-type]
     if isinstance(method, ca.Function):
         _check_signature(method, system)

@@ -12,6 +12,7 @@ from varint.arrays import over_columns
 from varint.diagnostics.runs import Scene, march, scene
 from varint.diagnostics.verdict import mark
 from varint.legendre import velocity_function
+from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.system import System, per_system
 
@@ -95,6 +96,7 @@ def symplectic_defect(
     True
     """
     start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    states, apart = whole("states", states), whole("apart", apart)
     if system.structure.contacts:
         return SymplecticDefect(start.name, h, np.empty(0), None)
     q, p, t = march(start, h, max(states - 1, 1) * apart)
@@ -211,6 +213,7 @@ def reversibility_defect(
     """
     start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
     flip = is_even(system)
+    h, steps = number("h", h), whole("steps", steps)
     q, p, t = march(start, h, steps)
     back_q, back_p = _back(start, q[-1], p[-1], t[-1], h, steps, flip)
     size = np.abs(q).max(), np.abs(p).max()

@@ -14,6 +14,7 @@ from varint.stepping.initial import controls
 from varint.stepping.run import Position, beginning_rows, good_nodes, is_saved, next_block, rescaled, rollout, size
 from varint.stepping.simulate import simulate
 from varint.system import System
+from varint.trajectory import Trajectory
 
 MOST_NUMBERS = 4_000_000  # in the states of one block of nodes
 
@@ -66,16 +67,24 @@ def stepped(system: System, rule: Rule, members: Members, backend: str) -> Chunk
 
 
 def _compiled(system: System, rule: Rule, members: Members) -> Chunk:
-    """Members in the lanes of vectors."""
+    """Members in the lanes of vectors; implicit rules do those that fail there again, by Newton's method."""
     from varint.compiled.members import members_kernel, run_members
 
     p0, k, kernel = momenta(system, members), members.k, members_kernel(system, rule)
+    u = _tables(system, rule, members)
+    u = np.broadcast_to(u, (*u.shape[:2], len(rule.nodes), u.shape[3]))
     q, p, good = run_members(
-        kernel, members.q0, p0, members.c, t0=members.t0, h=members.h, steps=members.steps,
+        kernel, members.q0, p0, members.c, u, t0=members.t0, h=members.h, steps=members.steps,
         save_every=members.save_every, nodes=len(k),
     )  # fmt: skip
     failed = np.where(good < len(k), np.inf, -1.0)
-    return Chunk(members.first, q, p, good, k[good - 1], np.zeros(len(members)), failed)
+    chunk = Chunk(members.first, q, p, good, k[good - 1], np.zeros(len(members)), failed)
+    again = np.flatnonzero(failed >= 0)
+    if len(again) and not rule.kicks:
+        other = stepped(system, rule, members.picked(again), "interpreted")
+        for name in ("q", "p", "good", "step", "residual", "failed"):
+            getattr(chunk, name)[again] = getattr(other, name)
+    return chunk
 
 
 def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:
@@ -89,11 +98,17 @@ def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> N
             chunk.step[i] = error.step
         except InputError as error:
             raise InputError(f"member {members.first + i}: {error}") from None
-        good = len(motion)
-        chunk.q[i, :good], chunk.p[i, :good] = motion.q, motion.p
+        at = on_grid(members, motion)
+        good = len(at)
+        chunk.q[i, :good], chunk.p[i, :good] = motion.q[at], motion.p[at]
         chunk.good[i], chunk.residual[i], chunk.failed[i] = good, motion.stats["residual"], failed
         if failed < 0:
             chunk.step[i] = members.steps
+
+
+def on_grid(members: Members, motion: Trajectory) -> np.ndarray:
+    """Indices of the nodes on the grid of all members; nodes of events come after the one of their step's start."""
+    return np.searchsorted(motion.k, members.k[members.k <= motion.k[-1]])
 
 
 def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from varint.discrete import point_function
+from varint.ensembles.alarm import astray, warn_of
 from varint.ensembles.batch import Chunk
 from varint.ensembles.executor import computed
 from varint.ensembles.members import Members, members_of
 from varint.ensembles.result import Ensemble
-from varint.ensembles.store import Store, loaded, opened
+from varint.ensembles.store import loaded, opened
 from varint.errors import InputError
 from varint.progress import progress_bar
 from varint.rules import Rule
-from varint.stepping.backend import BACKENDS, CALL, INSTRUCTION, WORTH_COMPILING
+from varint.stepping.backend import BACKENDS, repays
+from varint.stepping.linear import is_linear
 from varint.stepping.plan import plan
 from varint.system import System
 
@@ -66,14 +66,16 @@ def ensemble(
     executor : concurrent.futures.Executor, optional
         Where chunks of members run: threads, processes, ``dask.distributed.Client().get_executor()``, an MPI pool. The
         system travels as data. Chunks of lost workers are done again.
-    store : path, optional
-        Folder in which finished chunks are kept. The result reads them one by one, so that it may be larger than
-        memory; the same call after an interruption does what is missing.
+    store : path or zarr.Group, optional
+        Folder in which finished chunks are kept, or a zarr group (a path that ends in .zarr is one; needs the extra
+        ``zarr``). The result reads them one by one, so that it may be larger than memory; the same call after an
+        interruption does what is missing.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for work longer than a second.
     backend : {"auto", "compiled", "interpreted"}
-        Compiled, members fill the lanes of vectors: compositions of separable scenes with constant mass, without
-        controls. By default so where the work is large enough to repay the compiler. Chunks do not show in either.
+        Compiled, members fill the lanes of vectors: compositions of separable scenes with constant mass, and Gauss
+        rules of regular scenes without constraints and contacts. By default so where the work is large enough to repay
+        the compiler. Chunks do not show in either.
 
     Returns
     -------
@@ -111,17 +113,20 @@ def ensemble(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
     )  # fmt: skip
     loop = _backend(system, rule, members, backend)
-    kept: Store | None = None if store is None else opened(Path(store), system, rule, members, loop)
+    kept = None if store is None else opened(store, system, rule, members, loop)
     done = kept.ranges if kept is not None else []
     chunks: list[Chunk] = []
     before = sum(count for _, count in done)
+    strays: list[tuple[int, float, float]] = []
     with progress_bar(len(members), "member", progress, before) as move:
         for chunk in computed(system, rule, members, _missing(done, len(members)), executor, loop):
+            strays += astray(system, members, chunk)
             if kept is None:
                 chunks.append(chunk)
             else:
                 kept.add(chunk)
             move(len(chunk), partial(_note, chunk))
+    warn_of(sorted(strays), members.h)
     chunks.sort(key=lambda chunk: chunk.first)
     return Ensemble(system, rule, members, chunks if kept is None else kept)
 
@@ -130,7 +135,9 @@ def _backend(system: System, rule: Rule, members: Members, wanted: str) -> str:
     """The loop that steps the members; it depends on the input alone, so the same input gives the same digits."""
     if wanted not in BACKENDS:
         raise InputError(f"unknown backend {wanted!r}; known: {list(BACKENDS)}")
-    if wanted == "interpreted" or (wanted == "auto" and not _repays(system, rule, members)):
+    explicit = rule.kicks and system.structure.explicit
+    idle = (is_linear(system, rule) and not explicit) or not repays(system, rule, members.steps * len(members))
+    if wanted == "interpreted" or (wanted == "auto" and idle):
         return "interpreted"
     from varint.compiled.cache import CompileError
     from varint.compiled.graph import NotCompilable
@@ -145,13 +152,6 @@ def _backend(system: System, rule: Rule, members: Members, wanted: str) -> str:
     return "compiled"
 
 
-def _repays(system: System, rule: Rule, members: Members) -> bool:
-    if not (rule.kicks and system.structure.explicit):
-        return False
-    a_step = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION + CALL
-    return a_step * members.steps * len(members) > WORTH_COMPILING
-
-
 def _note(chunk: Chunk) -> str:
     failed = int((chunk.failed >= 0).sum())
     return f"{failed} of the last {len(chunk)} failed" if failed else ""
@@ -159,7 +159,7 @@ def _note(chunk: Chunk) -> str:
 
 def load_ensemble(folder: Any) -> Ensemble:
     """The complete ensemble that ``ensemble(…, store=folder)`` wrote; `varint.load` calls this for folders."""
-    system, rule, members, store = loaded(Path(folder))
+    system, rule, members, store = loaded(folder)
     return Ensemble(system, rule, members, store)
 
 

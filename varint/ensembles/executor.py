@@ -20,7 +20,7 @@ from varint.system import System
 SECONDS = 0.5  # of work a chunk: long against sending it, short against losing it
 GROUP = 8  # members that a compiled loop steps together: chunks hold whole groups, so that groups are always the same
 SAMPLE = 16  # members that are timed
-MOST_NUMBERS = 20_000_000  # in the result of a chunk
+MOST_NUMBERS = 2_000_000  # in the result of a chunk: 16 MB, and some times as much while it is worked on
 ROUNDS = 4  # chunks a worker has at least, so that fast ones help slow ones
 UNKNOWN_WORKERS = 16
 MOST_TRIES = 4  # of a chunk whose worker is lost

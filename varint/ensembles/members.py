@@ -41,12 +41,16 @@ class Members:
 
     def __getitem__(self, part: slice) -> Members:
         """The members of a slice."""
-        start, stop, _ = part.indices(len(self))
+        numbers = range(len(self))[part]
+        return replace(self.picked(np.arange(len(self))[part]), first=self.first + numbers.start)
+
+    def picked(self, numbers: np.ndarray) -> Members:
+        """The members of these numbers."""
         rows = {name: getattr(self, name) for name in ("q0", "v0", "p0", "u", "c")}
-        rows = {name: x if x is None or len(x) == 1 < len(self) else x[start:stop] for name, x in rows.items()}
-        if len(rows["c"]) == 1 < stop - start:
-            rows["c"] = np.broadcast_to(rows["c"], (stop - start, rows["c"].shape[1]))
-        return replace(self, first=self.first + start, **rows)
+        rows = {name: x if x is None or len(x) == 1 < len(self) else x[numbers] for name, x in rows.items()}
+        if len(rows["c"]) == 1 < len(numbers):
+            rows["c"] = np.broadcast_to(rows["c"], (len(numbers), rows["c"].shape[1]))
+        return replace(self, **rows)
 
     def of(self, name: str, i: int) -> Any:
         """Value of one member; None where it was not given."""
@@ -156,7 +160,7 @@ def _rows(what: str, x: Any, shape: tuple[int, ...], names: Any) -> np.ndarray:
         value = value[None]
     if value.ndim != len(shape) + 1 or value.shape[1:] != shape or not len(value):
         raise InputError(
-            f"{what} has shape {np.shape(x)}; it must be {shape}, or {('members', *shape)} with one row a member"
+            f"{what} has shape {value.shape}; it must be {shape}, or {('members', *shape)} with one row a member"
             + (f" ({', '.join(names)})" if names else "")
         )
     bad = ~np.isfinite(value.reshape(len(value), -1)).all(axis=1)

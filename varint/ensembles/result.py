@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -12,20 +13,27 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.ensembles.batch import Chunk
+from varint.ensembles.batch import Chunk, on_grid
+from varint.ensembles.executor import MOST_NUMBERS
 from varint.ensembles.members import Members, arguments_of
 from varint.errors import ConvergenceError, InputError
 from varint.legendre import velocity_function
+from varint.manifold import Phase
+from varint.parameters import finite_array
 from varint.rules import Rule
 from varint.stepping.diagnosis import failure
-from varint.stepping.initial import controls
+from varint.stepping.initial import controls, initial_task
 from varint.stepping.plan import plan
+from varint.stepping.simulate import simulate
 from varint.stepping.step_function import action_function, step_function
 from varint.system import System
 from varint.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,12 +66,30 @@ class Ensemble:
         return f"Ensemble({len(self)} members × {len(self.k)} nodes, {self.rule}{failed})"
 
     def __getitem__(self, i: int) -> Trajectory:
-        """The trajectory of one member, up to its failure if it failed."""
+        """The trajectory of one member, up to its failure if it failed; one with contacts is run again."""
         i = range(len(self))[i]
         at = int(np.searchsorted(self._firsts, i, side="right")) - 1
-        chunk, j = self.chunks[at], i - self._firsts[at]
-        good, m, rule, system = int(chunk.good[j]), self.members, self.rule, self.system
-        table = controls(system, rule, m.of("u", i), m.steps)
+        return self._motion(self.chunks[at], i - int(self._firsts[at]))
+
+    def __iter__(self) -> Iterator[Trajectory]:
+        return (self._motion(chunk, j) for chunk in self.chunks for j in range(len(chunk)))
+
+    def _motion(self, chunk: Chunk, j: int) -> Trajectory:
+        """The trajectory of member j of a chunk."""
+        i, m, rule, system = chunk.first + j, self.members, self.rule, self.system
+        s = system.structure
+        if s.contacts:
+            motion = self._again(i)[0]
+            return replace(motion, stats=MappingProxyType({**motion.stats, "member": i}))
+        good = int(chunk.good[j])
+        phases: tuple[Phase, ...] = ()
+        phase = None
+        if s.constraints or s.nonholonomic:
+            with warnings.catch_warnings():  # of redundant rows: said when the ensemble was made
+                warnings.simplefilter("ignore", UserWarning)
+                held = initial_task(system, rule, **arguments_of(system, m, i)).phase
+            if held is not None and held.scene(system) is not system:
+                phases, phase = (held,), np.zeros(good, dtype=int)
         return Trajectory(
             system=system,
             rule=rule,
@@ -72,9 +98,11 @@ class Ensemble:
             p=chunk.p[j, :good],
             h=m.h,
             k=self.k[:good],
-            u=table,
+            u=controls(system, rule, m.of("u", i), m.steps),
             c=m.of("c", i),
             functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
+            phases=phases,
+            phase=phase,
             stats=MappingProxyType(
                 {
                     "plan": self._plan,
@@ -85,8 +113,13 @@ class Ensemble:
             ),
         )
 
-    def __iter__(self) -> Iterator[Trajectory]:
-        return (self[i] for i in range(len(self)))
+    def _again(self, i: int) -> tuple[Trajectory, ConvergenceError | None]:
+        """A member run once more, and its error if it failed."""
+        given = arguments_of(self.system, self.members, i)
+        try:
+            return simulate(self.system, self.rule, progress=False, backend="interpreted", **given), None
+        except ConvergenceError as error:
+            return error.trajectory, error
 
     @property
     def k(self) -> np.ndarray:
@@ -138,10 +171,11 @@ class Ensemble:
         """The error of every failed member, as `simulate` raises it."""
         found = {}
         for chunk in self.chunks:
-            for j in np.flatnonzero(chunk.failed >= 0):
-                left = float(chunk.failed[j]) if np.isfinite(chunk.failed[j]) else float("nan")
-                i = chunk.first + int(j)
-                found[i] = failure(self[i], int(chunk.step[j]), left, "raise")
+            for j in np.flatnonzero(chunk.failed >= 0).tolist():
+                i, left = chunk.first + j, float(chunk.failed[j])
+                error = self._again(i)[1] if self.system.structure.contacts else None
+                left = left if np.isfinite(left) else float("nan")
+                found[i] = error or failure(self._motion(chunk, j), int(chunk.step[j]), left, "raise")
         return found
 
     @cached_property
@@ -176,36 +210,63 @@ class Ensemble:
 
     def values(self, expression: Any) -> list[np.ndarray]:
         """Values of an expression along each member, one array a member, as long as it got."""
+        return [part for _, parts in self._by_chunk(expression) for part in parts]
+
+    def _by_chunk(self, expression: Any, part: slice = ALL) -> Iterator[tuple[Chunk, list[np.ndarray]]]:
+        """Values along the members of each chunk at some nodes: never more than one chunk is in memory."""
         function = self[0].function_of(expression)
         s = self.system.structure
-        if s.controls or s.constraints or s.nonholonomic or s.contacts:
-            return [motion.evaluated(function) for motion in self]
         rows, columns = function.size_out(0)
         shape = () if columns == rows == 1 else (rows,) if columns == 1 else (columns, rows)
-        return [part for chunk in self.chunks for part in self._along(chunk, function, shape)]
+        for chunk in self.chunks:
+            if s.controls or s.constraints or s.nonholonomic or s.contacts:
+                motions = (self._motion(chunk, j) for j in range(len(chunk)))
+                yield chunk, [motion.evaluated(function)[on_grid(self.members, motion)[part]] for motion in motions]
+            else:
+                yield chunk, list(self._along(chunk, function, shape, part))
 
-    def _along(self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+    def _along(self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...], part: slice) -> Iterator[np.ndarray]:
         """Values for all members of a chunk at once."""
-        have = np.arange(len(self.k)) < chunk.good[:, None]
+        have = np.arange(len(self.k))[part] < chunk.good[:, None]
         member, node = np.nonzero(have)
         c = self.members.c[chunk.first + member]
-        q, p, t = chunk.q[have], chunk.p[have], self.t[node, None]
+        q, p, t = chunk.q[:, part][have], chunk.p[:, part][have], self.t[part][node, None]
         v = over_columns(velocity_function(self.system), q, p, t, c)[0]
         flat = over_columns(function, q, v, t, np.empty((len(t), 0)), c)[0].reshape(-1, *shape)
         flat = flat.swapaxes(1, 2) if len(shape) == 2 else flat
-        return iter(np.split(flat, np.cumsum(chunk.good)[:-1]))
+        return iter(np.split(flat, np.cumsum(have.sum(axis=1))[:-1]))
 
     def mean(self, expression: Any) -> np.ndarray:
-        """Mean over the completed members at every node, (N + 1, …)."""
-        return self._completed(expression).mean(axis=0)
+        """Mean over the completed members at every node, (N + 1, …); chunk by chunk, whatever they are."""
+        total, count = np.zeros(()), 0
+        for rows in self._completed(expression):
+            for row in rows:
+                total = total + row
+            count += len(rows)
+        return total / count
 
     def std(self, expression: Any) -> np.ndarray:
         """Standard deviation (of the sample) over the completed members at every node, (N + 1, …)."""
-        return self._completed(expression).std(axis=0, ddof=1)
+        if len(self.completed) == 1:
+            raise InputError("a standard deviation needs two members that completed; there is one")
+        middle, total = self.mean(expression), np.zeros(())
+        for rows in self._completed(expression):
+            for row in rows:
+                total = total + (row - middle) ** 2
+        return np.sqrt(total / (len(self.completed) - 1))
 
     def quantiles(self, expression: Any, levels: Sequence[float] = (0.05, 0.5, 0.95)) -> np.ndarray:
         """Quantiles over the completed members at every node, (levels, N + 1, …)."""
-        return np.quantile(self._completed(expression), levels, axis=0)
+        wanted = finite_array("levels", levels).reshape(-1)
+        if not wanted.size or wanted.min() < 0 or wanted.max() > 1:
+            raise InputError(f"levels must lie between 0 and 1, got {levels!r}")
+        size = self[0].function_of(expression).numel_out(0)
+        width = max(MOST_NUMBERS // max(len(self.completed) * size, 1), 1)  # nodes of all members held at once
+        parts = []
+        for a in range(0, len(self.k), width):
+            rows = np.concatenate(list(self._completed(expression, slice(a, a + width))))
+            parts.append(np.quantile(rows, wanted, axis=0))
+        return np.concatenate(parts, axis=1)
 
     def plot(self, *expressions: Any) -> Figure:
         """Figure of the spread over time: median, quartiles and the middle 90 %, of the coordinates by default."""
@@ -213,11 +274,14 @@ class Ensemble:
 
         return ensemble_figure(self, *expressions)
 
-    def _completed(self, expression: Any) -> np.ndarray:
+    def _completed(self, expression: Any, part: slice = ALL) -> Iterator[np.ndarray]:
+        """Values of the members that completed at some nodes, (members, nodes, …), chunk by chunk."""
         if not len(self.completed):
             raise InputError("no member completed; Ensemble.errors says why")
-        values = self.values(expression)
-        return np.array([values[i] for i in self.completed])
+        for chunk, parts in self._by_chunk(expression, part):
+            rows = [part for part, failed in zip(parts, chunk.failed, strict=True) if failed < 0]
+            if rows:
+                yield np.array(rows)
 
     def _array(self, name: str) -> np.ndarray:
         return self._masked(np.concatenate([getattr(chunk, name) for chunk in self.chunks]))

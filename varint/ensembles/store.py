@@ -1,9 +1,9 @@
-"""An ensemble on disk: one folder, what it is in one file, each chunk of members in another."""
+"""An ensemble on disk: one folder, what it is in one file, each chunk of members in another; or a zarr group."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from varint.description import describe, differences, identity, revive, rule_of
 from varint.ensembles.batch import Chunk
 from varint.ensembles.members import Members
+from varint.ensembles.zarr_store import ZarrStore, begun, given, group_of, header_of, is_zarr
 from varint.errors import InputError
 from varint.files import write_whole
 from varint.rules import Rule
@@ -44,7 +45,12 @@ class Store(Sequence):
         return len(self.ranges)
 
     def __getitem__(self, i: Any) -> Any:
-        first, count = self.ranges[i]
+        return self._chunk(*self.ranges[i])
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return (self._chunk(first, count) for first, count in self.ranges)
+
+    def _chunk(self, first: int, count: int) -> Chunk:
         arrays = _read(self._path(first, count))
         return Chunk(first, *(arrays[f.name] for f in fields(Chunk)[1:]))
 
@@ -57,53 +63,75 @@ class Store(Sequence):
         return self.folder / f"members_{first:010}_{count:07}.npz"
 
 
-def opened(folder: Path, system: System, rule: Rule, members: Members, backend: str) -> Store:
-    """The store of this ensemble in a folder: a new one, or the one that an earlier call began.
+def opened(where: Any, system: System, rule: Rule, members: Members, backend: str) -> Store | ZarrStore:
+    """The store of this ensemble in a folder or a zarr group: a new one, or the one that an earlier call began.
 
     Raises
     ------
     InputError
-        If the folder holds another ensemble or cannot be written.
+        If another ensemble or something else is there, or it cannot be written.
     """
-    given = {name: getattr(members, name) for name in ROWS if getattr(members, name) is not None}
-    rows: dict[str, Any] = {name: given.get(name, np.zeros(0)) for name in ROWS}
+    present = {name: getattr(members, name) for name in ROWS if getattr(members, name) is not None}
+    rows: dict[str, Any] = {name: present.get(name, np.zeros(0)) for name in ROWS}
     numbers = {name: getattr(members, name) for name in ("t0", "h", "steps", "save_every")}
     mine = identity(system, rule, backend=backend, **rows, **numbers)
-    index = folder / INDEX
-    if index.exists():
-        header = json.loads(str(_read(index)["header"]))
-        if changed := differences(header.get("identity", {}), mine):
-            raise InputError(
-                f"the folder {folder} holds another ensemble: it differs in {changed}; repeat the call that made it, "
-                "or give another folder"
-            )
-        return Store(folder)
-    if folder.exists() and any(folder.iterdir()):
-        raise InputError(f"the folder {folder} is not empty and holds no ensemble; give a new or an empty one")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror or error}") from None
     header = {
         "format": FORMAT, "identity": mine, "system": describe(system), "rule": asdict(rule), **numbers,
-        "given": list(given),
+        "given": list(present),
     }  # fmt: skip
+    if is_zarr(where):
+        group = group_of(where, "a")
+        found = header_of(group)
+        if found is None:
+            begun(group, header, rows, len(members), len(members.k))
+        else:
+            _refuse_another(found, mine, "zarr group")
+        return ZarrStore(group)
+    if not isinstance(where, (str, Path)):
+        raise InputError(f"store must be the path of a folder, or a zarr group, got {type(where).__name__}")
+    folder = Path(where)
+    index = folder / INDEX
+    try:
+        if index.exists():
+            _refuse_another(json.loads(str(_read(index)["header"])), mine, f"folder {folder}")
+            return Store(folder)
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError(f"the folder {folder} is not empty and holds no ensemble; give a new or an empty one")
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot make the folder {folder}: {getattr(error, 'strerror', None) or error}") from None
     write_whole(index, lambda file: np.savez(file, header=np.array(json.dumps(header)), **rows))
     return Store(folder)
 
 
-def loaded(folder: Path) -> tuple[System, Rule, Members, Store]:
+def _refuse_another(header: dict[str, Any], mine: dict[str, str], where: str) -> None:
+    if changed := differences(header.get("identity", {}), mine):
+        raise InputError(
+            f"the {where} holds another ensemble: it differs in {changed}; repeat the call that made it, "
+            "or give another folder"
+        )
+
+
+def loaded(where: Any) -> tuple[System, Rule, Members, Store | ZarrStore]:
     """System, rule, members and chunks of a complete ensemble on disk."""
-    data = _read(folder / INDEX)
-    header = json.loads(str(data["header"]))
+    store: Store | ZarrStore
+    if is_zarr(where):
+        store = ZarrStore(group_of(where, "r"))
+        header = header_of(store.group)
+        if header is None:
+            raise InputError(f"the zarr group {where} is empty")
+        data = given(store.group)
+    else:
+        store = Store(Path(where))
+        data = _read(store.folder / INDEX)
+        header = json.loads(str(data["header"]))
     if header.get("format") != FORMAT:
-        raise InputError(f"{folder} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
+        raise InputError(f"{where} has the format {header.get('format')!r}; this version reads {FORMAT!r}")
     rows: dict[str, Any] = {name: data[name] if name in header["given"] else None for name in ROWS}
     members = Members(0, t0=header["t0"], h=header["h"], steps=header["steps"], save_every=header["save_every"], **rows)
-    store = Store(folder)
     if sum(store.sizes) < len(members):
         raise InputError(
-            f"the ensemble in {folder} is not complete ({sum(store.sizes)} of {len(members)} members); repeat the call "
+            f"the ensemble in {where} is not complete ({sum(store.sizes)} of {len(members)} members); repeat the call "
             "that began it"
         )
     return revive(header["system"]), rule_of(header["rule"]), members, store

@@ -147,7 +147,10 @@ def frequencies(motion: Trajectory) -> np.ndarray:
         inertia = np.diag(m).copy()
         if (inertia <= 0).any():
             return np.empty(0)
-        found.append(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.pinv(m, hermitian=True) @ k)).max()))
+        square = np.linalg.pinv(m, hermitian=True) @ k
+        if not np.isfinite(square).all():
+            break
+        found.append(np.sqrt(np.abs(np.linalg.eigvals(square)).max()))
     return np.array(found)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from varint.arrays import call
 from varint.discrete import point_function
 from varint.errors import InputError
+from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.stepping.run import Task
 from varint.system import System, parameter_values, per_system
@@ -47,8 +48,7 @@ def initial_task(
     """Checked and completed input of one run."""
     n = system.structure.n
     step, count = time_grid(h, steps, duration)
-    if not isinstance(save_every, (int, np.integer)) or save_every < 1:
-        raise InputError(f"save_every must be a whole number of steps, at least 1, got {save_every!r}")
+    save_every = whole("save_every", save_every)
     t0 = number("t0", t0)
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
@@ -62,7 +62,7 @@ def initial_task(
     if system.structure.constraints or system.structure.nonholonomic:
         p, phase = _on_manifold(system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c)
     u = controls(system, rule, u, count)
-    return Task(q, p, t0, step, count, int(save_every), u, c, len(rule.nodes), phase, level=level)
+    return Task(q, p, t0, step, count, save_every, u, c, len(rule.nodes), phase, level=level)
 
 
 @per_system
@@ -99,6 +99,12 @@ def _on_manifold(
     phase = Phase(independent_rows(system, q, np.zeros(len(q)) if v is None else v.ravel(), t0, c))
     tangent = tangent_function(phase.scene(system))
     along, change = call(tangent, q, p, t, c)
+    if not (np.isfinite(along).all() and np.isfinite(change).all()):
+        raise InputError(
+            f"no velocity along the constraints belongs to the momentum at the start, q0={q}, t0={t0:g}: the mass "
+            "matrix is singular along them, or the Lagrangian is no quadratic function of the velocities and too "
+            "curved; start elsewhere"
+        )
     check_start(system, phase, q, along if v is None else v.ravel(), t0, c, "v0")
     if v is None and np.abs(change).max() > 1e-9 * np.abs(p).max(initial=0.0):
         raise InputError(
@@ -113,8 +119,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     given = [name for name, x in (("h", h), ("steps", steps), ("duration", duration)) if x is not None]
     if len(given) != 2:
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
-    if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
-        raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
+    steps = None if steps is None else whole("steps", steps)
     if steps is not None and steps > MOST_STEPS:
         raise InputError(f"steps={steps} is more than any run can take; at most {MOST_STEPS}")
     for name, x in (("h", h), ("duration", duration)):
@@ -133,16 +138,6 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
             f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
         )
     return float(duration) / count, count  # type: ignore[arg-type]
-
-
-def number(what: str, x: Any) -> float:
-    try:
-        value = float(x)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError, OverflowError):
-        raise InputError(f"{what} must be a number, got {x!r}") from None
-    if not math.isfinite(value):
-        raise InputError(f"{what} must be finite, got {x!r}")
-    return value
 
 
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
@@ -248,7 +243,7 @@ def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     allowed = {(steps, 1, k), (steps, r, k)} if rule.points else {(steps, 1, k)}
     if value.shape not in allowed:
         hint = "" if rule.points else f"; {rule} takes one value a step"
-        raise InputError(f"u has shape {np.shape(u)}; it must have {wanted}{hint}")
+        raise InputError(f"u has shape {value.shape}; it must have {wanted}{hint}")
     if not np.isfinite(value).all():
         raise InputError("u is not finite everywhere")
     return np.ascontiguousarray(value)

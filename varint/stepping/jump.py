@@ -30,14 +30,35 @@ class Jump(NamedTuple):
         )
 
 
+def keeps_energy(system: System) -> bool:
+    """Whether nothing in the scene may change its energy, so that a change tells of a step too large."""
+    s = system.structure
+    return s.autonomous and not (s.forced or s.degenerate or s.nonholonomic or s.contacts)
+
+
+@np.errstate(all="ignore")  # what is not finite is looked at
+def strayed(energy: np.ndarray, moving: np.ndarray, kicked: np.ndarray, part: float = 1.0) -> np.ndarray:
+    """At which nodes (members, nodes) the energy is off by as much as the kinetic energy, or by that part of it."""
+    moving, kicked, size = (np.where(np.isfinite(x), np.abs(x), 0) for x in (moving, kicked, energy))
+    least = np.maximum(GROSS * moving.max(axis=-1), GROSS * kicked[..., 0])
+    least = np.maximum(least, NOTHING * size.max(axis=-1))
+    return ~(np.abs(energy - energy[..., :1]) <= part * least[..., None])
+
+
+def energies(system: System, q: np.ndarray, p: np.ndarray, t: np.ndarray, c: np.ndarray, h: float) -> list[np.ndarray]:
+    """Energy, p·v and what a step from rest makes of p·v, at nodes (members, nodes, n)."""
+    members, nodes, n = q.shape
+    rows = [q.reshape(-1, n), p.reshape(-1, n), np.tile(t, members)[:, None], np.repeat(c, nodes, axis=0)]
+    return [x.reshape(members, nodes) for x in over_columns(_energy_of_momentum(system), *rows, np.array([h]))]
+
+
 def energy_jump(motion: Trajectory) -> Jump | None:
     """The first of ten nodes whose energy error is as large as the kinetic energy, in a scene that conserves energy.
 
     A step that is much too large can have solutions that are none of the motion's, and an explicit rule beyond its
     limit of stability is finite for long: nothing else tells.
     """
-    s = motion.system.structure
-    if s.forced or not s.autonomous or s.degenerate or s.nonholonomic or s.contacts or len(motion) < 2:
+    if not keeps_energy(motion.system) or len(motion) < 2:
         return None
     last, h = len(motion) - 1, np.array((motion.h,))
     i: Any = slice(None) if last < SAMPLES else np.arange(SAMPLES) * last // (SAMPLES - 1)

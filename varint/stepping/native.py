@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from varint.system import System, per_system
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
+PATIENCE = 0.2  # seconds that Ctrl-C may wait for a block
+CAUTION = 1e-7  # seconds of an operation, for the first block; in truth it takes a hundredth to a tenth of it
 NOTHING = np.empty(0)
 PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
@@ -59,34 +62,36 @@ def native_blocks(
     if taken_over:
         kernel = newton_kernel(system, rule)
     by_stages = kernel.opening is None and not rule.kicks
-    for steps, every in _pieces(task.steps - k, task.save_every, by_stages and carry is None):
-        u = task.controls(k, steps) if kernel.controls else None
+    most = PILOT if by_stages else max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
+    while k < task.steps:
+        steps, every = _piece(k, task.steps, task.save_every, most)
+        u, began = task.controls(k, steps) if kernel.controls else None, perf_counter()
         part = compiled_run(
             kernel, q, p, task.c,
             t0=task.t0, h=task.h, steps=steps, save_every=every, u=u, first=k, carry=carry, level=task.level,
         )  # fmt: skip
-        rows = part.rows[1:]
-        good, wanted = len(rows), -(-steps // every)
+        per_step = max((perf_counter() - began) / max(part.steps, 1), 1e-12)
+        poor = by_stages and at is None and k == task.first and part.iterations > POOR * steps
+        rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
+        good, wanted = len(rows), steps // every
         if part.status == NOT_CONVERGED:
             wanted = good
-        counts = np.arange(k + every, k + every * wanted + 1, every)
-        if part.status == DONE:
-            k, carry, x = k + steps, part.carry, part.last[: 2 * kernel.n]
-            poor = by_stages and part.iterations > POOR * steps
-            after = Position(x, NOTHING, NOTHING, k, 0, None if poor else carry, poor or taken_over)
-            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, iterations=part.iterations, after=after)
-            if not poor:
-                continue
-        else:
-            yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, float("nan"), iterations=part.iterations)
-            if part.status != NOT_CONVERGED:
-                return
-            k += every * good
-            x = part.rows[-1, :2].ravel()
-        if k < task.steps:
-            q, p = np.split(x, 2)
-            yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k), by_stages)
-        return
+        elif part.status != DONE:
+            wanted = max(wanted, good + 1)
+        counts = k - part.steps + every * np.arange(1, wanted + 1)
+        after = Position(x, NOTHING, NOTHING, k, 0, None if poor else part.carry, poor or taken_over)
+        failed = 0.0 if part.status in (DONE, NOT_CONVERGED) else float("nan")
+        after_it = None if part.status == NOT_CONVERGED else after
+        yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after_it)
+        if part.status == NOT_CONVERGED or (poor and part.status == DONE):
+            if k < task.steps:
+                q, p = np.split(x, 2)
+                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k), by_stages)
+            return
+        if part.status != DONE:
+            return
+        carry = part.carry
+        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
 
 
 def one_step(kernel: Kernel, task: Task, t: float, q: np.ndarray, p: np.ndarray, h: float) -> np.ndarray | None:
@@ -111,17 +116,14 @@ def _by_newton(system: System, rule: Rule, task: Task, compiled: bool = True) ->
         yield block
 
 
-def _pieces(steps: int, every: int, pilot: bool) -> Iterator[tuple[int, int]]:
-    """(steps, save_every) of each call; a shorter last interval where `every` does not divide `steps`.
+def _piece(k: int, steps: int, every: int, most: int) -> tuple[int, int]:
+    """(steps, save_every) of the next call after k steps: whole intervals, or at most what is left of one.
 
-    With a pilot the first piece is short: it shows whether the iteration contracts.
+    How long a piece is shows in nothing, for a compiled run goes on as if it had not stopped.
     """
-    size = max(1, min(NODES_IN_BLOCK, STEPS_IN_BLOCK // every)) * every
-    whole = steps // every * every
-    first = min(whole, -(-PILOT // every) * every) if pilot and whole > PILOT else 0
-    if first:
-        yield first, every
-    for done in range(first, whole, size):
-        yield min(size, whole - done), every
-    if steps % every:
-        yield steps % every, steps % every
+    left, inside = steps - k, k % every
+    most = min(most, STEPS_IN_BLOCK, NODES_IN_BLOCK * every)
+    if inside or min(left, most) < every:
+        gap = min(every - inside, left)
+        return min(gap, most), gap
+    return min(left, most) // every * every, every

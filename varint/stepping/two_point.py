@@ -12,6 +12,7 @@ from varint.arrays import call
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.manifold import tangent_function
+from varint.parameters import number
 from varint.rules import Rule
 from varint.stepping.initial import vector
 from varint.stepping.plan import plan
@@ -65,7 +66,9 @@ def start_momentum(
     """
     chosen, n = plan(system, rule).rule, system.structure.n
     start, end = vector("q0", q0, n, system.names), vector("q1", q1, n, system.names)
-    c, t, step = parameter_values(system, params), np.array([float(t0)]), np.array([float(h)])
+    c, t, step = parameter_values(system, params), np.array([number("t0", t0)]), np.array([number("h", h)])
+    if not step.any():
+        raise InputError("h must not be zero")
     u = np.zeros(system.structure.controls * len(chosen.nodes))
     p = np.asarray(point_function(system)(start, (end - start) / h, 0, t, c)[1]).ravel()
     tangent = tangent_function(system) if system.structure.constraints or system.structure.nonholonomic else None

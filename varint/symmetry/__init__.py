@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.parameters import finite_array
 from varint.rules import Rule
 from varint.symmetry.basis import generators
 from varint.symmetry.gauge import quadratic_gauge
@@ -210,7 +211,7 @@ def _region(system: System, params: Mapping[str, Any] | None, near: Any) -> Regi
     if not isinstance(system, System):
         raise InputError(f"symmetries are those of a varint System, got {type(system).__name__}")
     if near is not None:
-        near = np.asarray(near, dtype=float).reshape(-1)
+        near = finite_array("near", near).reshape(-1)
         if near.shape != (system.structure.n,) or not np.isfinite(near).all():
             raise InputError(f"near must be {system.structure.n} finite numbers, one for each of {list(system.names)}")
     return Region(system, None if params is None else parameter_values(system, params), near)

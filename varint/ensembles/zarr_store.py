@@ -1,0 +1,137 @@
+"""An ensemble in a zarr group: one array of all members for each quantity, on any storage that zarr can write."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from varint.ensembles.batch import Chunk
+from varint.ensembles.executor import GROUP, MOST_NUMBERS
+from varint.errors import InputError
+
+SUFFIX = ".zarr"
+GIVEN = "given"  # group with the starts, parameters and controls
+ATTRIBUTE = "varint"  # of the group: what the ensemble is, as JSON
+SHAPES = dict.fromkeys(("q", "p"), ("nodes", "n"))  # of one member; the rest are numbers
+
+
+def is_zarr(where: Any) -> bool:
+    """Whether ``store=`` names a zarr group: the group itself, or a path that ends in .zarr."""
+    return type(where).__module__.partition(".")[0] == "zarr" or str(where).endswith(SUFFIX)
+
+
+def group_of(where: Any, mode: Any) -> Any:
+    """The zarr group.
+
+    Raises
+    ------
+    InputError
+        If zarr is missing, or the group cannot be opened.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise InputError(
+            "store= a zarr group needs zarr (pip install varint-mechanics[zarr]); a path without .zarr makes a folder "
+            "of npz files, which needs nothing"
+        ) from None
+    if isinstance(where, zarr.Group):
+        return where
+    if not isinstance(where, (str, Path)):
+        raise InputError(f"store must be a path or a zarr group, got a zarr {type(where).__name__}")
+    try:
+        return zarr.open_group(str(where), mode=mode)
+    except Exception as error:  # storages fail in many ways; all mean the same
+        raise InputError(f"cannot open the zarr group {where}: {type(error).__name__}: {error}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class ZarrStore(Sequence):
+    """The members in a group that are done, as a sequence of chunks in order; each is read when asked for.
+
+    A member is done when its number of good nodes is written, which comes last.
+    """
+
+    group: Any
+
+    @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """(first, number) of pieces of what is done, small enough for memory."""
+        done = _read(self.group, "good", slice(None)) > 0
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], done.astype(int), [0]])))
+        nodes, n = self.group["q"].shape[1:]
+        most = max(MOST_NUMBERS // (2 * nodes * n) // GROUP, 1) * GROUP
+        return [
+            (first, min(most, end - first))
+            for begin, end in edges.reshape(-1, 2).tolist()
+            for first in range(begin, end, most)
+        ]
+
+    @property
+    def sizes(self) -> list[int]:
+        """Number of members of each chunk."""
+        return [count for _, count in self.ranges]
+
+    def __len__(self) -> int:
+        return len(self.ranges)
+
+    def __getitem__(self, i: Any) -> Any:
+        return self._chunk(*self.ranges[i])
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return (self._chunk(first, count) for first, count in self.ranges)
+
+    def _chunk(self, first: int, count: int) -> Chunk:
+        part = slice(first, first + count)
+        return Chunk(first, *(_read(self.group, f.name, part) for f in fields(Chunk)[1:]))
+
+    def add(self, chunk: Chunk) -> None:
+        """Write a chunk; that its members are done comes last."""
+        part = slice(chunk.first, chunk.first + len(chunk))
+        for name in sorted((f.name for f in fields(Chunk)[1:]), key=lambda name: name == "good"):
+            try:
+                self.group[name][part] = getattr(chunk, name)
+            except OSError as error:
+                raise InputError(f"cannot write to the zarr group: {error.strerror or error}") from None
+
+
+def header_of(group: Any) -> dict[str, Any] | None:
+    """What the ensemble in the group is; None in an empty group."""
+    text = group.attrs.get(ATTRIBUTE)
+    if text is None:
+        if list(group):
+            raise InputError("the zarr group is not empty and holds no ensemble; give a new or an empty one")
+        return None
+    return json.loads(text)
+
+
+def begun(group: Any, header: dict[str, Any], rows: dict[str, np.ndarray], members: int, nodes: int) -> None:
+    """Make the arrays of a new ensemble; whole groups of members are chunks, so that none is written twice."""
+    sizes = {"nodes": nodes, "n": rows["q0"].shape[1]}
+    for name, value in rows.items():
+        group.create_array(f"{GIVEN}/{name}", shape=value.shape, dtype=value.dtype, chunks="auto")[...] = value
+    for f in fields(Chunk)[1:]:
+        shape = tuple(sizes[size] for size in SHAPES.get(f.name, ()))
+        whole = np.int64 if f.name in ("good", "step") else np.float64
+        rest = dict(dtype=whole, chunks=(GROUP, *shape), fill_value=0)
+        group.create_array(f.name, shape=(members, *shape), **rest)
+    group.attrs[ATTRIBUTE] = json.dumps(header)
+
+
+def given(group: Any) -> dict[str, np.ndarray]:
+    """Starts, parameters and controls."""
+    return {name: np.asarray(group[f"{GIVEN}/{name}"][...]) for name in group[GIVEN].keys()}  # noqa: SIM118
+
+
+def _read(group: Any, name: str, part: slice) -> np.ndarray:
+    try:
+        return np.asarray(group[name][part])
+    except Exception as error:  # torn and foreign chunks fail in many ways; all mean the same
+        raise InputError(
+            f"the zarr array {name!r} is torn or not from varint ({type(error).__name__}: {error}); delete the group"
+        ) from None
