@@ -24,20 +24,29 @@ sys.path[:0] = sys.argv[1:3]
 import numpy as np
 import varint as vi
 from scenes import double_pendulum
-from varint.stepping import checkpoint
+from test_checkpoint import rocking
+from varint.stepping import checkpoint, native
 
 checkpoint.PAUSE, checkpoint.MOST_SHARE = 0.0, 1e9  # after every block
-folder, seed = sys.argv[3], int(sys.argv[4])
-scene, moments = double_pendulum(), random.Random(seed)
-start = dict(q0=[np.pi / 2, np.pi / 2], v0=[0, 0], h=0.01, steps=30_000, save_every=3, backend="interpreted")
+native.STEPS_IN_BLOCK = 2000
+folder, seed, kind = sys.argv[3], int(sys.argv[4]), sys.argv[5]
+scene, moments = rocking() if kind == "contacts" else double_pendulum(), random.Random(seed)
+rule = None if kind == "contacts" else vi.gauss(2)
+if kind == "contacts":
+    start = dict(q0=[1.0, 0.5, 1.2], v0=[1.5, 0, 0], h=0.01, steps=20_000, save_every=3)
+elif kind == "compiled":
+    start = dict(q0=[1.5, 1.5], v0=[0, 0], h=0.01, steps=1_000_000, save_every=300, backend=kind)
+else:
+    start = dict(q0=[np.pi / 2, np.pi / 2], v0=[0, 0], h=0.01, steps=30_000, save_every=3, backend=kind)
 
 
 def run(path):
-    return vi.simulate(scene, vi.gauss(2), checkpoint=path, **start)
+    return vi.simulate(scene, rule, checkpoint=path, **start)
 
 
+rule and vi.simulate(scene, rule, **start | dict(steps=3))  # compiles
 began = time.perf_counter()
-vi.simulate(scene, vi.gauss(2), **start).save(os.path.join(folder, "whole"))
+vi.simulate(scene, rule, **start).save(os.path.join(folder, "whole"))
 length = time.perf_counter() - began
 path, kills, resumed = os.path.join(folder, "run.checkpoint"), 0, set()
 while kills < 20:
@@ -61,11 +70,12 @@ print(json.dumps(sorted(resumed)))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork and SIGKILL")
-def test_a_run_killed_at_20_random_moments_ends_with_the_bytes_of_one_that_was_not(tmp_path):
+@pytest.mark.parametrize("kind", ["interpreted", "compiled", "contacts"])
+def test_a_run_killed_at_20_random_moments_ends_with_the_bytes_of_one_that_was_not(tmp_path, kind):
     here = Path(__file__).resolve().parent
     script = tmp_path / "killed.py"
     script.write_text(KILLED)
-    call = [sys.executable, str(script), str(here.parent), str(here), str(tmp_path), "20"]
+    call = [sys.executable, str(script), str(here.parent), str(here), str(tmp_path), "20", kind]
     done = subprocess.run(call, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -117,7 +127,7 @@ def test_a_run_goes_on_from_its_checkpoint_with_controls_and_any_loop(tmp_path, 
         stopped_after(patch, 2, Stopped)
         with pytest.raises(Stopped):
             vi.simulate(system, rule, checkpoint=path, **start)
-    assert 0 < module.Checkpoint(path, header_of(path)["identity"]).read().after.k < 5000
+    assert 0 < module.Checkpoint(path, header_of(path)["identity"]).read()[-1].after.k < 5000
     again = vi.simulate(system, rule, checkpoint=path, **start)
     for name in ARRAYS:
         assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
@@ -292,8 +302,27 @@ def test_the_blocks_cover_every_step_once_and_depend_on_the_position_alone(every
     assert k == steps
 
 
-def test_contacts_have_no_checkpoints_and_say_so(tmp_path):
-    q, v = vi.coordinates("y")
-    ball = vi.System(q, v, v**2 / 2 - 9.81 * q, contact=q, restitution=0.5)
-    with pytest.raises(vi.InputError, match="leave checkpoint= out"):
-        vi.simulate(ball, q0=1.0, v0=0.0, h=0.01, steps=100, checkpoint=tmp_path / "run")
+def rocking() -> vi.System:
+    """Two balls and a floor: impacts, bodies that come to rest and contacts that hold."""
+    q, v = vi.coordinates("x", "y", "z")
+    gaps = ca.vertcat(q[1], q[2] - q[1], 2.0 - q[0])
+    fall = ca.sumsqr(v) / 2 - 9.81 * (q[1] + q[2]) - 0.3 * q[0] ** 2
+    return vi.System(q, v, fall, contact=gaps, restitution=[0.5, 0.8, 1.0])
+
+
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize("blocks", [3, 10, 30])
+def test_a_run_with_contacts_goes_on_from_its_checkpoint(tmp_path, monkeypatch, every, blocks):
+    start = dict(q0=[1.0, 0.5, 1.2], v0=[1.5, 0, 0], h=0.01, steps=600, save_every=every)
+    whole = vi.simulate(rocking(), **start)
+    assert len(whole.events) > 5 and len(whole.phases) > 1
+    with monkeypatch.context() as patch:
+        stopped_after(patch, blocks, Stopped)
+        with pytest.raises(Stopped):
+            vi.simulate(rocking(), checkpoint=tmp_path / "run", **start)
+    assert 0 <= header_of(tmp_path / "run")["k"] < 600
+    again = vi.simulate(rocking(), checkpoint=tmp_path / "run", **start)
+    for name in (*ARRAYS, "v", "multipliers"):
+        assert getattr(whole, name).tobytes() == getattr(again, name).tobytes(), name
+    assert again.events == whole.events
+    assert [again.phases[i] for i in again.phase] == [whole.phases[i] for i in whole.phase]

@@ -424,3 +424,14 @@ def test_a_block_rocks_from_corner_to_corner_ever_faster_and_comes_to_rest_on_bo
 def test_a_compiled_run_with_contacts_is_refused():
     with pytest.raises(vi.InputError, match="runs with contacts are interpreted"):
         vi.simulate(ball(), q0=1.0, v0=0.0, h=0.1, steps=1, backend="compiled")
+
+
+def test_a_blow_that_a_resting_contact_does_not_feel_leaves_it_closed():
+    """Two balls at rest on each other and on the floor run along it into a wall: nothing vertical happens there."""
+    q, v = vi.coordinates("x", "y", "z")
+    gaps = ca.vertcat(q[1], q[2] - q[1], 2.0 - q[0])
+    fall = ca.sumsqr(v) / 2 - 9.81 * (q[1] + q[2]) - 0.3 * q[0] ** 2
+    system = vi.System(q, v, fall, contact=gaps, restitution=[0.5, 0.8, 1.0])
+    motion = vi.simulate(system, q0=[1.0, 0.0, 0.0], v0=[1.5, 0, 0], h=0.01, steps=3000)
+    assert len(motion.events) > 2 and {(event.kind, event.contact) for event in motion.events} == {("impact", 2)}
+    assert np.abs(motion.q[:, 1:]).max() < 1e-15

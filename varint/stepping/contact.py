@@ -130,15 +130,21 @@ def _reflected(
     """The instant after the blow, as seen then, and its impulse; if it `sticks`, plastic contacts all stay closed."""
     system, first = setting.system, first_contact(setting.system)
     fixed = [*now.phase.rows, *range(system.constraint.numel(), first)]
-    holding = _plastic(system, now)
+    holding = list(now.phase.holding)
     while True:
         rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
         rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
         impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
-        pulled = impulse[len(fixed) : -1]
-        if sticks or not (pulled < -PULL * np.abs(impulse).max()).any():
+        blows = impulse * np.sqrt((rows**2).sum(axis=1))
+        felt = blows[len(fixed) : -1] / np.abs(blows).max()
+        elastic = [i for i, x in zip(holding, felt, strict=True) if system.restitution[i] > 0 and abs(x) > PULL]
+        if elastic:  # these hand the blow on; one that does not feel it stays closed
+            holding = [i for i in holding if i not in elastic]
+        elif not sticks and (felt < -PULL).any():
+            holding.pop(int(np.argmin(felt)))
+        else:
             break
-        holding.pop(int(np.argmin(pulled)))
+            break
     phase = _solvable(system, now, seen, holding)
     after = replace(now.pushed(rows.T @ impulse, rows.T @ rest), phase=phase)
     return after, view(system, after, setting.c), float(impulse[-1])

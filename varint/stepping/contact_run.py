@@ -150,6 +150,8 @@ def _first_event(
 ) -> int:
     """Number of nodes before the first step in which a contact closes or lets go."""
     assert at.phase is not None
+    if not len(states):
+        return 0
     n, phase = system.structure.n, at.phase
     x = np.vstack([at.x, states])
     q, p = np.ascontiguousarray(x[:, :n]), np.ascontiguousarray(x[:, 2 * n : 3 * n])
@@ -184,9 +186,9 @@ def _passed(system: System, rule: Rule, task: Task, at: Position, here: View) ->
     passage = Passage(system, rule, task, now, here, at.scale, k)
     reached, happens, lets_go = earliest(passage, end - now.t)
     there, seen = reached.now, reached.seen
-    if not reached.residual <= RESIDUAL_LIMIT:
-        nothing = np.empty((0, n))
-        return Block(np.array([k + 1]), nothing, nothing, 0.0, 0, reached.residual, np.empty(0), now.phase), None
+    if not (reached.residual <= RESIDUAL_LIMIT and np.isfinite(there.x).all()):
+        nothing, failed = np.empty((0, n)), reached.residual if np.isfinite(there.x).all() else float("nan")
+        return Block(np.array([k + 1]), nothing, nothing, 0.0, 0, failed, np.empty(0), now.phase), None
     if reached.ahead == end - now.t or abs(end - there.t) <= LOCATED * abs(end):
         there, k = replace(there, t=end), k + 1
     events: list[Event] = []

@@ -80,7 +80,7 @@ def rates_function(system: System, rows: tuple[int, ...], contacts: tuple[int, .
     gaps = ca.Function("gaps", [s.q, s.v, s.t, s.c], [ca.densify(s.contact), ca.densify(rate)], {"cse": True})
     q, p, t, c = (ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, s.q, s.t, s.c), strict=True))
     v = velocity_function(Phase(rows, contacts, contacts).scene(s))(q, p, t, c)
-    return ca.Function("rates", [q, p, t, c], [v, *gaps(q, v, t, c)])
+    return ca.Function("rates", [q, p, t, c], [ca.densify(x) for x in (v, *gaps(q, v, t, c))])
 
 
 @per_system
@@ -91,7 +91,8 @@ def view_function(system: System, rows: tuple[int, ...], contacts: tuple[int, ..
     q, p, t, c = (ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, s.q, s.t, s.c), strict=True))
     v, gap, rate = rates_function(s, rows, contacts)(q, p, t, c)
     slope = every_row_function(s)(q, v, t, c)[1]
-    return ca.Function("view", [q, p, t, c], [ca.vertcat(v, gap, rate, ca.vec(slope), ca.densify(others(q, v, t, c)))])
+    seen = ca.vertcat(v, gap, rate, ca.vec(slope), others(q, v, t, c))
+    return ca.Function("view", [q, p, t, c], [ca.densify(seen)])
 
 
 @per_system
@@ -107,7 +108,7 @@ def passage_function(system: System, rule: Rule, rows: tuple[int, ...], contacts
     after = stepper.step(ca.vertcat(x, begin[4 * n :]), u, t, h, c, scale)
     state, count = after[: 4 * n], after[-2] if stepper.counts else ca.MX(0)
     seen = view_function(system, rows, contacts)(state[:n], state[2 * n : 3 * n], t + h, c)
-    return ca.Function("passage", [x, scale, u, c, clock], [ca.vertcat(state, after[-1], count, seen)])
+    return ca.Function("passage", [x, scale, u, c, clock], [ca.densify(ca.vertcat(state, after[-1], count, seen))])
 
 
 def view(system: System, now: Instant, c: np.ndarray) -> View:

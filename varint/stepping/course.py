@@ -76,18 +76,19 @@ def course_of(
             raise InputError(f"runs with contacts are interpreted; backend={backend!r} is not for them")
         from varint.stepping.contact_run import contact_run
 
-        contacts = contact_run(system, chosen.rule, task)
-        return Course(system, chosen, task, [next(contacts)], contacts, None, began)
+        nodes = file.read() if file else []
+        contacts = contact_run(system, chosen.rule, task, nodes[-1].after if nodes else None)
+        return Course(system, chosen, task, nodes or [next(contacts)], contacts, None, began)
     scene = _scene(system, task)
     kernel = kernel_for(scene, chosen.rule, task, backend)
-    nodes = [(file and file.read()) or first_node(task)]
+    nodes = (file.read() if file else []) or [first_node(task)]
     if on_failure == "subdivide":
         from varint.stepping.subdivide import around_failures
 
         return Course(
-            system, chosen, task, nodes, around_failures(scene, chosen.rule, task, nodes[0].after), None, began
+            system, chosen, task, nodes, around_failures(scene, chosen.rule, task, nodes[-1].after), None, began
         )
-    blocks = blocks_of(scene, chosen.rule, task, kernel, nodes[0].after)
+    blocks = blocks_of(scene, chosen.rule, task, kernel, nodes[-1].after)
     return Course(system, chosen, task, nodes, blocks, kernel, began)
 
 
@@ -122,7 +123,7 @@ def travelled(
         If a step cannot be solved.
     """
     task, nodes, noted, interrupted = course.task, course.nodes, [], False
-    reached = int(nodes[0].k[-1])
+    reached = int(nodes[-1].k[-1])
     try:
         with (
             progress_bar(task.steps, "step", progress, reached) as move,
