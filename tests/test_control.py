@@ -424,7 +424,7 @@ def test_figure_draws_the_controls_as_functions_of_time():
         (dict(guess=dict(duration=-1)), "positive number"),
         (dict(guess=dict(duration="long")), "positive number"),
         (dict(cost=np.nan), "cost is not finite"),
-        (dict(mesh="abc", steps=0), "increase from 0 to 1"),
+        (dict(mesh="abc", steps=0), "an array of numbers"),
         (dict(options=[1]), "dictionary"),
         (dict(t0=np.nan), "t0"),
         (dict(steps=1, control="constant"), "3 conditions on 2 unknowns"),

@@ -65,7 +65,7 @@ def test_a_scene_that_is_no_scene_is_refused(build, message):
         (dict(h=np.inf), "h must be finite"),
         (dict(steps=None, duration=1.03), r"10.3 steps of h=0.1, not a whole number; give steps=11"),
         (dict(steps=None, duration=-1.0), "different signs"),
-        (dict(save_every=0), "save_every must be a whole number of steps"),
+        (dict(save_every=0), "save_every must be a whole number"),
         (dict(u=[1, 2]), "u was given, but the system has no control"),
         (dict(params=dict(lenght=1)), r"unknown parameters \['lenght'\]; known: \['g'\]"),
         (dict(params=dict(g=[1, 2])), r"parameter 'g' has shape \(2,\); its default has \(\)"),
