@@ -6,7 +6,8 @@ import numpy as np
 
 from varint.compiled.algebra import graph_of
 from varint.compiled.graph import Graph
-from varint.compiled.mechanics import acceleration, force, solved, velocity
+from varint.compiled.mechanics import acceleration, force, velocity
+from varint.legendre import mass_solve
 from varint.system import System
 
 INFIX = {
@@ -43,7 +44,7 @@ def taylor(system: System, form: str, tol: float):
         if system.structure.separable:
             right = acceleration(system)
         else:  # M a = ∂L/∂q + F − ∂p/∂q v
-            right = solved(system.mass_matrix, force(system) - ca.jtimes(system.momentum, q, v))
+            right = mass_solve(system.mass_matrix, force(system) - ca.jtimes(system.momentum, q, v))
         f = ca.Function("f", [q, v, system.c], [v, ca.cse(right)])
     else:
         p = ca.SX.sym("p", n)
