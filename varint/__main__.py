@@ -26,6 +26,18 @@ FIGURES, FILMS, DATA = (".png", ".pdf", ".svg"), (".gif", ".mp4", ".html"), (".n
 FILM = (2.0, 30.0)  # seconds that a film may last before its speed is changed, to 10 s
 
 
+def say_once() -> Callable[..., None]:
+    """Shows every warning as one line, the first time."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: object) -> None:
+        if str(message) not in said:
+            said.add(str(message))
+            print(f"varint: {message}", file=sys.stderr)
+
+    return show
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; warnings and errors become one line each, an error the exit code 2."""
     reader = parser()
@@ -35,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = lambda message, *_: print(f"varint: {message}", file=sys.stderr)
+        warnings.showwarning = say_once()
         try:
             return int(asked.command(asked) or 0)
         except (vi.VarintError, OSError) as error:

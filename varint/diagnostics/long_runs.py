@@ -224,7 +224,7 @@ def round_off(
         state[i], energy[i] = _there_and_back(start, h, levels, start.q * factor, flip)
     mean_state, mean_energy = (np.sqrt((x[:starts] ** 2).mean(axis=0)) for x in (state, energy))
     seen = np.maximum(mean_energy, EPS / 10)
-    exponent = float(np.polyfit(np.log(levels), np.log(seen), 1)[0])
+    exponent = float(np.polyfit(np.log(levels), np.log(seen), 1)[0]) if len(levels) > 1 else 0.0
     level = FIRST_LEVEL * EPS * np.sqrt(levels[0] / 10)
     good = bool(np.isfinite(seen).all() and seen[0] <= level and (exponent <= STEEPEST or seen[-1] <= level))
     return RoundOff(start.name, h, levels, mean_state, mean_energy, exponent, good)

@@ -17,6 +17,7 @@ from varint.compiled.kernel import DONE, NOT_CONVERGED, Kernel
 from varint.compiled.kernel import run as compiled_run
 from varint.compiled.newton import CLOSED, newton_kernel
 from varint.rules import MOST_STAGES, Rule, gauss
+from varint.stepping.backend import UNKNOWN
 from varint.stepping.run import Block, Position, Task, run
 from varint.system import System, per_system
 
@@ -26,6 +27,8 @@ PATIENCE = 0.2  # seconds that Ctrl-C may wait for a block
 CAUTION = 1e-7  # seconds of an operation, for the first block; in truth it takes a hundredth to a tenth of it
 NOTHING = np.empty(0)
 PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts
+QUICK = 12  # unknowns of Newton's method that compile in two seconds; time grows with their third power
+COMPILING = 1e-3  # seconds of the compiler for an unknown cubed
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 
@@ -102,8 +105,8 @@ def one_step(kernel: Kernel, task: Task, t: float, q: np.ndarray, p: np.ndarray,
 
 def _by_newton(system: System, rule: Rule, task: Task, compiled: bool = True) -> Iterator[Block]:
     """The rest of a run on which an iteration failed: by the compiled Newton's method, then the interpreted one."""
-    kernel = None
-    if compiled:
+    kernel, unknowns = None, system.structure.n * rule.degree
+    if compiled and (unknowns <= QUICK or task.steps * unknowns * UNKNOWN > COMPILING * unknowns**3):
         with suppress(NotCompilable, CompileError):
             kernel = newton_kernel(system, rule)
     if kernel is None:
