@@ -87,6 +87,6 @@ SCENES: dict[str, Callable[[], Scene]] = {
 }
 LONGER = {
     "pendulum": 50, "kepler 0.6": 10, "kepler 0.9": 5, "henon-heiles": 20, "double pendulum": 30, "solar system": 10,
-    "spherical pendulum": 20, "pendulum on a cart": 10, "charged particle": 10, "chain of 10": 5,
+    "spherical pendulum": 20, "pendulum on a cart": 10, "charged particle": 100, "chain of 10": 5,
 }  # fmt: skip
 SCENES = {f"{name} ×{by}": (lambda f=SCENES[name], by=by: longer(f(), by)) for name, by in LONGER.items()} | SCENES
