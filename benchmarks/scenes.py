@@ -75,7 +75,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "pendulum": lambda: Scene(vi.models.pendulum(2.0, g=1.0), 100.0, 70),
     "kepler 0.6": lambda: kepler(0.6, 2000),
     "kepler 0.9": lambda: kepler(0.9, 10_000),
-    "henon-heiles": lambda: Scene(vi.models.henon_heiles(), 1000.0, 350),
+    "henon-heiles": lambda: Scene(vi.models.henon_heiles(), 1000.0, 500),
     "double pendulum": lambda: Scene(vi.models.double_pendulum(), 10.0, 40),
     "solar system": solar_system,
     "spherical pendulum": lambda: Scene(vi.models.spherical_pendulum(), 100.0, 150),

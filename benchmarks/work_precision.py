@@ -48,7 +48,7 @@ LEVELS = (None, 1e-9, 1e-7, 1e-5, 1e-4)
 TURNS = 9
 LONG = 1e-3  # seconds of the best peer: a run of milliseconds, in which a call's cost does not count
 LONGEST = 0.2  # seconds of a run that is worth timing
-PATIENCE = 3
+PATIENCE = 1
 RESULTS = Path(__file__).parent / "results"
 PART = Path("out")  # for some scenes only
 GENERAL = ("heyoka", "compiled DOP853", "REBOUND IAS15", "SciPy DOP853", "CasADi cvodes", "CasADi idas")
@@ -203,7 +203,9 @@ def measured(scene: Scene, exact):
         for (measure, wanted, tool), (error, energy, _, setting) in chosen.items()
     ]  # fmt: skip
     cloud = [
-        {"tool": s.tool, "error": e, "energy error": d, "seconds": t, "setting": s.about} for e, d, t, s in everything
+        {"tool": s.tool, "error": e, "energy error": d, "seconds": t, "setting": s.about}
+        for e, d, t, s in everything
+        if not any(o.tool == s.tool and f < e and c < d and u < t for f, c, u, o in everything)
     ]
     return rows, cloud
 
@@ -274,7 +276,7 @@ def told(measure: str, wanted: float, here: dict) -> tuple[float, float]:
         print(
             f"  {measure} {wanted:g}  " + ("no general-purpose peer gets there" if "varint" in here else "not reached")
         )
-        return None
+        return 0.0, 0.0
     ratio = here["varint"]["seconds"] / min(rivals)
     print(f"  {measure} {wanted:g}  varint takes {ratio:.2f} of the best general-purpose peer's time")
     return ratio, min(rivals)
