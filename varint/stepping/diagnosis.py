@@ -74,9 +74,11 @@ def _singular(motion: Trajectory) -> list[str]:
                 "as at a pole or in gimbal lock): use coordinates that are regular there, or start elsewhere"
             )
         size = np.sqrt(np.abs(np.diag(mass)))
-        values, vectors = np.linalg.eigh(mass / np.outer(size, size)) if (size > 0).all() else (np.zeros(1), None)
+        scaled = mass / np.outer(size, size)
+        regular = (size > 0).all() and np.isfinite(scaled).all()
+        values, vectors = np.linalg.eigh(scaled) if regular else (np.zeros(1), None)
         weakest = int(np.argmin(np.abs(values)))
-        if abs(values[weakest]) < WEAK:
+        if abs(values[weakest]) < WEAK and np.isfinite(mass).all():
             part = np.ones(len(names)) if vectors is None else np.abs(vectors[:, weakest])
             weak = [name for name, x in zip(names, part, strict=True) if x > 0.1 * part.max()]
             found.append(
