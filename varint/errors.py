@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 class VarintError(Exception):
@@ -67,3 +70,11 @@ class SolverError(VarintError, RuntimeError):
 
 def _solver_error(message: str, status: str) -> SolverError:
     return SolverError(message, status=status)
+
+
+def converted(make: Callable[[], T], complaint: Callable[[], str]) -> T:
+    """What `make` makes of a user's input; where NumPy, CasADi or Python cannot, the complaint takes their place."""
+    try:
+        return make()
+    except (TypeError, ValueError, RuntimeError, NotImplementedError, OverflowError):
+        raise InputError(complaint()) from None

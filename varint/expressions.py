@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.system import System
 
 
@@ -14,10 +14,9 @@ def in_own_symbols(expression: Any, system: System, what: str = "the expression"
     """The expression in the system's own symbols, matched by name."""
     if isinstance(expression, ca.MX):
         raise InputError(f"{what} is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.SX(expression)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"{what} must be a CasADi SX expression, got {type(expression).__name__}") from None
+    expression = converted(
+        lambda: ca.SX(expression), lambda: f"{what} must be a CasADi SX expression, got {type(expression).__name__}"
+    )
     own = {x.name(): x for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))}
     used = ca.symvar(expression)
     unknown = sorted(x.name() for x in used if x.name() not in own)

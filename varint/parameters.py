@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
 
 
 class Parameters:
@@ -54,10 +54,9 @@ class Parameters:
 
 def finite_array(what: str, value: Any) -> np.ndarray:
     """value as an array of finite numbers."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        raise InputError(f"{what} must be a number or an array of numbers, got {value!r}") from None
+    array = converted(
+        lambda: np.array(value, dtype=float), lambda: f"{what} must be a number or an array of numbers, got {value!r}"
+    )
     if not np.isfinite(array).all():
         raise InputError(f"{what} is not finite: {value!r}")
     return array
@@ -65,10 +64,7 @@ def finite_array(what: str, value: Any) -> np.ndarray:
 
 def number(what: str, x: Any) -> float:
     """x as a finite number."""
-    try:
-        value = float(x)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError, OverflowError):
-        raise InputError(f"{what} must be a number, got {x!r}") from None
+    value = converted(lambda: float(x), lambda: f"{what} must be a number, got {x!r}")
     if not math.isfinite(value):
         raise InputError(f"{what} must be finite, got {x!r}")
     return value

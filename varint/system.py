@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.parameters import Parameters, finite_array
 from varint.structure import Structure, structure_of
 
@@ -278,10 +278,7 @@ def _expression(what: str, x: Any, shape: tuple[int | None, int]) -> ca.SX:
     """x as a dense-shaped SX of the wanted shape (None: any number of rows)."""
     if isinstance(x, ca.MX):
         raise InputError(f"{what} is an MX expression; write it with SX symbols (coordinates, time, Parameters)")
-    try:
-        x = ca.SX(x)
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"{what} must be a CasADi SX expression, got {type(x).__name__}") from None
+    x = converted(lambda: ca.SX(x), lambda: f"{what} must be a CasADi SX expression, got {type(x).__name__}")
     rows, cols = shape
     if x.shape[1] != cols or (rows is not None and x.shape[0] != rows):
         wanted = f"({'any' if rows is None else rows}, {cols})"

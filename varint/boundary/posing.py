@@ -11,7 +11,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.boundary.stationary import Iterate, Problem, iterate_through, point_times
 from varint.discrete import constraint_function, interval, point_function
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.horizon import Free, window
 from varint.parameters import number, whole
 from varint.rules import Rule
@@ -144,10 +144,9 @@ def _duration(
         return _time_at_energy(system, number("energy", energy), points, t0, c), 0.0, np.inf
     if energy is not None and not isinstance(duration, Free):
         raise InputError("give duration or energy, not both; a guess of the duration is free(guess, lower, upper)")
-    try:
-        guess, lower, upper = window(duration)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        raise InputError(f"duration must be a number or free(guess, lower, upper), got {duration!r}") from None
+    guess, lower, upper = converted(
+        lambda: window(duration), lambda: f"duration must be a number or free(guess, lower, upper), got {duration!r}"
+    )
     if not (np.isfinite(guess) and lower > 0):
         raise InputError(f"duration must be positive and finite (and its lower bound positive), got {duration!r}")
     return guess, lower, upper

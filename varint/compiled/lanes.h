@@ -284,3 +284,10 @@ INLINE double s_rsqrt(double a) { return 1.0 / sqrt(a); }
 #define s_remainder remainder
 #define s_floor floor
 #define s_ceil ceil
+
+/* value += increment, with the rounding error kept in rest */
+INLINE void v_compensated(V *value, V *rest, V increment) {
+    V y = increment + *rest, old = *value, s = old + y, part = s - old;
+    *rest = (old - (s - part)) + (y - part);
+    *value = s;
+}

@@ -15,12 +15,6 @@ typedef struct {
 } Args;
 const int64_t lanes = LANES;
 
-INLINE void compensated(V *value, V *rest, V increment) {
-    V y = increment + *rest, old = *value, s = old + y, part = s - old;
-    *rest = (old - (s - part)) + (y - part);
-    *value = s;
-}
-
 /* Controls of every lane at the kicks of step k */
 INLINE void controls(const Args *a, const int64_t *at, int64_t k, V u[KICKS][NU + 1]) {
     (void)a, (void)at, (void)k;
@@ -56,17 +50,17 @@ static int64_t group(const Args *a, int64_t first) {
         controls(a, at, k, u);
         V opening[N], begin = splat(now);
         rhs(q, &begin, u[0], c, none, opening);
-        for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], pending * force[d] + hk[0] * opening[d]);
+        for (int d = 0; d < N; d++) v_compensated(&p[d], &rest_p[d], pending * force[d] + hk[0] * opening[d]);
 #else
-        for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], (pending + hk[0]) * force[d]);
+        for (int d = 0; d < N; d++) v_compensated(&p[d], &rest_p[d], (pending + hk[0]) * force[d]);
 #endif
         for (int i = 1; i < KICKS; i++) {
             V v[N], moment = splat(now + h * NODE[i]);
             velocity(q, p, &moment, c, none, v);
-            for (int d = 0; d < N; d++) compensated(&q[d], &rest_q[d], hd[i - 1] * v[d]);
+            for (int d = 0; d < N; d++) v_compensated(&q[d], &rest_q[d], hd[i - 1] * v[d]);
             rhs(q, &moment, u[i], c, none, force);
             if (i < KICKS - 1)
-                for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], hk[i] * force[d]);
+                for (int d = 0; d < N; d++) v_compensated(&p[d], &rest_p[d], hk[i] * force[d]);
         }
         pending = hk[KICKS - 1];
         if (++unsaved < a->save_every && k + 1 < a->steps) continue;

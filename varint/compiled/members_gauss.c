@@ -30,12 +30,6 @@ typedef struct { V scale[ROWS], best[ROWS], idle[ROWS], now, rate; } Change;
 INLINE I all_bits(void) { return (I){0} == 0; }
 INLINE int any(I mask) { int64_t y = 0; for (int l = 0; l < LANES; l++) y |= mask[l]; return y != 0; }
 
-INLINE void compensated(V *value, V *rest, V increment) {
-    V y = increment + *rest, old = *value, s = old + y, part = s - old;
-    *rest = (old - (s - part)) + (y - part);
-    *value = s;
-}
-
 /* value_i = base_i + sum_j m_ij x_j, stage by stage, for the coordinates from `row` of the unknowns on */
 INLINE void add_product(const double m[STAGES][STAGES], const Unknowns x, int row, V value[STAGES][N]) {
     for (int i = 0; i < STAGES; i++)
@@ -242,15 +236,15 @@ static int64_t group(const Args *a, int64_t first_member) {
         for (int d = 0; d < N; d++) {
             V moved = (1.0 - STAGE_C[0]) * x[0][d], pushed = x[0][d];
             for (int i = 1; i < STAGES; i++) moved += (1.0 - STAGE_C[i]) * x[i][d], pushed += x[i][d];
-            compensated(&y[d], &rest[d], y[N + d] + (moved + rest[N + d]));
-            compensated(&y[N + d], &rest[N + d], pushed);
+            v_compensated(&y[d], &rest[d], y[N + d] + (moved + rest[N + d]));
+            v_compensated(&y[N + d], &rest[N + d], pushed);
             size[d] = v_fmax(size[d], v_fabs(y[N + d]));
         }
 #else
         for (int r = 0; r < ROWS; r++) {
             V moved = x[0][r];
             for (int i = 1; i < STAGES; i++) moved += x[i][r];
-            compensated(&y[r], &rest[r], moved);
+            v_compensated(&y[r], &rest[r], moved);
         }
 #endif
         solved &= sound_lanes(y, 2 * N);

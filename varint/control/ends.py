@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from varint.control.expressions import column, limits, triples
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.horizon import Free
 from varint.system import System
 
@@ -99,13 +99,14 @@ def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray
                 raise InputError(f"{what}: {names[i]} takes one number, got {entry}")
             guess[i], low[i], high[i] = float(entry.guess), float(entry.lower), float(entry.upper)
             continue
-        try:
-            guess[i] = low[i] = high[i] = float(entry)
-        except (TypeError, ValueError, RuntimeError, NotImplementedError):
-            raise InputError(f"{what}: {names[i]} must be a number, None or free(…), got {entry!r}") from None
+        guess[i] = low[i] = high[i] = _number(f"{what}: {names[i]}", entry)
         if not np.isfinite(guess[i]):
             raise InputError(f"{what}: {names[i]} is not finite: {entry!r}; None leaves it free")
     return guess, low, high
+
+
+def _number(what: str, x: Any) -> float:
+    return converted(lambda: float(x), lambda: f"{what} must be a number, None or free(…), got {x!r}")
 
 
 def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
@@ -113,11 +114,11 @@ def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
         return None
     if value is True:
         return np.zeros(n)
-    try:
-        entries = value if isinstance(value, Sequence) else np.atleast_1d(value)
-        offset = np.array([np.nan if x is None else float(x) for x in entries])
-    except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        raise InputError(f"periodic must be True or one offset (or None) for each of {list(names)}") from None
+    entries = value if isinstance(value, Sequence) else np.atleast_1d(value)
+    offset = converted(
+        lambda: np.array([np.nan if x is None else float(x) for x in entries]),
+        lambda: f"periodic must be True or one offset (or None) for each of {list(names)}",
+    )
     if offset.shape != (n,):
         raise InputError(f"periodic has {len(offset)} entries; one for each of {list(names)}")
     return offset

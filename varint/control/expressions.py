@@ -7,17 +7,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
 
 
 def column(what: str, expression: Any, allowed: ca.SX, words: str) -> ca.SX:
     """A dense column of SX expressions of the allowed symbols."""
     if isinstance(expression, ca.MX):
         raise InputError(f"{what} is an MX; write it with the system's SX symbols")
-    try:
-        expression = ca.densify(ca.vec(ca.SX(expression)))
-    except (NotImplementedError, TypeError, RuntimeError):
-        raise InputError(f"{what} must be a number or a CasADi SX expression, got {expression!r}") from None
+    expression = converted(
+        lambda: ca.densify(ca.vec(ca.SX(expression))),
+        lambda: f"{what} must be a number or a CasADi SX expression, got {expression!r}",
+    )
     known = {s.element_hash() for s in ca.symvar(allowed)}
     unknown = sorted(s.name() for s in ca.symvar(expression) if s.element_hash() not in known)
     if unknown:

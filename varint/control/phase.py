@@ -12,7 +12,7 @@ import numpy as np
 from varint.control.bounds import PathBounds, path_bounds
 from varint.control.ends import End, end_conditions
 from varint.control.expressions import scalar
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.horizon import Free
 from varint.parameters import finite_array
 from varint.rules import Rule, gauss, lobatto
@@ -155,10 +155,9 @@ def _duration(value: Any) -> tuple[float, float, float]:
         if not value.lower > 0:
             raise InputError(f"a free duration needs a positive lower bound, got {value}")
         return float(value.guess), float(value.lower), float(value.upper)
-    try:
-        duration = float(value)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        raise InputError(f"the duration must be a number or free(guess, lower, upper), got {value!r}") from None
+    duration = converted(
+        lambda: float(value), lambda: f"the duration must be a number or free(guess, lower, upper), got {value!r}"
+    )
     if not (np.isfinite(duration) and duration > 0):
         raise InputError(f"the duration must be positive and finite, got {value!r}")
     return duration, duration, duration

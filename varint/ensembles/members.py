@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from varint.arrays import over_columns
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.rules import Rule
 from varint.stepping.initial import initial_task, number, start_function, time_grid
 from varint.system import System, parameter_values
@@ -150,10 +150,10 @@ def arguments_of(system: System, members: Members, i: int) -> dict[str, Any]:
 
 def _rows(what: str, x: Any, shape: tuple[int, ...], names: Any) -> np.ndarray:
     """x as rows of `shape`: one for all, or one a member."""
-    try:
-        value = np.array(x, dtype=float)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        raise InputError(f"{what} must be numbers of shape {shape} or (members, …), got {type(x).__name__}") from None
+    value = converted(
+        lambda: np.array(x, dtype=float),
+        lambda: f"{what} must be numbers of shape {shape} or (members, …), got {type(x).__name__}",
+    )
     if shape == (1,) and value.ndim <= 1:
         value = value.reshape(-1, 1)  # one coordinate: a list of numbers is a list of members
     if value.shape == shape:
@@ -188,10 +188,7 @@ def _shaped(system: System, name: str, x: np.ndarray) -> np.ndarray:
 def _controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     """Controls (1 or members, steps, k) or (…, steps, r, k): a leading axis only before a whole table."""
     k, r = system.structure.controls, len(rule.nodes)
-    try:
-        value = np.array(u, dtype=float)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        raise InputError(f"u must be numbers, got {type(u).__name__}") from None
+    value = converted(lambda: np.array(u, dtype=float), lambda: f"u must be numbers, got {type(u).__name__}")
     tables = [(steps, k), (steps, r, k)]
     shared, each = value.shape in [*tables, (k,), ()] or value.ndim < 2, value.ndim > 2 and value.shape[1:] in tables
     if shared and each:

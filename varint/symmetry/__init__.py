@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.parameters import finite_array
 from varint.rules import Rule
 from varint.symmetry.basis import generators
@@ -224,11 +224,10 @@ def _require_rule(rule: Any) -> None:
 
 def _field(what: str, value: Any, system: System, size: int) -> ca.SX:
     """An expression of q, t and the parameters with `size` components."""
-    try:
-        value = ca.vertcat(*value) if isinstance(value, (list, tuple)) else ca.SX(value)
-        value = ca.densify(ca.SX(value))
-    except (TypeError, NotImplementedError, RuntimeError):
-        raise InputError(f"{what} must be an expression of q, t and the parameters, got {value!r}") from None
+    value = converted(
+        lambda: ca.densify(ca.SX(ca.vertcat(*value) if isinstance(value, (list, tuple)) else value)),
+        lambda: f"{what} must be an expression of q, t and the parameters, got {value!r}",
+    )
     if value.shape != (size, 1):
         raise InputError(f"{what} has shape {value.shape}; it must have ({size}, 1)")
     known = {x.element_hash() for x in ca.symvar(ca.vertcat(system.q, system.t, system.c))}
