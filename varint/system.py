@@ -251,8 +251,8 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
 
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:
-        store = system.__dict__.setdefault("_built", {})
-        name = (build.__module__, build.__qualname__, *key)
+        store = system.__dict__.get("_built") or system.__dict__.setdefault("_built", {})
+        name = (build, *key)
         if name not in store:
             with _BUILDING:
                 if name not in store:
