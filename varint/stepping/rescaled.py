@@ -184,11 +184,13 @@ def _require_level(scene: Rescaled, course: Course, inner: Trajectory) -> None:
         raise InputError(
             f"time_scale must stay positive, but after t = {q[slowest, n]:g} it is not: time does not go on"
         )
-    kinetic = np.abs(np.einsum("ij,ij->i", p[:-1, :n], rise[:, :n]) / passed).max()
     start, two = inner.c[-2], slice(slowest, slowest + 2)
     (energies,) = over_columns(_level_function(moving(course), scene), q[two], p[two], inner.c)
+    here = abs(p[slowest, :n].dot(rise[slowest, :n]) / passed[slowest])  # kinetic energy: at most the largest one
+    if not np.abs(energies - start).max() <= OFF_LEVEL * here:
+        here = np.abs(np.einsum("ij,ij->i", p[:-1, :n], rise[:, :n]) / passed).max()
     for energy, clock in zip(energies[:, 0].tolist(), q[two, n].tolist(), strict=True):
-        if not abs(energy - start) <= OFF_LEVEL * kinetic:
+        if not abs(energy - start) <= OFF_LEVEL * here:
             raise InputError(
                 f"the energy is {energy:g} at t = {clock:g} and was {start:g} at the start: time_scale comes "
                 "too close to zero there, or h is too large; choose another time_scale or a smaller h"
