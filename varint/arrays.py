@@ -17,6 +17,7 @@ import numpy as np
 LARGEST_BLOCK = 10_000
 FEW = 10  # rows for each number of which a function is built
 REMEMBERED = 256  # functions whose buffers are kept
+DEFINITE = 1e-12  # least eigenvalue of a matrix that is definite by far: beyond its round-off
 COPIED = 500  # numbers of a function's arguments and results that are worth a copy of them
 
 
@@ -27,6 +28,16 @@ def finite(*arrays: np.ndarray) -> bool:
 
 def _finite(x: np.ndarray) -> bool:
     return all(map(math.isfinite, x.tolist())) if len(x) < FEW else bool(np.isfinite(x).all())  # one by one is faster
+
+
+def is_definite(matrix: np.ndarray) -> bool:
+    """Whether a symmetric matrix is positive definite by far, its diagonal scaled to one: without its eigenvalues."""
+    less = matrix.copy()
+    less.reshape(-1)[:: len(matrix) + 1] *= 1 - DEFINITE
+    try:
+        return math.isfinite(np.linalg.cholesky(less).trace())
+    except np.linalg.LinAlgError:
+        return False
 
 
 def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:

@@ -62,9 +62,9 @@ def time() -> ca.SX:
 
 def parameter_values(system: System, overrides: Mapping[str, Any] | None) -> np.ndarray:
     """The vector of parameter values of one run: the defaults with `overrides` put in, in the order of `system.c`."""
-    defaults = system.defaults
     if overrides is None:
         return system.default_vector
+    defaults = system.defaults
     if not isinstance(overrides, Mapping):
         raise InputError(f"params must be a dictionary of names and values, got {type(overrides).__name__}")
     if not overrides:

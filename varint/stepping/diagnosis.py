@@ -5,10 +5,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
+from varint.arrays import is_definite, over_columns
 from varint.discrete import constraint_function, point_function
 from varint.errors import ConvergenceError
-from varint.stepping.initial import is_definite
 from varint.stepping.jump import energy_jump
 from varint.stepping.run import RESIDUAL_LIMIT
 from varint.system import System, per_system

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from varint.arrays import call, finite
+from varint.arrays import call, finite, is_definite
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.parameters import number, whole
@@ -220,24 +220,14 @@ def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     )
 
 
-def is_definite(mass: np.ndarray) -> bool:
-    """Whether the mass matrix is positive definite by far: the ordinary case, without its eigenvalues."""
-    less = mass.copy()
-    less.reshape(-1)[:: len(mass) + 1] *= 1 - 10 * SINGULAR
-    try:
-        np.linalg.cholesky(less)
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
 def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     """Controls of every step, (steps, r, k) with r = 1 where they are constant on a step."""
-    k, r, names = system.structure.controls, len(rule.nodes), list(system.control_names)
+    k = system.structure.controls
     if not k:
         if u is not None:
             raise InputError("u was given, but the system has no control; declare it with System(..., control=...)")
         return np.empty((steps, 1, 0))
+    r, names = len(rule.nodes), list(system.control_names)
     wanted = f"({steps}, {k}), ({steps}, {r}, {k}) or ({k},)"
     if u is None:
         raise InputError(f"the system has the controls {names}; give u with shape {wanted}")
