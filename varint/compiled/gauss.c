@@ -5,7 +5,8 @@
    FORM 2: unknown L_i = h^2 b_i G_i with accelerations G = g(Q, V, t, u);
            Q_i = q + c_i w + sum_j M_ij L_j,  h V_i = w + sum_j m_ij L_j;  q += w + sum (1 - c_j) L_j, w += sum L_j
            with w = h v, which leaves constants only that need no rounding.
-   FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike.
+   FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike. Where
+           the right-hand side has two halves, V comes from the momenta that the new F make (Gauss-Seidel order).
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run. */
 
@@ -17,6 +18,12 @@
 #define ROWS N
 #else
 #define ROWS (2 * N)
+#endif
+#if FORM == 1 && defined(KICK_W)
+#define HALVES 1
+#define RHS_W (KICK_W + DRIFT_W)
+#else
+#define HALVES 0
 #endif
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
@@ -111,12 +118,28 @@ INLINE void set_base(const double *y, const double *rest, const Nodes *at, V bas
         }
 }
 
+#if HALVES
+INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_prepare(c, w + KICK_W); }
+
+/* The momenta at the stages, made of x by the columns m; older adds to x. Constant ones stay what they are at the start. */
+LARGE void set_momenta(const V base[2 * N][VECTORS], const double *m, const Unknowns x, const double *m_older,
+                       const Unknowns older, V p[N][VECTORS]) {
+    UNROLL for (int d = 0; d < N; d++) {
+        for (int k = 0; k < VECTORS; k++) p[d][k] = base[N + d][k];
+        if (NEEDS_P[d]) {
+            add_product(m, x[N + d], p[d]);
+            if (older) add_product(m_older, older[N + d], p[d]);
+        }
+    }
+}
+#endif
+
 /* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
    With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
-   stay the same. */
+   stay the same. In halves the momenta p are those of x and become those of fresh. */
 LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, const double *w, const double *m2,
                      const double *m1, const Unknowns x, const double *m2_older, const double *m1_older,
-                     const Unknowns older, Unknowns fresh) {
+                     const Unknowns older, V p[N][VECTORS], Unknowns fresh) {
     V first[N][VECTORS], second[N][VECTORS];
     UNROLL for (int d = 0; d < N; d++) {
         for (int k = 0; k < VECTORS; k++) first[d][k] = base[d][k], second[d][k] = base[N + d][k];
@@ -135,12 +158,26 @@ LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, con
             add_product(m1, x[d], first[d]);
             if (older) add_product(m1_older, older[d], first[d]);
         }
+#if !HALVES
         if (NEEDS_P[d]) {
             add_product(m1, x[N + d], second[d]);
             if (older) add_product(m1_older, older[N + d], second[d]);
         }
 #endif
+#endif
     }
+#if HALVES
+    V taken[TAKEN + 1][VECTORS];
+    for (int k = 0; k < VECTORS; k++) {
+        kick(&first[0][k], &p[0][k], &at->t[k], &at->u[0][k], w, &fresh[N][k], &taken[0][k]);
+        for (int d = 0; d < N; d++) fresh[N + d][k] *= at->b[k];
+    }
+    set_momenta(base, STAGE_M1, fresh, 0, 0, p);
+    for (int k = 0; k < VECTORS; k++) {
+        drift(&p[0][k], &taken[0][k], w + KICK_W, &fresh[0][k]);
+        for (int d = 0; d < N; d++) fresh[d][k] *= at->b[k];
+    }
+#else
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
         rhs(&first[0][k], &second[0][k], &at->t[k], &at->u[0][k], w, &fresh[0][k]);
@@ -149,6 +186,7 @@ LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, con
 #endif
         for (int r = 0; r < ROWS; r++) fresh[r][k] *= at->b[k];
     }
+#endif
 }
 
 INLINE V change_of(const V *fresh, const V *x) {
@@ -276,12 +314,20 @@ int run(const Args *a) {
         memcpy(kept, x, sizeof x);
         int64_t count = 0;
         for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
-            if (known > 1) evaluate(base, &at, h, w, START_M2, START_M1, x, START_OLDER_M2, START_OLDER_M1, older, fresh);
-            else if (known) evaluate(base, &at, h, w, START_ONE_M2, START_ONE_M1, x, 0, 0, 0, fresh);
-            else {
-                for (int r = 0; r < ROWS; r++)
-                    for (int k = 0; k < VECTORS; k++) x[r][k] = splat(0.0);
-                evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, fresh);
+            V p[N][VECTORS];
+            if (known > 1) {
+#if HALVES
+                set_momenta(base, START_M1, x, START_OLDER_M1, older, p);
+#endif
+                evaluate(base, &at, h, w, START_M2, START_M1, x, START_OLDER_M2, START_OLDER_M1, older, p, fresh);
+            } else {
+                if (!known)
+                    for (int r = 0; r < ROWS; r++)
+                        for (int k = 0; k < VECTORS; k++) x[r][k] = splat(0.0);
+#if HALVES
+                set_momenta(base, START_ONE_M1, x, 0, 0, p);
+#endif
+                evaluate(base, &at, h, w, START_ONE_M2, START_ONE_M1, x, 0, 0, 0, p, fresh);
             }
             change.checks = 0;
             count = 1;
@@ -289,10 +335,10 @@ int run(const Args *a) {
             memcpy(x, fresh, sizeof x);
             while (count < most && !end) {
                 if (++count + 1 < expected) { /* the last step needed more: no look at the change yet */
-                    evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, x);
+                    evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, p, x);
                     continue;
                 }
-                evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, fresh);
+                evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, p, fresh);
                 if (!known) {
                     V sizes[ROWS];
                     double size[ROWS];
