@@ -17,6 +17,8 @@ from varint.rules import Rule
 from varint.system import System
 
 FEW = 6  # so many coordinates stay in registers
+SHORT = 60  # vector operations of an evaluation up to which latency decides its time, not their number
+PRODUCT = 10  # of a coordinate's stages with the coefficients
 _KNOWN: WeakKeyDictionary[System, dict[tuple[str, int], Kernel]] = WeakKeyDictionary()
 
 
@@ -81,14 +83,20 @@ def _built(system: System, stages: int, form: int) -> Kernel:
         functions, rates, loops = *_inertia_and_push(system, stride), ("dense.c", "gauss.c")
     else:
         functions, rates, loops = *_kick_and_drift(system, stride), ("gauss.c",)
+    needs = _needs(system.q, rates)
+    ahead = not system.control.numel() and _work(functions, needs) <= SHORT
     functions |= emitted(system.c, {"momentum": ([system.q, system.v, system.t], [system.momentum])})
     on_velocity = int(form == 2 and system.structure.force_on_velocity)
     defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW, "STRIDE": stride}
+    defines["AHEAD"] = int(ahead)
     about = f"Gauss, {stages} stages in {stride} vector(s) of {lanes}, " + (
         "unknown accelerations" if form == 2 else "unknown velocities and forces"
     )
     diagonals = system.q.numel() <= FEW and 4 * stages > 3 * padded
-    data = _tableau(stages, lanes, diagonals) + _needs(system.q, rates)
+    data = _tableau(stages, lanes, diagonals) + "".join(
+        f"static const char {name}[] __attribute__((unused)) = {{{', '.join(str(int(x)) for x in values)}}};\n"
+        for name, values in needs.items()
+    )
     return build(about, system, stages, functions, defines, data, *loops)
 
 
@@ -125,14 +133,16 @@ def _kick_and_drift(system: System, stride: str) -> Functions:
     return functions | emitted(system.c, {"velocity": ([q, p, t], [speed])}), [speed, push]
 
 
-def _needs(q: ca.SX, rates: list[ca.SX]) -> str:
+def _needs(q: ca.SX, rates: list[ca.SX]) -> dict[str, list[bool]]:
     """NEEDS_Q and NEEDS_P of gauss.c: does the right-hand side depend on q_i, does the momentum p_i change?"""
-    needed = {"NEEDS_Q": ca.which_depends(ca.vertcat(*map(ca.densify, rates)), q, 1, False)}
-    needed["NEEDS_P"] = [not rate.is_zero() for rate in ca.vertsplit(ca.densify(rates[-1]))]
-    return "".join(
-        f"static const char {name}[] __attribute__((unused)) = {{{', '.join(str(int(x)) for x in values)}}};\n"
-        for name, values in needed.items()
-    )
+    depends = ca.which_depends(ca.vertcat(*map(ca.densify, rates)), q, 1, False)
+    return {"NEEDS_Q": depends, "NEEDS_P": [not rate.is_zero() for rate in ca.vertsplit(ca.densify(rates[-1]))]}
+
+
+def _work(functions: dict[str, Emitted], needs: dict[str, list[bool]]) -> int:
+    """Roughly the vector operations of an evaluation at the stages."""
+    products = sum(needs["NEEDS_Q"]) + ("rhs" not in functions) * sum(needs["NEEDS_P"])
+    return PRODUCT * products + sum(f.operations for name, f in functions.items() if name != "velocity")
 
 
 @lru_cache(maxsize=64)
