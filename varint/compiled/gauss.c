@@ -7,7 +7,7 @@
            Q_i = q + c_i w + sum_j M_ij L_j,  h V_i = w + sum_j m_ij L_j;  q += w + sum (1 - c_j) L_j, w += sum L_j
            with w = h v, which leaves constants only that need no rounding.
    FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike. Where
-           the right-hand side has two halves, V comes from the momenta that the new F make (Gauss-Seidel order).
+           the right-hand side has two halves, V may come from the momenta that the new F make (Gauss-Seidel order).
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run. */
 
@@ -29,6 +29,8 @@
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
 #define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+#define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
+#define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
 #if N > FEW
@@ -49,7 +51,7 @@ typedef V Unknowns[ROWS][VECTORS];
 
 /* What a run needs to go on as if it had not stopped. */
 typedef struct {
-    double steps_known, expected, h, rate, count, reserved[3];
+    double steps_known, expected, h, rate, count, tried, counts[2]; /* of the steps tried in either order */
     double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
     double x[3][ROWS][PADDED]; /* of the last two steps, and of the one that is begun */
 } Carry;
@@ -164,9 +166,11 @@ LARGE void set_momenta(Step *s, const double *m, const Unknowns x, const double 
 
 /* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
    With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
-   stay the same. In halves the step's momenta are those of x and become those of fresh. */
+   stay the same. In halves the step's momenta are those of x and become those of fresh; in Gauss-Seidel order, before the
+   velocities are made of them. */
 LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
-                    const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older, Unknowns fresh) {
+                    const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older, int seidel,
+                    Unknowns fresh) {
     V first[N][VECTORS], second[N][VECTORS];
     UNROLL for (int d = 0; d < N; d++) {
         for (int k = 0; k < VECTORS; k++) first[d][k] = s->base[d][k], second[d][k] = s->base[N + d][k];
@@ -199,11 +203,12 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
         kick(&first[0][k], &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &taken[0][k]);
         for (int d = 0; d < N; d++) fresh[N + d][k] *= at->b[k];
     }
-    set_momenta(s, STAGE_M1, fresh, 0, 0);
+    if (seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
     for (int k = 0; k < VECTORS; k++) {
         drift(&s->p[0][k], &taken[0][k], w + KICK_W, &fresh[0][k]);
         for (int d = 0; d < N; d++) fresh[d][k] *= at->b[k];
     }
+    if (!seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
 #else
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
@@ -218,22 +223,22 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 
 /* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
 INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
-                  const Unknowns older) {
+                  const Unknowns older, int seidel) {
     static const Unknowns none;
     Unknowns fresh;
     if (known > 1) {
         set_momenta(s, START_M1, last, START_OLDER_M1, older);
-        evaluate(s, at, h, w, START_M2, START_M1, last, START_OLDER_M2, START_OLDER_M1, older, fresh);
+        evaluate(s, at, h, w, START_M2, START_M1, last, START_OLDER_M2, START_OLDER_M1, older, seidel, fresh);
     } else {
         set_momenta(s, START_ONE_M1, known ? last : none, 0, 0);
-        evaluate(s, at, h, w, START_ONE_M2, START_ONE_M1, known ? last : none, 0, 0, 0, fresh);
+        evaluate(s, at, h, w, START_ONE_M2, START_ONE_M1, known ? last : none, 0, 0, 0, seidel, fresh);
     }
     memcpy(s->x, fresh, sizeof fresh);
     s->count = 1;
 }
 
-INLINE void iterate(Step *s, const Nodes *at, double h, const double *w, Unknowns fresh) {
-    evaluate(s, at, h, w, STAGE_M2, STAGE_M1, s->x, 0, 0, 0, fresh);
+INLINE void iterate(Step *s, const Nodes *at, double h, const double *w, int seidel, Unknowns fresh) {
+    evaluate(s, at, h, w, STAGE_M2, STAGE_M1, s->x, 0, 0, 0, seidel, fresh);
     s->count++;
 }
 
@@ -323,7 +328,8 @@ int run(const Args *a) {
     Nodes at;
     Change change;
     int64_t known = 0, expected = 0, iterations = 0, largest_count = 0, done = 0, unsaved = 0;
-    int status = DONE;
+    int status = DONE, seidel = 1;
+    double tried = HALVES ? 0 : 2 * TRIAL, counts[2] = {0, 0};
     double slowest = 0;
     const double scale_b = FORM == 2 ? h * h : h;
     for (int k = 0; k < VECTORS; k++) at.c[k] = h * entry(STAGE_C, k), at.b[k] = scale_b * entry(STAGE_B, k);
@@ -337,6 +343,8 @@ int run(const Args *a) {
         for (int r = 0; r < ROWS; r++) change.scale[r] = 0, change.noise[r] = carry->noise[r];
         set_scale(&change, carry->scale, 0);
         change.rate = carry->rate;
+        tried = carry->tried, memcpy(counts, carry->counts, sizeof counts);
+        seidel = LONGER * counts[1] <= counts[0];
     } else {
         for (int d = 0; d < N; d++) y[d] = a->start[d], y[N + d] = a->start[N + d], rest[d] = rest[N + d] = 0;
 #if FORM == 2
@@ -365,22 +373,26 @@ int run(const Args *a) {
 #endif
         set_base(&now, y, rest, t0 + h * (double)(first + done), &at);
         const int begun = now.count > 0;
+        if (tried < 2 * TRIAL) {
+            seidel = tried < TRIAL;
+            if (tried == TRIAL) expected = 0, change.rate = 1;
+        }
         if (begun) set_momenta(&now, STAGE_M1, now.x, 0, 0);
         for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
-            if (!now.count) begin(&now, &at, h, w, known, last, older);
+            if (!now.count) begin(&now, &at, h, w, known, last, older, seidel);
             int end = 0;
             const int64_t first_count = begun ? now.count + 1 : 0; /* its change is that of the start of the step, too */
             change.checks = 0;
             while (now.count < most && !end) {
                 Unknowns fresh;
-                iterate(&now, &at, h, w, fresh);
+                iterate(&now, &at, h, w, seidel, fresh);
 #if AHEAD
                 if (known && 2 * now.count >= expected) { /* earlier, x is too far from where it will be */
                     set_base_after(&next, &now, t0 + h * (double)(first + done + 1), &at);
-                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last);
+                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, seidel);
                     else {
                         Unknowns after;
-                        iterate(&next, &at, h, w, after);
+                        iterate(&next, &at, h, w, seidel, after);
                         memcpy(next.x, after, sizeof after);
                     }
                 }
@@ -405,6 +417,10 @@ int run(const Args *a) {
         /* where already the first look saw nothing but round-off, the next step looks earlier */
         expected = change.checks > 1 && change.first <= 4 * change.now ? now.count - change.checks : now.count;
         largest_count = now.count > largest_count ? now.count : largest_count;
+        if (tried < 2 * TRIAL && known > 1) {
+            tried += 1, counts[seidel] += (double)now.count;
+            if (tried == 2 * TRIAL) seidel = LONGER * counts[1] <= counts[0], expected = 0, change.rate = 1;
+        }
         memcpy(older, last, sizeof last), memcpy(last, now.x, sizeof last);
         known += known < 2;
         double old[2 * N], lost[2 * N], sums[3 * ROWS], zero = 0;
@@ -442,6 +458,7 @@ int run(const Args *a) {
     memcpy(carry->y, y, sizeof y), memcpy(carry->rest, rest, sizeof rest);
     memcpy(carry->x[0], last, sizeof last), memcpy(carry->x[1], older, sizeof last);
     memcpy(carry->x[2], now.x, sizeof last), carry->count = (double)now.count;
+    carry->tried = tried, memcpy(carry->counts, counts, sizeof counts);
     memcpy(carry->scale, change.scale, sizeof carry->scale), memcpy(carry->noise, change.noise, sizeof carry->noise);
     carry->rate = change.rate;
     a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;

@@ -77,12 +77,9 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
 def _built(system: System, stages: int, form: int) -> Kernel:
     lanes, padded = lanes_for(stages)
     stride = str(padded // lanes)
-    if form == 2:
-        functions, rates, loops = *_accelerations(system, stride), ("gauss.c",)
-    elif full_inertia(system):
-        functions, rates, loops = *_inertia_and_push(system, stride), ("dense.c", "gauss.c")
-    else:
-        functions, rates, loops = *_kick_and_drift(system, stride), ("gauss.c",)
+    full = form == 1 and full_inertia(system)
+    make = _accelerations if form == 2 else _inertia_and_push if full else _kick_and_drift
+    functions, rates = make(system, stride)
     needs = _needs(system.q, rates)
     ahead = not system.control.numel() and _work(functions, needs) <= SHORT
     functions |= emitted(system.c, {"momentum": ([system.q, system.v, system.t], [system.momentum])})
@@ -97,6 +94,7 @@ def _built(system: System, stages: int, form: int) -> Kernel:
         f"static const char {name}[] __attribute__((unused)) = {{{', '.join(str(int(x)) for x in values)}}};\n"
         for name, values in needs.items()
     )
+    loops = ("dense.c", "gauss.c") if full else ("gauss.c",)
     return build(about, system, stages, functions, defines, data, *loops)
 
 
