@@ -21,6 +21,8 @@
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
 #define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+#define LOOSE 1e-8 /* a start of high degree amplifies errors of the stages of this size */
+#define DIVERGED 2 /* times the first change: the start was too far off */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
 #if N > FEW
@@ -141,6 +143,11 @@ LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, con
         }
 #endif
     }
+#ifdef GEOMETRY /* dense.c */
+    renew(&first[0][0], &at->t[0], w);
+    for (int d = 0; d < N; d++)
+        for (int k = 0; k < VECTORS; k++) fresh[d][k] = guess(x[d][k], at->b[k]);
+#endif
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
         rhs(&first[0][k], &second[0][k], &at->t[k], &at->u[0][k], w, &fresh[0][k]);
@@ -276,7 +283,12 @@ int run(const Args *a) {
         memcpy(kept, x, sizeof x);
         int64_t count = 0;
         for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
-            if (known > 1) evaluate(base, &at, h, w, START_M2, START_M1, x, START_OLDER_M2, START_OLDER_M1, older, fresh);
+#ifdef GEOMETRY
+            renewals = known ? 1 : 2;
+#endif
+            if (known > 1 && level > LOOSE) evaluate(base, &at, h, w, LOW_M2, LOW_M1, x, LOW_OLDER_M2, LOW_OLDER_M1, older, fresh);
+            else if (known > 1) evaluate(base, &at, h, w, START_M2, START_M1, x, START_OLDER_M2, START_OLDER_M1, older, fresh);
+            else if (known && level > LOOSE) evaluate(base, &at, h, w, LOW_ONE_M2, LOW_ONE_M1, x, 0, 0, 0, fresh);
             else if (known) evaluate(base, &at, h, w, START_ONE_M2, START_ONE_M1, x, 0, 0, 0, fresh);
             else {
                 for (int r = 0; r < ROWS; r++)
@@ -287,8 +299,8 @@ int run(const Args *a) {
             count = 1;
             int end = 0;
             memcpy(x, fresh, sizeof x);
-            while (count < most && !end) {
-                if (++count + 1 < expected) { /* the last step needed more: no look at the change yet */
+            while (count < most && !end && !(known && change.checks > 1 && !(change.now <= DIVERGED * change.first))) {
+                if (++count + 1 < expected && N <= FEW) { /* the last step needed more: no look at the change yet */
                     evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, x);
                     continue;
                 }

@@ -10,7 +10,7 @@ import casadi as ca
 from varint.compiled.cache import vector_length
 from varint.compiled.graph import NotCompilable
 from varint.compiled.kernel import Kernel, build, emitted
-from varint.compiled.mechanics import acceleration, constant_part, force, full_inertia, velocity
+from varint.compiled.mechanics import acceleration, dense, force, full_inertia, velocity
 from varint.compiled.tableau import tableau_source
 from varint.rules import Rule
 from varint.system import System
@@ -86,6 +86,8 @@ def _built(system: System, stages: int, form: int) -> Kernel:
     about = f"Gauss, {stages} stages in {padded // lanes} vector(s) of {lanes}, " + (
         "unknown accelerations" if form == 2 else "unknown velocities and forces"
     )
+    if "rhs" not in right:
+        defines["GEOMETRY"] = right["geometry"][1][0].numel()
     diagonals = q.numel() <= FEW and 4 * stages > 3 * padded
     data = _tableau(stages, lanes, diagonals) + _needs(q, right)
     loops = ("gauss.c",) if "rhs" in right else ("dense.c", "gauss.c")
@@ -93,14 +95,12 @@ def _built(system: System, stages: int, form: int) -> Kernel:
 
 
 def _right_side(system: System, form: int, p: ca.SX) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
-    """The functions of the right-hand side: "rhs" alone, or "inertia" and "push" of dense.c."""
+    """The functions of the right-hand side: "rhs" alone, or those of dense.c."""
     q, v, t, u = system.q, system.v, system.t, system.control
     if form == 2:
         return {"rhs": ([q, v, t, u], [acceleration(system)])}
     if full_inertia(system):
-        rows, columns = ca.Sparsity.upper(q.numel()).get_triplet()  # the lower triangle row by row, by symmetry
-        triangle = ca.vertcat(*(system.mass_matrix[i, j] for i, j in zip(rows, columns, strict=True)))
-        return {"inertia": ([q, t], [triangle, constant_part(system)]), "push": ([q, v, t, u], [force(system)])}
+        return dense(system)
     speed = velocity(system, p)
     return {"rhs": ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])}
 

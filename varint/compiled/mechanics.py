@@ -37,3 +37,20 @@ def full_inertia(system: System) -> bool:
     fill, _ = ca.SX(system.mass_matrix).sparsity().ldl()
     work = sum((end - start + 1) ** 2 for start, end in zip(fill.colind(), fill.colind()[1:], strict=False)) / 2
     return work > WRITTEN_OUT and work > FULL * n**3 / 6
+
+
+def dense(system: System) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
+    """The functions of dense.c: M v and ∂L/∂q + F; what both share of q is computed before.
+
+    M v costs no more than the Lagrangian does by reverse differentiation, for a chain N operations and not N².
+    """
+    q, v, t, u, c = system.q, system.v, system.t, system.control, system.c
+    rest = constant_part(system)
+    product = system.momentum if rest.is_zero() else ca.jtimes(system.momentum, v, v)
+    both, symbols, values = ca.extract_parametric(ca.cse(ca.vertcat(product, force(system))), ca.vertcat(q, t, c), {})
+    known, n = ca.vertcat(*symbols), q.numel()
+    return {
+        "geometry": ([q, t], [ca.vertcat(*values), rest]),
+        "product": ([q, known, v, t], [both[:n]]),
+        "push": ([q, known, v, t, u], [both[n:]]),
+    }
