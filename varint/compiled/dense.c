@@ -13,8 +13,8 @@
 #define LD ((N + BLOCK - 1) / BLOCK * BLOCK)
 #define PANEL 4
 #define UNROLL _Pragma("GCC unroll 16")
-#define REDUCTION 0.1
-#define MOST_DIRECTIONS 10
+#define REDUCTION (N > 32 ? 100.0 / (N * N) : 0.1)
+#define MOST_DIRECTIONS 20
 
 /* L by columns and by rows, beyond N zero; 1 / D */
 static _Thread_local struct { double columns[LD * LD], rows[LD * LD], inverse[LD]; } factor __attribute__((aligned(64)));

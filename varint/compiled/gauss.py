@@ -10,8 +10,9 @@ import casadi as ca
 from varint.compiled.cache import vector_length
 from varint.compiled.graph import NotCompilable
 from varint.compiled.kernel import Kernel, build, emitted
-from varint.compiled.mechanics import acceleration, dense, force, full_inertia, velocity
+from varint.compiled.mechanics import acceleration, dense, force, velocity
 from varint.compiled.tableau import tableau_source
+from varint.legendre import full_inertia
 from varint.rules import Rule
 from varint.system import System
 
