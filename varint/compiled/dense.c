@@ -16,8 +16,8 @@
 #define REDUCTION (N > 32 ? 100.0 / (N * N) : 0.1)
 #define MOST_DIRECTIONS 20
 
-/* L by columns and by rows, beyond N zero; 1 / D */
-static _Thread_local struct { double columns[LD * LD], rows[LD * LD], inverse[LD]; } factor __attribute__((aligned(64)));
+/* L by columns, beyond N zero; 1 / D */
+static _Thread_local struct { double columns[LD * LD], inverse[LD]; } factor __attribute__((aligned(64)));
 static _Thread_local double one_direction; /* what one direction left of the square of the residual */
 static _Thread_local int renewals; /* so many evaluations from now on begin with a factorisation */
 
@@ -25,7 +25,7 @@ INLINE V part(const double *x) { V y; memcpy(&y, x, sizeof y); return y; }
 
 /* M from its products with unit vectors, as many at once as there are lanes; by symmetry rows are columns. */
 static __attribute__((noinline)) void factorise(const V *q, const V *t, const double *w) {
-    double *const l = factor.columns, *const rows = factor.rows, scaled[LD * PANEL], d[LD];
+    double *const l = factor.columns, scaled[LD * PANEL], d[LD];
     V g[GEOMETRY], x[LD], y[N];
     geometry(q, t, w, g, x);
     for (int i = 0; i < LD; i++) x[i] = splat(0.0);
@@ -48,11 +48,16 @@ static __attribute__((noinline)) void factorise(const V *q, const V *t, const do
         }
         for (int j = first; j < first + columns; j++) {
             const double inverse = factor.inverse[j] = 1 / (d[j] = l[j * LD + j]);
-            for (int other = j + 1; other < first + columns; other++) {
-                const double multiple = l[j * LD + other] * inverse;
-                for (int i = other; i < N; i++) l[other * LD + i] -= multiple * l[j * LD + i];
+            double multiple[PANEL];
+            for (int c = j - first + 1; c < columns; c++) multiple[c] = l[j * LD + first + c] * inverse;
+            for (int i = first / LANES * LANES; i < LD; i += LANES) {
+                const V own = part(l + j * LD + i), scaled_own = own * inverse;
+                memcpy(l + j * LD + i, &scaled_own, sizeof(V));
+                for (int c = j - first + 1; c < columns; c++) {
+                    const V other = part(l + (first + c) * LD + i) - own * multiple[c];
+                    memcpy(l + (first + c) * LD + i, &other, sizeof(V));
+                }
             }
-            for (int i = j + 1; i < N; i++) l[j * LD + i] *= inverse, rows[i * LD + j] = l[j * LD + i];
         }
     }
 }
@@ -74,10 +79,10 @@ static __attribute__((noinline)) void solve(V *x) {
         V a[BLOCK];
         for (int r = 0; r < BLOCK; r++) a[r] = x[first + r];
         for (int k = first + BLOCK; k < N; k++)
-            for (int r = 0; r < BLOCK; r++) a[r] -= x[k] * factor.rows[k * LD + first + r];
+            for (int r = 0; r < BLOCK; r++) a[r] -= x[k] * factor.columns[(first + r) * LD + k];
         UNROLL for (int r = BLOCK - 1; r >= 0; r--) {
             x[first + r] = a[r];
-            UNROLL for (int s = 0; s < r; s++) a[s] -= a[r] * factor.rows[(first + r) * LD + first + s];
+            UNROLL for (int s = 0; s < r; s++) a[s] -= a[r] * factor.columns[(first + s) * LD + first + r];
         }
     }
 }

@@ -354,7 +354,8 @@ int run(const Args *a) {
         if (++unsaved == a->save_every)
             unsaved = 0, save(rows, y, t0 + h * (double)(first + done + 1), h, w), rows += 3 * N;
     }
-    save(a->stats + 6, y, t0 + h * (double)(first + done), h, w);
+    if (done && !unsaved) memcpy(a->stats + 6, rows - 3 * N, 3 * N * sizeof(double));
+    else save(a->stats + 6, y, t0 + h * (double)(first + done), h, w);
     carry->steps_known = status ? 0 : (double)known, carry->expected = (double)expected, carry->h = h;
     memcpy(carry->y, y, sizeof y), memcpy(carry->rest, rest, sizeof rest);
     memcpy(carry->x[0], x, sizeof x), memcpy(carry->x[1], older, sizeof older);
