@@ -140,7 +140,10 @@ def test_steps_too_large_for_the_iteration_are_left_to_newton():
     q, v = vi.coordinates(*(f"a{i}" for i in range(LINKS)))
     system = vi.System(q, v, kinetic(q, v, np.ones(LINKS)) - 1e5 * ca.sumsqr(q[1:] - q[:-1]))
     options = {"q0": np.linspace(0, 0.1, LINKS), "v0": np.full(LINKS, 0.1), "h": 0.05, "steps": 3, "progress": False}
-    kernel, motion = gauss_kernel(system, vi.gauss(2)), vi.simulate(system, vi.gauss(2), backend="interpreted", **options)
+    kernel, motion = (
+        gauss_kernel(system, vi.gauss(2)),
+        vi.simulate(system, vi.gauss(2), backend="interpreted", **options),
+    )
     assert run(kernel, motion.q[0], motion.p[0], np.zeros(0), t0=0.0, h=0.05, steps=3).status == NOT_CONVERGED
     small = run(kernel, motion.q[0], motion.p[0], np.zeros(0), t0=0.0, h=1e-4, steps=3)
     found = vi.simulate(system, vi.gauss(2), backend="compiled", **options)
