@@ -149,23 +149,25 @@ INLINE void renew(const V *q, const V *t, const double *w) {
 
 /* v is the guess before and the result after. */
 static __attribute__((noinline)) void rhs(const V *q, const V *p, const V *t, const V *u, const double *w, V *v, V *f) {
-    V at[N], g[GEOMETRY], rest[LD], guess[LD], controls[NU + 1], force[N];
-    for (int i = 0; i < N; i++) at[i] = q[i * STRIDE], guess[i] = v[i * STRIDE];
+    V at[N], g[GEOMETRY], rest[LD], speed[LD], controls[NU + 1], force[N];
+    for (int i = 0; i < N; i++) at[i] = q[i * STRIDE], speed[i] = v[i * STRIDE];
     for (int i = 0; i < NU; i++) controls[i] = u[i * STRIDE];
     geometry(at, t, w, g, rest);
     for (int i = 0; i < N; i++) rest[i] = p[i * STRIDE] - rest[i];
-    improve(at, g, t, w + GEOMETRY_W, rest, guess);
-    push(at, g, guess, t, controls, w + PUSH_AT, force);
-    for (int i = 0; i < N; i++) v[i * STRIDE] = guess[i], f[i * STRIDE] = force[i];
+    improve(at, g, t, w + GEOMETRY_W, rest, speed);
+    push(at, g, speed, t, controls, w + PUSH_AT, force);
+    for (int i = 0; i < N; i++) v[i * STRIDE] = speed[i], f[i * STRIDE] = force[i];
 }
 
-/* The speeds from which the next round starts: those of the last one. x = b V; lanes beyond the stages repeat the last. */
-INLINE V guess(V x, V b) {
-    V v = choose(MASK(b > 0.0), x / b, splat(0.0));
+/* The speeds from which the next round starts: those of the last one, x = b V; lanes beyond the stages repeat the last. */
+INLINE void guess(const V *x, V b, V *v) {
+    const V inverse = choose(MASK(b != 0.0), 1.0 / b, splat(0.0));
+    for (int i = 0; i < N * STRIDE; i += STRIDE) {
+        v[i] = x[i] * inverse;
 #if STAGES % LANES
-    if (!(lane(b, LANES - 1) > 0)) v = choose(MASK(b > 0.0), v, splat(lane(v, STAGES % LANES - 1)));
+        if (lane(b, LANES - 1) == 0) v[i] = choose(MASK(b != 0.0), v[i], splat(lane(v[i], STAGES % LANES - 1)));
 #endif
-    return v;
+    }
 }
 
 /* v at a single point; what this needs was prepared for the right-hand side, which lies before in w. */

@@ -18,10 +18,15 @@
 #else
 #define ROWS (2 * N)
 #endif
+#ifdef GEOMETRY /* dense.c: a look costs nothing beside an evaluation */
+#define ALWAYS_LOOK 1
+#else
+#define ALWAYS_LOOK 0
+#endif
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
 #define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
-#define LOOSE 1e-8 /* a start of high degree amplifies errors of the stages of this size */
+#define LOOSE (FORM == 1 ? 1e-8 : INFINITY) /* errors of the stages of this size a start of high degree amplifies too much */
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
@@ -145,8 +150,7 @@ LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, con
     }
 #ifdef GEOMETRY /* dense.c */
     renew(&first[0][0], &at->t[0], w);
-    for (int d = 0; d < N; d++)
-        for (int k = 0; k < VECTORS; k++) fresh[d][k] = guess(x[d][k], at->b[k]);
+    for (int k = 0; k < VECTORS; k++) guess(&x[0][k], at->b[k], &fresh[0][k]);
 #endif
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
@@ -300,7 +304,7 @@ int run(const Args *a) {
             int end = 0;
             memcpy(x, fresh, sizeof x);
             while (count < most && !end && !(known && change.checks > 1 && !(change.now <= DIVERGED * change.first))) {
-                if (++count + 1 < expected && N <= FEW) { /* the last step needed more: no look at the change yet */
+                if (++count + 1 < expected && !ALWAYS_LOOK) { /* the last step needed more: no look at the change yet */
                     evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, x);
                     continue;
                 }

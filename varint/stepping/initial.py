@@ -26,6 +26,7 @@ REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at ag
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
 LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
 MOST_STEPS = 10**15  # years of the cheapest steps
+SAFE_PIVOT = 1e-3  # eigenvalues are then far above SINGULAR: what elimination makes of 1e-13 is not much larger
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -198,12 +199,12 @@ def _regular_at(system: System) -> set[bytes]:
     return set()
 
 
-def _smallest_at_least(matrix: np.ndarray) -> float:
-    """A lower bound of the eigenvalues' absolute values, at most √n too low, in a tenth of their time."""
+def _surely_regular(matrix: np.ndarray) -> bool:
+    """Whether Cholesky's method finds no small pivot: in a tenth of the eigenvalues' time."""
     try:
-        return 1 / float(np.linalg.norm(np.linalg.inv(matrix)))
+        return bool(np.linalg.cholesky(matrix).diagonal().min() > SAFE_PIVOT)
     except np.linalg.LinAlgError:
-        return 0.0
+        return False
 
 
 def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
@@ -212,7 +213,7 @@ def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
         return
     size = np.sqrt(np.abs(np.diag(mass)))
     scaled = mass / np.outer(np.where(size > 0, size, 1), np.where(size > 0, size, 1))
-    if _smallest_at_least(scaled) > SINGULAR:
+    if _surely_regular(scaled):
         if system.structure.constant_mass and len(known) < REMEMBERED:
             known.add(key)
         return
