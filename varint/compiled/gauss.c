@@ -58,7 +58,7 @@ typedef V Unknowns[ROWS][VECTORS];
 
 /* What a run needs to go on as if it had not stopped. */
 typedef struct {
-    double steps_known, expected, h, rate, count, tried, counts[2]; /* of the steps tried in either order */
+    double steps_known, expected, h, rate, loose, count, tried, counts[2]; /* of the steps tried in either order */
     double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
     double x[3][ROWS][PADDED]; /* of the last two steps, and of the one that is begun */
 } Carry;
@@ -346,7 +346,7 @@ int run(const Args *a) {
     Nodes at;
     Change change;
     int64_t known = 0, expected = 0, iterations = 0, largest_count = 0, done = 0, unsaved = 0;
-    int status = DONE, seidel = 1;
+    int status = DONE, seidel = 1, loose = level > LOOSE; /* a start of low degree, also where one of high degree has failed */
     double tried = HALVES ? 0 : 2 * TRIAL, counts[2] = {0, 0};
     double slowest = 0;
     const double scale_b = FORM == 2 ? h * h : h;
@@ -360,7 +360,7 @@ int run(const Args *a) {
         memcpy(now.x, carry->x[2], sizeof last), now.count = (int64_t)carry->count;
         for (int r = 0; r < ROWS; r++) change.scale[r] = 0, change.noise[r] = carry->noise[r];
         set_scale(&change, carry->scale, 0);
-        change.rate = carry->rate;
+        change.rate = carry->rate, loose = (int)carry->loose;
         tried = carry->tried, memcpy(counts, carry->counts, sizeof counts);
         seidel = LONGER * counts[1] <= counts[0];
     } else {
@@ -397,7 +397,7 @@ int run(const Args *a) {
         }
         if (begun) set_momenta(&now, STAGE_M1, now.x, 0, 0);
         for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
-            if (!now.count) begin(&now, &at, h, w, known, last, older, level > LOOSE, seidel);
+            if (!now.count) begin(&now, &at, h, w, known, last, older, loose, seidel);
             int end = 0;
             const int64_t first_count = begun ? now.count + 1 : 0; /* its change is that of the start of the step, too */
             change.checks = 0;
@@ -407,7 +407,7 @@ int run(const Args *a) {
 #if AHEAD
                 if (known && 2 * now.count >= expected) { /* earlier, x is too far from where it will be */
                     set_base_after(&next, &now, t0 + h * (double)(first + done + 1), &at);
-                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, level > LOOSE, seidel);
+                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, loose, seidel);
                     else {
                         Unknowns after;
                         iterate(&next, &at, h, w, seidel, after);
@@ -429,7 +429,7 @@ int run(const Args *a) {
             iterations += now.count;
             if (end) break;
             if (!known) { status = NOT_CONVERGED; break; }
-            known = expected = now.count = next.count = 0;
+            known = expected = now.count = next.count = 0, loose = 1;
         }
         if (status) break;
         /* where already the first look saw nothing but round-off, the next step looks earlier */
@@ -479,7 +479,7 @@ int run(const Args *a) {
     memcpy(carry->x[2], now.x, sizeof last), carry->count = (double)now.count;
     carry->tried = tried, memcpy(carry->counts, counts, sizeof counts);
     memcpy(carry->scale, change.scale, sizeof carry->scale), memcpy(carry->noise, change.noise, sizeof carry->noise);
-    carry->rate = change.rate;
+    carry->rate = change.rate, carry->loose = loose;
     a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;
     a->stats[4] = status ? change.now : 0, a->stats[5] = slowest;
     return status;
