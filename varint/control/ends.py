@@ -109,14 +109,17 @@ def _number(what: str, x: Any) -> float:
     return converted(lambda: float(x), lambda: f"{what} must be a number, None or free(…), got {x!r}")
 
 
+def _entries(value: Any) -> Sequence[Any] | np.ndarray:
+    return value if isinstance(value, Sequence) else np.array(value, dtype=float).reshape(-1)
+
+
 def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
     if value is None or value is False:
         return None
     if value is True:
         return np.zeros(n)
-    entries = value if isinstance(value, Sequence) else np.atleast_1d(value)
     offset = converted(
-        lambda: np.array([np.nan if x is None else float(x) for x in entries]),
+        lambda: np.array([np.nan if x is None else float(x) for x in _entries(value)]),
         lambda: f"periodic must be True or one offset (or None) for each of {list(names)}",
     )
     if offset.shape != (n,):

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from varint.discrete import point_function
 from varint.errors import InputError
@@ -107,3 +110,14 @@ def blocks_of(
     from varint.stepping.native import native_blocks
 
     return native_blocks(system, rule, task, kernel, at)
+
+
+def divided(system: System, rule: Rule, task: Task, kernel: Kernel | None, at: Position) -> list[Block]:
+    """The step at which a run failed in parts; compiled implicit rules go on from there by Newton's method."""
+    from varint.stepping.subdivide import subdivided
+
+    block, n = subdivided(system, rule, task, at), system.structure.n
+    if kernel is None or rule.kicks or block.after is None:
+        return [block]
+    x = np.concatenate([block.after.x[:n], block.after.x[2 * n : 3 * n]])
+    return [replace(block, after=Position(x, np.empty(0), np.empty(0), block.after.k, 0, by_newton=True))]

@@ -40,6 +40,15 @@ def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> 
     )  # fmt: skip
 
 
+def refusal(motion: Trajectory, step: int, why: str) -> ConvergenceError:
+    """The error of a step that cannot be done, whatever its size."""
+    return ConvergenceError(
+        f"the step after t = {motion.t[-1]:g} (step {step}) cannot be done: {why}. "
+        f"Error.trajectory has the {len(motion)} nodes before it",
+        step=step, time=float(motion.t[-1]), residual=float("nan"), trajectory=motion, cause=why,
+    )  # fmt: skip
+
+
 @np.errstate(all="ignore")
 def likely_cause(motion: Trajectory) -> str:
     """The likely cause of the failure of the step after the trajectory's last node, with what to try."""
@@ -128,11 +137,17 @@ def _undefined(motion: Trajectory) -> list[str]:
     u = np.zeros(motion.system.structure.controls)
     v, t = np.broadcast_to(last.v, ahead.shape), np.full((len(ahead), 1), last.t)
     values = np.concatenate(over_columns(_dense(point), ahead, v, u, t, motion.c), axis=1)
+    what = "the Lagrangian or the force"
+    if np.isfinite(values).all():
+        what, values = (
+            "a constraint or the gap of a contact",
+            over_columns(_conditions(motion.system), ahead, t, motion.c)[0],
+        )
     if np.isfinite(values).all():
         return []
     where = ahead[int(np.argmin(np.isfinite(values).all(axis=1)))]
     return [
-        f"the Lagrangian or the force is not defined where the step leads, near q = {np.round(where, 6).tolist()} (a "
+        f"{what} is not defined where the step leads, near q = {np.round(where, 6).tolist()} (a "
         "square root or logarithm of a negative number, a division by zero): bound the motion, or try a smaller h"
     ]
 
@@ -177,6 +192,14 @@ def _dense_constraints(system: System) -> ca.Function:
     s = system
     slope = ca.densify(constraint_function(s)(s.q, s.t, s.c)[1].T)  # column after column: row after row
     return ca.Function("slope", [s.q, s.t, s.c], [slope])
+
+
+@per_system
+def _conditions(system: System) -> ca.Function:
+    s = system
+    rows = ca.vertcat(s.constraint, ca.vec(s.nonholonomic), s.contact)
+    rows = ca.vertcat(rows, ca.vec(ca.jacobian(rows, s.q)))
+    return ca.Function("conditions", [s.q, s.t, s.c], [ca.densify(rows)])
 
 
 def _dense(point: ca.Function) -> ca.Function:

@@ -49,7 +49,7 @@ def initial_task(
     n = system.structure.n
     step, count = time_grid(h, steps, duration)
     save_every = whole("save_every", save_every)
-    t0 = number("t0", t0)
+    refuse_standstill(t0 := number("t0", t0), step)
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
@@ -120,8 +120,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     if len(given) != 2:
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
     steps = None if steps is None else whole("steps", steps)
-    if steps is not None and steps > MOST_STEPS:
-        raise InputError(f"steps={steps} is more than any run can take; at most {MOST_STEPS}")
+    _refuse_too_many(steps or 0)
     for name, x in (("h", h), ("duration", duration)):
         if x is not None and number(name, x) == 0:
             raise InputError(f"{name} must not be zero")
@@ -130,6 +129,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     ratio = float(duration) / float(h)  # type: ignore[arg-type]
     if ratio < 0:
         raise InputError(f"h={h} and duration={duration} have different signs; a backward run takes both negative")
+    _refuse_too_many(ratio)
     count = max(round(ratio), 1)
     if abs(ratio - count) > WHOLE * count:
         up = math.ceil(ratio)
@@ -138,6 +138,20 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
             f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
         )
     return float(duration) / count, count  # type: ignore[arg-type]
+
+
+def _refuse_too_many(steps: float) -> None:
+    if steps > MOST_STEPS:
+        raise InputError(f"steps={steps:.6g} is more than any run can take; at most {MOST_STEPS:.0g}")
+
+
+def refuse_standstill(t0: float, h: float) -> None:
+    """Refuse a start so late that its steps do not show in double precision."""
+    if t0 + h == t0:
+        raise InputError(
+            f"t0 = {t0:g} and a step of {h:g} later is the same number in double precision, so time would stand still: "
+            "count it from a nearer origin"
+        )
 
 
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:

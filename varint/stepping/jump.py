@@ -14,6 +14,7 @@ from varint.trajectory import Trajectory
 
 SAMPLES = 10
 GROSS = 0.25  # of the largest p·v, that is half of the kinetic energy
+WAITED = 1e-3  # of a step: the time of a body that comes to rest is that after the bounces that are left out
 NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
 
 
@@ -31,9 +32,9 @@ class Jump(NamedTuple):
 
 
 def keeps_energy(system: System) -> bool:
-    """Whether nothing in the scene may change its energy, so that a change tells of a step too large."""
+    """Whether nothing but impacts may change the energy, so that another change tells of a step too large."""
     s = system.structure
-    return s.autonomous and not (s.forced or s.degenerate or s.nonholonomic or s.contacts)
+    return s.autonomous and not (s.forced or s.degenerate or s.nonholonomic)
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
@@ -70,12 +71,24 @@ def energy_jump(motion: Trajectory) -> Jump | None:
             _energy_function(motion.system), q, motion[np.arange(last + 1)[i]].v, t[:, None], motion.c, h
         )
     energy, moving, kicked = (x[:, 0].tolist() for x in found)  # so few that lists are faster than arrays
+    if motion.system.structure.contacts:
+        energy = (np.array(energy) - _given_by_impacts(motion, t)).tolist()
     before = energy[0]
     largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
     for k, after in enumerate(energy):
         if not abs(after - before) <= largest:
             return Jump(float(t[k]), before, after)
     return None
+
+
+def _given_by_impacts(motion: Trajectory, times: np.ndarray) -> np.ndarray:
+    """Energy that impacts have given, or taken where it is negative, until each time."""
+    impacts = [event for event in motion.events if event.contact is not None]
+    gains = np.array([0.0, *(event.energy_after - event.energy_before for event in impacts)])
+    direction = 1.0 if motion.h > 0 else -1.0
+    when = np.array([direction * event.time for event in impacts])
+    late = WAITED * abs(motion.h)
+    return np.cumsum(gains)[np.searchsorted(when, direction * times + late, side="right")]
 
 
 @per_system
