@@ -118,10 +118,11 @@ def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
         return None
     if value is True:
         return np.zeros(n)
-    offset = converted(
-        lambda: np.array([np.nan if x is None else float(x) for x in _entries(value)]),
-        lambda: f"periodic must be True or one offset (or None) for each of {list(names)}",
-    )
-    if offset.shape != (n,):
-        raise InputError(f"periodic has {len(offset)} entries; one for each of {list(names)}")
+    wanted = f"periodic must be True or one finite offset (or None) for each of {list(names)}"
+    entries = converted(lambda: list(_entries(value)), lambda: wanted)
+    if len(entries) != n:
+        raise InputError(f"periodic has {len(entries)} entries; one for each of {list(names)}")
+    offset = converted(lambda: np.array([np.nan if x is None else float(x) for x in entries]), lambda: wanted)
+    if not all(x is None or np.isfinite(y) for x, y in zip(entries, offset, strict=True)):  # a symbol is NaN
+        raise InputError(wanted)
     return offset
