@@ -21,6 +21,7 @@ from varint.stepping.contact import MOST_IMPACTS, PULL, TOUCH, Setting, settle
 from varint.stepping.contact_search import Passage, earliest
 from varint.stepping.contact_view import Instant, View, first_contact, rates_function, view
 from varint.stepping.events import LOCATED, lowest
+from varint.stepping.pace import steps_at_once
 from varint.stepping.plan import plan
 from varint.stepping.run import (
     RESIDUAL_LIMIT,
@@ -128,7 +129,7 @@ def _quiet(system: System, rule: Rule, task: Task, at: Position, here: View) -> 
     """Steps from a node of the grid on in which no contact closes or lets go, and whether one does in the next."""
     assert at.phase is not None and at.t is not None
     n, scene = system.structure.n, at.phase.scene(system)
-    count, _ = next_block(at.k, task.steps, 1, at.largest)
+    count, _ = next_block(at.k, task.steps, 1, at.largest, steps_at_once(scene, rule))
     k = at.k + np.arange(1, count + 1)
     t = task.t0 + task.h * np.append(at.k, k)
     arguments = task.controls(at.k, count), t[:-1].copy(), np.array([task.h]), task.c, at.scale
