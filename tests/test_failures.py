@@ -228,7 +228,14 @@ def test_what_cannot_be_divided_fails_with_the_nodes_before_it():
     q, v = vi.coordinates("x")
     root = vi.System(q, v, v**2 / 2 - q + ca.sqrt(q))
     error = failure(root, vi.gauss(2), q0=1.0, v0=-3.0, h=0.01, steps=1000, on_failure="subdivide")
-    assert "in 1024 parts, too" in str(error)
+    assert "has no solution, nor have 2, 4, … 1024 parts" in str(error)
+
+
+def test_parts_that_never_agree_are_no_solution():
+    """A fall into the centre: 1024 parts of the step are solved, each number of them otherwise."""
+    error = failure(kepler(), vi.gauss(4), q0=[1, 0], v0=[0, 1e-5], h=0.01, steps=200, on_failure="subdivide")
+    assert "one on which they agree" in str(error) and "collision" in error.cause
+    assert error.time == pytest.approx(1.11)
 
 
 def test_remedies_that_do_not_exist_are_refused():
@@ -253,3 +260,27 @@ def test_progress_shows_rate_and_energy_error_and_is_silent_when_not_wanted(caps
     vi.simulate(double_pendulum(), vi.gauss(2), progress=False, **start)
     vi.simulate(double_pendulum(), vi.gauss(2), **start)  # no terminal: nobody watches
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("rule", [None, vi.midpoint()], ids=["default", "midpoint"])
+def test_an_energy_that_is_no_number_is_told_from_a_step_too_large(rule):
+    """The force of log x goes on behind x = 0, the Lagrangian does not; √x is left by the midpoint rule's last step."""
+    q, v = vi.coordinates("x")
+    with pytest.warns(UserWarning, match=r"the energy is not defined near q = \[-.* logarithm of a negative number"):
+        vi.simulate(vi.System(q, v, v**2 / 2 - q + ca.log(q) / 100), rule, q0=1.0, v0=-3.0, h=0.01, steps=100)
+    root = failure(vi.System(q, v, v**2 / 2 - q + ca.sqrt(q)), vi.midpoint(), q0=1.0, v0=-3.0, h=0.01, steps=1000)
+    assert root.cause.startswith("the energy is not defined near q = [-")
+
+
+def test_a_lagrangian_that_ends_at_a_time_is_named():
+    q, v, t = *vi.coordinates("x"), vi.time()
+    error = failure(vi.System(q, v, v**2 / 2 - q**2 * ca.log(1 - t), t=t), q0=1.0, v0=0.0, h=0.01, steps=200)
+    assert "not defined where the step leads" in error.cause and "at t = 1 " in error.cause
+
+
+def test_a_constraint_that_loses_its_gradient_is_named():
+    """The cusp of x² = y³."""
+    q, v = vi.coordinates("x", "y")
+    cusp = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], constraint=q[0] ** 2 - q[1] ** 3)
+    error = failure(cusp, q0=[1, 1], v0=[0, 0], h=0.01, steps=300)
+    assert "the gradients of the constraint rows [0] nearly vanish" in error.cause

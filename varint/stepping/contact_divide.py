@@ -30,7 +30,7 @@ def divided(system: System, rule: Rule, task: Task, at: Position) -> list[Block]
     found, parts = agreeing(attempt, now.q)
     last = found[-1].after
     assert last is not None and last.phase is not None
-    if last.k < parts:
+    if not parts:
         nothing = np.empty((0, n))
         failed = found[-1].failed
         return [Block(np.array([k + 1]), nothing, nothing, 0.0, 0, failed, np.empty(0), at.phase, after=at)]

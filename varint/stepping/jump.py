@@ -19,16 +19,37 @@ NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
 
 
 class Jump(NamedTuple):
-    """The energy at some node is not the one of the start by far."""
+    """The energy at some node, where q is given, is not the one of the start by far, or no number."""
 
     time: float
     before: float
     after: float
+    q: np.ndarray
 
-    def __str__(self) -> str:
-        return (
-            f"the energy went from {self.before:.6g} to {self.after:.6g} by t = {self.time:.6g}, which nothing in the"
-        )
+    def alarm(self, h: float) -> str:
+        """What is wrong, of a run that came to its end with steps h."""
+        return self._undefined() or f"{self._change()}: h = {h:g} is too large, try a smaller one"
+
+    @property
+    def cause(self) -> str:
+        """The same of a run that failed later."""
+        wrong = "h is too large, and steps before this one were wrong already: try a smaller h"
+        return self._undefined() or f"{self._change()}: {wrong}"
+
+    def _change(self) -> str:
+        before, after = f"{self.before:.6g}", f"{self.after:.6g}"
+        return f"the energy went from {before} to {after} by t = {self.time:.6g}, which nothing in the scene can do"
+
+    def _undefined(self) -> str:
+        return "" if np.isfinite(self.after) else f"the energy is not defined {undefined_at(self.q, self.time)}"
+
+
+def undefined_at(q: np.ndarray, t: float) -> str:
+    """Where something is not defined, how that may be, and what to do."""
+    return (
+        f"near q = {np.round(q, 6).tolist()} at t = {t:.6g} (a square root or logarithm of a negative number, a "
+        "division by zero): bound the motion, or try a smaller h"
+    )
 
 
 def keeps_energy(system: System) -> bool:
@@ -77,7 +98,7 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
     for k, after in enumerate(energy):
         if not abs(after - before) <= largest:
-            return Jump(float(t[k]), before, after)
+            return Jump(float(t[k]), before, after, q[k])
     return None
 
 

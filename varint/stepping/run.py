@@ -180,7 +180,8 @@ def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> I
 def next_block(k: int, steps: int, every: int, largest: int, most: int) -> tuple[int, int]:
     """(nodes, steps between them) of the block after k steps: a power of ten of nodes, or of steps within an interval.
 
-    It has at most so many nodes and steps (`steps_at_once`), and depends on the position alone, so a run that is taken up again has the blocks of the one that was not stopped.
+    It has at most so many nodes and steps (`steps_at_once`). It depends on the position alone, so a run that is taken
+    up again has the blocks of the one that was not stopped.
     """
     whole = (steps - k) // every
     if k % every or not whole or every > most:

@@ -164,7 +164,7 @@ def simulate(
     course = course_of(system, chosen, task, began, backend=backend, on_failure=on_failure, file=file)
     motion = travelled(course, stop=stop, watches=watches, file=file, progress=progress, on_failure=on_failure)
     if jump := energy_jump(motion):
-        warnings.warn(f"{jump} scene can do: h = {motion.h:g} is too large, try a smaller one", stacklevel=2)
+        warnings.warn(jump.alarm(motion.h), stacklevel=2)
     return motion if save_every == task.save_every else thinned(motion, int(save_every))
 
 

@@ -21,6 +21,7 @@ from varint.trajectory import Event
 T = TypeVar("T")
 
 AGREED = 1e-8  # of the way of the step
+COARSE = 1e-2  # of it: as many parts as there may be agree with half of them at least so far, or nothing is known
 MOST_PARTS = 1024  # of a step: what still fails then is a singularity, not a step that is too large
 
 
@@ -59,15 +60,18 @@ def in_parts(rule: Rule, task: Task, k: int, began: float, left: float, parts: i
 def agreeing(attempt: Callable[[int], tuple[np.ndarray | None, T]], start: np.ndarray) -> tuple[T, int]:
     """What an attempt with 2, 4, … parts found, and how many: enough to be solved and to agree with half of them.
 
-    An attempt returns the coordinates where it ended, None where it failed, and what it found on the way.
+    An attempt returns the coordinates where it ended, None where it failed, and what it found on the way. No parts are
+    returned where even the most of them do not agree.
     """
     parts, before = 1, None
     while True:
         parts *= 2
         end, found = attempt(parts)
-        agrees = end is not None and before is not None
-        if parts == MOST_PARTS or (agrees and np.abs(end - before).max() <= AGREED * np.abs(end - start).max()):
-            return found, parts
+        apart, way = np.inf, 0.0
+        if end is not None and before is not None:
+            apart, way = np.abs(end - before).max(), np.abs(end - start).max()
+        if apart <= AGREED * way or parts == MOST_PARTS:
+            return found, parts if apart <= COARSE * way else 0
         before = end
 
 
@@ -86,7 +90,7 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
     x, k, worst, failed, iterations = at.x, at.k, 0.0, 0.0, 0
     while k < end:
         states, parts = _divided(system, rule, task, k, x, at.scale)
-        if good_nodes(states) < len(states):
+        if not parts:
             failed = size(states[-1])
             break
         t = task.t0 + task.h * (k + np.arange(1, parts + 1) / parts)
@@ -125,7 +129,7 @@ def _iterations(system: System, rule: Rule, x: np.ndarray, states: np.ndarray, p
 def _divided(
     system: System, rule: Rule, task: Task, k: int, x: np.ndarray, scale: np.ndarray
 ) -> tuple[np.ndarray, int]:
-    """States at the ends of the parts of step k, and how many: one, or enough."""
+    """States at the ends of the parts of step k, and how many: one, or enough, or none where no number is enough."""
     states, n = _one_step(system, rule, task, k, x, scale), system.structure.n
     if good_nodes(states) == 1:
         return states, 1
