@@ -261,6 +261,9 @@ def test_other_kinds_of_pools_work_too():
     pool = loky.get_reusable_executor(max_workers=2)
     try:
         assert_same(vi.ensemble(system, q0=q0, executor=pool, **START), plain)
+        victim = next(iter(pool._processes))
+        os.kill(victim, getattr(signal, "SIGKILL", signal.SIGTERM))
+        assert_same(vi.ensemble(system, q0=q0, executor=pool, **START), plain)
     finally:
         pool.shutdown(wait=True, kill_workers=True)
 

@@ -115,8 +115,8 @@ def _dependent_rows(motion: Trajectory) -> list[str]:
     lost = np.flatnonzero(size[nodes:, :, 0].min(axis=0) < NEARER * size[:nodes, :, 0].max(axis=0)).tolist()
     if lost:
         return [
-            f"a singular configuration (the gradients of the constraint rows {lost} nearly vanish, as at a corner or an "
-            "end of the allowed curve): try a smaller h, start elsewhere, or write the constraint without a corner"
+            f"a singular configuration (the gradients of the constraint rows {lost} nearly vanish, as at a corner or "
+            "an end of the allowed curve): try a smaller h, start elsewhere, or write the constraint without a corner"
         ]
     rows = rows / np.where(size > 0, size, 1)
     if not np.isfinite(rows).all():
