@@ -66,7 +66,7 @@ def initial_task(
 
 
 @per_system
-def _held_function(system: System) -> ca.Function:
+def held_function(system: System) -> ca.Function:
     """(q, t, c) → constraints and gaps."""
     s = system
     return ca.Function("held", [s.q, s.t, s.c], [ca.densify(ca.vertcat(s.constraint, s.contact))])
@@ -80,7 +80,7 @@ def _check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None
     from varint.manifold import every_row_function
 
     rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
-    rows += call(_held_function(system), q, np.array([t0]), c)
+    rows += call(held_function(system), q, np.array([t0]), c)
     if not all((np.abs(x) < STEEPEST).all() for x in rows):
         raise InputError(
             f"the constraints, the gaps or their gradients are not finite at the start, q0={q}, t0={t0:g}: a square "
