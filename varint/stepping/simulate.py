@@ -90,9 +90,10 @@ def simulate(
         and ends with the same bytes as a run that was not stopped; after the end it returns the whole run at once.
         One run a file, one process a run.
     on_failure : {"raise", "subdivide"}
-        ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts (interpreted). They become nodes, and
-        `Trajectory.events` tells of it. The step changes there, so a symplectic rule loses its long-time guarantees
-        locally: for a rare close approach, not for a step that is too large everywhere.
+        ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts, until they agree with half as many.
+        They become nodes, and `Trajectory.events` tells of it; controls within the step are the polynomial through
+        those at its nodes. The step changes there, so a symplectic rule loses its long-time guarantees locally: for a
+        rare close approach, not for a step that is too large everywhere.
 
     Returns
     -------
