@@ -284,3 +284,11 @@ def test_a_constraint_that_loses_its_gradient_is_named():
     cusp = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], constraint=q[0] ** 2 - q[1] ** 3)
     error = failure(cusp, q0=[1, 1], v0=[0, 0], h=0.01, steps=300)
     assert "the gradients of the constraint rows [0] nearly vanish" in error.cause
+
+
+def test_an_energy_that_is_no_number_far_away_is_told_without_a_warning_of_numpy():
+    """Found by fuzzing: q is 1e305 after one step, and rounding it to six digits overflows."""
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, 1e-20 * (ca.sumsqr(v) / 2 - ca.log(q[0])))
+    with pytest.warns(UserWarning, match=r"the energy is not defined near q = \[-?\d\.\d*e\+30\d, 0\]"):
+        vi.simulate(system, q0=[3e-305, 0.0], v0=[0.0, 0.0], h=1.0, steps=1, backend="interpreted")

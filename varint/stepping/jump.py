@@ -46,9 +46,10 @@ class Jump(NamedTuple):
 
 def undefined_at(q: np.ndarray, t: float) -> str:
     """Where something is not defined, how that may be, and what to do."""
+    where = ", ".join(f"{x:.6g}" for x in q)
     return (
-        f"near q = {np.round(q, 6).tolist()} at t = {t:.6g} (a square root or logarithm of a negative number, a "
-        "division by zero): bound the motion, or try a smaller h"
+        f"near q = [{where}] at t = {t:.6g} (a square root or logarithm of a negative number, a division by zero, an "
+        "overflow): bound the motion, or try a smaller h"
     )
 
 
