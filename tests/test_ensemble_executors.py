@@ -170,10 +170,8 @@ def test_a_store_bounds_the_memory_of_an_ensemble_that_is_larger(tmp_path, monke
     assert kept == plain, "the statistics depend on where the members are kept"
 
 
-def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chunks, tmp_path, monkeypatch):
-    zarr = pytest.importorskip("zarr", reason="needs the extra: pip install varint-mechanics[zarr]")
-    system, q0 = double_pendulum(), starts(53)
-    plain = vi.ensemble(system, q0=q0, **START)
+def stopped_after_four(monkeypatch) -> list[int]:
+    """Ctrl-C after four chunks; the first members of those that are done."""
     stepped, done = module.stepped, []
 
     def interrupted(system, rule, members, backend):
@@ -182,14 +180,21 @@ def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chu
         done.append(members.first)
         return stepped(system, rule, members, backend)
 
+    monkeypatch.setattr(module, "stepped", interrupted)
+    return done
+
+
+def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chunks, tmp_path, monkeypatch):
+    zarr = pytest.importorskip("zarr", reason="needs the extra: pip install varint-mechanics[zarr]")
+    system, q0 = double_pendulum(), starts(53)
+    plain = vi.ensemble(system, q0=q0, **START)
     where = tmp_path / "kept.zarr"
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "stepped", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            vi.ensemble(system, q0=q0, store=where, **START)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        done = stopped_after_four(patch)
+        vi.ensemble(system, q0=q0, store=where, **START)
     with pytest.raises(vi.InputError, match="not complete"):
         vi.load(where)
-    before, seen = set(done), []
+    before, seen, stepped = set(done), [], module.stepped
 
     def counted(system, rule, members, backend):
         seen.append(members.first)
@@ -271,18 +276,9 @@ def test_other_kinds_of_pools_work_too():
 def test_an_interrupted_ensemble_goes_on_where_it_was(small_chunks, tmp_path, monkeypatch):
     system, q0 = double_pendulum(), starts(50)
     plain = vi.ensemble(system, q0=q0, **START)
-    stepped, done = module.stepped, []
-
-    def interrupted(system, rule, members, backend):
-        if len(done) == 4:
-            raise KeyboardInterrupt
-        done.append(members.first)
-        return stepped(system, rule, members, backend)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "stepped", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            vi.ensemble(system, q0=q0, store=tmp_path / "kept", **START)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stopped_after_four(patch)
+        vi.ensemble(system, q0=q0, store=tmp_path / "kept", **START)
     with pytest.raises(vi.InputError, match="not complete"):
         vi.load(tmp_path / "kept")
     (tmp_path / "kept" / "members_0000000049_0000001.npz.part").write_bytes(b"killed while writing")

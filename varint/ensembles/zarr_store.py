@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -51,11 +50,8 @@ def group_of(where: Any, mode: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class ZarrStore(Sequence):
-    """The members in a group that are done, as a sequence of chunks in order; each is read when asked for.
-
-    A member is done when its number of good nodes is written, which comes last.
-    """
+class Group:
+    """The members in a group that are done: those whose number of good nodes is written, which comes last."""
 
     group: Any
 
@@ -72,21 +68,8 @@ class ZarrStore(Sequence):
             for first in range(begin, end, most)
         ]
 
-    @property
-    def sizes(self) -> list[int]:
-        """Number of members of each chunk."""
-        return [count for _, count in self.ranges]
-
-    def __len__(self) -> int:
-        return len(self.ranges)
-
-    def __getitem__(self, i: Any) -> Any:
-        return self._chunk(*self.ranges[i])
-
-    def __iter__(self) -> Iterator[Chunk]:
-        return (self._chunk(first, count) for first, count in self.ranges)
-
-    def _chunk(self, first: int, count: int) -> Chunk:
+    def chunk(self, first: int, count: int) -> Chunk:
+        """A piece of what is done."""
         part = slice(first, first + count)
         return Chunk(first, *(_read(self.group, f.name, part) for f in fields(Chunk)[1:]))
 
