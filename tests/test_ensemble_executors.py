@@ -215,6 +215,15 @@ def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chu
     with pytest.raises(vi.InputError, match="not empty and holds no ensemble"):
         vi.ensemble(system, q0=q0, store=tmp_path / "foreign.zarr", **START)
     chunk = next(path for path in (where / "q").rglob("*") if path.is_file() and path.name != "zarr.json")
+    whole, refused = chunk.read_bytes(), 0
+    for i in range(20, len(whole), len(whole) // 9):
+        chunk.write_bytes(whole[:i] + bytes([whole[i] ^ 4]) + whole[i + 1 :])
+        try:
+            assert_same(vi.load(where), plain)  # a bit that nothing reads
+        except vi.InputError as error:
+            assert "torn or not from varint" in str(error)
+            refused += 1
+    assert refused >= 7
     chunk.write_bytes(chunk.read_bytes()[:20])
     with pytest.raises(vi.InputError, match="torn or not from varint"):
         _ = vi.load(where).q
