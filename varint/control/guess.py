@@ -186,10 +186,10 @@ def _inverse_dynamics(phase: Checked, q, v, moved: np.ndarray, t0: float, guess:
     v = v.reshape(-1, n)
     a = np.zeros_like(v)
     if count > 1:
-        middles = (phase.mesh[:-1] + phase.mesh[1:]) / 2
+        middles = t0 + guess.duration * (phase.mesh[:-1] + phase.mesh[1:]) / 2
         with np.errstate(all="ignore"):  # what is not finite is left out below
-            rates = np.gradient(moved / np.diff(phase.mesh)[:, None], middles, axis=0) / guess.duration**2
-        a = np.array([np.interp(local.ravel(), middles, rate) for rate in rates.T]).T
+            rates = np.gradient(moved / (guess.duration * np.diff(phase.mesh))[:, None], middles, axis=0)
+        a = np.array([np.interp(t, middles, rate) for rate in rates.T]).T
     low, high = (np.where(np.isfinite(side), side, 0) for side in phase.bounds.u)
     rest = np.clip(0.0, low, high)
     u = over_columns(_inverse(phase.system), q.reshape(-1, n), v, a, rest, t[:, None], guess.c)[0]
