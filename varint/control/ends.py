@@ -109,16 +109,20 @@ def _number(what: str, x: Any) -> float:
     return converted(lambda: float(x), lambda: f"{what} must be a number, None or free(…), got {x!r}")
 
 
+def _entries(value: Any) -> Sequence[Any] | np.ndarray:
+    return value if isinstance(value, Sequence) else np.array(value, dtype=float).reshape(-1)
+
+
 def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
     if value is None or value is False:
         return None
     if value is True:
         return np.zeros(n)
-    entries = value if isinstance(value, Sequence) else np.atleast_1d(value)
-    offset = converted(
-        lambda: np.array([np.nan if x is None else float(x) for x in entries]),
-        lambda: f"periodic must be True or one offset (or None) for each of {list(names)}",
-    )
-    if offset.shape != (n,):
-        raise InputError(f"periodic has {len(offset)} entries; one for each of {list(names)}")
+    wanted = f"periodic must be True or one finite offset (or None) for each of {list(names)}"
+    entries = converted(lambda: list(_entries(value)), lambda: wanted)
+    if len(entries) != n:
+        raise InputError(f"periodic has {len(entries)} entries; one for each of {list(names)}")
+    offset = converted(lambda: np.array([np.nan if x is None else float(x) for x in entries]), lambda: wanted)
+    if not all(x is None or np.isfinite(y) for x, y in zip(entries, offset, strict=True)):  # a symbol is NaN
+        raise InputError(wanted)
     return offset

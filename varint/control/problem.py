@@ -17,6 +17,7 @@ from varint.control.links import Link, Linked, linked
 from varint.control.onto import ends_on_manifold
 from varint.control.phase import Checked, Phase, checked
 from varint.errors import InputError
+from varint.stepping.initial import refuse_standstill
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,7 @@ def problem(
     free_start = False
     for phase in checks:
         refuse_contradictions(phase, t0)
+        refuse_standstill(t0, phase.duration[0] * float(np.diff(phase.mesh).min()))
         tied = (later and not legs) or any(link.after == len(legs) and _ties_all(link) for link in links)
         one = leg(phase, t0, free_start, tied, _judged_at(phase, t0), x, p, g)
         legs.append(one)

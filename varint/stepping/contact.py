@@ -15,7 +15,7 @@ import numpy as np
 
 from varint.arrays import call
 from varint.consistency import independent
-from varint.errors import InputError
+from varint.errors import StepRefused
 from varint.manifold import Phase, multiplier_function, multipliers_along
 from varint.stepping.contact_view import Instant, View, first_contact, view
 from varint.system import System, per_system
@@ -99,8 +99,13 @@ def _impact(setting: Setting, now: Instant, seen: View, hit: int, tired: bool) -
     Flights that become too short end at once: all that remain take Σ flight eᵏ, and the rate becomes 0.
     """
     bounce = 0.0 if tired else float(setting.system.restitution[hit])
+    if not seen.slope[first_contact(setting.system) + hit].any():
+        raise StepRefused(
+            f"contact {hit} closes at t = {now.t:g} where its gap has no gradient ∂gap/∂q, so no impulse can open it: "
+            "give a gap that grows with the distance, not with a power of it"
+        )
     if setting.h < 0 and bounce < 1:
-        raise InputError(
+        raise StepRefused(
             f"contact {hit} is hit at t = {now.t:g} in a run backwards in time, and its restitution is {bounce:g}: "
             "what an impact takes away cannot be found again; only restitution 1 can be undone"
         )
@@ -168,7 +173,7 @@ def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.nda
     size = np.sqrt(np.abs(mass.diagonal()))
     size = np.where(size > 0, size, size.max())
     scaled = rows / size
-    length = np.sqrt((scaled**2).sum(axis=1))
+    length = np.abs(scaled).max(axis=1)  # no sum of squares: those of 1e-200 are zero
     scaled /= length[:, None]
     matrix = np.zeros((n + m, n + m))
     matrix[:n, :n] = mass / np.outer(size, size)

@@ -50,7 +50,7 @@ def initial_task(
     n = system.structure.n
     step, count = time_grid(h, steps, duration)
     save_every = whole("save_every", save_every)
-    t0 = number("t0", t0)
+    refuse_standstill(t0 := number("t0", t0), step)
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
@@ -67,7 +67,7 @@ def initial_task(
 
 
 @per_system
-def _held_function(system: System) -> ca.Function:
+def held_function(system: System) -> ca.Function:
     """(q, t, c) → constraints and gaps."""
     s = system
     return ca.Function("held", [s.q, s.t, s.c], [ca.densify(ca.vertcat(s.constraint, s.contact))])
@@ -81,7 +81,7 @@ def _check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None
     from varint.manifold import every_row_function
 
     rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
-    rows += call(_held_function(system), q, np.array([t0]), c)
+    rows += call(held_function(system), q, np.array([t0]), c)
     if not all((np.abs(x) < STEEPEST).all() for x in rows):
         raise InputError(
             f"the constraints, the gaps or their gradients are not finite at the start, q0={q}, t0={t0:g}: a square "
@@ -121,8 +121,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
         given = [name for name, x in (("h", h), ("steps", steps), ("duration", duration)) if x is not None]
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
     steps = None if steps is None else whole("steps", steps)
-    if steps is not None and steps > MOST_STEPS:
-        raise InputError(f"steps={steps} is more than any run can take; at most {MOST_STEPS}")
+    _refuse_too_many(steps or 0)
     for name, x in (("h", h), ("duration", duration)):
         if x is not None and number(name, x) == 0:
             raise InputError(f"{name} must not be zero")
@@ -131,6 +130,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     ratio = float(duration) / float(h)  # type: ignore[arg-type]
     if ratio < 0:
         raise InputError(f"h={h} and duration={duration} have different signs; a backward run takes both negative")
+    _refuse_too_many(ratio)
     count = max(round(ratio), 1)
     if abs(ratio - count) > WHOLE * count:
         up = math.ceil(ratio)
@@ -139,6 +139,20 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
             f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
         )
     return float(duration) / count, count  # type: ignore[arg-type]
+
+
+def _refuse_too_many(steps: float) -> None:
+    if steps > MOST_STEPS:
+        raise InputError(f"steps={steps:.6g} is more than any run can take; at most {MOST_STEPS:.0g}")
+
+
+def refuse_standstill(t0: float, h: float) -> None:
+    """Refuse a start so late that its steps do not show in double precision."""
+    if t0 + h == t0:
+        raise InputError(
+            f"t0 = {t0:g} and a step of {h:g} later is the same number in double precision, so time would stand still: "
+            "count it from a nearer origin"
+        )
 
 
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
