@@ -39,7 +39,7 @@ def heyoka(system, q0, v0, p0, duration) -> Iterator[Setting]:
     for form, start in (("velocities", [q0, v0]), ("momenta", [q0, p0])):
         if form == "momenta" and system.structure.explicit:
             continue
-        for tol in 10.0 ** np.arange(-3, -19, -1.5):
+        for tol in 10.0 ** np.arange(-3, -18.1, -0.75):
             began = perf_counter()
             integrator = taylor(system, form, tol)
             setup = perf_counter() - began

@@ -88,8 +88,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "chain of 100": lambda: chain(100, 60),
 }
 LONGER = {
-    "pendulum": 50, "kepler 0.6": 10, "kepler 0.9": 5, "henon-heiles": 20, "double pendulum": 30, "solar system": 10,
-    "spherical pendulum": 20, "pendulum on a cart": 10, "charged particle": 100, "chain of 10": 5,
-    "chain of 30": 5,
+    "pendulum": 200, "kepler 0.6": 10, "kepler 0.9": 5, "henon-heiles": 20, "double pendulum": 100, "solar system": 10,
+    "spherical pendulum": 20, "pendulum on a cart": 30, "charged particle": 100, "chain of 10": 5, "chain of 30": 5,
 }  # fmt: skip
 SCENES = {f"{name} ×{by}": (lambda f=SCENES[name], by=by: longer(f(), by)) for name, by in LONGER.items()} | SCENES
