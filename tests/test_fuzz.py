@@ -107,7 +107,7 @@ SCENE = vi.System(
 GOOD = dict(q0=[1.0, 0.0], v0=[0.0, 1.0], h=0.1, steps=4, u=0.3, backend="interpreted", save_every=1)
 NAMES = [
     "q0", "v0", "p0", "h", "steps", "duration", "t0", "u", "params", "save_every", "until", "events", "backend",
-    "on_failure", "rule",
+    "on_failure", "rule", "tol", "time_scale",
 ]  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from varint.arrays import over_columns
 from varint.boundary.stationary import Iterate, Problem, iterate_through, point_times
 from varint.discrete import constraint_function, interval, point_function
 from varint.errors import InputError, converted
+from varint.grid import affordable, checked_steps
 from varint.horizon import Free, window
 from varint.parameters import number, whole
 from varint.rules import Rule
@@ -43,6 +44,7 @@ def posed(
     rule = default_rule(system) if rule is None else rule
     _suitable(system, rule)
     steps, t0 = whole("steps", steps), number("t0", t0)
+    affordable(f"a path of {steps} steps", steps * len(point_times(rule)) * system.structure.n, "take fewer steps")
     if not isinstance(periodic, bool):
         raise InputError(f"periodic must be True or False, got {periodic!r}")
     n, names, c = system.structure.n, system.names, parameter_values(system, params)
@@ -78,6 +80,7 @@ def posed(
     if ends is not None:
         points[0], points[-1] = ends
     guessed, lower, upper = _duration(system, duration, energy, points, t0, c)
+    checked_steps(t0, guessed / steps, steps)
     level = (energy or 0.0) if free else None
     problem = Problem(system, rule, steps, t0, u.reshape(steps, -1), c, ends, closure, level)
     if ends is not None:

@@ -114,11 +114,15 @@ def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
         return None
     if value is True:
         return np.zeros(n)
-    entries = value if isinstance(value, Sequence) else np.atleast_1d(value)
-    offset = converted(
-        lambda: np.array([np.nan if x is None else float(x) for x in entries]),
-        lambda: f"periodic must be True or one offset (or None) for each of {list(names)}",
+    return offsets("periodic", value, n, names)
+
+
+def offsets(what: str, value: Any, n: int, names: Sequence[str]) -> np.ndarray:
+    """One number for each coordinate, NaN where the user gave None."""
+    found = converted(
+        lambda: np.array([np.nan if x is None else x for x in value] if isinstance(value, Sequence) else value, float),
+        lambda: f"{what} takes one offset (or None) for each of {list(names)}, got {value!r}",
     )
-    if offset.shape != (n,):
-        raise InputError(f"periodic has {len(offset)} entries; one for each of {list(names)}")
-    return offset
+    if found.size != n or np.isinf(found).any():
+        raise InputError(f"{what} takes one finite offset (or None) for each of {list(names)}, got {value!r}")
+    return found.reshape(n)

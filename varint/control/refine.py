@@ -17,6 +17,7 @@ import numpy as np
 from varint.control.optimal import optimal_phases
 from varint.control.solution import ControlSolution, Origin
 from varint.errors import InputError, SolverError
+from varint.parameters import number, whole
 from varint.rules import Rule, gauss, lobatto
 from varint.trajectory import Trajectory
 
@@ -93,9 +94,9 @@ def refine(
     >>> round(vi.refine(rough, 1e-8).cost, 6)
     36.640289
     """
-    if not (np.isfinite(tol) and tol > 0):
+    if not number("tol", tol) > 0:
         raise InputError(f"tol must be a positive number, got {tol!r}")
-    single = isinstance(motion, Trajectory)
+    rounds, single = whole("rounds", rounds), isinstance(motion, Trajectory)
     low = _solved_together([motion] if isinstance(motion, Trajectory) else list(motion))
     t0, links = float(low[0].t[0]), _origin(low[0]).problem.given_links
     history: list[tuple[str, int, float, float]] = []

@@ -10,6 +10,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.errors import InputError, converted
+from varint.grid import checked_steps
 from varint.rules import Rule
 from varint.stepping.initial import initial_task, number, start_function, time_grid
 from varint.system import System, parameter_values
@@ -71,6 +72,7 @@ def members_of(
     """Checked and broadcast input of all members."""
     n = system.structure.n
     step, count = time_grid(h, steps, duration)
+    checked_steps(number("t0", t0), step, count)
     rows: dict[str, Any] = {
         name: None if x is None else _rows(name, x, (n,), system.names)
         for name, x in (("q0", q0), ("v0", v0), ("p0", p0))

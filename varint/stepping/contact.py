@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from varint.arrays import call
+from varint.arrays import call, lengths
 from varint.consistency import independent
 from varint.errors import InputError
 from varint.manifold import Phase, multiplier_function, multipliers_along
@@ -27,6 +27,7 @@ PULL = 1e-10  # a contact that pulls by less than this part of the forces in pla
 ZENO = 1e-5  # of a step: a body that would fly for a shorter time comes to rest
 MOST_IMPACTS = 1000  # between two nodes of the grid; after as many, bodies come to rest
 SPEED_OF_NOTHING = 1e-300  # under a division
+FLAT = 1e-150  # of a gradient: its square must be a number, too
 
 
 @per_system
@@ -135,7 +136,13 @@ def _reflected(
         rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
         rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
         impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
-        blows = impulse * np.sqrt((rows**2).sum(axis=1))
+        steepness = lengths(rows)
+        if not (steepness[-1] > FLAT and np.isfinite(impulse).all()):
+            raise InputError(
+                f"contact {hit} is hit at t = {now.t:g}, where its gradient ∂gap/∂q vanishes (its length is "
+                f"{steepness[-1]:.1g}): a blow has no direction there; write the gap as a distance, not as its square"
+            )
+        blows = impulse * steepness
         felt = blows[len(fixed) : -1] / np.abs(blows).max()
         elastic = [i for i, x in zip(holding, felt, strict=True) if system.restitution[i] > 0 and abs(x) > PULL]
         if elastic:  # these hand the blow on; one that does not feel it stays closed
@@ -168,7 +175,8 @@ def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.nda
     size = np.sqrt(np.abs(mass.diagonal()))
     size = np.where(size > 0, size, size.max())
     scaled = rows / size
-    length = np.sqrt((scaled**2).sum(axis=1))
+    length = lengths(scaled)
+    length = np.where(length > 0, length, 1.0)  # a row of zeros: no impulse along it
     scaled /= length[:, None]
     matrix = np.zeros((n + m, n + m))
     matrix[:n, :n] = mass / np.outer(size, size)
@@ -179,7 +187,8 @@ def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.nda
         found = np.linalg.solve(matrix, right)  # exact where an elastic impact only turns a sign
     except np.linalg.LinAlgError:
         found = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
-    return found / scales
+    with np.errstate(over="ignore"):
+        return found / scales
 
 
 def _flight(setting: Setting, now: Instant, seen: View, contact: int) -> float:
@@ -197,8 +206,8 @@ def _holding(setting: Setting, now: Instant, seen: View, candidates: list[int]) 
         slots = first_contact(system) + np.array(candidates)
         rows = now.q[None], seen.v[None], setting.u[None], np.array([now.t]), setting.c
         lam = multipliers_along(system, phase, *rows)[0]
-        weight = np.abs(lam * np.linalg.norm(seen.slope, axis=1)).max()
-        pushes = lam[slots] * np.linalg.norm(seen.slope[slots], axis=1)
+        weight = np.abs(lam * lengths(seen.slope)).max()
+        pushes = lam[slots] * lengths(seen.slope[slots])
         if pushes.min() >= -PULL * weight:
             return phase
         candidates.pop(int(np.argmin(pushes)))

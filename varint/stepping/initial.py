@@ -13,6 +13,7 @@ import numpy as np
 from varint.arrays import call
 from varint.discrete import point_function
 from varint.errors import InputError
+from varint.grid import MOST_STEPS, affordable
 from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.stepping.run import Task
@@ -25,7 +26,6 @@ WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
 LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
-MOST_STEPS = 10**15  # years of the cheapest steps
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -130,9 +130,13 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     ratio = float(duration) / float(h)  # type: ignore[arg-type]
     if ratio < 0:
         raise InputError(f"h={h} and duration={duration} have different signs; a backward run takes both negative")
+    if ratio > MOST_STEPS:
+        raise InputError(
+            f"duration={duration} is {ratio:.3g} steps of h={h}, more than any run can take; take larger ones"
+        )
     count = max(round(ratio), 1)
     if abs(ratio - count) > WHOLE * count:
-        up = math.ceil(ratio)
+        up = max(math.ceil(ratio), 1)
         raise InputError(
             f"duration={duration} is {ratio:.6g} steps of h={h}, not a whole number; "
             f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
@@ -237,6 +241,7 @@ def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     if value.ndim == 1 and k == 1 and value.shape == (steps,) and steps > 1:
         value = value[:, None]
     if value.shape == (k,):
+        affordable(f"u of {steps} steps", steps * k, "let the control be a force or a parameter of the scene")
         value = np.broadcast_to(value, (steps, k))
     if value.shape == (steps, k):
         value = value[:, None, :]

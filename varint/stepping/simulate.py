@@ -11,7 +11,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
+from varint.grid import checked_steps
+from varint.parameters import whole
 from varint.rules import Rule
 from varint.stepping.course import course_of, thinned, travelled
 from varint.stepping.events import watched, watched_events
@@ -130,7 +132,10 @@ def simulate(
         )  # fmt: skip
     if tol is not None and h is None and steps is None:
         stopped = until is not None or events
-        if duration is None or stopped or np.ndim(u) > 1 or system.structure.contacts:
+        table = converted(
+            lambda: np.array(u, dtype=float).ndim > 1, lambda: f"u must be numbers, got {type(u).__name__}"
+        )
+        if duration is None or stopped or table or system.structure.contacts:
             raise InputError(
                 "tol without h chooses the steps of a whole run: give duration, constant controls, and neither until "
                 "nor events nor contacts"
@@ -139,6 +144,7 @@ def simulate(
         _require_whole("tol without h", checkpoint, on_failure)
         from varint.stepping.accuracy import for_tolerance
 
+        save_every = whole("save_every", save_every)
         motion = for_tolerance(
             system, rule, duration=duration, tol=tol, q0=q0, v0=v0, p0=p0, t0=t0, u=u, params=params, backend=backend
         )
@@ -153,6 +159,7 @@ def simulate(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
         level=0.0 if tol is None else LEVEL * tol,
     )  # fmt: skip
+    checked_steps(task.t0, task.h, task.steps)
     file = None
     if checkpoint is not None:
         from varint.stepping.checkpoint import checkpoint_of
