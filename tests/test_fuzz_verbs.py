@@ -191,9 +191,7 @@ SOLVERS = {
     "paths": (vi.paths, (PLAIN, vi.gauss(2)), dict(q_start=[0, 0], q_end=[1, 1], duration=1.0, steps=4, starts=2), (
         "q_start", "q_end", "duration", "steps", "starts", "winding", "spread", "seed", "t0", "params", "energy",
     )),
-    "multistart": (vi.multistart, (vi.Phase(SCENE, vi.gauss(2), 1.0, 3, PUSH**2, end=dict(q=[1, 0])),), dict(starts=2), (
-        "starts", "spread", "seed", "t0", "solver", "options",
-    )),
+    "multistart": (vi.multistart, (HORIZON,), dict(starts=2), ("starts", "spread", "seed", "t0", "solver", "options")),
     "phases": (phases, (), dict(before=0, after=1), (
         "before", "after", "contact", "sticks", "restitution", "relabel", "offset", "time",
     )),

@@ -262,6 +262,12 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
     return remembered
 
 
+def require_system(x: Any) -> None:
+    """Refuse what is no system where one is expected."""
+    if not isinstance(x, System):
+        raise InputError(f"the first argument must be a varint System, got {type(x).__name__}")
+
+
 def _symbols(what: str, x: Any) -> ca.SX:
     """x as a column of distinct SX symbols."""
     if isinstance(x, ca.MX):

@@ -14,7 +14,7 @@ from varint.horizon import Free
 from varint.parameters import finite_array, generator, guesses_of, whole
 from varint.rules import Rule
 from varint.stepping.initial import vector
-from varint.system import System
+from varint.system import System, require_system
 from varint.trajectory import Trajectory
 
 WAVES = 4  # sines in a trial path: half a period to two
@@ -77,6 +77,7 @@ def paths(
     >>> [path.morse_index for path in found]
     [0, 0, 1]
     """
+    require_system(system)
     n, names = system.structure.n, system.names
     start, end = vector("q_start", q_start, n, names), vector("q_end", q_end, n, names)
     found: list[Trajectory] = []

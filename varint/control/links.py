@@ -81,6 +81,8 @@ def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
     new = s.q if link.relabel is None else column("relabel", link.relabel, _held(s), words)
     if new.numel() != n:
         raise InputError(f"relabel has {new.numel()} components; one for each of {list(s.names)}")
+    if not isinstance(link.time, bool):
+        raise InputError(f"time of a link must be True or False, got {link.time!r}")
     if not 0 <= number("restitution", link.restitution) <= 1:
         raise InputError(f"restitution must lie between 0 and 1, got {link.restitution!r}")
     offset = np.zeros(n) if link.offset is None else offsets("offset of a link", link.offset, n, s.names)

@@ -142,7 +142,7 @@ def mpc(
     """
     if not isinstance(phase, Phase):
         raise InputError(f"mpc takes a varint.Phase, got {type(phase).__name__}")
-    if phase.start:
+    if phase.start is not None and not (isinstance(phase.start, Mapping) and not phase.start):
         raise InputError("mpc() gets its start with every call; leave start= out of the phase")
     one = problem([phase], [], 0.0, nlp.backend_for(solver, backend), SOLVES, True)
     x = start_values(one)
@@ -172,6 +172,8 @@ def closed_loop(
         ``u`` holds the controls applied.
     plans : list of Trajectory
     """
+    if not isinstance(controller, Controller):
+        raise InputError(f"closed_loop takes a controller made by mpc(), got {type(controller).__name__}")
     phase, n = controller.problem.legs[0].phase, controller.problem.legs[0].phase.system.structure.n
     steps = whole("steps", steps)
     affordable(f"a loop of {steps} steps", steps * n, "take fewer steps")

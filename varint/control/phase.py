@@ -176,7 +176,7 @@ def _mesh(steps: Any, mesh: Any) -> np.ndarray:
     mesh = finite_array("mesh", mesh)
     if mesh.ndim != 1 or len(mesh) < 2 or mesh[0] != 0 or mesh[-1] != 1 or not (np.diff(mesh) > 0).all():
         raise InputError("mesh must hold fractions of the duration that increase from 0 to 1")
-    if steps and steps != len(mesh) - 1:
+    if whole("steps", steps, 0) not in (0, len(mesh) - 1):
         raise InputError(f"steps={steps} but the mesh has {len(mesh) - 1}; give one of the two")
     return mesh
 

@@ -20,7 +20,7 @@ from varint.stepping.events import watched, watched_events
 from varint.stepping.initial import LEVEL, initial_task
 from varint.stepping.jump import energy_jump
 from varint.stepping.plan import plan
-from varint.system import System
+from varint.system import System, require_system
 from varint.trajectory import Trajectory
 
 
@@ -118,6 +118,7 @@ def simulate(
     >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
     ((1001, 1), True)
     """
+    require_system(system)
     if tol is not None and not (isinstance(tol, (float, int)) and 0 < tol < 1):
         raise InputError(f"tol must be a relative error between 0 and 1, got {tol!r}")
     if time_scale is not None:
@@ -131,7 +132,7 @@ def simulate(
             save_every=save_every, until=until, events=events, progress=progress, backend=backend, tol=tol,
         )  # fmt: skip
     if tol is not None and h is None and steps is None:
-        stopped = until is not None or events
+        stopped = until is not None or bool(watched_events(events))
         table = converted(
             lambda: np.array(u, dtype=float).ndim > 1, lambda: f"u must be numbers, got {type(u).__name__}"
         )
