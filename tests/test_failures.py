@@ -231,6 +231,8 @@ def test_paths_of_more_steps_than_memory_holds_are_refused():
         vi.mpc(replace(HORIZON, steps=10**14))
     with pytest.raises(vi.InputError, match=r"a loop of 10+ steps would take .* GB"):
         vi.closed_loop(vi.mpc(HORIZON, backend="interpreted"), [1, 0], [0, 0], 10**14)
+    with pytest.raises(vi.InputError, match=r"an ensemble of 10+ steps would take .* keep fewer of them: save_every="):
+        vi.ensemble(FREE, q0=[[1, 0], [0, 1]], v0=[0, 1], h=0.1, steps=10**14)
     with pytest.raises(vi.InputError, match=r"a run of 10+ steps would take .* GB"):
         step = vi.step_function(FREE, vi.gauss(2))
         vi.diagnostics.reversibility_defect(FREE, step, **START, h=0.1, steps=10**14)

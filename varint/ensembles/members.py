@@ -10,7 +10,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.errors import InputError, converted
-from varint.grid import checked_steps
+from varint.grid import affordable, checked_steps
 from varint.rules import Rule
 from varint.stepping.initial import initial_task, number, start_function, time_grid
 from varint.system import System, parameter_values
@@ -105,6 +105,8 @@ def members_of(
         u=None if u is None else rows["u"][0], params={name: _shaped(system, name, x[0]) for name, x in values.items()},
         save_every=save_every,
     )  # fmt: skip
+    kept = count // task.save_every
+    affordable(f"an ensemble of {count} steps", kept, "keep fewer of them: save_every=…")
     return replace(members, save_every=task.save_every)
 
 
