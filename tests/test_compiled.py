@@ -89,6 +89,12 @@ def composition_by_numpy(system, rule, q, p, h, steps, u=None):
     return q, p
 
 
+def turning():
+    """A charged particle in the plane: velocities depend on the place and on momenta that change."""
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 + q[0] ** 2 * v[1] - ca.sumsqr(q))
+
+
 def simulated(kernel, q0, p0, h, steps, system=None, **options):
     c = np.zeros(0) if system is None else system.default_vector
     return run(
@@ -133,7 +139,7 @@ def test_both_forms_agree_to_round_off():
     """Separable scenes may be written in either form; 600 steps leave them apart by round-off only."""
     runs = [simulated(gauss_kernel(pendulum(), vi.gauss(8), form), [2.0], [0.5], 0.5, 600) for form in (1, 2)]
     assert np.abs(runs[0].rows - runs[1].rows).max() < 1e-12
-    assert runs[1].iterations < 0.7 * runs[0].iterations
+    assert 0.8 < runs[1].iterations / runs[0].iterations < 1.2  # forces first, then what they make of the momenta
 
 
 @pytest.mark.parametrize("name", ("verlet", "yoshida4"))
@@ -210,7 +216,7 @@ def test_gauss_keeps_energy_and_angular_momentum_over_long_runs(form):
     energy = (p**2).sum(1) / 2 - 1 / np.hypot(*q.T)
     spin = q[:, 0] * p[:, 1] - q[:, 1] * p[:, 0]
     assert has_no_slope(energy + 0.5) and np.abs(windows(energy) + 0.5).max() < 1e-8
-    assert np.abs(spin - spin[0]).max() < 2e-14  # a random walk of 2e5 roundings of 1e-17
+    assert np.abs(spin - spin[0]).max() < 5e-14  # 2e5 steps: a part in 500 of a unit in the last place each
 
 
 def test_verlet_keeps_energy_over_a_million_steps():
@@ -232,6 +238,8 @@ def test_runs_go_back_to_where_they_came_from():
 
 
 KERNELS = {
+    "gauss, next step begun": lambda: (kepler(), gauss_kernel(kepler(), vi.gauss(8))),
+    "gauss, next step begun, halves": lambda: (turning(), gauss_kernel(turning(), vi.gauss(8))),
     "gauss, second order": lambda: (kicked(), gauss_kernel(kicked(), vi.gauss(8))),
     "gauss, first order": lambda: (kicked(), gauss_kernel(kicked(), vi.gauss(3), 1)),
     "composition": lambda: (kicked(), explicit_kernel(kicked(), vi.composition("yoshida4"))),
@@ -241,17 +249,34 @@ KERNELS = {
 @pytest.mark.parametrize("which", KERNELS)
 def test_a_run_in_pieces_is_bitwise_the_run_in_one(which):
     system, kernel = KERNELS[which]()
-    u = controls(kernel, 60)
-    whole = simulated(kernel, [0.5, 0.4], [0.2, 0.1], 0.1, 60, system, u=u, save_every=5, t0=0.3)
+    u = controls(kernel, 90) if kernel.controls else None
+    whole = simulated(kernel, [0.5, 0.4], [0.2, 0.1], 0.1, 90, system, u=u, save_every=5, t0=0.3)
     rows, carry = [whole.rows[:1]], None
-    for first in (0, 20, 40):
-        options = {"u": u[first : first + 20], "save_every": 5, "t0": 0.3, "first": first, "carry": carry}
-        piece = simulated(kernel, [0.5, 0.4], [0.2, 0.1], 0.1, 20, system, **options)
+    for first in (0, 30, 60):
+        options = {
+            "u": None if u is None else u[first : first + 30],
+            "save_every": 5,
+            "t0": 0.3,
+            "first": first,
+            "carry": carry,
+        }
+        piece = simulated(kernel, [0.5, 0.4], [0.2, 0.1], 0.1, 30, system, **options)
         carry = piece.carry
         assert np.array_equal(piece.rows[0], rows[-1][-1]) or first == 0
         rows.append(piece.rows[1:])
     assert np.array_equal(np.concatenate(rows), whole.rows)
     assert np.array_equal(whole.last.reshape(3, -1), whole.rows[-1])
+
+
+@pytest.mark.parametrize("which", ("gauss, next step begun", "gauss, next step begun, halves"))
+def test_beginning_the_next_step_early_changes_nothing_but_round_off(which, monkeypatch):
+    """Nor does it take more evaluations than the start from a finished step, but for one in ten."""
+    system, kernel = KERNELS[which]()
+    monkeypatch.setattr(gauss, "SHORT", 0)
+    plain = gauss._built(system, 8, gauss.gauss_form(system))
+    runs = [simulated(k, [0.5, 0.4], [0.2, 0.6], 0.05, 2000, system, save_every=100) for k in (kernel, plain)]
+    assert np.abs(runs[0].rows - runs[1].rows).max() < 1e-11
+    assert runs[0].iterations < 1.1 * runs[1].iterations
 
 
 def test_what_is_saved_does_not_depend_on_how_often():

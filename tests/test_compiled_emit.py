@@ -10,7 +10,7 @@ import pytest
 from varint.compiled.algebra import graph_of
 from varint.compiled.cache import compiler, library
 from varint.compiled.emit import emit
-from varint.compiled.graph import NotCompilable, needed
+from varint.compiled.graph import NotCompilable, halves, needed
 from varint.compiled.kernel import text
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -137,6 +137,36 @@ def test_operations_without_a_form_in_c_are_refused():
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
     with pytest.raises(NotCompilable, match="interpreted"):
         emit("f", ca.Function("f", [x, c], [ca.erfinv(x)]))
+
+
+def test_two_halves_give_what_the_whole_gives_and_share_what_comes_first():
+    """The second half takes a sine from the first, and its own constants from the parameters."""
+    x, late, c = ca.SX.sym("x", 2), ca.SX.sym("late"), ca.SX.sym("c")
+    shared = ca.sin(x[0]) / c
+    f = ca.Function("f", [x, c, late], [shared * x[1], ca.vertcat(shared * late + c, ca.exp(x[1]), late**2 / c)])
+    first, second = halves(graph_of(f, 1), 2, 1)
+    assert {node[0] for node in second.nodes} <= {"input", "const", "mul", "add", "div"}
+    assert len(first.outputs[-1]) == 2  # what holds the sine, and the exponential
+    values = {("input", 0, 0): 0.3, ("input", 0, 1): -0.7, ("input", 1, 0): 1.7, ("input", 2, 0): 2.9}
+    before = evaluated(first, values)
+    taken = {("input", 1, k): value for k, value in enumerate(before[1])}
+    after = evaluated(second, taken | {("input", 0, 0): 2.9, ("input", 2, 0): 1.7})
+    expected = [np.array(y).ravel() for y in f([0.3, -0.7], 1.7, 2.9)]
+    np.testing.assert_allclose(before[0], expected[0], rtol=1e-15)
+    np.testing.assert_allclose(after[0], expected[1], rtol=1e-15)
+
+
+def evaluated(graph, values):
+    """The outputs of a graph, operation by operation."""
+    does = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "sin": np.sin, "exp": np.exp}
+    found = {}
+    for i in sorted(needed(graph)):
+        name, *rest = graph.nodes[i]
+        if name == "input":
+            found[i] = values[graph.nodes[i]]
+        else:
+            found[i] = rest[0] if name == "const" else does[name](*(found[j] for j in rest))
+    return [[found[i] for i in output] for output in graph.outputs]
 
 
 def test_powers_of_one_expression_merge_and_cancel():

@@ -21,11 +21,14 @@ Term = tuple[float, int, Powers]  # factor × node × powers
 Sum = tuple[Term, ...]
 
 
-def graph_of(f: ca.Function) -> Graph:
-    """The operations of the SX function f, rearranged for speed; outputs are dense."""
+def graph_of(f: ca.Function, constants: int = -1) -> Graph:
+    """The operations of the SX function f, rearranged for speed; outputs are dense.
+
+    The argument with the index `constants` is the same all the time.
+    """
     raw = read(f)
     live = sorted(needed(raw))
-    r = _rewriting(raw, live, f.n_in() - 1)
+    r = _rewriting(raw, live, constants % f.n_in())
     uses = Counter(j for i in live for j in operands(raw.nodes[i]))
     uses.update(i for output in raw.outputs for i in output)
     for i in live:
@@ -53,9 +56,9 @@ class _Rewriting:
     parts: dict[int, Sum] = field(default_factory=dict)
 
 
-def _rewriting(raw: Graph, live: list[int], last: int) -> _Rewriting:
+def _rewriting(raw: Graph, live: list[int], constants: int) -> _Rewriting:
     monomials: list[tuple[float, int | None, int]] = []
-    uniform = uniform_nodes(raw, last)
+    uniform = uniform_nodes(raw, constants)
     for i, node in enumerate(raw.nodes):
         monomials.append(_monomial(monomials, uniform, i, node))
     divided: dict[int, list[int]] = {}

@@ -42,19 +42,25 @@ class Emitted:
 def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTEN_OUT) -> Emitted:
     """C source of the SX function f(x0, …, c), whose last argument c, the parameters, is the same in all lanes.
 
+    Sparse outputs are written densely; see `emit_graph`.
+    """
+    return emit_graph(name, graph_of(f), f.n_in() - 1, stride, written_out)
+
+
+def emit_graph(name: str, graph: Graph, last: int, stride: str = "1", written_out: int = WRITTEN_OUT) -> Emitted:
+    """C source of operations on inputs 0 to `last`, the last of which is the same in all lanes.
+
     Parameters
     ----------
     name : str
         Name of the C function ``name(const V *x0, …, const double *w, V *y0, …)``.
-    f : Function
-        SX function; sparse outputs are written densely.
+    graph : Graph
+    last : int
     stride : str
         C expression: component i of an argument is found at ``x[i * stride]``.
     written_out : int
         Operations from which on the source has loops over operations of the same form.
     """
-    graph = graph_of(f)
-    last = f.n_in() - 1
     uniform = uniform_nodes(graph, last)
     live = sorted(needed(graph))
     names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}
@@ -84,7 +90,7 @@ def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTE
             body.append(f"o{k}[{r} * ({stride})] = {text};")
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
-    arguments += [f"V *restrict o{k}" for k in range(f.n_out())]
+    arguments += [f"V *restrict o{k}" for k in range(len(graph.outputs))]
     source = "\n    ".join(
         [f"INLINE void {name}_prepare(const double *c, double *w) {{", "(void)c, (void)w;", *prepare]
     )

@@ -1,11 +1,13 @@
 /* Gauss collocation with all stages in vectors, by fixed-point iteration.
 
-   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau, the scene's functions, and
-   NEEDS_Q, NEEDS_P: whose values at the stages are needed.
+   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau, the scene's functions,
+   NEEDS_Q, NEEDS_P: whose values at the stages are needed, and AHEAD: is the next step begun while this one is iterated?
+   Evaluations of two steps side by side take little longer than of one where they are so short that latency counts.
    FORM 2: unknown L_i = h^2 b_i G_i with accelerations G = g(Q, V, t, u);
            Q_i = q + c_i w + sum_j M_ij L_j,  h V_i = w + sum_j m_ij L_j;  q += w + sum (1 - c_j) L_j, w += sum L_j
            with w = h v, which leaves constants only that need no rounding.
-   FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike.
+   FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike. Where
+           the right-hand side has two halves, V may come from the momenta that the new F make (Gauss-Seidel order).
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run. */
 
@@ -18,9 +20,17 @@
 #else
 #define ROWS (2 * N)
 #endif
+#if FORM == 1 && defined(KICK_W)
+#define HALVES 1
+#define RHS_W (KICK_W + DRIFT_W)
+#else
+#define HALVES 0
+#endif
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
 #define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+#define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
+#define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
 #if N > FEW
@@ -41,9 +51,9 @@ typedef V Unknowns[ROWS][VECTORS];
 
 /* What a run needs to go on as if it had not stopped. */
 typedef struct {
-    double steps_known, expected, h, rate, reserved[4];
+    double steps_known, expected, h, rate, count, tried, counts[2]; /* of the steps tried in either order */
     double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
-    double x[2][ROWS][PADDED];
+    double x[3][ROWS][PADDED]; /* of the last two steps, and of the one that is begun */
 } Carry;
 const int64_t carry_size = sizeof(Carry) / sizeof(double);
 
@@ -93,33 +103,77 @@ INLINE void compensated(double *value, double *rest, double increment) {
     *value = s;
 }
 
-typedef struct { V t[VECTORS], u[NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* times, controls, h c, h b */
+typedef struct { V u[NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* controls, h c, h b or h^2 b */
+
+/* A step on its way: times of the stages, where they are when all unknowns are zero, the unknowns after so many
+   evaluations, and the momenta that these make. */
+typedef struct { V t[VECTORS], base[2 * N][VECTORS], p[N][VECTORS]; Unknowns x; int64_t count; } Step;
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
 typedef struct { double scale[ROWS], inverse[ROWS], noise[ROWS], now, first, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
 
-/* Where the stages of a step are when all unknowns are zero. */
-INLINE void set_base(const double *y, const double *rest, const Nodes *at, V base[2 * N][VECTORS]) {
+INLINE void set_base(Step *s, const double *y, const double *rest, double t, const Nodes *at) {
+    for (int k = 0; k < VECTORS; k++) s->t[k] = t + at->c[k];
     for (int d = 0; d < N; d++)
         for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
-            base[d][k] = y[d] + (entry(STAGE_C, k) * y[N + d] + rest[d]);
+            s->base[d][k] = y[d] + (entry(STAGE_C, k) * y[N + d] + rest[d]);
 #else
-            base[d][k] = splat(y[d] + rest[d]);
+            s->base[d][k] = splat(y[d] + rest[d]);
 #endif
-            base[N + d][k] = splat(y[N + d] + rest[N + d]);
+            s->base[N + d][k] = splat(y[N + d] + rest[N + d]);
         }
+}
+
+/* The same for the step after `now`, from where its unknowns are at present. */
+INLINE void set_base_after(Step *s, const Step *now, double t, const Nodes *at) {
+    for (int k = 0; k < VECTORS; k++) s->t[k] = t + at->c[k];
+    for (int d = 0; d < N; d++) {
+#if FORM == 2
+        V moved[VECTORS];
+        for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * now->x[d][k];
+        V faster = in_all_lanes(folded(now->x[d])), further = in_all_lanes(folded(moved)) + now->base[N + d][0];
+        for (int k = 0; k < VECTORS; k++) {
+            s->base[d][k] = now->base[d][k] + (further + entry(STAGE_C, k) * faster);
+            s->base[N + d][k] = now->base[N + d][k] + faster;
+        }
+#else
+        for (int r = d; r < 2 * N; r += N) {
+            V moved = in_all_lanes(folded(now->x[r]));
+            for (int k = 0; k < VECTORS; k++) s->base[r][k] = now->base[r][k] + moved;
+        }
+#endif
+    }
+}
+
+#if HALVES
+INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_prepare(c, w + KICK_W); }
+
+#endif
+
+/* The momenta at the stages, made of x by the columns m; older adds to x. Constant ones stay what they are at the start. */
+LARGE void set_momenta(Step *s, const double *m, const Unknowns x, const double *m_older, const Unknowns older) {
+#if HALVES
+    UNROLL for (int d = 0; d < N; d++) {
+        for (int k = 0; k < VECTORS; k++) s->p[d][k] = s->base[N + d][k];
+        if (NEEDS_P[d]) {
+            add_product(m, x[N + d], s->p[d]);
+            if (older) add_product(m_older, older[N + d], s->p[d]);
+        }
+    }
+#endif
 }
 
 /* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
    With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
-   stay the same. */
-LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, const double *w, const double *m2,
-                     const double *m1, const Unknowns x, const double *m2_older, const double *m1_older,
-                     const Unknowns older, Unknowns fresh) {
+   stay the same. In halves the step's momenta are those of x and become those of fresh; in Gauss-Seidel order, before the
+   velocities are made of them. */
+LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
+                    const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older, int seidel,
+                    Unknowns fresh) {
     V first[N][VECTORS], second[N][VECTORS];
     UNROLL for (int d = 0; d < N; d++) {
-        for (int k = 0; k < VECTORS; k++) first[d][k] = base[d][k], second[d][k] = base[N + d][k];
+        for (int k = 0; k < VECTORS; k++) first[d][k] = s->base[d][k], second[d][k] = s->base[N + d][k];
 #if FORM == 2
         if (NEEDS_Q[d]) {
             add_product(m2, x[d], first[d]);
@@ -135,20 +189,57 @@ LARGE void evaluate(const V base[2 * N][VECTORS], const Nodes *at, double h, con
             add_product(m1, x[d], first[d]);
             if (older) add_product(m1_older, older[d], first[d]);
         }
+#if !HALVES
         if (NEEDS_P[d]) {
             add_product(m1, x[N + d], second[d]);
             if (older) add_product(m1_older, older[N + d], second[d]);
         }
 #endif
+#endif
     }
+#if HALVES
+    V taken[TAKEN + 1][VECTORS];
+    for (int k = 0; k < VECTORS; k++) {
+        kick(&first[0][k], &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &taken[0][k]);
+        for (int d = 0; d < N; d++) fresh[N + d][k] *= at->b[k];
+    }
+    if (seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
+    for (int k = 0; k < VECTORS; k++) {
+        drift(&s->p[0][k], &taken[0][k], w + KICK_W, &fresh[0][k]);
+        for (int d = 0; d < N; d++) fresh[d][k] *= at->b[k];
+    }
+    if (!seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
+#else
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
-        rhs(&first[0][k], &second[0][k], &at->t[k], &at->u[0][k], w, &fresh[0][k]);
+        rhs(&first[0][k], &second[0][k], &s->t[k], &at->u[0][k], w, &fresh[0][k]);
 #else
-        rhs(&first[0][k], &second[0][k], &at->t[k], &at->u[0][k], w, &fresh[0][k], &fresh[N][k]);
+        rhs(&first[0][k], &second[0][k], &s->t[k], &at->u[0][k], w, &fresh[0][k], &fresh[N][k]);
 #endif
         for (int r = 0; r < ROWS; r++) fresh[r][k] *= at->b[k];
     }
+#endif
+}
+
+/* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
+INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
+                  const Unknowns older, int seidel) {
+    static const Unknowns none;
+    Unknowns fresh;
+    if (known > 1) {
+        set_momenta(s, START_M1, last, START_OLDER_M1, older);
+        evaluate(s, at, h, w, START_M2, START_M1, last, START_OLDER_M2, START_OLDER_M1, older, seidel, fresh);
+    } else {
+        set_momenta(s, START_ONE_M1, known ? last : none, 0, 0);
+        evaluate(s, at, h, w, START_ONE_M2, START_ONE_M1, known ? last : none, 0, 0, 0, seidel, fresh);
+    }
+    memcpy(s->x, fresh, sizeof fresh);
+    s->count = 1;
+}
+
+INLINE void iterate(Step *s, const Nodes *at, double h, const double *w, int seidel, Unknowns fresh) {
+    evaluate(s, at, h, w, STAGE_M2, STAGE_M1, s->x, 0, 0, 0, seidel, fresh);
+    s->count++;
 }
 
 INLINE V change_of(const V *fresh, const V *x) {
@@ -179,12 +270,14 @@ static __attribute__((noinline)) int stagnates(const Unknowns fresh, const Unkno
 }
 
 /* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
-   level, or is there stagnation? Changes are relative to the size of their row. */
-INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double level) {
+   level, or is there stagnation? Changes are relative to the size of their row. Where the start of the step has moved, the
+   change says nothing about contraction. */
+INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double level, int moved) {
     V worst = change_of(fresh[0], x[0]) * c->inverse[0];
     for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
     double now = largest(worst), before = c->now;
     int done = now <= EPS;
+    if (moved) return done | (now * c->rate <= level);
     if (!c->checks++) {
         c->first = now;
         for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
@@ -197,9 +290,12 @@ INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double lev
     return done;
 }
 
+/* Never a denormal number, which would be slow for the rest of the run. */
+INLINE double fading(double x, double fade) { return x > 1e-290 ? x * fade : 0; }
+
 INLINE void set_scale(Change *c, const double *size, double fade) {
     for (int r = 0; r < ROWS; r++) { /* an oscillating row keeps its size where it passes zero */
-        double faded = fade * c->scale[r];
+        double faded = fading(c->scale[r], fade);
         c->scale[r] = size[r] > faded ? size[r] : faded;
         double least = c->noise[r] * (2 / EPS); /* a change of twice the noise counts as one at round-off */
         c->inverse[r] = 1 / ((c->scale[r] > least ? c->scale[r] : least) + 1e-300);
@@ -227,11 +323,13 @@ int run(const Args *a) {
     double *rows = a->rows, w[RHS_W + VELOCITY_W + MOMENTUM_W + 1], y[2 * N], rest[2 * N];
     rhs_prepare(a->c, w);
     velocity_prepare(a->c, w + RHS_W), momentum_prepare(a->c, w + RHS_W + VELOCITY_W);
-    Unknowns x, older;
+    Unknowns last, older;
+    Step now, next; /* the step that is solved; the one after it, begun where that costs little time */
     Nodes at;
     Change change;
     int64_t known = 0, expected = 0, iterations = 0, largest_count = 0, done = 0, unsaved = 0;
-    int status = DONE;
+    int status = DONE, seidel = 1;
+    double tried = HALVES ? 0 : 2 * TRIAL, counts[2] = {0, 0};
     double slowest = 0;
     const double scale_b = FORM == 2 ? h * h : h;
     for (int k = 0; k < VECTORS; k++) at.c[k] = h * entry(STAGE_C, k), at.b[k] = scale_b * entry(STAGE_B, k);
@@ -240,10 +338,13 @@ int run(const Args *a) {
     if (carry->steps_known > 0 && carry->h == h) {
         known = (int64_t)carry->steps_known, expected = (int64_t)carry->expected;
         memcpy(y, carry->y, sizeof y), memcpy(rest, carry->rest, sizeof rest);
-        memcpy(x, carry->x[0], sizeof x), memcpy(older, carry->x[1], sizeof older);
+        memcpy(last, carry->x[0], sizeof last), memcpy(older, carry->x[1], sizeof last);
+        memcpy(now.x, carry->x[2], sizeof last), now.count = (int64_t)carry->count;
         for (int r = 0; r < ROWS; r++) change.scale[r] = 0, change.noise[r] = carry->noise[r];
         set_scale(&change, carry->scale, 0);
         change.rate = carry->rate;
+        tried = carry->tried, memcpy(counts, carry->counts, sizeof counts);
+        seidel = LONGER * counts[1] <= counts[0];
     } else {
         for (int d = 0; d < N; d++) y[d] = a->start[d], y[N + d] = a->start[N + d], rest[d] = rest[N + d] = 0;
 #if FORM == 2
@@ -255,72 +356,81 @@ int run(const Args *a) {
         for (int r = 0; r < ROWS; r++) change.scale[r] = change.noise[r] = 0;
         change.rate = 1;
         for (int r = 0; r < ROWS; r++)
-            for (int k = 0; k < VECTORS; k++) x[r][k] = older[r][k] = splat(0.0);
+            for (int k = 0; k < VECTORS; k++) last[r][k] = older[r][k] = splat(0.0);
+        now.count = 0;
     }
+    next.count = 0;
 
     save(rows, y, t0 + h * (double)first, h, w);
     if (!known) memcpy(rows, a->start, 2 * N * sizeof(double));
     rows += 3 * N;
 
     for (; done < steps; done++) {
-        const double t = t0 + h * (double)(first + done);
-        for (int k = 0; k < VECTORS; k++) at.t[k] = t + at.c[k];
 #if NU
         for (int m = 0; m < NU; m++)
             for (int i = 0; i < PADDED; i++) set_lane(&at.u[m][i / LANES], i % LANES, u[(i < STAGES ? i : STAGES - 1) * NU + m]);
         u += STAGES * NU;
 #endif
-        Unknowns fresh, kept;
-        V base[2 * N][VECTORS];
-        set_base(y, rest, &at, base);
-        memcpy(kept, x, sizeof x);
-        int64_t count = 0;
+        set_base(&now, y, rest, t0 + h * (double)(first + done), &at);
+        const int begun = now.count > 0;
+        if (tried < 2 * TRIAL) {
+            seidel = tried < TRIAL;
+            if (tried == TRIAL) expected = 0, change.rate = 1;
+        }
+        if (begun) set_momenta(&now, STAGE_M1, now.x, 0, 0);
         for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
-            if (known > 1) evaluate(base, &at, h, w, START_M2, START_M1, x, START_OLDER_M2, START_OLDER_M1, older, fresh);
-            else if (known) evaluate(base, &at, h, w, START_ONE_M2, START_ONE_M1, x, 0, 0, 0, fresh);
-            else {
-                for (int r = 0; r < ROWS; r++)
-                    for (int k = 0; k < VECTORS; k++) x[r][k] = splat(0.0);
-                evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, fresh);
-            }
-            change.checks = 0;
-            count = 1;
+            if (!now.count) begin(&now, &at, h, w, known, last, older, seidel);
             int end = 0;
-            memcpy(x, fresh, sizeof x);
-            while (count < most && !end) {
-                if (++count + 1 < expected) { /* the last step needed more: no look at the change yet */
-                    evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, x);
-                    continue;
+            const int64_t first_count = begun ? now.count + 1 : 0; /* its change is that of the start of the step, too */
+            change.checks = 0;
+            while (now.count < most && !end) {
+                Unknowns fresh;
+                iterate(&now, &at, h, w, seidel, fresh);
+#if AHEAD
+                if (known && 2 * now.count >= expected) { /* earlier, x is too far from where it will be */
+                    set_base_after(&next, &now, t0 + h * (double)(first + done + 1), &at);
+                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, seidel);
+                    else {
+                        Unknowns after;
+                        iterate(&next, &at, h, w, seidel, after);
+                        memcpy(next.x, after, sizeof after);
+                    }
                 }
-                evaluate(base, &at, h, w, STAGE_M2, STAGE_M1, x, 0, 0, 0, fresh);
-                if (!known) {
-                    V sizes[ROWS];
-                    double size[ROWS];
-                    for (int r = 0; r < ROWS; r++) sizes[r] = size_of(fresh[r]);
-                    row_sums(sizes, ROWS, size), set_scale(&change, size, 0);
+#endif
+                if (now.count + 1 >= expected) { /* before, the last step needed more: no look at the change */
+                    if (!known) {
+                        V sizes[ROWS];
+                        double size[ROWS];
+                        for (int r = 0; r < ROWS; r++) sizes[r] = size_of(fresh[r]);
+                        row_sums(sizes, ROWS, size), set_scale(&change, size, 0);
+                    }
+                    end = settled(fresh, now.x, &change, level, now.count == first_count);
                 }
-                end = settled(fresh, x, &change, level);
-                memcpy(x, fresh, sizeof x);
+                memcpy(now.x, fresh, sizeof fresh);
             }
-            iterations += count;
+            iterations += now.count;
             if (end) break;
             if (!known) { status = NOT_CONVERGED; break; }
-            known = expected = 0;
+            known = expected = now.count = next.count = 0;
         }
         if (status) break;
         /* where already the first look saw nothing but round-off, the next step looks earlier */
-        expected = change.checks > 1 && change.first <= 4 * change.now ? count - change.checks : count;
-        largest_count = count > largest_count ? count : largest_count;
-        memcpy(older, kept, sizeof x);
+        expected = change.checks > 1 && change.first <= 4 * change.now ? now.count - change.checks : now.count;
+        largest_count = now.count > largest_count ? now.count : largest_count;
+        if (tried < 2 * TRIAL && known > 1) {
+            tried += 1, counts[seidel] += (double)now.count;
+            if (tried == 2 * TRIAL) seidel = LONGER * counts[1] <= counts[0], expected = 0, change.rate = 1;
+        }
+        memcpy(older, last, sizeof last), memcpy(last, now.x, sizeof last);
         known += known < 2;
         double old[2 * N], lost[2 * N], sums[3 * ROWS], zero = 0;
         memcpy(old, y, sizeof y), memcpy(lost, rest, sizeof rest);
         V rows_of[3 * ROWS];
-        for (int r = 0; r < ROWS; r++) rows_of[r] = folded(x[r]), rows_of[ROWS + r] = size_of(x[r]);
+        for (int r = 0; r < ROWS; r++) rows_of[r] = folded(last[r]), rows_of[ROWS + r] = size_of(last[r]);
 #if FORM == 2
         for (int d = 0; d < N; d++) {
             V moved[VECTORS];
-            for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * x[d][k];
+            for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * last[d][k];
             rows_of[2 * N + d] = folded(moved);
         }
         row_sums(rows_of, 3 * N, sums);
@@ -336,16 +446,19 @@ int run(const Args *a) {
 #endif
         for (int d = 0; d < 2 * N; d++) zero += y[d] * 0.0; /* not zero as soon as one of them is not finite */
         if (!(zero == 0)) { memcpy(y, old, sizeof y), memcpy(rest, lost, sizeof rest), status = NOT_FINITE; break; }
-        for (int r = 0; r < ROWS; r++) change.noise[r] *= KEPT_NOISE;
+        for (int r = 0; r < ROWS; r++) change.noise[r] = fading(change.noise[r], KEPT_NOISE);
         set_scale(&change, sums + ROWS, 0.9);
         slowest = change.rate > slowest ? change.rate : slowest;
+        now = next, next.count = 0;
         if (++unsaved == a->save_every)
             unsaved = 0, save(rows, y, t0 + h * (double)(first + done + 1), h, w), rows += 3 * N;
     }
     save(a->stats + 6, y, t0 + h * (double)(first + done), h, w);
     carry->steps_known = status ? 0 : (double)known, carry->expected = (double)expected, carry->h = h;
     memcpy(carry->y, y, sizeof y), memcpy(carry->rest, rest, sizeof rest);
-    memcpy(carry->x[0], x, sizeof x), memcpy(carry->x[1], older, sizeof older);
+    memcpy(carry->x[0], last, sizeof last), memcpy(carry->x[1], older, sizeof last);
+    memcpy(carry->x[2], now.x, sizeof last), carry->count = (double)now.count;
+    carry->tried = tried, memcpy(carry->counts, counts, sizeof counts);
     memcpy(carry->scale, change.scale, sizeof carry->scale), memcpy(carry->noise, change.noise, sizeof carry->noise);
     carry->rate = change.rate;
     a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;

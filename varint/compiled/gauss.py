@@ -8,14 +8,17 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 
 from varint.compiled.cache import vector_length
+from varint.compiled.emit import Emitted
 from varint.compiled.graph import NotCompilable
-from varint.compiled.kernel import Kernel, build, emitted
+from varint.compiled.kernel import Kernel, build, emitted, emitted_halves
 from varint.compiled.mechanics import acceleration, constant_part, force, full_inertia, velocity
 from varint.compiled.tableau import tableau_source
 from varint.rules import Rule
 from varint.system import System
 
 FEW = 6  # so many coordinates stay in registers
+SHORT = 60  # vector operations of an evaluation up to which latency decides its time, not their number
+PRODUCT = 10  # of a coordinate's stages with the coefficients
 _KNOWN: WeakKeyDictionary[System, dict[tuple[str, int], Kernel]] = WeakKeyDictionary()
 
 
@@ -73,47 +76,71 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
 
 def _built(system: System, stages: int, form: int) -> Kernel:
     lanes, padded = lanes_for(stages)
-    q, v, t = system.q, system.v, system.t
-    p = ca.SX.sym("p", v.numel())
-    right = _right_side(system, form, p)
-    expressions = dict(right)
-    if "rhs" in right:
-        expressions["velocity"] = ([q, p, t], [velocity(system, p)])
-    expressions["momentum"] = ([q, v, t], [system.momentum])
-    functions = emitted(system.c, expressions, str(padded // lanes))
+    stride = str(padded // lanes)
+    full = form == 1 and full_inertia(system)
+    make = _accelerations if form == 2 else _inertia_and_push if full else _kick_and_drift
+    functions, rates = make(system, stride)
+    needs = _needs(system.q, rates)
+    ahead = not system.control.numel() and _work(functions, needs) <= SHORT
+    functions |= emitted(system.c, {"momentum": ([system.q, system.v, system.t], [system.momentum])})
     on_velocity = int(form == 2 and system.structure.force_on_velocity)
-    defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW, "STRIDE": padded // lanes}
-    about = f"Gauss, {stages} stages in {padded // lanes} vector(s) of {lanes}, " + (
+    defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW, "STRIDE": stride}
+    defines["AHEAD"] = int(ahead)
+    about = f"Gauss, {stages} stages in {stride} vector(s) of {lanes}, " + (
         "unknown accelerations" if form == 2 else "unknown velocities and forces"
     )
-    diagonals = q.numel() <= FEW and 4 * stages > 3 * padded
-    data = _tableau(stages, lanes, diagonals) + _needs(q, right)
-    loops = ("gauss.c",) if "rhs" in right else ("dense.c", "gauss.c")
+    diagonals = system.q.numel() <= FEW and 4 * stages > 3 * padded
+    data = _tableau(stages, lanes, diagonals) + "".join(
+        f"static const char {name}[] __attribute__((unused)) = {{{', '.join(str(int(x)) for x in values)}}};\n"
+        for name, values in needs.items()
+    )
+    loops = ("dense.c", "gauss.c") if full else ("gauss.c",)
     return build(about, system, stages, functions, defines, data, *loops)
 
 
-def _right_side(system: System, form: int, p: ca.SX) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
-    """The functions of the right-hand side: "rhs" alone, or "inertia" and "push" of dense.c."""
-    q, v, t, u = system.q, system.v, system.t, system.control
-    if form == 2:
-        return {"rhs": ([q, v, t, u], [acceleration(system)])}
-    if full_inertia(system):
-        rows, columns = ca.Sparsity.upper(q.numel()).get_triplet()  # the lower triangle row by row, by symmetry
-        triangle = ca.vertcat(*(system.mass_matrix[i, j] for i, j in zip(rows, columns, strict=True)))
-        return {"inertia": ([q, t], [triangle, constant_part(system)]), "push": ([q, v, t, u], [force(system)])}
+Functions = tuple[dict[str, Emitted], list[ca.SX]]  # of the right-hand side, and the expressions it is made of
+
+
+def _accelerations(system: System, stride: str) -> Functions:
+    """The right-hand side of form 2, "rhs", and "velocity" at a single point."""
+    q, v, t, p = system.q, system.v, system.t, ca.SX.sym("p", system.q.numel())
+    rates = [acceleration(system)]
+    expressions = {"rhs": ([q, v, t, system.control], rates), "velocity": ([q, p, t], [velocity(system, p)])}
+    return emitted(system.c, expressions, stride), rates
+
+
+def _inertia_and_push(system: System, stride: str) -> Functions:
+    """The functions that dense.c makes the right-hand side and "velocity" of."""
+    q, v, t = system.q, system.v, system.t
+    rows, columns = ca.Sparsity.upper(q.numel()).get_triplet()  # the lower triangle row by row, by symmetry
+    triangle = ca.vertcat(*(system.mass_matrix[i, j] for i, j in zip(rows, columns, strict=True)))
+    inertia, push = [triangle, constant_part(system)], [force(system)]
+    expressions = {"inertia": ([q, t], inertia), "push": ([q, v, t, system.control], push)}
+    return emitted(system.c, expressions, stride), [*inertia, *push]
+
+
+def _kick_and_drift(system: System, stride: str) -> Functions:
+    """The right-hand side in halves: "kick", the forces, then "drift", the velocities that the new momenta make."""
+    q, t, p = system.q, system.t, ca.SX.sym("p", system.q.numel())
     speed = velocity(system, p)
-    return {"rhs": ([q, p, t, u], [speed, ca.substitute(force(system), v, speed)])}
+    push = ca.substitute(force(system), system.v, speed)
+    late = ca.SX.sym("p", p.numel())
+    known = ca.vertcat(*(p[i] if push[i].is_zero() else late[i] for i in range(p.numel())))
+    outputs = [push, ca.substitute(speed, p, known)]
+    functions = emitted_halves(system.c, ("kick", "drift"), [q, p, t, system.control], late, outputs, stride)
+    return functions | emitted(system.c, {"velocity": ([q, p, t], [speed])}), [speed, push]
 
 
-def _needs(q: ca.SX, right: dict[str, tuple[list[ca.SX], list[ca.SX]]]) -> str:
+def _needs(q: ca.SX, rates: list[ca.SX]) -> dict[str, list[bool]]:
     """NEEDS_Q and NEEDS_P of gauss.c: does the right-hand side depend on q_i, does the momentum p_i change?"""
-    rates = [ca.densify(x) for _, outputs in right.values() for x in outputs]
-    needed = {"NEEDS_Q": ca.which_depends(ca.vertcat(*rates), q, 1, False)}
-    needed["NEEDS_P"] = [not rate.is_zero() for rate in ca.vertsplit(rates[-1])]
-    return "".join(
-        f"static const char {name}[] __attribute__((unused)) = {{{', '.join(str(int(x)) for x in values)}}};\n"
-        for name, values in needed.items()
-    )
+    depends = ca.which_depends(ca.vertcat(*map(ca.densify, rates)), q, 1, False)
+    return {"NEEDS_Q": depends, "NEEDS_P": [not rate.is_zero() for rate in ca.vertsplit(ca.densify(rates[-1]))]}
+
+
+def _work(functions: dict[str, Emitted], needs: dict[str, list[bool]]) -> int:
+    """Roughly the vector operations of an evaluation at the stages."""
+    products = sum(needs["NEEDS_Q"]) + ("rhs" not in functions) * sum(needs["NEEDS_P"])
+    return PRODUCT * products + sum(f.operations for name, f in functions.items() if name != "velocity")
 
 
 @lru_cache(maxsize=64)

@@ -139,3 +139,37 @@ def whole_power(graph: Graph, base: int, exponent: int) -> int:
         exponent >>= 1
         square = graph.node("mul", square, square) if exponent else square
     return result
+
+
+def halves(graph: Graph, argument: int, constants: int) -> tuple[Graph, Graph]:
+    """What does not depend on the input `argument`, and what follows once it is known.
+
+    The first half has the outputs but the last, and one more: what the second takes from it. The second half has the
+    inputs (`argument`, taken from the first half, `constants`) and the last output. What depends on the constants
+    alone is in both halves.
+    """
+    late = [False] * len(graph.nodes)
+    for i, node in enumerate(graph.nodes):
+        late[i] = node[:2] == ("input", argument) or any(late[j] for j in operands(node))
+    uniform = uniform_nodes(graph, constants)
+    wanted: set[int] = set()
+    waiting = list(graph.outputs[-1])
+    while waiting:
+        i = waiting.pop()
+        if i not in wanted:
+            wanted.add(i)
+            waiting += operands(graph.nodes[i]) if late[i] or uniform[i] else ()
+    second, taken, places = Graph(), list[int](), dict[int, int]()
+    for i in sorted(wanted):
+        name, *rest = graph.nodes[i]
+        if name == "const":
+            places[i] = second.node(name, *rest)
+        elif not (late[i] or uniform[i]):
+            places[i] = second.node("input", 1, len(taken))
+            taken.append(i)
+        elif name == "input":
+            places[i] = second.node(name, 0 if late[i] else 2, rest[1])
+        else:
+            places[i] = second.node(name, *(places[j] for j in rest))
+    second.outputs = [[places[i] for i in graph.outputs[-1]]]
+    return Graph(graph.nodes, graph.index, [*graph.outputs[:-1], taken]), second

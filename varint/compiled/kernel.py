@@ -5,16 +5,17 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from ctypes import addressof, c_char, c_char_p, c_int, c_int64
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from varint.compiled.algebra import graph_of
 from varint.compiled.cache import library
-from varint.compiled.emit import WRITTEN_OUT, Emitted, emit
-from varint.compiled.graph import NotCompilable
+from varint.compiled.emit import WRITTEN_OUT, Emitted, emit_graph
+from varint.compiled.graph import Graph, NotCompilable, halves
 from varint.system import System
 
 DONE, NOT_CONVERGED, NOT_FINITE = range(3)
@@ -202,16 +203,41 @@ def emitted(
     """
     result = {}
     for name, (inputs, outputs) in expressions.items():
-        f = ca.Function(name, [*inputs, constants], ca.cse([ca.densify(x) for x in outputs]))
-        if f.n_instructions() > MOST_OPERATIONS:
-            raise NotCompilable(
-                f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
-                'backend="interpreted", or fewer coordinates'
-            )
-        result[name] = emit(name, f, stride if name in AT_STAGES else "1", written_out)
-        if result[name].length > MOST_STATEMENTS:
-            raise NotCompilable(
-                f"{name} has {result[name].length} statements; {MOST_STATEMENTS} compile in reasonable time; use "
-                'backend="interpreted", or fewer coordinates'
-            )
+        graph = _graph(name, [*inputs, constants], len(inputs), outputs)
+        result[name] = emit_graph(name, graph, len(inputs), stride if name in AT_STAGES else "1", written_out)
+    _require_compilable(result)
     return result
+
+
+def emitted_halves(
+    constants: ca.SX, names: tuple[str, str], inputs: list[ca.SX], late: ca.SX, outputs: list[ca.SX], stride: str
+) -> dict[str, Emitted]:
+    """Two C functions for values at the stages: the outputs but the last, and what the second takes from the first;
+    then the last output, once `late` is known: ``second(late, taken, w, output)``. TAKEN counts what is taken.
+    """
+    last = len(inputs)  # of the first half: what it has besides the inputs are the constants
+    first, second = halves(_graph(names[0], [*inputs, constants, late], last, outputs), last + 1, last)
+    result = {names[0]: emit_graph(names[0], first, last, stride), names[1]: emit_graph(names[1], second, 2, stride)}
+    _require_compilable(result)
+    head = f"#define TAKEN {len(first.outputs[-1])}\n"
+    return result | {names[0]: replace(result[names[0]], source=head + result[names[0]].source)}
+
+
+def _graph(name: str, inputs: list[ca.SX], constants: int, outputs: list[ca.SX]) -> Graph:
+    """The operations arranged for speed; the input with the index `constants` is the same all the time."""
+    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
+    if f.n_instructions() > MOST_OPERATIONS:
+        raise NotCompilable(
+            f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
+            'backend="interpreted", or fewer coordinates'
+        )
+    return graph_of(f, constants)
+
+
+def _require_compilable(functions: Mapping[str, Emitted]) -> None:
+    for name, f in functions.items():
+        if f.length > MOST_STATEMENTS:
+            raise NotCompilable(
+                f"{name} has {f.length} statements; {MOST_STATEMENTS} compile in reasonable time; use "
+                'backend="interpreted", or fewer coordinates'
+            )

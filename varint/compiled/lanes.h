@@ -98,6 +98,13 @@ INLINE void turned_lanes(V x, V *turned) {
 }
 #endif
 
+/* The sum over the lanes, in all lanes. */
+#if LANES == 8 && defined(__AVX512F__)
+INLINE V in_all_lanes(V x) { x += BLOCKS(x, 0x4e), x += BLOCKS(x, 0xb1); return x + NEIGHBOURS(x); }
+#else
+INLINE V in_all_lanes(V x) { return splat(sum(x)); }
+#endif
+
 /* The sums over the lanes of `count` vectors, LANES of them at a time by a tree of shuffles. */
 #if LANES > 1
 #if defined(__clang__)
