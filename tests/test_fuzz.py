@@ -10,7 +10,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import varint as vi
@@ -128,10 +128,11 @@ def spoilt(draw):
 
 
 def explore(test, count: int):
-    """The test with `count` inputs, however slow some of them are to make."""
+    """The test with `count` inputs, however slow some of them are to make; those that fail are made small."""
     return settings(
-        max_examples=count, deadline=None, suppress_health_check=list(HealthCheck), database=None, derandomize=True
-    )(test)
+        max_examples=count, deadline=None, suppress_health_check=list(HealthCheck), database=None, derandomize=True,
+        phases=(Phase.generate, Phase.shrink),
+    )(test)  # fmt: skip
 
 
 def scene_case(case):
