@@ -250,17 +250,13 @@ KERNELS = {
 def test_a_run_in_pieces_is_bitwise_the_run_in_one(which):
     system, kernel = KERNELS[which]()
     u = controls(kernel, 90) if kernel.controls else None
-    whole = simulated(kernel, [0.5, 0.4], [0.2, 0.1], 0.1, 90, system, u=u, save_every=5, t0=0.3)
+    whole = simulated(kernel, [0.5, 0.4], [0.2, 1.1], 0.1, 90, system, u=u, save_every=5, t0=0.3)
+    assert whole.status == DONE
     rows, carry = [whole.rows[:1]], None
     for first in (0, 30, 60):
-        options = {
-            "u": None if u is None else u[first : first + 30],
-            "save_every": 5,
-            "t0": 0.3,
-            "first": first,
-            "carry": carry,
-        }
-        piece = simulated(kernel, [0.5, 0.4], [0.2, 0.1], 0.1, 30, system, **options)
+        now = None if u is None else u[first : first + 30]
+        options = {"u": now, "save_every": 5, "t0": 0.3, "first": first, "carry": carry}
+        piece = simulated(kernel, [0.5, 0.4], [0.2, 1.1], 0.1, 30, system, **options)
         carry = piece.carry
         assert np.array_equal(piece.rows[0], rows[-1][-1]) or first == 0
         rows.append(piece.rows[1:])
