@@ -278,3 +278,27 @@ def test_periodic_offsets_may_come_from_any_numbers():
     for offset in ([1, 0], np.array([1.0, 0.0]), ca.DM([1, 0])):
         motion = vi.optimal_control(CART, **problem, end=dict(periodic=offset))
         np.testing.assert_allclose(motion.v, [[1, 0]] * 4, atol=1e-6)
+
+
+def test_an_entry_of_the_mass_matrix_that_is_seen_to_be_zero_is_so_on_both_sides():
+    """∂²/∂ẋ∂ẏ log(ẋ/ẏ) = 0 is plain in one order of derivatives only; LDLᵀ wants a symmetric pattern."""
+    q, v = vi.coordinates("x", "y")
+    odd, plain = (
+        vi.System(q, v, ca.sumsqr(v) / 2 + term - q[0]) for term in (ca.log(v[0] / v[1]), ca.log(v[0]) - ca.log(v[1]))
+    )
+    assert odd.mass_matrix.sparsity().is_diag() and plain.mass_matrix.sparsity().is_diag()
+    start = dict(q0=[0.0, 0.0], v0=[2.0, 1.0], h=0.001, steps=5, backend="interpreted")
+    with pytest.raises(vi.ConvergenceError, match="in 1024 parts, too"):  # L is not defined where v = 0
+        vi.simulate(odd, on_failure="subdivide", **start)
+
+
+@pytest.mark.parametrize("masses", [(0.625, -0.90625), (1.0, 1e300)])
+def test_the_symplectic_defect_of_steps_with_hardly_a_derivative_is_a_number_or_refused(masses):
+    c = vi.Parameters(masses=[1.0, 2.0])
+    quartic = vi.System(Q, V, ca.dot(c.masses, V**2) / 2 - ca.sumsqr(Q) ** 2, params=c)
+    try:
+        found = vi.diagnostics.symplectic_defect(quartic, vi.gauss(2), **START, h=0.05, params=dict(masses=masses))
+    except vi.InputError as error:
+        assert "has no finite derivative" in str(error)
+    else:
+        assert np.isfinite(found.values).all() and found.values.max() <= 1.0

@@ -213,7 +213,11 @@ class System:
     @cached_property
     def mass_matrix(self) -> ca.SX:
         """Mass matrix M = ∂²L/∂v², (n, n)."""
-        return ca.jacobian(self.momentum, self.v)
+        found = ca.jacobian(self.momentum, self.v)
+        if found.sparsity().is_symmetric():
+            return found
+        # SX sees of some entry that it is zero, but not of its mirror image
+        return ca.project(found, found.sparsity().intersect(found.T.sparsity()))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
