@@ -8,6 +8,7 @@ import pytest
 from scenes import cart_pendulum, double_pendulum, driven_damped, henon_heiles, pendulum
 
 import varint as vi
+from varint.arrays import DEFINITE, is_definite
 
 q, v = vi.coordinates("x", "y")
 free = ca.sumsqr(v) / 2
@@ -176,3 +177,25 @@ def test_a_coefficient_of_restitution_without_a_contact_is_refused():
     q, v = vi.coordinates("x")
     with pytest.raises(vi.InputError, match=r"restitution=0.5 was given, but the system has no contact"):
         vi.System(q, v, v**2 / 2, restitution=0.5)
+
+
+def test_a_matrix_that_is_definite_by_far_has_no_eigenvalue_near_zero():
+    rng = np.random.default_rng(3)
+    seen = set()
+    for smallest in (1e-3, 1e-9, 1e-11, 1e-13, 0.0, -1e-9):
+        turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+        matrix = turn * np.append(smallest, rng.uniform(0.5, 2, 5)) @ turn.T
+        matrix = (matrix + matrix.T) / 2 * np.outer(*2 * [10.0 ** np.arange(-3, 3)])
+        size = np.sqrt(np.diag(matrix))
+        least = np.linalg.eigvalsh(matrix / np.outer(size, size)).min()
+        assert is_definite(matrix) == (least > DEFINITE)
+        seen.add(is_definite(matrix))
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize("entry", [(0, 0), (1, 0), (1, 1)])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_matrix_with_an_entry_that_is_no_number_is_not_definite(entry, value):
+    matrix = np.eye(3)
+    matrix[entry] = matrix[entry[::-1]] = value
+    assert not is_definite(matrix)

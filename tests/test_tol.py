@@ -94,5 +94,7 @@ def test_what_cannot_be_chosen_for_a_tolerance_is_refused():
         run(model, 1e-6, until=model.system.q)
     with pytest.raises(vi.InputError, match="give duration"):
         vi.simulate(model.system, q0=1.0, v0=0.0, tol=1e-6)
+    with pytest.raises(vi.InputError, match="save_every must be a whole number"):
+        run(model, 1e-6, save_every=0)
     with pytest.raises(vi.InputError, match="no checkpoint"):
         run(model, 1e-6, checkpoint="run")

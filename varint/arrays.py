@@ -5,16 +5,39 @@ Runs of any length are cut into blocks of 1, 10, 100, … so that only a handful
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from threading import get_ident
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 LARGEST_BLOCK = 10_000
 FEW = 10  # rows for each number of which a function is built
+REMEMBERED = 256  # functions whose buffers are kept
+DEFINITE = 1e-12  # least eigenvalue of a matrix that is definite by far: beyond its round-off
 COPIED = 500  # numbers of a function's arguments and results that are worth a copy of them
+
+
+def finite(*arrays: np.ndarray) -> bool:
+    """Whether all numbers of these arrays (k,) are finite."""
+    return all(map(_finite, arrays))
+
+
+def _finite(x: np.ndarray) -> bool:
+    return all(map(math.isfinite, x.tolist())) if len(x) < FEW else bool(np.isfinite(x).all())  # one by one is faster
+
+
+def is_definite(matrix: np.ndarray) -> bool:
+    """Whether a symmetric matrix is positive definite by far, its diagonal scaled to one: without its eigenvalues."""
+    less = matrix.copy()
+    less.reshape(-1)[:: len(matrix) + 1] *= 1 - DEFINITE
+    try:
+        return math.isfinite(np.linalg.cholesky(less).trace())
+    except np.linalg.LinAlgError:
+        return False
 
 
 def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
@@ -27,22 +50,49 @@ def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
         count -= size
 
 
-@lru_cache(maxsize=256)
-def _prepared(function: ca.Function, thread: int) -> tuple:
-    """Buffer, trigger and sizes of a function; one buffer a thread, for a buffer holds the arguments of its call.
+class _Prepared(NamedTuple):
+    """A function with its buffer, the trigger of its call, the sizes of its arguments and results, and their memory.
 
-    Where arguments and results are few they have memory of their own in it: to copy numbers is cheaper than to hand
-    over where they are.
+    Where arguments and results are few they have memory of their own in the buffer: to copy numbers is cheaper than to
+    hand over where they are. Memory of many is None.
     """
-    del thread
+
+    function: ca.Function
+    buffer: ca.FunctionBuffer
+    trigger: Callable[[], object]
+    sizes: list[int]
+    out: list[int]
+    inputs: list[np.ndarray] | None
+    outputs: list[np.ndarray]
+
+
+_PREPARED: dict[tuple[int, int], _Prepared] = {}
+
+
+def _prepared(function: ca.Function) -> _Prepared:
+    """What a call of the function needs; one buffer a thread, for a buffer holds the arguments of its call.
+
+    Functions are looked up by identity, which is safe as long as they are held here: CasADi's own hash takes as long as
+    a call.
+    """
+    key = id(function), get_ident()
+    known = _PREPARED.get(key)
+    if known is None:
+        if len(_PREPARED) >= REMEMBERED:
+            _PREPARED.clear()
+        known = _PREPARED[key] = _preparation(function)
+    return known
+
+
+def _preparation(function: ca.Function) -> _Prepared:
     buffer, trigger = function.buffer()
     sizes = [function.nnz_in(i) for i in range(function.n_in())]
     out = [function.nnz_out(i) for i in range(function.n_out())]
     if sum(sizes) + sum(out) > COPIED:
-        return buffer, trigger, sizes, out, None
-    own = [np.empty(size) for size in (*sizes, *out)]
-    _hand_over(buffer, own[: len(sizes)], own[len(sizes) :])
-    return buffer, trigger, sizes, out, (own[: len(sizes)], own[len(sizes) :])
+        return _Prepared(function, buffer, trigger, sizes, out, None, [])
+    inputs, outputs = ([np.empty(size) for size in part] for part in (sizes, out))
+    _hand_over(buffer, inputs, outputs)
+    return _Prepared(function, buffer, trigger, sizes, out, inputs, outputs)
 
 
 def _hand_over(buffer: ca.FunctionBuffer, arguments: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
@@ -57,26 +107,42 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
 
     `function` must have dense inputs; each argument's size must match.
     """
-    buffer, trigger, sizes, out, own = _prepared(function, get_ident())
-    for i, (argument, size) in enumerate(zip(arguments, sizes, strict=True)):
+    _, buffer, trigger, sizes, out, inputs, outputs = _prepared(function)
+    for argument, size, memory in zip(arguments, sizes, inputs or arguments, strict=True):
         if argument.size != size:
-            raise AssertionError(f"{function.name()}: input {i} has {argument.size} numbers, not {size}")
-        if own and size:
-            own[0][i][:] = argument if argument.ndim == 1 else argument.reshape(-1)
-    outputs = [np.empty(size) for size in out] if own is None else own[1]
-    if own is None:
+            raise AssertionError(f"{function.name()}: inputs have {[a.size for a in arguments]} numbers, not {sizes}")
+        if inputs:
+            memory[...] = argument if argument.ndim == 1 else argument.reshape(-1)  # faster than [:]
+    if inputs is None:
+        outputs = [np.empty(size) for size in out]
         _hand_over(buffer, arguments, outputs)
+        trigger()
+        return outputs
     trigger()
-    return outputs if own is None else [memory.copy() for memory in outputs]
+    return [memory.copy() for memory in outputs]
 
 
-@lru_cache(maxsize=256)
-def _few_rows(function: ca.Function, count: int, thread: int) -> tuple | None:
-    """Buffer, trigger, and arguments and results as rows of the buffer's memory; None where they are many."""
+_ROWS: dict[tuple[int, int, int], tuple[ca.Function, _Prepared | None]] = {}
+
+
+def _prepared_rows(function: ca.Function, count: int) -> _Prepared | None:
+    """The function for so many rows at once, its arguments and results as rows; None where they are many."""
+    key = id(function), count, get_ident()
+    if key not in _ROWS:
+        if len(_ROWS) >= REMEMBERED:
+            _ROWS.clear()
+        _ROWS[key] = function, _preparation_of_rows(function, count)
+    return _ROWS[key][1]
+
+
+def _preparation_of_rows(function: ca.Function, count: int) -> _Prepared | None:
     if not count or (next(blocks(count)) != count and count > FEW):
         return None
-    buffer, trigger, _, _, own = _prepared(_mapped(function, count), thread)
-    return own and (buffer, trigger, *([memory.reshape(count, -1) for memory in part] for part in own))
+    flat = _prepared(_mapped(function, count))
+    if flat.inputs is None:
+        return None
+    inputs, outputs = ([memory.reshape(count, -1) for memory in part] for part in (flat.inputs, flat.outputs))
+    return flat._replace(inputs=inputs, outputs=outputs)
 
 
 @lru_cache(maxsize=64)
@@ -116,15 +182,14 @@ def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]
     """
     count = max([len(a) for a in arrays if a.ndim == 2])
     if count < COPIED:
-        memory = _few_rows(function, count, get_ident())
-        if memory is not None:
-            _, trigger, inputs, outputs = memory
-            for rows, a in zip(inputs, arrays, strict=True):
+        few = _prepared_rows(function, count)
+        if few is not None:
+            for rows, a in zip(few.inputs, arrays, strict=True):  # type: ignore[arg-type]
                 if rows.shape[1] != a.shape[-1]:
                     raise AssertionError(f"{function.name()}: {a.shape[-1]} numbers a row, not {rows.shape[1]}")
-                rows[:] = a
-            trigger()
-            return [rows.copy() for rows in outputs]
+                rows[...] = a
+            few.trigger()
+            return [rows.copy() for rows in few.outputs]
     columns = [_rows(a, count) for a in arrays]
     results: list[Sequence[np.ndarray]] = []
     done = 0

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from varint.arrays import is_definite
 from varint.errors import InputError
 from varint.manifold import Phase
 from varint.projection import OFF, onto, row_sizes, shape, velocity_gaps
@@ -130,7 +131,8 @@ def check_start(system: System, phase: Phase, q, v, t: float, c, given: str) -> 
             f"{given} violates the velocity constraints of {what}: G v + ∂g/∂t = {rows[off]}; "
             "start from q0, v0 = varint.project(system, q0, v0)"
         )
-    w = np.delete(w, [i for i in range(m) if i not in phase.rows], axis=0)
+    if len(phase.rows) < m:
+        w = np.delete(w, [i for i in range(m) if i not in phase.rows], axis=0)
     rank, tied = _rank(w, mass) if len(w) > len(phase.rows) else (len(w), [])
     if rank < len(w):
         raise InputError(
@@ -153,6 +155,8 @@ def check_gaps(system: System, q: np.ndarray, t: float, c: np.ndarray) -> None:
 
 
 def _check_inertia(system: System, mass: np.ndarray, slope: np.ndarray) -> None:
+    if is_definite(mass):
+        return
     size = np.sqrt(np.abs(np.diag(mass)))
     size = np.where(size > 0, size, size.max() or 1.0)
     scaled = mass / np.outer(size, size)

@@ -143,7 +143,7 @@ class Phase:
 
     def scene(self, system: System) -> System:
         """The scene that moves in this phase; the system itself where it is all of it."""
-        if self.rows == tuple(range(system.constraint.numel())) and not system.contact.numel():
+        if self.rows == tuple(range(system.structure.constraints)) and not system.structure.contacts:
             return system
         return held(system, self.rows, self.contacts)
 

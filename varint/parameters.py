@@ -64,7 +64,7 @@ def finite_array(what: str, value: Any) -> np.ndarray:
 
 def number(what: str, x: Any) -> float:
     """x as a finite number."""
-    value = converted(lambda: float(x), lambda: f"{what} must be a number, got {x!r}")
+    value = x if type(x) is float else converted(lambda: float(x), lambda: f"{what} must be a number, got {x!r}")
     if not math.isfinite(value):
         raise InputError(f"{what} must be finite, got {x!r}")
     return value

@@ -81,6 +81,9 @@ class Rule:
         if not (self.points or self.kicks):
             raise InputError(f"rule {self.name}: needs control points (Galerkin) or kicks and drifts (composition)")
 
+    def __hash__(self) -> int:
+        return hash(self.name)  # Python remembers it; rules are looked up in every run
+
     def __repr__(self) -> str:
         return self.name
 

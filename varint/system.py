@@ -62,9 +62,9 @@ def time() -> ca.SX:
 
 def parameter_values(system: System, overrides: Mapping[str, Any] | None) -> np.ndarray:
     """The vector of parameter values of one run: the defaults with `overrides` put in, in the order of `system.c`."""
-    defaults = system.defaults
     if overrides is None:
         return system.default_vector
+    defaults = system.defaults
     if not isinstance(overrides, Mapping):
         raise InputError(f"params must be a dictionary of names and values, got {type(overrides).__name__}")
     if not overrides:
@@ -255,8 +255,8 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
 
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:
-        store = system.__dict__.setdefault("_built", {})
-        name = (build.__module__, build.__qualname__, *key)
+        store = system.__dict__.get("_built") or system.__dict__.setdefault("_built", {})
+        name = (build, *key)
         if name not in store:
             with _BUILDING:
                 if name not in store:

@@ -167,12 +167,12 @@ class Trajectory:
             v[nodes] = over_columns(velocity, self.q[nodes], self.p[nodes], self.t[nodes, None], self.c)[0]
         return v
 
-    def _phases(self) -> list[tuple[np.ndarray, Phase]]:
+    def _phases(self) -> list[tuple[Any, Phase]]:
         """Nodes of each phase, and the phase."""
         from varint.manifold import Phase
 
         if self.phase is None:
-            return [(np.arange(len(self)), Phase(tuple(range(self.system.structure.constraints))))]
+            return [(slice(None), Phase(tuple(range(self.system.structure.constraints))))]
         return [(np.flatnonzero(self.phase == i), self.phases[i]) for i in np.unique(self.phase)]
 
     @cached_property

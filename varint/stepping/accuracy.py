@@ -35,6 +35,7 @@ Run = Callable[..., Course | None]  # (rule, duration, steps, save_every, tol) â
 PILOT = 32  # the part of the time that the pilot runs
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 MOST_STEPS, MOST_PILOT_STEPS = 60_000_000, 40_000
+TINY = np.finfo(float).tiny
 FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 PILOT_AIM = 0.3  # of the wanted error
 CAUTION = 0.75  # of the rule's order is counted on where a run is judged by a coarser one
@@ -113,7 +114,7 @@ def for_tolerance(
                 unit = math.ceil(2 * unit)
                 continue
             motion = trajectory(fine, fine.nodes)
-            size = max(float(np.abs(motion.q).max()), np.finfo(float).tiny)
+            size = max(float(np.abs(motion.q).max()), TINY)
             differences.append(float(np.abs(motion.q[::many] - _q(coarse)).max()) / size)
             estimate = max(differences[-1] * (few / many) ** counted_on, FLOOR)
             if estimate <= tol:
@@ -149,8 +150,9 @@ def _travelled(
     trial: bool,
 ) -> Course | None:
     """A run from the start with all its blocks; None where a step failed, or a trial's iteration does not contract."""
-    u = np.broadcast_to(start.u[:1], (steps, *start.u.shape[1:]))
-    task = replace(start, h=h, steps=steps, save_every=every, u=u, nodes=len(rule.nodes), level=level)
+    shape = steps, *start.u.shape[1:]
+    u = np.broadcast_to(start.u[:1], shape) if start.u.size else np.empty(shape)  # the faster one
+    task = start._replace(h=h, steps=steps, save_every=every, u=u, nodes=len(rule.nodes), level=level)
     course = course_of(system, plan(system, rule), task, began, backend=backend)
     for block in course.blocks:
         course.nodes.append(block)
@@ -206,7 +208,7 @@ def _measured(
             before, last = None, math.nan
         else:
             q = _q(course)
-            size = max(float(np.abs(q).max()), np.finfo(float).tiny)
+            size = max(float(np.abs(q).max()), TINY)
             if before is not None:
                 change = float(np.abs(q - before).max()) / size
                 if change > FLOOR and last > change:

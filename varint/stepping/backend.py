@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from functools import cache
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from varint.discrete import point_function
@@ -42,18 +44,25 @@ def kernel_for(system: System, rule: Rule, task: Task, backend: str) -> Kernel |
         raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
     if backend == "interpreted" or (backend == "auto" and not repays(system, rule, task.steps)):
         return None
-    from varint.stepping.native import CompileError, NotCompilable, kernel_of
-
+    native = _native()
     try:
-        return kernel_of(system, rule)
-    except NotCompilable:
+        return native.kernel_of(system, rule)
+    except native.NotCompilable:
         if backend == "compiled":
             raise
-    except CompileError as error:
+    except native.CompileError as error:
         if backend == "compiled":
             raise
         _say_once(str(error).splitlines()[0])
     return None
+
+
+@cache
+def _native() -> ModuleType:
+    """The module of compiled loops; an import in a function looks it up every time."""
+    from varint.stepping import native
+
+    return native
 
 
 def repays(system: System, rule: Rule, steps: int) -> bool:
@@ -104,6 +113,4 @@ def blocks_of(
     """The run block by block, compiled where there is a kernel; from a position on where one is given."""
     if kernel is None or (at is not None and at.carry is None and not at.by_newton):
         return run(system, rule, task, at)
-    from varint.stepping.native import native_blocks
-
-    return native_blocks(system, rule, task, kernel, at)
+    return _native().native_blocks(system, rule, task, kernel, at)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
@@ -126,8 +126,8 @@ def _in_phases(whole: Block, which: np.ndarray, phases: list[Phase | None]) -> l
     for a, b in pairwise(edges):
         k, q, p = (x[a:b] for x in (whole.k, whole.q, whole.p))
         t = None if whole.t is None else whole.t[a:b]
-        piece = replace(whole, k=k, q=q, p=p, t=t, good=b - a, phase=phases[which[a]])
-        pieces.append(piece if a == 0 else replace(piece, events=(), iterations=0))
+        piece = whole._replace(k=k, q=q, p=p, t=t, good=b - a, phase=phases[which[a]])
+        pieces.append(piece if a == 0 else piece._replace(events=(), iterations=0))
     return pieces
 
 

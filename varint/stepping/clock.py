@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from varint.arrays import over_columns
 from varint.between import require_within, steps_ahead
-from varint.stepping.course import Course, step_functions
-from varint.stepping.run import Task
+from varint.legendre import velocity_function
+from varint.stepping.course import Course, moving, step_functions, trajectory
+from varint.stepping.run import Block
 from varint.system import System
 from varint.trajectory import Event, Trajectory
 
-if TYPE_CHECKING:
-    from varint.compiled.kernel import Kernel
-
-Ahead = Callable[[np.ndarray], tuple[np.ndarray, ...]]  # times → q, p, v and whole steps there
+Ahead = Callable[[Any], tuple[Any, ...]]  # times, or one time → q, p, v and whole steps there
 
 LOCATED = 4 * np.finfo(float).eps  # relative to |t|
 MOST_ITERATIONS = 60
@@ -52,10 +51,8 @@ def happened(system: System, t0: float, inner: Trajectory) -> tuple[Event, ...]:
     )
 
 
-def reached(
-    before: tuple[np.ndarray, ...], after: tuple[np.ndarray, ...], times: np.ndarray, ahead: Ahead
-) -> tuple[np.ndarray, ...]:
-    """τ, q, p and k where the clock of the rescaled motion shows `times`, each between two nodes.
+def reached(before: tuple[Any, ...], after: tuple[Any, ...], times: Any, ahead: Ahead) -> tuple[Any, ...]:
+    """τ, q, p and k where the clock of the rescaled motion shows `times`, each between two nodes; or one, a number.
 
     τ(t) by Hermite's cubic, then Newton's method on the clock with the rule's own sub-steps, dt/dτ = σ.
 
@@ -63,7 +60,7 @@ def reached(
     ----------
     before, after : (τ, t, σ)
         Of the nodes before and after each time.
-    times : array
+    times : array or float
     ahead : callable
         τ → q, p, v, k there, from the nodes before.
     """
@@ -72,12 +69,12 @@ def reached(
     x = (times - ta) / passed
     y = 1 - x
     tau = a + x * (x * (3 - 2 * x) * rise + passed * y * (y / sa - x / sb))
-    low, high, close = a, b, LOCATED * np.maximum(np.abs(times), np.abs(passed))
+    low, high, close = a, b, LOCATED * np.maximum(abs(times), abs(passed))
     for _ in range(MOST_ITERATIONS):
         q, p, v, k = ahead(tau)
-        off = times - q[:, -1]
-        step = off / v[:, -1]
-        good = (np.abs(off) <= close) | (np.abs(step) <= LOCATED * np.maximum(np.abs(tau), np.abs(rise)))
+        off = times - q[..., -1]
+        step = off / v[..., -1]
+        good = (abs(off) <= close) | (abs(step) <= LOCATED * np.maximum(abs(tau), abs(rise)))
         if good.all():
             break
         short = step * rise > 0
@@ -101,24 +98,27 @@ def ahead_of(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, ...]:
     return q, p, replace(motion, t=times, q=q, p=p, k=k, events=()).v, k
 
 
-def ahead_by(kernel: Kernel, task: Task, near: Trajectory) -> Ahead:
-    """The same of the first node alone, by the compiled loop."""
+def end_at(course: Course, near: Block, time: float) -> tuple[Any, ...]:
+    """τ, q, p, k of the one state between two nodes where the clock shows `time`."""
+    tau = course.task.t0 + course.task.h * near.k
+    (v,) = over_columns(velocity_function(moving(course)), near.q, near.p, tau[:, None], course.task.c)
+    left, right = zip(tau, near.q[:, -1], v[:, -1], strict=True)
+    return reached(left, right, time, _ahead_by(course, near, float(tau[0])))
+
+
+def _ahead_by(course: Course, near: Block, first: float) -> Ahead:
+    """τ → q, p, v and k there, from the first of two nodes: by the compiled loop where there is one."""
     from varint.stepping.native import one_step
 
-    t, q, p, k = float(near.t[0]), near.q[0], near.p[0], near.k[:1]
+    task, q, p, k = course.task, near.q[0], near.p[0], near.k[0]
 
-    def ahead(times: np.ndarray) -> tuple[np.ndarray, ...]:
-        found = one_step(kernel, task, t, q, p, float(times[0]) - t)
-        return ahead_of(near[:1], times) if found is None else (*found[:, None], k)
+    def ahead(tau: float) -> tuple[np.ndarray, ...]:
+        found = one_step(course.kernel, task, first, q, p, tau - first) if course.kernel else None
+        if found is not None:
+            return (*found, k)
+        return tuple(x[0] for x in ahead_of(trajectory(course, [near])[:1], np.array((tau,))))
 
     return ahead
-
-
-def end_at(course: Course, near: Trajectory, time: float) -> tuple[np.ndarray, ...]:
-    """τ, q, p, k of the one state between two nodes where the clock shows `time`."""
-    ahead = ahead_by(course.kernel, course.task, near) if course.kernel else partial(ahead_of, near[:1])
-    first, second = ([x[i : i + 1] for x in _clock_of(near)] for i in (0, 1))
-    return reached(tuple(first), tuple(second), np.array((time,)), ahead)
 
 
 def at_times(motion: Trajectory, times: np.ndarray) -> Trajectory:

@@ -46,7 +46,7 @@ def contact_run(system: System, rule: Rule, task: Task, at: Position | None = No
     """The run of a scene with contacts from a position on; event nodes lie between the nodes of the grid."""
     unsaid = 0  # iterations of steps none of whose nodes is kept
     for found in _every_node(system, rule, task, at):
-        block = replace(found, iterations=found.iterations + unsaid)
+        block = found._replace(iterations=found.iterations + unsaid)
         unsaid = 0
         wanted = (block.k % task.save_every == 0) | (block.k == task.steps)
         if task.save_every == 1 or block.events or block.good < len(block.k) or wanted.all():
@@ -57,7 +57,7 @@ def contact_run(system: System, rule: Rule, task: Task, at: Position | None = No
                 unsaid = block.iterations
                 continue
             k, q, p, t = (x[wanted] for x in (block.k, block.q, block.p, block.t))
-            yield replace(block, k=k, q=q, p=p, t=t, good=len(k))
+            yield block._replace(k=k, q=q, p=p, t=t, good=len(k))
 
 
 def _every_node(system: System, rule: Rule, task: Task, at: Position | None) -> Iterator[Block]:
@@ -110,7 +110,7 @@ def _position(system: System, rule: Rule, task: Task, now: Instant, k: int, last
     scene, n, step = now.phase.scene(system), len(now.q), min(k, task.steps - 1)
     if last is None or now.phase != last.phase:
         q, p = now.q.copy(), now.p.copy()
-        last = beginning(scene, rule, replace(task, q0=q, p0=p, t0=now.t - task.h * step, first=step))
+        last = beginning(scene, rule, task._replace(q0=q, p0=p, t0=now.t - task.h * step, first=step))
         x = last.x
     elif now.t != task.t0 + task.h * k:
         x = now.x
@@ -120,7 +120,7 @@ def _position(system: System, rule: Rule, task: Task, now: Instant, k: int, last
         x = call(start, now.q, now.p, u, t, h, task.c)[0]
     if x is not now.x:
         x[: 4 * n] = now.x
-    return replace(last, x=x, k=k, largest=FIRST_LOOK, t=now.t, phase=now.phase, events=0)
+    return last._replace(x=x, k=k, largest=FIRST_LOOK, t=now.t, phase=now.phase, events=0)
 
 
 def _quiet(system: System, rule: Rule, task: Task, at: Position, here: View) -> tuple[Block, bool]:
@@ -136,7 +136,7 @@ def _quiet(system: System, rule: Rule, task: Task, at: Position, here: View) -> 
     quiet = _first_event(system, rule, task, at, here, states[:good], t[: good + 1])
     happens = quiet < good
     after = advanced(at, states[:quiet], task.h, 1)
-    after = replace(after, t=float(t[quiet]), largest=FIRST_LOOK if happens else after.largest)
+    after = after._replace(t=float(t[quiet]), largest=FIRST_LOOK if happens else after.largest)
     kept = quiet if happens else min(quiet + 1, count)
     failed = 0.0 if happens or good == count else size(states[good])
     worst = float(states[quiet - 1, -1]) if quiet else 0.0
@@ -202,7 +202,7 @@ def _passed(system: System, rule: Rule, task: Task, at: Position, here: View) ->
         there, seen, more = settle(setting, there, seen, released=released, tired=tired)
         events += more
     after = _position(system, rule, task, there, k, at)
-    after = replace(after, events=at.events + 1 if k == at.k else 0)
+    after = after._replace(events=at.events + 1 if k == at.k else 0)
     return _node(after, reached.residual, tuple(events), reached.iterations), seen
 
 

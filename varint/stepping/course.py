@@ -160,7 +160,7 @@ def last_node(nodes: Sequence[Block]) -> Block:
     block = next(b for b in reversed(nodes) if b.good)
     i = block.good - 1
     t = None if block.t is None else block.t[i:]
-    return replace(block, k=block.k[i : i + 1], q=block.q[i:], p=block.p[i:], t=t, good=1, events=(), iterations=0)
+    return block._replace(k=block.k[i : i + 1], q=block.q[i:], p=block.p[i:], t=t, good=1, events=(), iterations=0)
 
 
 def _failed_step(block: Block) -> int:
@@ -185,11 +185,12 @@ def trajectory(
     """The motion that these blocks of the run hold."""
     system, chosen, task, _, _, kernel, began = course
     k = np.concatenate([block.k[: block.good] for block in nodes])
-    t = task.t0 + task.h * k
-    if any(block.t is not None for block in nodes):
+    t = task.h * k
+    t += task.t0
+    if [block for block in nodes if block.t is not None]:
         t = np.concatenate([task.t0 + task.h * b.k[: b.good] if b.t is None else b.t for b in nodes])
     phases, phase = _phases(system, task, nodes)
-    events = [*noted, *(event for block in nodes for event in block.events)]
+    events = [*noted, *[event for block in nodes for event in block.events]]
     if len(events) > 1:
         events.sort(key=lambda event: event.time * np.sign(task.h))
     return Trajectory(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
+from varint.arrays import is_definite, over_columns
 from varint.discrete import constraint_function, point_function
 from varint.errors import ConvergenceError
 from varint.stepping.jump import energy_jump
@@ -149,7 +149,7 @@ def frequencies(motion: Trajectory) -> np.ndarray:
         inertia = np.diag(m).copy()
         if (inertia <= 0).any():
             return np.empty(0)
-        square = np.linalg.pinv(m, hermitian=True) @ k
+        square = np.linalg.solve(m, k) if is_definite(m) else np.linalg.pinv(m, hermitian=True) @ k
         if not np.isfinite(square).all():
             break
         found.append(np.sqrt(np.abs(np.linalg.eigvals(square)).max()))

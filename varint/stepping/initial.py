@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from varint.arrays import call
+from varint.arrays import call, finite, is_definite
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.grid import MOST_STEPS, affordable
@@ -116,8 +116,8 @@ def _on_manifold(
 
 def time_grid(h: float | None, steps: int | None, duration: float | None) -> tuple[float, int]:
     """Step size and number of steps from two of h, steps, duration."""
-    given = [name for name, x in (("h", h), ("steps", steps), ("duration", duration)) if x is not None]
-    if len(given) != 2:
+    if (h is None) + (steps is None) + (duration is None) != 1:
+        given = [name for name, x in (("h", h), ("steps", steps), ("duration", duration)) if x is not None]
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
     steps = None if steps is None else whole("steps", steps)
     if steps is not None and steps > MOST_STEPS:
@@ -154,7 +154,7 @@ def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
         value = value.reshape(1)
     if value.shape != (n,):
         raise InputError(f"{what} has shape {value.shape}; it must be ({n},), one number for each of {list(names)}")
-    if not np.isfinite(value).all():
+    if not finite(value):
         bad = [names[i] for i in np.flatnonzero(~np.isfinite(value))]
         raise InputError(f"{what} is not finite in {bad}: {value}")
     return value
@@ -184,7 +184,7 @@ def _momentum(system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
     u, t = np.zeros(structure.controls), np.array((t0,))
     p, mass, push, value = call(start_function(system), q, v, u, t, c)
-    if not np.isfinite(np.concatenate((p, mass, push, value))).all():
+    if not finite(p, mass, push, value):
         what = "the Lagrangian" if np.isfinite(p).all() and np.isfinite(push).all() else "the Lagrangian's derivatives"
         raise InputError(
             f"{what} {'is' if what == 'the Lagrangian' else 'are'} not finite at the start, q0={q}, t0={t0:g}: a "
@@ -203,16 +203,18 @@ def _regular_at(system: System) -> set[bytes]:
 
 
 def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
-    names, known, key = system.names, _regular_at(system), c.tobytes()
-    if key in known:
+    constant, known = system.structure.constant_mass, _regular_at(system)
+    key = c.tobytes() if constant else b""
+    if key in known or is_definite(mass):
+        if constant and len(known) < REMEMBERED:
+            known.add(key)
         return
+    names = system.names
     size = np.sqrt(np.abs(np.diag(mass)))
     scaled = mass / np.outer(np.where(size > 0, size, 1), np.where(size > 0, size, 1))
     values, vectors = np.linalg.eigh(scaled)
     smallest = np.argmin(np.abs(values))
     if abs(values[smallest]) > SINGULAR:
-        if system.structure.constant_mass and len(known) < REMEMBERED:
-            known.add(key)
         return
     part = np.abs(vectors[:, smallest])
     weak = [name for name, x in zip(names, part, strict=True) if x > 0.1 * part.max()]
@@ -224,11 +226,12 @@ def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
 
 def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     """Controls of every step, (steps, r, k) with r = 1 where they are constant on a step."""
-    k, r, names = system.structure.controls, len(rule.nodes), list(system.control_names)
+    k = system.structure.controls
     if not k:
         if u is not None:
             raise InputError("u was given, but the system has no control; declare it with System(..., control=...)")
         return np.empty((steps, 1, 0))
+    r, names = len(rule.nodes), list(system.control_names)
     wanted = f"({steps}, {k}), ({steps}, {r}, {k}) or ({k},)"
     if u is None:
         raise InputError(f"the system has the controls {names}; give u with shape {wanted}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -61,14 +61,15 @@ def energy_jump(motion: Trajectory) -> Jump | None:
     if not keeps_energy(motion.system) or len(motion) < 2:
         return None
     last, h = len(motion) - 1, np.array((motion.h,))
-    i: Any = slice(None) if last < SAMPLES else np.arange(SAMPLES) * last // (SAMPLES - 1)
-    q, t = motion.q[i], motion.t[i]
+    q, p, t = motion.q, motion.p, motion.t
+    if last >= SAMPLES:
+        i = np.arange(SAMPLES) * last // (SAMPLES - 1)
+        q, p, t = q[i], p[i], t[i]
     if motion.phase is None:
-        found = over_columns(_energy_of_momentum(motion.system), q, motion.p[i], t[:, None], motion.c, h)
+        found = over_columns(_energy_of_momentum(motion.system), q, p, t[:, None], motion.c, h)
     else:
-        found = over_columns(
-            _energy_function(motion.system), q, motion[np.arange(last + 1)[i]].v, t[:, None], motion.c, h
-        )
+        v = motion[i].v if last >= SAMPLES else motion.v
+        found = over_columns(_energy_function(motion.system), q, v, t[:, None], motion.c, h)
     energy, moving, kicked = (x[:, 0].tolist() for x in found)  # so few that lists are faster than arrays
     before = energy[0]
     largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -60,12 +59,13 @@ def native_blocks(
     q, p = (task.q0, task.p0) if at is None else (at.x[: len(at.x) // 2], at.x[len(at.x) // 2 :])
     taken_over = at is not None and at.by_newton
     if taken_over and carry is None:
-        yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k))
+        yield from _by_newton(system, rule, task._replace(q0=q, p0=p, first=k))
         return
     if taken_over:
         kernel = newton_kernel(system, rule)
     by_stages = kernel.opening is None and not rule.kicks
-    most = PILOT if by_stages else max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
+    piloted = by_stages and at is None
+    most = PILOT if piloted else max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
     while k < task.steps:
         steps, every = _piece(k, task.steps, task.save_every, most)
         u, began = task.controls(k, steps) if kernel.controls else None, perf_counter()
@@ -74,22 +74,24 @@ def native_blocks(
             t0=task.t0, h=task.h, steps=steps, save_every=every, u=u, first=k, carry=carry, level=task.level,
         )  # fmt: skip
         per_step = max((perf_counter() - began) / max(part.steps, 1), 1e-12)
-        poor = by_stages and at is None and k == task.first and part.iterations > POOR * steps
+        poor = piloted and k == task.first and part.iterations > POOR * steps
         rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
         if part.status == NOT_CONVERGED:
             wanted = good
         elif part.status != DONE:
             wanted = max(wanted, good + 1)
-        counts = k - part.steps + every * np.arange(1, wanted + 1)
+        started = k - part.steps
+        counts = np.arange(started + every, started + every * wanted + 1, every)
         after = Position(x, NOTHING, NOTHING, k, 0, None if poor else part.carry, poor or taken_over)
         failed = 0.0 if part.status in (DONE, NOT_CONVERGED) else float("nan")
         after_it = None if part.status == NOT_CONVERGED else after
-        yield Block(counts, rows[:, 0], rows[:, 1], 0.0, good, failed, iterations=part.iterations, after=after_it)
+        q_rows, p_rows = rows[:, 0], rows[:, 1]
+        yield Block(counts, q_rows, p_rows, 0.0, good, failed, None, None, (), part.iterations, after_it)
         if part.status == NOT_CONVERGED or (poor and part.status == DONE):
             if k < task.steps:
                 q, p = np.split(x, 2)
-                yield from _by_newton(system, rule, replace(task, q0=q, p0=p, first=k), by_stages)
+                yield from _by_newton(system, rule, task._replace(q0=q, p0=p, first=k), by_stages)
             return
         if part.status != DONE:
             return
@@ -115,7 +117,7 @@ def _by_newton(system: System, rule: Rule, task: Task, compiled: bool = True) ->
     for block in native_blocks(system, rule, task, kernel):
         at = block.after
         if at is not None and at.carry is not None:  # not handed on to the interpreted one
-            block = replace(block, after=replace(at, by_newton=True))
+            block = block._replace(after=at._replace(by_newton=True))
         yield block
 
 

@@ -28,7 +28,7 @@ from varint.stepping.jump import energy_jump
 from varint.stepping.plan import plan
 from varint.stepping.run import Block, Task
 from varint.stepping.time_scale import Rescaled, rescaled
-from varint.system import System
+from varint.system import System, per_system
 from varint.trajectory import Trajectory
 
 FIRST_CHUNK = 200  # steps before the mean rate of the clock is known well enough to look further ahead
@@ -70,8 +70,7 @@ def rescaled_motion(
     course = course_of(
         scene.system,
         chosen,
-        replace(
-            task,
+        task._replace(
             q0=np.append(task.q0, 0.0),
             p0=np.append(task.p0, start_scale),
             t0=0.0,
@@ -142,7 +141,7 @@ def _blocks_until(scene: Rescaled, course: Course, total: float) -> Iterator[Blo
             count = min(count, every - done % every)
             each = done + count + 1
         for block in blocks_of(
-            own, course.plan.rule, replace(task, steps=done + count, save_every=each), course.kernel, at
+            own, course.plan.rule, task._replace(steps=done + count, save_every=each), course.kernel, at
         ):
             yield block
             at, last = block.after, block
@@ -156,19 +155,25 @@ def _blocks_until(scene: Rescaled, course: Course, total: float) -> Iterator[Blo
 
 def _ended(course: Course, inner: Trajectory, total: float) -> Trajectory:
     """The nodes before the physical time `total`, and one there, by a shorter step from the last of them."""
-    kept = int(np.searchsorted(np.abs(inner.q[:, -1]), abs(total) * (1 - LOCATED)))  # nodes before the end
-    near = inner[kept - 1 : kept + 1]
+    kept, near = _around(inner, total)
     if near.k[1] - near.k[0] > 1:  # the nodes between them
         first, last = near.k.tolist()
-        part = replace(course.task, q0=near.q[0], p0=near.p[0], first=first, steps=last, save_every=1)
+        part = course.task._replace(q0=near.q[0], p0=near.p[0], first=first, steps=last, save_every=1)
         fine = trajectory(course, [first_node(part), *blocks_of(moving(course), course.plan.rule, part, course.kernel)])
-        i = int(np.searchsorted(np.abs(fine.q[:, -1]), abs(total) * (1 - LOCATED)))
-        near = fine[i - 1 : i + 1]
+        _, near = _around(fine, total)
     end = end_at(course, near, total)
     wanted = np.flatnonzero(inner.k[:kept] % course.task.save_every == 0) if course.task.save_every > 1 else slice(kept)
-    t, q, p, k = (np.concatenate((getattr(inner, x)[wanted], y)) for x, y in zip("tqpk", end, strict=True))
+    before = (inner.t, inner.q, inner.p, inner.k)
+    t, q, p, k = (np.concatenate((x[wanted], np.array(y)[None])) for x, y in zip(before, end, strict=True))
     phase = None if inner.phase is None else np.append(inner.phase[wanted], inner.phase[kept - 1])
     return replace(inner, t=t, q=q, p=p, k=k, phase=phase)
+
+
+def _around(inner: Trajectory, total: float) -> tuple[int, Block]:
+    """How many nodes there are before the physical time `total`, and the two around it."""
+    kept = int(np.searchsorted(np.abs(inner.q[:, -1]), abs(total) * (1 - LOCATED)))
+    two = slice(kept - 1, kept + 1)
+    return kept, Block(inner.k[two], inner.q[two], inner.p[two], 0.0, 2)
 
 
 def _require_level(scene: Rescaled, course: Course, inner: Trajectory) -> None:
@@ -184,14 +189,23 @@ def _require_level(scene: Rescaled, course: Course, inner: Trajectory) -> None:
         raise InputError(
             f"time_scale must stay positive, but after t = {q[slowest, n]:g} it is not: time does not go on"
         )
-    kinetic = np.abs((p[:-1, :n] * rise[:, :n]).sum(axis=1) / passed).max()
-    start, c, t = inner.c[-2], inner.c[:-2], np.zeros(1)
-    q, p = q[slowest : slowest + 2], p[slowest : slowest + 2]
-    (v,) = over_columns(velocity_function(moving(course)), q, p, t, inner.c)
-    energies = over_columns(scene.energy, q[:, :n], v[:, :n] / v[:, n:], t, c)[0][:, 0].tolist()
-    for energy, clock in zip(energies, q[:, n].tolist(), strict=True):
-        if not abs(energy - start) <= OFF_LEVEL * kinetic:
+    start, two = inner.c[-2], slice(slowest, slowest + 2)
+    (energies,) = over_columns(_level_function(moving(course), scene), q[two], p[two], inner.c)
+    here = abs(p[slowest, :n].dot(rise[slowest, :n]) / passed[slowest])  # kinetic energy: at most the largest one
+    if not np.abs(energies - start).max() <= OFF_LEVEL * here:
+        here = np.abs(np.einsum("ij,ij->i", p[:-1, :n], rise[:, :n]) / passed).max()
+    for energy, clock in zip(energies[:, 0].tolist(), q[two, n].tolist(), strict=True):
+        if not abs(energy - start) <= OFF_LEVEL * here:
             raise InputError(
                 f"the energy is {energy:g} at t = {clock:g} and was {start:g} at the start: time_scale comes "
                 "too close to zero there, or h is too large; choose another time_scale or a smaller h"
             )
+
+
+@per_system
+def _level_function(moving: System, scene: Rescaled) -> ca.Function:
+    """(q, p, c) of the rescaled scene that moves → energy of the original one."""
+    n, velocity = moving.structure.n - 1, velocity_function(moving)
+    q, p, c = (ca.MX.sym(name, size) for name, size in zip("qpc", (n + 1, n + 1, moving.c.numel()), strict=True))
+    v, t = velocity(q, p, 0, c), ca.DM.zeros(1)
+    return ca.Function("level", [q, p, c], [scene.energy(q[:n], v[:n] / v[n], t, c[:-2])[0]])

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -25,8 +24,7 @@ LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a larg
 MOST_STEPS_IN_BLOCK = 10_000  # Ctrl-C waits for the block that runs
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
+class Task(NamedTuple):
     """What the time loop needs: start, grid, controls (steps, r or 1, k) at the `nodes`, parameters; what holds."""
 
     q0: np.ndarray
@@ -50,8 +48,7 @@ class Task:
         return np.ascontiguousarray(np.broadcast_to(u, (len(u), self.nodes, u.shape[2])))
 
 
-@dataclass(frozen=True, eq=False)
-class Position:
+class Position(NamedTuple):
     """Where a run stands between two blocks: all that it needs to go on as if it had not stopped.
 
     The stepper's state x, typical sizes of v and p and the inertia between them, k steps taken, and how many nodes the
@@ -72,8 +69,7 @@ class Position:
     events: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class Block:
+class Block(NamedTuple):
     """Some saved nodes: step counts k, coordinates, momenta.
 
     The first `good` of them are solved, with `residual` the worst among them; `failed` is that of the next one. Scenes
@@ -118,7 +114,7 @@ def beginning(system: System, rule: Rule, task: Task) -> Position:
     u, t = task.controls(task.first, 1).reshape(1, -1), task.t0 + task.h * task.first
     typical = np.abs(task.u).max(axis=(0, 1), initial=0.0)[None]
     one = beginning_rows(system, rule, task.q0[None], task.p0[None], u, typical, t, np.array([task.h]), task.c[None])
-    return replace(one, x=one.x[0], scale=one.scale[0], inertia=one.inertia[0], k=task.first)
+    return one._replace(x=one.x[0], scale=one.scale[0], inertia=one.inertia[0], k=task.first)
 
 
 def beginning_rows(
@@ -208,11 +204,11 @@ def counted(system: System, rule: Rule, before: np.ndarray, states: np.ndarray) 
 def advanced(at: Position, states: np.ndarray, h: float, every: int) -> Position:
     """The position after the solved states, (nodes, size)."""
     if not len(states):
-        return replace(at, largest=1)
+        return at._replace(largest=1)
     x, k = states[-1].copy(), at.k + every * len(states)
     x[-1] = 0.0
-    return replace(
-        at, x=x, scale=rescaled(at, states, abs(h) * every), k=k, largest=min(10 * at.largest, largest_block(x))
+    return at._replace(
+        x=x, scale=rescaled(at, states, abs(h) * every), k=k, largest=min(10 * at.largest, largest_block(x))
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -143,14 +142,13 @@ def simulate(
             )
 
         _require_whole("tol without h", checkpoint, on_failure)
+        save_every = whole("save_every", save_every)
         from varint.stepping.accuracy import for_tolerance
 
-        save_every = whole("save_every", save_every)
         motion = for_tolerance(
             system, rule, duration=duration, tol=tol, q0=q0, v0=v0, p0=p0, t0=t0, u=u, params=params, backend=backend
         )
-        kept = np.unique(np.append(np.arange(0, len(motion), save_every), len(motion) - 1))
-        return motion[kept]
+        return motion if save_every == 1 else thinned(motion, save_every)
     began = perf_counter()
     stop = None if until is None else watched("until", until)
     watches = watched_events(events)
@@ -168,7 +166,7 @@ def simulate(
         words = dict(until=repr(until), events=repr(events), backend=backend, on_failure=on_failure)
         file = checkpoint_of(checkpoint, system, chosen.rule, task, **words)
     if stop or watches:
-        task = replace(task, save_every=1)  # every node is looked at; those not asked for are dropped at the end
+        task = task._replace(save_every=1)  # every node is looked at; those not asked for are dropped at the end
     course = course_of(system, chosen, task, began, backend=backend, on_failure=on_failure, file=file)
     motion = travelled(course, stop=stop, watches=watches, file=file, progress=progress, on_failure=on_failure)
     if jump := energy_jump(motion):

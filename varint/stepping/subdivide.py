@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +24,7 @@ def around_failures(system: System, rule: Rule, task: Task, at: Position | None)
     while True:
         block = None
         for block in run(system, rule, task, at):
-            yield replace(block, k=block.k[: block.good])
+            yield block._replace(k=block.k[: block.good])
         if block is None or block.after is None or block.after.k == task.steps:
             return
         around = subdivided(system, rule, task, block.after)
@@ -69,7 +68,7 @@ def subdivided(system: System, rule: Rule, task: Task, at: Position) -> Block:
     counts = [i for i, _, _ in nodes] + ([k + 1] if k < end else [])
     return Block(
         np.array(counts, dtype=int), saved[:, :n], saved[:, 2 * n : 3 * n], worst, len(nodes), failed,
-        np.array([t for _, t, _ in nodes]), None, tuple(divided), iterations, replace(at, x=x, k=k, largest=1),
+        np.array([t for _, t, _ in nodes]), None, tuple(divided), iterations, at._replace(x=x, k=k, largest=1),
     )  # fmt: skip
 
 
@@ -113,8 +112,8 @@ def _one_step(system: System, rule: Rule, task: Task, k: int, x: np.ndarray, sca
 
 def _parts(system: System, rule: Rule, task: Task, k: int, x: np.ndarray, scale: np.ndarray, parts: int) -> np.ndarray:
     """States at the ends of the parts of step k, up to the first that is not solved."""
-    small = replace(
-        task, h=task.h / parts, u=np.broadcast_to(task.u[k], (parts, *task.u.shape[1:])), t0=task.t0 + task.h * k
+    small = task._replace(
+        h=task.h / parts, u=np.broadcast_to(task.u[k], (parts, *task.u.shape[1:])), t0=task.t0 + task.h * k
     )
     states = []
     x = _restarted(system, rule, small, 0, x)
