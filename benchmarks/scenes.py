@@ -82,11 +82,14 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "pendulum on a cart": lambda: Scene(vi.models.sliding_support(), 100.0, 250),
     "charged particle": lambda: Scene(vi.models.inverse_distance_field(), 200.0, 150),
     "fpu": lambda: Scene(vi.models.fpu_chain(), 200.0, 3000),
-    "chain of 10": lambda: chain(10, 30),
-    "chain of 30": lambda: chain(30, 60),
+    "chain of 10": lambda: chain(10, 13),
+    "chain of 30": lambda: chain(30, 24),
+    "chain of 50": lambda: chain(50, 32),
+    "chain of 100": lambda: chain(100, 60),
 }
 LONGER = {
     "pendulum": 50, "kepler 0.6": 10, "kepler 0.9": 5, "henon-heiles": 20, "double pendulum": 30, "solar system": 10,
     "spherical pendulum": 20, "pendulum on a cart": 10, "charged particle": 100, "chain of 10": 5,
+    "chain of 30": 5,
 }  # fmt: skip
 SCENES = {f"{name} ×{by}": (lambda f=SCENES[name], by=by: longer(f(), by)) for name, by in LONGER.items()} | SCENES

@@ -42,9 +42,9 @@ matplotlib.use("Agg")
 
 MEASURES = ("q", "energy")
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
-RULES = (*map(vi.gauss, (6, 8, 10, 16)), *map(vi.composition, ("blanes-moan4", "blanes-moan6", "kahan-li8")))
+RULES = (*map(vi.gauss, (4, 6, 8, 10, 16)), *map(vi.composition, ("blanes-moan4", "blanes-moan6", "kahan-li8")))
 GRID = 1.15 ** np.arange(-3, 14)
-LEVELS = (None, 1e-9, 1e-7, 1e-5, 1e-4)
+LEVELS = (None, 1e-9, 1e-7, 1e-5, 1e-4, 1e-2, 1e-1)  # a thousandth of it is left of the stages
 TURNS = 9
 LONG = 1e-3  # seconds of the best peer: a run of milliseconds, in which a call's cost does not count
 LONGEST = 0.2  # seconds of a run that is worth timing

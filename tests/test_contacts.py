@@ -343,8 +343,11 @@ def test_a_run_backwards_undoes_elastic_impacts_and_refuses_lossy_ones():
     back = vi.simulate(box, q0=there.q[-1], v0=there.v[-1], h=-0.02, duration=-3.0, t0=3.0)
     np.testing.assert_allclose(np.hstack([back.q[-1], back.v[-1]]), [0.3, 0.4, 2.0, 5.0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(times(back), times(there)[::-1], rtol=1e-13)
-    with pytest.raises(vi.InputError, match=r"contact 0 is hit at t = 0.678476 .* backwards.*restitution is 0.5"):
+    lossy = r"contact 0 is hit at t = 0.678476 .* backwards.*restitution is 0.5"
+    with pytest.raises(vi.ConvergenceError, match=lossy) as caught:
         vi.simulate(ball(0.5), q0=1.0, v0=0.0, h=-0.05, duration=-1.0, t0=1.13)
+    fall = caught.value.trajectory
+    assert len(fall) == 10 and np.abs(fall.energy - fall.energy[0]).max() < 1e-13, "the nodes before it are kept"
 
 
 def test_a_start_inside_a_contact_is_refused():
@@ -453,7 +456,5 @@ def test_the_scale_of_a_gap_changes_nothing_but_its_impulse(unit, steepness):
 def test_a_blow_on_a_contact_whose_gradient_vanishes_is_refused(place):
     q, v = vi.coordinates("x")
     squared = vi.System(q, v, 1e-20 * (v**2 / 2 - q), contact=q**2, restitution=0.0)
-    with pytest.raises(
-        vi.InputError, match=r"contact 0 is hit at t = 0, where its gradient ∂gap/∂q vanishes.*a distance"
-    ):
+    with pytest.raises(vi.InputError, match="contact 0 closes at t = 0 where its gap has no gradient"):
         vi.simulate(squared, q0=place, v0=-1.0, h=0.001, steps=1)

@@ -434,3 +434,21 @@ def test_what_cannot_be_a_problem_is_said_before_a_solver_runs(change, message, 
     with pytest.raises(vi.InputError, match=message):
         move(vi.gauss(2), **(dict(steps=5) | change))
     assert "WARNING" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (dict(t0=1e20), "do not move a clock"),
+        (dict(end=dict(periodic=ca.SX.sym("foreign"))), "periodic takes one finite offset"),
+        (dict(end=dict(periodic=[ca.SX.sym("foreign"), 0])), "periodic takes one finite offset"),
+        (dict(end=dict(periodic=[np.nan, 0])), "periodic takes one finite offset"),
+    ],
+)
+def test_input_that_fuzzing_found_is_refused(changed, message):
+    q, v = vi.coordinates("x", "y")
+    push = ca.SX.sym("push")
+    cart = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sumsqr(q), force=ca.vertcat(push, 0), control=push)
+    problem = dict(duration=1.0, steps=3, cost=push**2, start=dict(q=[0, 0], v=[0, 0]), end=dict(q=[1, 0]))
+    with pytest.raises(vi.InputError, match=message):
+        vi.optimal_control(cart, vi.gauss(2), **problem | changed)

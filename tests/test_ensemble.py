@@ -337,3 +337,24 @@ def test_members_whose_energy_strays_are_named_in_one_warning(backend):
     with pytest.warns(UserWarning, match=r"the energy of 2 members .*\(member 1: .*members \[1, 3\]"):
         vi.ensemble(swinging(), vi.composition("verlet"), **start)
     vi.ensemble(swinging(), vi.composition("verlet"), **start | dict(params=dict(length=lengths[[0, 2, 4]])))
+
+
+@pytest.mark.parametrize("wrong", ["q0", "v0", "gap"])
+def test_a_bad_start_of_any_member_is_refused_before_one_moves(wrong, monkeypatch):
+    from varint.ensembles import executor
+
+    def never(*arguments):
+        raise AssertionError("a member was stepped")
+
+    monkeypatch.setattr(executor, "stepped", never)
+    q, v = vi.coordinates("x", "y")
+    held = dict(contact=q[1]) if wrong == "gap" else dict(constraint=ca.sumsqr(q) - 1)
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], **held)
+    angles = np.linspace(0.1, 3, 50)
+    q0, v0 = np.stack([np.cos(angles), np.sin(angles)], axis=1), np.zeros((50, 2))
+    if wrong == "v0":
+        v0[37] = q0[37]
+    else:
+        q0[37] *= -2
+    with pytest.raises(vi.InputError, match=r"member 37: (q0|v0) violates"):
+        vi.ensemble(system, q0=q0, v0=v0, h=0.01, steps=10)

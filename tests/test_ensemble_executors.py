@@ -170,10 +170,8 @@ def test_a_store_bounds_the_memory_of_an_ensemble_that_is_larger(tmp_path, monke
     assert kept == plain, "the statistics depend on where the members are kept"
 
 
-def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chunks, tmp_path, monkeypatch):
-    zarr = pytest.importorskip("zarr", reason="needs the extra: pip install varint-mechanics[zarr]")
-    system, q0 = double_pendulum(), starts(53)
-    plain = vi.ensemble(system, q0=q0, **START)
+def stopped_after_four(monkeypatch) -> list[int]:
+    """Ctrl-C after four chunks; the first members of those that are done."""
     stepped, done = module.stepped, []
 
     def interrupted(system, rule, members, backend):
@@ -182,14 +180,21 @@ def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chu
         done.append(members.first)
         return stepped(system, rule, members, backend)
 
+    monkeypatch.setattr(module, "stepped", interrupted)
+    return done
+
+
+def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chunks, tmp_path, monkeypatch):
+    zarr = pytest.importorskip("zarr", reason="needs the extra: pip install varint-mechanics[zarr]")
+    system, q0 = double_pendulum(), starts(53)
+    plain = vi.ensemble(system, q0=q0, **START)
     where = tmp_path / "kept.zarr"
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "stepped", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            vi.ensemble(system, q0=q0, store=where, **START)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        done = stopped_after_four(patch)
+        vi.ensemble(system, q0=q0, store=where, **START)
     with pytest.raises(vi.InputError, match="not complete"):
         vi.load(where)
-    before, seen = set(done), []
+    before, seen, stepped = set(done), [], module.stepped
 
     def counted(system, rule, members, backend):
         seen.append(members.first)
@@ -210,6 +215,15 @@ def test_a_zarr_group_keeps_an_ensemble_and_an_interrupted_one_goes_on(small_chu
     with pytest.raises(vi.InputError, match="not empty and holds no ensemble"):
         vi.ensemble(system, q0=q0, store=tmp_path / "foreign.zarr", **START)
     chunk = next(path for path in (where / "q").rglob("*") if path.is_file() and path.name != "zarr.json")
+    whole, refused = chunk.read_bytes(), 0
+    for i in range(20, len(whole), len(whole) // 9):
+        chunk.write_bytes(whole[:i] + bytes([whole[i] ^ 4]) + whole[i + 1 :])
+        try:
+            assert_same(vi.load(where), plain)  # a bit that nothing reads
+        except vi.InputError as error:
+            assert "torn or not from varint" in str(error)
+            refused += 1
+    assert refused >= 7
     chunk.write_bytes(chunk.read_bytes()[:20])
     with pytest.raises(vi.InputError, match="torn or not from varint"):
         _ = vi.load(where).q
@@ -261,6 +275,9 @@ def test_other_kinds_of_pools_work_too():
     pool = loky.get_reusable_executor(max_workers=2)
     try:
         assert_same(vi.ensemble(system, q0=q0, executor=pool, **START), plain)
+        victim = next(iter(pool._processes))
+        os.kill(victim, getattr(signal, "SIGKILL", signal.SIGTERM))
+        assert_same(vi.ensemble(system, q0=q0, executor=pool, **START), plain)
     finally:
         pool.shutdown(wait=True, kill_workers=True)
 
@@ -268,18 +285,9 @@ def test_other_kinds_of_pools_work_too():
 def test_an_interrupted_ensemble_goes_on_where_it_was(small_chunks, tmp_path, monkeypatch):
     system, q0 = double_pendulum(), starts(50)
     plain = vi.ensemble(system, q0=q0, **START)
-    stepped, done = module.stepped, []
-
-    def interrupted(system, rule, members, backend):
-        if len(done) == 4:
-            raise KeyboardInterrupt
-        done.append(members.first)
-        return stepped(system, rule, members, backend)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "stepped", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            vi.ensemble(system, q0=q0, store=tmp_path / "kept", **START)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stopped_after_four(patch)
+        vi.ensemble(system, q0=q0, store=tmp_path / "kept", **START)
     with pytest.raises(vi.InputError, match="not complete"):
         vi.load(tmp_path / "kept")
     (tmp_path / "kept" / "members_0000000049_0000001.npz.part").write_bytes(b"killed while writing")

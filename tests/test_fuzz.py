@@ -94,7 +94,7 @@ def well_formed(draw):
         h=draw(st.sampled_from([1e-3, 0.01, 0.1, 1.0, -0.05])), steps=draw(st.integers(1, 12)),
         save_every=draw(st.integers(1, 3)), backend="interpreted",
     )  # fmt: skip
-    if not system.structure.contacts and draw(st.integers(0, 9)) == 0:
+    if draw(st.integers(0, 9)) == 0:
         start["on_failure"] = "subdivide"
     return system, draw(RULES), start
 

@@ -16,6 +16,10 @@ class InputError(VarintError, ValueError):
     """The input cannot describe the problem: wrong shape, name, value or combination."""
 
 
+class StepRefused(InputError):
+    """What makes a step impossible; at the start it is the input's fault, later `ConvergenceError` takes its place."""
+
+
 class ConvergenceError(VarintError, RuntimeError):
     """A step could not be solved; what was computed before it is attached.
 

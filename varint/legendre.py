@@ -7,6 +7,8 @@ import casadi as ca
 from varint.system import System, per_system
 
 MOST_ITERATIONS = 50  # of Newton's method for Lagrangians that are not quadratic in v
+WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
+FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
 HALVINGS = 12  # of a Newton step that would leave the domain of L or make the residual grow
 
 
@@ -34,12 +36,25 @@ def velocity_function(system: System) -> ca.Function:
         return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.substitute(v, s.control, 0 * s.control)])
     if structure.quadratic_kinetic:
         offset = ca.substitute(s.momentum, s.v, ca.SX.zeros(s.v.shape))
+        if full_inertia(s):
+            inertia = ca.Function("inertia", [s.q, s.t, s.c], [s.mass_matrix, ca.densify(offset)], {"cse": True})
+            q, p, t, c = (ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True))
+            mass, offset = inertia(q, t, c)
+            return ca.Function("velocity", [q, p, t, c], [ca.solve(mass, p - offset, "ldl")])
         v = mass_solve(s.mass_matrix, p - offset)
         return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.densify(v)], {"cse": True})
     iterated = _damped_newton(system).fold(MOST_ITERATIONS)
     q, p, t, c = (ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True))
     constant = (ca.repmat(x, 1, MOST_ITERATIONS) for x in (q, p, t, c))
     return ca.Function("velocity", [q, p, t, c], [iterated(ca.DM.zeros(structure.n), *constant)])
+
+
+def full_inertia(system: System) -> bool:
+    """Is the inertia matrix so large and full that its factorisation is better done in loops?"""
+    n = system.q.numel()
+    fill, _ = ca.SX(system.mass_matrix).sparsity().ldl()
+    work = sum((end - start + 1) ** 2 for start, end in zip(fill.colind(), fill.colind()[1:], strict=False)) / 2
+    return work > WRITTEN_OUT and work > FULL * n**3 / 6
 
 
 def mass_solve(mass: ca.SX, rhs: ca.SX) -> ca.SX:

@@ -20,6 +20,11 @@
 #else
 #define ROWS (2 * N)
 #endif
+#ifdef GEOMETRY /* dense.c: a look costs nothing beside an evaluation */
+#define ALWAYS_LOOK 1
+#else
+#define ALWAYS_LOOK 0
+#endif
 #if FORM == 1 && defined(KICK_W)
 #define HALVES 1
 #define RHS_W (KICK_W + DRIFT_W)
@@ -29,6 +34,8 @@
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
 #define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+#define LOOSE (FORM == 1 ? 1e-8 : INFINITY) /* errors of the stages of this size a start of high degree amplifies too much */
+#define DIVERGED 2 /* times the first change: the start was too far off */
 #define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
@@ -51,7 +58,7 @@ typedef V Unknowns[ROWS][VECTORS];
 
 /* What a run needs to go on as if it had not stopped. */
 typedef struct {
-    double steps_known, expected, h, rate, count, tried, counts[2]; /* of the steps tried in either order */
+    double steps_known, expected, h, rate, loose, count, tried, counts[2]; /* of the steps tried in either order */
     double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
     double x[3][ROWS][PADDED]; /* of the last two steps, and of the one that is begun */
 } Carry;
@@ -210,6 +217,10 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
     }
     if (!seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
 #else
+#ifdef GEOMETRY /* dense.c */
+    renew(&first[0][0], &s->t[0], w);
+    for (int k = 0; k < VECTORS; k++) guess(&x[0][k], at->b[k], &fresh[0][k]);
+#endif
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
         rhs(&first[0][k], &second[0][k], &s->t[k], &at->u[0][k], w, &fresh[0][k]);
@@ -223,15 +234,22 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 
 /* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
 INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
-                  const Unknowns older, int seidel) {
+                  const Unknowns older, int loose, int seidel) {
     static const Unknowns none;
     Unknowns fresh;
-    if (known > 1) {
+#ifdef GEOMETRY
+    renewals = known ? 1 : 2;
+#endif
+    if (known > 1 && loose) {
+        set_momenta(s, LOW_M1, last, LOW_OLDER_M1, older);
+        evaluate(s, at, h, w, LOW_M2, LOW_M1, last, LOW_OLDER_M2, LOW_OLDER_M1, older, seidel, fresh);
+    } else if (known > 1) {
         set_momenta(s, START_M1, last, START_OLDER_M1, older);
         evaluate(s, at, h, w, START_M2, START_M1, last, START_OLDER_M2, START_OLDER_M1, older, seidel, fresh);
     } else {
-        set_momenta(s, START_ONE_M1, known ? last : none, 0, 0);
-        evaluate(s, at, h, w, START_ONE_M2, START_ONE_M1, known ? last : none, 0, 0, 0, seidel, fresh);
+        const double *m2 = loose ? LOW_ONE_M2 : START_ONE_M2, *m1 = loose ? LOW_ONE_M1 : START_ONE_M1;
+        set_momenta(s, m1, known ? last : none, 0, 0);
+        evaluate(s, at, h, w, m2, m1, known ? last : none, 0, 0, 0, seidel, fresh);
     }
     memcpy(s->x, fresh, sizeof fresh);
     s->count = 1;
@@ -328,7 +346,7 @@ int run(const Args *a) {
     Nodes at;
     Change change;
     int64_t known = 0, expected = 0, iterations = 0, largest_count = 0, done = 0, unsaved = 0;
-    int status = DONE, seidel = 1;
+    int status = DONE, seidel = 1, loose = level > LOOSE; /* a start of low degree, also where one of high degree has failed */
     double tried = HALVES ? 0 : 2 * TRIAL, counts[2] = {0, 0};
     double slowest = 0;
     const double scale_b = FORM == 2 ? h * h : h;
@@ -342,7 +360,7 @@ int run(const Args *a) {
         memcpy(now.x, carry->x[2], sizeof last), now.count = (int64_t)carry->count;
         for (int r = 0; r < ROWS; r++) change.scale[r] = 0, change.noise[r] = carry->noise[r];
         set_scale(&change, carry->scale, 0);
-        change.rate = carry->rate;
+        change.rate = carry->rate, loose = (int)carry->loose;
         tried = carry->tried, memcpy(counts, carry->counts, sizeof counts);
         seidel = LONGER * counts[1] <= counts[0];
     } else {
@@ -379,17 +397,17 @@ int run(const Args *a) {
         }
         if (begun) set_momenta(&now, STAGE_M1, now.x, 0, 0);
         for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
-            if (!now.count) begin(&now, &at, h, w, known, last, older, seidel);
+            if (!now.count) begin(&now, &at, h, w, known, last, older, loose, seidel);
             int end = 0;
             const int64_t first_count = begun ? now.count + 1 : 0; /* its change is that of the start of the step, too */
             change.checks = 0;
-            while (now.count < most && !end) {
+            while (now.count < most && !end && !(known && change.checks > 1 && !(change.now <= DIVERGED * change.first))) {
                 Unknowns fresh;
                 iterate(&now, &at, h, w, seidel, fresh);
 #if AHEAD
                 if (known && 2 * now.count >= expected) { /* earlier, x is too far from where it will be */
                     set_base_after(&next, &now, t0 + h * (double)(first + done + 1), &at);
-                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, seidel);
+                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, loose, seidel);
                     else {
                         Unknowns after;
                         iterate(&next, &at, h, w, seidel, after);
@@ -397,7 +415,7 @@ int run(const Args *a) {
                     }
                 }
 #endif
-                if (now.count + 1 >= expected) { /* before, the last step needed more: no look at the change */
+                if (now.count + 1 >= expected || ALWAYS_LOOK) { /* before, the last step needed more: no look at the change */
                     if (!known) {
                         V sizes[ROWS];
                         double size[ROWS];
@@ -411,7 +429,7 @@ int run(const Args *a) {
             iterations += now.count;
             if (end) break;
             if (!known) { status = NOT_CONVERGED; break; }
-            known = expected = now.count = next.count = 0;
+            known = expected = now.count = next.count = 0, loose = 1;
         }
         if (status) break;
         /* where already the first look saw nothing but round-off, the next step looks earlier */
@@ -453,14 +471,15 @@ int run(const Args *a) {
         if (++unsaved == a->save_every)
             unsaved = 0, save(rows, y, t0 + h * (double)(first + done + 1), h, w), rows += 3 * N;
     }
-    save(a->stats + 6, y, t0 + h * (double)(first + done), h, w);
+    if (done && !unsaved) memcpy(a->stats + 6, rows - 3 * N, 3 * N * sizeof(double));
+    else save(a->stats + 6, y, t0 + h * (double)(first + done), h, w);
     carry->steps_known = status ? 0 : (double)known, carry->expected = (double)expected, carry->h = h;
     memcpy(carry->y, y, sizeof y), memcpy(carry->rest, rest, sizeof rest);
     memcpy(carry->x[0], last, sizeof last), memcpy(carry->x[1], older, sizeof last);
     memcpy(carry->x[2], now.x, sizeof last), carry->count = (double)now.count;
     carry->tried = tried, memcpy(carry->counts, counts, sizeof counts);
     memcpy(carry->scale, change.scale, sizeof carry->scale), memcpy(carry->noise, change.noise, sizeof carry->noise);
-    carry->rate = change.rate;
+    carry->rate = change.rate, carry->loose = loose;
     a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;
     a->stats[4] = status ? change.now : 0, a->stats[5] = slowest;
     return status;

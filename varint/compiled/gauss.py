@@ -11,8 +11,9 @@ from varint.compiled.cache import vector_length
 from varint.compiled.emit import Emitted
 from varint.compiled.graph import NotCompilable
 from varint.compiled.kernel import Kernel, build, emitted, emitted_halves
-from varint.compiled.mechanics import acceleration, constant_part, force, full_inertia, velocity
+from varint.compiled.mechanics import acceleration, dense, force, velocity
 from varint.compiled.tableau import tableau_source
+from varint.legendre import full_inertia
 from varint.rules import Rule
 from varint.system import System
 
@@ -86,6 +87,8 @@ def _built(system: System, stages: int, form: int) -> Kernel:
     on_velocity = int(form == 2 and system.structure.force_on_velocity)
     defines = {"LANES": lanes, "FORM": form, "ON_VELOCITY": on_velocity, "FEW": FEW, "STRIDE": stride}
     defines["AHEAD"] = int(ahead)
+    if full:
+        defines["GEOMETRY"] = dense(system)["geometry"][1][0].numel()
     about = f"Gauss, {stages} stages in {stride} vector(s) of {lanes}, " + (
         "unknown accelerations" if form == 2 else "unknown velocities and forces"
     )
@@ -111,12 +114,8 @@ def _accelerations(system: System, stride: str) -> Functions:
 
 def _inertia_and_push(system: System, stride: str) -> Functions:
     """The functions that dense.c makes the right-hand side and "velocity" of."""
-    q, v, t = system.q, system.v, system.t
-    rows, columns = ca.Sparsity.upper(q.numel()).get_triplet()  # the lower triangle row by row, by symmetry
-    triangle = ca.vertcat(*(system.mass_matrix[i, j] for i, j in zip(rows, columns, strict=True)))
-    inertia, push = [triangle, constant_part(system)], [force(system)]
-    expressions = {"inertia": ([q, t], inertia), "push": ([q, v, t, system.control], push)}
-    return emitted(system.c, expressions, stride), [*inertia, *push]
+    expressions = dense(system)
+    return emitted(system.c, expressions, stride), [x for _, outputs in expressions.values() for x in outputs]
 
 
 def _kick_and_drift(system: System, stride: str) -> Functions:

@@ -25,7 +25,7 @@ MOST_OPERATIONS = 1_000_000  # of a right-hand side: more takes too long to arra
 MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 LARGE_SOURCE = 20_000  # statements from which on the compiler's time matters more than the last tenth of the run's
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
-AT_STAGES = ("rhs", "inertia", "push")
+AT_STAGES = ("rhs",)
 _ARGUMENTS = struct.Struct("4q3d6P")
 _STATS = 6
 

@@ -65,7 +65,10 @@ INLINE V v_sqrt(V x) { return (V)_mm256_sqrt_pd((__m256d)x); }
 INLINE V v_fmax(V a, V b) { return (V)_mm256_max_pd((__m256d)a, (__m256d)b); }
 INLINE V v_fmin(V a, V b) { return (V)_mm256_min_pd((__m256d)a, (__m256d)b); }
 INLINE double sum(V x) { return (x[0] + x[2]) + (x[1] + x[3]); }
-INLINE double largest(V x) { return fmax(fmax(x[0], x[1]), fmax(x[2], x[3])); }
+INLINE double largest(V x) {
+    __m128d m = _mm_max_pd(_mm256_castpd256_pd128((__m256d)x), _mm256_extractf128_pd((__m256d)x, 1));
+    return _mm_cvtsd_f64(_mm_max_sd(m, _mm_unpackhi_pd(m, m)));
+}
 INLINE int within(V x, double bound) {
     return _mm256_movemask_pd(_mm256_cmp_pd((__m256d)v_fabs(x), _mm256_set1_pd(bound), _CMP_LE_OQ)) == 0xf;
 }

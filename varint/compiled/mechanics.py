@@ -7,9 +7,6 @@ import casadi as ca
 from varint.legendre import mass_solve
 from varint.system import System
 
-WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
-FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
-
 
 def constant_part(system: System) -> ca.SX:
     """d(c) of the momentum p = M v + d of a separable scene with constant mass."""
@@ -31,9 +28,18 @@ def acceleration(system: System) -> ca.SX:
     return mass_solve(system.mass_matrix, force(system))
 
 
-def full_inertia(system: System) -> bool:
-    """Is the inertia matrix so large and full that its factorisation is better done in loops?"""
-    n = system.q.numel()
-    fill, _ = ca.SX(system.mass_matrix).sparsity().ldl()
-    work = sum((end - start + 1) ** 2 for start, end in zip(fill.colind(), fill.colind()[1:], strict=False)) / 2
-    return work > WRITTEN_OUT and work > FULL * n**3 / 6
+def dense(system: System) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
+    """The functions of dense.c: M v and ∂L/∂q + F; what both share of q is computed before.
+
+    M v costs no more than the Lagrangian does by reverse differentiation, for a chain N operations and not N².
+    """
+    q, v, t, u, c = system.q, system.v, system.t, system.control, system.c
+    rest = constant_part(system)
+    product = system.momentum if rest.is_zero() else ca.jtimes(system.momentum, v, v)
+    both, symbols, values = ca.extract_parametric(ca.cse(ca.vertcat(product, force(system))), ca.vertcat(q, t, c), {})
+    known, n = ca.vertcat(*symbols), q.numel()
+    return {
+        "geometry": ([q, t], [ca.vertcat(*values), rest]),
+        "product": ([q, known, v, t], [both[:n]]),
+        "push": ([q, known, v, t, u], [both[n:]]),
+    }

@@ -17,6 +17,7 @@ from varint.polynomials import PRECISE, derivative, gauss_nodes, lagrange_polyno
 
 Matrix = list[list[Decimal]]
 EXTRA_DEGREE = 4  # of the start polynomial fitted to two steps, over s − 1; more only amplifies what is not smooth
+LOW_DEGREE = 5  # of the one for stages that carry larger errors than round-off, which a high degree amplifies
 
 
 @lru_cache(maxsize=64)
@@ -28,10 +29,13 @@ def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
         *a, b = [[value(p, x) for p in integrals] for x in [*c, Decimal(1)]]
         m1 = _over(a, b)
         m2 = _over(_times(a, a), b)
-        one = _weighted(_continuation(c, c, stages - 1), b)
         both = [x - 1 for x in c] + c
-        two = _weighted(_continuation(both, c, min(stages - 1 + EXTRA_DEGREE, 2 * stages - 1)), b)
-        older, last = [row[:stages] for row in two], [row[stages:] for row in two]
+        degree = min(stages - 1 + EXTRA_DEGREE, 2 * stages - 1)
+        starts = {}
+        for name, one, two in (("START", stages - 1, degree), ("LOW", LOW_DEGREE - 1, LOW_DEGREE)):
+            table = _weighted(_continuation(both, c, min(two, degree)), b)
+            starts[name], starts[f"{name}_OLDER"] = [row[stages:] for row in table], [row[:stages] for row in table]
+            starts[f"{name}_ONE"] = _weighted(_continuation(c, c, min(one, stages - 1)), b)
         nodes = _rounded_nodes(c)
         tables = {
             "STAGE_C": [nodes],
@@ -41,7 +45,7 @@ def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
             "STAGE_M2": _rounded_second(m2, nodes),
         }
         for order, m in (("M1", m1), ("M2", m2)):
-            for name, start in (("START", last), ("START_OLDER", older), ("START_ONE", one)):
+            for name, start in starts.items():
                 tables[f"{name}_{order}"] = [[float(x) for x in row] for row in _times(m, start)]
     return {name: np.array(rows) for name, rows in tables.items()}
 

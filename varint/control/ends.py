@@ -119,10 +119,11 @@ def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
 
 def offsets(what: str, value: Any, n: int, names: Sequence[str]) -> np.ndarray:
     """One number for each coordinate, NaN where the user gave None."""
-    found = converted(
-        lambda: np.array([np.nan if x is None else x for x in value] if isinstance(value, Sequence) else value, float),
-        lambda: f"{what} takes one offset (or None) for each of {list(names)}, got {value!r}",
+    wanted = f"{what} takes one finite offset (or None) for each of {list(names)}, got {value!r}"
+    entries = (
+        value if isinstance(value, Sequence) else converted(lambda: np.array(value, float).ravel(), lambda: wanted)
     )
-    if found.size != n or np.isinf(found).any():
-        raise InputError(f"{what} takes one finite offset (or None) for each of {list(names)}, got {value!r}")
-    return found.reshape(n)
+    found = converted(lambda: np.array([0.0 if x is None else float(x) for x in entries]), lambda: wanted)
+    if found.shape != (n,) or not np.isfinite(found).all():  # a symbol is NaN
+        raise InputError(wanted)
+    return np.where([x is None for x in entries], np.nan, found)

@@ -191,7 +191,8 @@ def _inverse_dynamics(phase: Checked, q, v, moved: np.ndarray, t0: float, guess:
     a = np.zeros_like(v)
     if count > 1:
         middles = t0 + guess.duration * (phase.mesh[:-1] + phase.mesh[1:]) / 2
-        rates = np.gradient(moved / (guess.duration * np.diff(phase.mesh))[:, None], middles, axis=0)
+        with np.errstate(all="ignore"):  # what is not finite is left out below
+            rates = np.gradient(moved / (guess.duration * np.diff(phase.mesh))[:, None], middles, axis=0)
         a = np.array([np.interp(t, middles, rate) for rate in rates.T]).T
     low, high = (np.where(np.isfinite(side), side, 0) for side in phase.bounds.u)
     rest = np.clip(0.0, low, high)

@@ -43,7 +43,9 @@ def warn_of(found: list[tuple[int, float, float]], h: float) -> None:
         others = f"{len(found)} members" if len(found) > 1 else "one member"
         warnings.warn(
             f"the energy of {others} changed as nothing in the scene can do (member {i}: from {before:.6g} to "
-            f"{after:.6g}): h = {h:g} is too large for them, try a smaller one; members "
+            f"{after:.6g}): h = {h:g} is too large for them, try a smaller one"
+            + ("" if np.isfinite(after) else ", or L is not defined where they went (√ or log of a negative number)")
+            + "; members "
             f"{[i for i, *_ in found[:20]]}{' …' if len(found) > 20 else ''}",
             stacklevel=3,
         )

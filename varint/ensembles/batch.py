@@ -11,6 +11,7 @@ from varint.ensembles.members import Members, arguments_of, is_plain, momenta
 from varint.errors import ConvergenceError, InputError
 from varint.rules import Rule
 from varint.stepping.initial import controls
+from varint.stepping.pace import steps_at_once
 from varint.stepping.run import Position, beginning_rows, good_nodes, is_saved, next_block, rescaled, rollout, size
 from varint.stepping.simulate import simulate
 from varint.system import System
@@ -121,7 +122,7 @@ def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> Non
     at = beginning_rows(system, rule, members.q0, p0, _nodes(u, rule, 0, 1), typical, members.t0, h, c)
     going, node = np.arange(len(members)), 1
     while k < members.steps and len(going):
-        count, apart = next_block(k, members.steps, every, at.largest)
+        count, apart = next_block(k, members.steps, every, at.largest, steps_at_once(system, rule))
         total = count * apart
         times = members.t0 + members.h * np.arange(k, k + total)
         function = rollout(system, rule, count, apart)

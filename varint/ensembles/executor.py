@@ -110,7 +110,7 @@ def _distributed(
         for future in running:
             future.cancel()
         if own is not None:
-            own.shutdown(wait=False, cancel_futures=True)
+            own.shutdown(wait=False)
 
 
 def work(what: str, members: Members) -> Chunk:
@@ -142,6 +142,10 @@ def _workers(executor: Executor) -> int:
 
 def _replacement(executor: Executor) -> Executor:
     """A pool of processes breaks as a whole when one of them is killed; a new one takes over."""
+    if type(executor).__module__.partition(".")[0] == "loky":
+        import loky
+
+        return loky.ProcessPoolExecutor(_workers(executor))
     if not isinstance(executor, ProcessPoolExecutor):
         raise VarintError(f"the executor {type(executor).__name__} broke and cannot be replaced; give a new one")
     return ProcessPoolExecutor(_workers(executor), mp_context=getattr(executor, "_mp_context", None))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.errors import InputError, converted
 from varint.grid import affordable, checked_steps
+from varint.manifold import every_row_function
 from varint.rules import Rule
-from varint.stepping.initial import initial_task, number, start_function, time_grid
+from varint.stepping.initial import held_function, initial_task, number, start_function, time_grid
 from varint.system import System, parameter_values
 
+CLEAR = 1e-12  # of what adds up to it: a constraint this small is held without doubt
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 MOST_NAMED = 5  # members named in a message
 
@@ -107,7 +110,33 @@ def members_of(
     )  # fmt: skip
     kept = count // task.save_every
     affordable(f"an ensemble of {count} steps", kept, "keep fewer of them: save_every=…")
-    return replace(members, save_every=task.save_every)
+    members = replace(members, save_every=task.save_every)
+    _refuse_bad_starts(system, rule, members)
+    return members
+
+
+def _refuse_bad_starts(system: System, rule: Rule, members: Members) -> None:
+    """Refuse starts off the constraints or inside contacts before any member moves: those in doubt are checked."""
+    s, count = system.structure, len(members)
+    m, k = s.constraints, s.nonholonomic
+    if not (m or k or s.contacts):
+        return
+    v = np.zeros((count, s.n)) if members.v0 is None else members.v0
+    t = np.full((count, 1), members.t0)
+    (held,) = over_columns(held_function(system), members.q0, t, members.c)
+    rates, flat = over_columns(every_row_function(system), members.q0, v, t, members.c)
+    slopes = np.abs(flat.reshape(count, s.n, -1))
+    far, fast = (np.einsum("cir,ci->cr", slopes, np.abs(x)) for x in (members.q0, v))
+    good = (np.abs(held[:, :m]) <= CLEAR * far[:, :m]).all(axis=1) & (held[:, m:] >= 0).all(axis=1)
+    if members.p0 is None:
+        good &= (np.abs(rates[:, : m + k]) <= CLEAR * fast[:, : m + k]).all(axis=1)
+    for i in np.flatnonzero(~good).tolist():
+        try:
+            with warnings.catch_warnings():  # of redundant rows: said when the first member was checked
+                warnings.simplefilter("ignore", UserWarning)
+                initial_task(system, rule, **arguments_of(system, members, i))
+        except InputError as error:
+            raise InputError(f"member {i}: {error}") from None
 
 
 def is_plain(system: System) -> bool:

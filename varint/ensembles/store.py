@@ -13,7 +13,7 @@ import numpy as np
 from varint.description import describe, differences, identity, revive, rule_of
 from varint.ensembles.batch import Chunk
 from varint.ensembles.members import Members
-from varint.ensembles.zarr_store import ZarrStore, begun, given, group_of, header_of, is_zarr
+from varint.ensembles.zarr_store import Group, begun, given, group_of, header_of, is_zarr
 from varint.errors import InputError
 from varint.files import write_whole
 from varint.rules import Rule
@@ -26,15 +26,14 @@ ROWS = ("q0", "v0", "p0", "u", "c")
 
 @dataclass(frozen=True, eq=False)
 class Store(Sequence):
-    """The chunks in a folder as a sequence in order of members; each is read when asked for."""
+    """The chunks in a folder or a zarr group as a sequence in order of members; each is read when asked for."""
 
-    folder: Path
+    place: Folder | Group
 
     @property
     def ranges(self) -> list[tuple[int, int]]:
-        """(first, number) of the chunks that are complete: a file is written under another name and then renamed."""
-        names = sorted(path.stem.split("_") for path in self.folder.glob("members_*_*.npz"))
-        return [(int(first), int(count)) for _, first, count in names]
+        """(first, number) of the chunks that are complete."""
+        return self.place.ranges
 
     @property
     def sizes(self) -> list[int]:
@@ -45,12 +44,30 @@ class Store(Sequence):
         return len(self.ranges)
 
     def __getitem__(self, i: Any) -> Any:
-        return self._chunk(*self.ranges[i])
+        return self.place.chunk(*self.ranges[i])
 
     def __iter__(self) -> Iterator[Chunk]:
-        return (self._chunk(first, count) for first, count in self.ranges)
+        return (self.place.chunk(first, count) for first, count in self.ranges)
 
-    def _chunk(self, first: int, count: int) -> Chunk:
+    def add(self, chunk: Chunk) -> None:
+        """Write a chunk."""
+        self.place.add(chunk)
+
+
+@dataclass(frozen=True, eq=False)
+class Folder:
+    """The chunks in a folder: a file is written under another name and then renamed."""
+
+    path: Path
+
+    @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """(first, number) of the chunks that are complete."""
+        names = sorted(path.stem.split("_") for path in self.path.glob("members_*_*.npz"))
+        return [(int(first), int(count)) for _, first, count in names]
+
+    def chunk(self, first: int, count: int) -> Chunk:
+        """One of them."""
         arrays = _read(self._path(first, count))
         return Chunk(first, *(arrays[f.name] for f in fields(Chunk)[1:]))
 
@@ -60,10 +77,10 @@ class Store(Sequence):
         write_whole(self._path(chunk.first, len(chunk)), lambda file: np.savez(file, **arrays))
 
     def _path(self, first: int, count: int) -> Path:
-        return self.folder / f"members_{first:010}_{count:07}.npz"
+        return self.path / f"members_{first:010}_{count:07}.npz"
 
 
-def opened(where: Any, system: System, rule: Rule, members: Members, backend: str) -> Store | ZarrStore:
+def opened(where: Any, system: System, rule: Rule, members: Members, backend: str) -> Store:
     """The store of this ensemble in a folder or a zarr group: a new one, or the one that an earlier call began.
 
     Raises
@@ -86,7 +103,7 @@ def opened(where: Any, system: System, rule: Rule, members: Members, backend: st
             begun(group, header, rows, len(members), len(members.k))
         else:
             _refuse_another(found, mine, "zarr group")
-        return ZarrStore(group)
+        return Store(Group(group))
     if not isinstance(where, (str, Path)):
         raise InputError(f"store must be the path of a folder, or a zarr group, got {type(where).__name__}")
     folder = Path(where)
@@ -94,14 +111,14 @@ def opened(where: Any, system: System, rule: Rule, members: Members, backend: st
     try:
         if index.exists():
             _refuse_another(json.loads(str(_read(index)["header"])), mine, f"folder {folder}")
-            return Store(folder)
+            return Store(Folder(folder))
         if folder.exists() and any(folder.iterdir()):
             raise InputError(f"the folder {folder} is not empty and holds no ensemble; give a new or an empty one")
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise InputError(f"cannot make the folder {folder}: {getattr(error, 'strerror', None) or error}") from None
     write_whole(index, lambda file: np.savez(file, header=np.array(json.dumps(header)), **rows))
-    return Store(folder)
+    return Store(Folder(folder))
 
 
 def _refuse_another(header: dict[str, Any], mine: dict[str, str], where: str) -> None:
@@ -112,18 +129,16 @@ def _refuse_another(header: dict[str, Any], mine: dict[str, str], where: str) ->
         )
 
 
-def loaded(where: Any) -> tuple[System, Rule, Members, Store | ZarrStore]:
+def loaded(where: Any) -> tuple[System, Rule, Members, Store]:
     """System, rule, members and chunks of a complete ensemble on disk."""
-    store: Store | ZarrStore
     if is_zarr(where):
-        store = ZarrStore(group_of(where, "r"))
-        header = header_of(store.group)
+        group = group_of(where, "r")
+        store, header = Store(Group(group)), header_of(group)
         if header is None:
             raise InputError(f"the zarr group {where} is empty")
-        data = given(store.group)
+        data = given(group)
     else:
-        store = Store(Path(where))
-        data = _read(store.folder / INDEX)
+        store, data = Store(Folder(Path(where))), _read(Path(where) / INDEX)
         header = json.loads(str(data["header"]))
     if header.get("format") != FORMAT:
         raise InputError(f"{where} has the format {header.get('format')!r}; this version reads {FORMAT!r}")

@@ -8,6 +8,8 @@ from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from varint.discrete import point_function
 from varint.errors import InputError
 from varint.rules import Rule
@@ -114,3 +116,14 @@ def blocks_of(
     if kernel is None or (at is not None and at.carry is None and not at.by_newton):
         return run(system, rule, task, at)
     return _native().native_blocks(system, rule, task, kernel, at)
+
+
+def divided(system: System, rule: Rule, task: Task, kernel: Kernel | None, at: Position) -> list[Block]:
+    """The step at which a run failed in parts; compiled implicit rules go on from there by Newton's method."""
+    from varint.stepping.subdivide import subdivided
+
+    block, n = subdivided(system, rule, task, at), system.structure.n
+    if kernel is None or rule.kicks or block.after is None:
+        return [block]
+    x = np.concatenate([block.after.x[:n], block.after.x[2 * n : 3 * n]])
+    return [block._replace(after=Position(x, np.empty(0), np.empty(0), block.after.k, 0, by_newton=True))]

@@ -15,7 +15,7 @@ import numpy as np
 
 from varint.arrays import call, lengths
 from varint.consistency import independent
-from varint.errors import InputError
+from varint.errors import StepRefused
 from varint.manifold import Phase, multiplier_function, multipliers_along
 from varint.stepping.contact_view import Instant, View, first_contact, view
 from varint.system import System, per_system
@@ -100,8 +100,13 @@ def _impact(setting: Setting, now: Instant, seen: View, hit: int, tired: bool) -
     Flights that become too short end at once: all that remain take Σ flight eᵏ, and the rate becomes 0.
     """
     bounce = 0.0 if tired else float(setting.system.restitution[hit])
+    if lengths(seen.slope[first_contact(setting.system) + hit]) <= FLAT:
+        raise StepRefused(
+            f"contact {hit} closes at t = {now.t:g} where its gap has no gradient ∂gap/∂q, so no impulse can open it: "
+            "give a gap that grows with the distance, not with a power of it"
+        )
     if setting.h < 0 and bounce < 1:
-        raise InputError(
+        raise StepRefused(
             f"contact {hit} is hit at t = {now.t:g} in a run backwards in time, and its restitution is {bounce:g}: "
             "what an impact takes away cannot be found again; only restitution 1 can be undone"
         )
@@ -136,13 +141,7 @@ def _reflected(
         rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
         rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
         impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
-        steepness = lengths(rows)
-        if not (steepness[-1] > FLAT and np.isfinite(impulse).all()):
-            raise InputError(
-                f"contact {hit} is hit at t = {now.t:g}, where its gradient ∂gap/∂q vanishes (its length is "
-                f"{steepness[-1]:.1g}): a blow has no direction there; write the gap as a distance, not as its square"
-            )
-        blows = impulse * steepness
+        blows = impulse * lengths(rows)
         felt = blows[len(fixed) : -1] / np.abs(blows).max()
         elastic = [i for i, x in zip(holding, felt, strict=True) if system.restitution[i] > 0 and abs(x) > PULL]
         if elastic:  # these hand the blow on; one that does not feel it stays closed
@@ -187,8 +186,7 @@ def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.nda
         found = np.linalg.solve(matrix, right)  # exact where an elastic impact only turns a sign
     except np.linalg.LinAlgError:
         found = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
-    with np.errstate(over="ignore"):
-        return found / scales
+    return found / scales
 
 
 def _flight(setting: Setting, now: Instant, seen: View, contact: int) -> float:

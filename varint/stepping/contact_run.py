@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from varint.arrays import call, over_columns
-from varint.errors import InputError
+from varint.errors import StepRefused
 from varint.manifold import Phase, multipliers_along
 from varint.polynomials import lagrange_values
 from varint.rules import Rule
@@ -21,6 +21,7 @@ from varint.stepping.contact import MOST_IMPACTS, PULL, TOUCH, Setting, settle
 from varint.stepping.contact_search import Passage, earliest
 from varint.stepping.contact_view import Instant, View, first_contact, rates_function, view
 from varint.stepping.events import LOCATED, lowest
+from varint.stepping.pace import steps_at_once
 from varint.stepping.plan import plan
 from varint.stepping.run import (
     RESIDUAL_LIMIT,
@@ -45,7 +46,7 @@ MOST_EVENTS = 10 * MOST_IMPACTS  # between two nodes of the grid
 def contact_run(system: System, rule: Rule, task: Task, at: Position | None = None) -> Iterator[Block]:
     """The run of a scene with contacts from a position on; event nodes lie between the nodes of the grid."""
     unsaid = 0  # iterations of steps none of whose nodes is kept
-    for found in _every_node(system, rule, task, at):
+    for found in every_node(system, rule, task, at):
         block = found._replace(iterations=found.iterations + unsaid)
         unsaid = 0
         wanted = (block.k % task.save_every == 0) | (block.k == task.steps)
@@ -60,7 +61,8 @@ def contact_run(system: System, rule: Rule, task: Task, at: Position | None = No
             yield block._replace(k=k, q=q, p=p, t=t, good=len(k))
 
 
-def _every_node(system: System, rule: Rule, task: Task, at: Position | None) -> Iterator[Block]:
+def every_node(system: System, rule: Rule, task: Task, at: Position | None) -> Iterator[Block]:
+    """The run with every node of the grid."""
     seen: View | None = None
     if at is None:
         first = _settled_start(system, rule, task)
@@ -99,10 +101,10 @@ def _settled_start(system: System, rule: Rule, task: Task) -> Block:
     passage = Passage(system, rule, task, now, seen, np.abs(seen.v), task.first)
     u = passage.controls(0.0, (0.0,)).ravel()
     now, _, events = settle(Setting(system, task.c, u, task.h, passage.reach), now, seen)
-    return _node(_position(system, rule, task, now, task.first), 0.0, tuple(events), 0)
+    return _node(position(system, rule, task, now, task.first), 0.0, tuple(events), 0)
 
 
-def _position(system: System, rule: Rule, task: Task, now: Instant, k: int, last: Position | None = None) -> Position:
+def position(system: System, rule: Rule, task: Task, now: Instant, k: int, last: Position | None = None) -> Position:
     """Where the run stands at an instant in step k; typical sizes stay as they were in the same phase.
 
     Between two nodes of the grid x is [q, its compensation, p, its compensation] alone.
@@ -127,7 +129,7 @@ def _quiet(system: System, rule: Rule, task: Task, at: Position, here: View) -> 
     """Steps from a node of the grid on in which no contact closes or lets go, and whether one does in the next."""
     assert at.phase is not None and at.t is not None
     n, scene = system.structure.n, at.phase.scene(system)
-    count, _ = next_block(at.k, task.steps, 1, at.largest)
+    count, _ = next_block(at.k, task.steps, 1, at.largest, steps_at_once(scene, rule))
     k = at.k + np.arange(1, count + 1)
     t = task.t0 + task.h * np.append(at.k, k)
     arguments = task.controls(at.k, count), t[:-1].copy(), np.array([task.h]), task.c, at.scale
@@ -157,7 +159,7 @@ def _first_event(
     q, p = np.ascontiguousarray(x[:, :n]), np.ascontiguousarray(x[:, 2 * n : 3 * n])
     v, gap, rate = over_columns(rates_function(system, phase.rows, phase.contacts), q, p, t[:, None], task.c)
     close = TOUCH * here.sizes(at.x[:n], abs(task.h) * at.scale[:n])
-    happens = np.zeros(len(states), dtype=bool)
+    happens = ~np.isfinite(gap[1:] + rate[1:]).all(axis=1)  # looked at more closely
     for i in range(gap.shape[1]):
         if i not in phase.holding:
             deep = (gap[1:, i] < -close[i]) | ((gap[1:, i] < 0) & (task.h * rate[1:, i] < 0))
@@ -180,15 +182,15 @@ def _passed(system: System, rule: Rule, task: Task, at: Position, here: View) ->
     """From an instant in step k to the next event, or to node k + 1: a block of that one node, and the view there."""
     assert at.phase is not None and at.t is not None
     if at.events >= MOST_EVENTS:
-        raise InputError(f"more than {MOST_EVENTS} events in the step after t = {at.t:g}: take a smaller h")
+        raise StepRefused(f"more than {MOST_EVENTS} events in the step after t = {at.t:g}: take a smaller h")
     n, k, end = system.structure.n, at.k, task.t0 + task.h * (at.k + 1)
     now = Instant(at.t, at.x[: 4 * n], at.phase)
     passage = Passage(system, rule, task, now, here, at.scale, k)
     reached, happens, lets_go = earliest(passage, end - now.t)
     there, seen = reached.now, reached.seen
-    if not (reached.residual <= RESIDUAL_LIMIT and np.isfinite(there.x).all()):
-        nothing, failed = np.empty((0, n)), reached.residual if np.isfinite(there.x).all() else float("nan")
-        return Block(np.array([k + 1]), nothing, nothing, 0.0, 0, failed, np.empty(0), now.phase), None
+    if not (reached.residual <= RESIDUAL_LIMIT and reached.is_finite):
+        nothing, failed = np.empty((0, n)), reached.residual if reached.is_finite else float("nan")
+        return Block(np.array([k + 1]), nothing, nothing, 0.0, 0, failed, np.empty(0), now.phase, after=at), None
     if reached.ahead == end - now.t or abs(end - there.t) <= LOCATED * abs(end):
         there, k = replace(there, t=end), k + 1
     events: list[Event] = []
@@ -201,7 +203,7 @@ def _passed(system: System, rule: Rule, task: Task, at: Position, here: View) ->
         setting, tired = Setting(system, task.c, reached.u, task.h, passage.reach), at.events >= MOST_IMPACTS
         there, seen, more = settle(setting, there, seen, released=released, tired=tired)
         events += more
-    after = _position(system, rule, task, there, k, at)
+    after = position(system, rule, task, there, k, at)
     after = after._replace(events=at.events + 1 if k == at.k else 0)
     return _node(after, reached.residual, tuple(events), reached.iterations), seen
 

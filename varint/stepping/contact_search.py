@@ -31,6 +31,11 @@ class Reached:
     iterations: int
     u: np.ndarray
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether the state is, and every gap and rate there."""
+        return bool(np.isfinite(self.now.x).all() and np.isfinite(self.seen.gap + self.seen.rate).all())
+
 
 @dataclass(frozen=True, eq=False)
 class Passage:
@@ -89,7 +94,7 @@ class Passage:
 def earliest(passage: Passage, left: float) -> tuple[Reached, bool, int | None]:
     """(the first event in the rest of the step or its end, whether it is an event, the contact that lets go if any)."""
     end = passage.to(left)
-    if not np.isfinite(end.residual) or not np.isfinite(end.now.x).all():
+    if not np.isfinite(end.residual) or not end.is_finite:
         return end, False, None
     best, happens, lets_go = left, False, None
     for i in range(len(end.seen.gap)):

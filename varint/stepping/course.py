@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from varint.between import rounding
-from varint.errors import InputError
+from varint.errors import InputError, StepRefused
 from varint.progress import progress_bar
 from varint.rules import Rule
-from varint.stepping.backend import blocks_of, kernel_for
+from varint.stepping.backend import blocks_of, divided, kernel_for
 from varint.stepping.events import Watch, crossings, logged
 from varint.stepping.plan import Plan
 from varint.stepping.run import Block, Task
@@ -64,32 +64,30 @@ def course_of(
     """
     if on_failure not in ("raise", "subdivide"):
         raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
-    if on_failure == "subdivide":
-        if system.structure.contacts or task.u.shape[1] > 1 or backend == "compiled":
-            raise InputError(
-                "on_failure='subdivide' is for scenes without contacts, controls that are constant on a step "
-                "(steps, k), and the interpreted backend"
-            )
-        backend = "interpreted"
+    kernel: Kernel | None = None
     if system.structure.contacts:
         if backend not in ("auto", "interpreted"):
             raise InputError(f"runs with contacts are interpreted; backend={backend!r} is not for them")
+        from varint.stepping import contact_divide
         from varint.stepping.contact_run import contact_run
 
-        nodes = file.read() if file else []
-        contacts = contact_run(system, chosen.rule, task, nodes[-1].after if nodes else None)
-        return Course(system, chosen, task, nodes or [next(contacts)], contacts, None, began)
-    scene = _scene(system, task)
-    kernel = kernel_for(scene, chosen.rule, task, backend)
-    nodes = (file.read() if file else []) or [first_node(task)]
+        run = partial(contact_run, system, chosen.rule, task)
+        remedy = partial(contact_divide.divided, system, chosen.rule, task)
+    else:
+        scene = _scene(system, task)
+        kernel = kernel_for(scene, chosen.rule, task, backend)
+        run = partial(blocks_of, scene, chosen.rule, task, kernel)
+        remedy = partial(divided, scene, chosen.rule, task, kernel)
+    nodes = file.read() if file else []
+    if not nodes and not system.structure.contacts:
+        nodes = [first_node(task)]
+    at = nodes[-1].after if nodes else None
+    blocks = run(at)
     if on_failure == "subdivide":
         from varint.stepping.subdivide import around_failures
 
-        return Course(
-            system, chosen, task, nodes, around_failures(scene, chosen.rule, task, nodes[-1].after), None, began
-        )
-    blocks = blocks_of(scene, chosen.rule, task, kernel, nodes[-1].after)
-    return Course(system, chosen, task, nodes, blocks, kernel, began)
+        blocks = around_failures(run, remedy, task.steps, at)
+    return Course(system, chosen, task, nodes or [next(blocks)], blocks, kernel, began)
 
 
 def moving(course: Course) -> System:
@@ -142,12 +140,16 @@ def travelled(
                         return _cut(motion, len(motion) - len(recent) + found[0][0] + 1, found[0][1])
                     from varint.stepping.diagnosis import failure
 
-                    raise failure(motion, _failed_step(block), block.failed, on_failure)
+                    raise failure(motion, _next_step(block), block.failed, on_failure)
                 if block.good:
                     before, reached = reached, int(block.k[block.good - 1])
                     move(reached - before, partial(_energy_note, course, block))
                 if file and file.due():
                     file.write(task.t0, task.h, nodes, noted)
+    except StepRefused as error:
+        from varint.stepping.diagnosis import refusal
+
+        raise refusal(trajectory(course, nodes, noted), _next_step(nodes[-1]), str(error)) from None
     except KeyboardInterrupt:
         interrupted = True
     if file and len(nodes) > 1:
@@ -163,7 +165,7 @@ def last_node(nodes: Sequence[Block]) -> Block:
     return block._replace(k=block.k[i : i + 1], q=block.q[i:], p=block.p[i:], t=t, good=1, events=(), iterations=0)
 
 
-def _failed_step(block: Block) -> int:
+def _next_step(block: Block) -> int:
     """Index of the first step that is not known to be solved."""
     if block.after is not None:
         return block.after.k

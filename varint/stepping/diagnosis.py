@@ -8,7 +8,7 @@ import numpy as np
 from varint.arrays import is_definite, over_columns
 from varint.discrete import constraint_function, point_function
 from varint.errors import ConvergenceError
-from varint.stepping.jump import energy_jump
+from varint.stepping.jump import energy_jump, undefined_at
 from varint.stepping.run import RESIDUAL_LIMIT
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
@@ -30,13 +30,24 @@ def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> 
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
     else:
         what = "gave values that are not finite"
-    tried = " (in 1024 parts, too)" if on_failure == "subdivide" else ""
-    hint = "" if tried else "; on_failure='subdivide' redoes such a step in smaller parts"
+    hint = "; on_failure='subdivide' redoes such a step in smaller parts"
+    if on_failure == "subdivide":
+        left = "values that are not finite" if np.isnan(residual) else f"a residual of {residual:.1e}"
+        what, hint = f"has no solution, nor have 2, 4, … 1024 parts one on which they agree (at the end {left})", ""
     cause = likely_cause(motion)
     return ConvergenceError(
-        f"the step after t = {t:g} (step {step}) {what}{tried}. Likely: {cause}{hint}. "
+        f"the step after t = {t:g} (step {step}) {what}. Likely: {cause}{hint}. "
         f"Error.trajectory has the {len(motion)} nodes before it",
         step=step, time=t, residual=residual, trajectory=motion, cause=cause,
+    )  # fmt: skip
+
+
+def refusal(motion: Trajectory, step: int, why: str) -> ConvergenceError:
+    """The error of a step that cannot be done, whatever its size."""
+    return ConvergenceError(
+        f"the step after t = {motion.t[-1]:g} (step {step}) cannot be done: {why}. "
+        f"Error.trajectory has the {len(motion)} nodes before it",
+        step=step, time=float(motion.t[-1]), residual=float("nan"), trajectory=motion, cause=why,
     )  # fmt: skip
 
 
@@ -44,7 +55,7 @@ def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> 
 def likely_cause(motion: Trajectory) -> str:
     """The likely cause of the failure of the step after the trajectory's last node, with what to try."""
     if jump := energy_jump(motion):
-        return f"{jump} scene can do: h is too large, and steps before this one were wrong already: try a smaller h"
+        return jump.cause
     last = motion[-LOOKED_AT:]
     causes = [*_singular(last), *_undefined(last)]
     speeds = np.abs(motion.h) * frequencies(last)
@@ -100,13 +111,20 @@ def _dependent_rows(motion: Trajectory) -> list[str]:
     slope = over_columns(_dense_constraints(system), np.vstack([motion.q, ahead]), times[:, None], motion.c)[0]
     rows = slope.reshape(len(times), system.structure.constraints, system.structure.n)
     size = np.linalg.norm(rows, axis=2, keepdims=True)
+    nodes = len(motion)
+    lost = np.flatnonzero(size[nodes:, :, 0].min(axis=0) < NEARER * size[:nodes, :, 0].max(axis=0)).tolist()
+    if lost:
+        return [
+            f"a singular configuration (the gradients of the constraint rows {lost} nearly vanish, as at a corner or "
+            "an end of the allowed curve): try a smaller h, start elsewhere, or write the constraint without a corner"
+        ]
     rows = rows / np.where(size > 0, size, 1)
     if not np.isfinite(rows).all():
         return []
     left, values, _ = np.linalg.svd(rows)
     least = values.min(axis=1) if rows.shape[1] <= rows.shape[2] else np.zeros(len(rows))
-    worst = len(motion) + int(np.argmin(least[len(motion) :]))
-    if least[worst] >= WEAK and least[worst] >= NEARER * least[: len(motion)].max():
+    worst = nodes + int(np.argmin(least[nodes:]))
+    if least[worst] >= WEAK and least[worst] >= NEARER * least[:nodes].max():
         return []
     part = np.abs(left[worst, :, -1])
     tied = np.flatnonzero(part > 0.1 * part.max()).tolist()
@@ -122,19 +140,23 @@ def _undefined(motion: Trajectory) -> list[str]:
     last = motion[-1]
     if not np.isfinite(last.v).all():
         return []
-    far = motion.h * (int(motion.k[-1] - motion.k[-2]) if len(motion) > 1 else 1)
-    ahead = (last.q + (far or motion.h) * np.linspace(0, 1, 11)[:, None] * last.v)[1:]
+    far = motion.h * (int(motion.k[-1] - motion.k[-2]) if len(motion) > 1 else 1) or motion.h
+    passed = far * np.linspace(0, 1, 11)[1:, None]
+    ahead, t = last.q + passed * last.v, last.t + passed
     point = point_function(motion.system)
     u = np.zeros(motion.system.structure.controls)
-    v, t = np.broadcast_to(last.v, ahead.shape), np.full((len(ahead), 1), last.t)
+    v = np.broadcast_to(last.v, ahead.shape)
     values = np.concatenate(over_columns(_dense(point), ahead, v, u, t, motion.c), axis=1)
+    what = "the Lagrangian or the force"
+    if np.isfinite(values).all():
+        what, values = (
+            "a constraint or the gap of a contact",
+            over_columns(_conditions(motion.system), ahead, t, motion.c)[0],
+        )
     if np.isfinite(values).all():
         return []
-    where = ahead[int(np.argmin(np.isfinite(values).all(axis=1)))]
-    return [
-        f"the Lagrangian or the force is not defined where the step leads, near q = {np.round(where, 6).tolist()} (a "
-        "square root or logarithm of a negative number, a division by zero): bound the motion, or try a smaller h"
-    ]
+    i = int(np.argmin(np.isfinite(values).all(axis=1)))
+    return [f"{what} is not defined where the step leads, {undefined_at(ahead[i], float(t[i, 0]))}"]
 
 
 def frequencies(motion: Trajectory) -> np.ndarray:
@@ -177,6 +199,14 @@ def _dense_constraints(system: System) -> ca.Function:
     s = system
     slope = ca.densify(constraint_function(s)(s.q, s.t, s.c)[1].T)  # column after column: row after row
     return ca.Function("slope", [s.q, s.t, s.c], [slope])
+
+
+@per_system
+def _conditions(system: System) -> ca.Function:
+    s = system
+    rows = ca.vertcat(s.constraint, ca.vec(s.nonholonomic), s.contact)
+    rows = ca.vertcat(rows, ca.vec(ca.jacobian(rows, s.q)))
+    return ca.Function("conditions", [s.q, s.t, s.c], [ca.densify(rows)])
 
 
 def _dense(point: ca.Function) -> ca.Function:

@@ -26,6 +26,7 @@ WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
 LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
+SAFE_PIVOT = 1e-3  # eigenvalues are then far above SINGULAR: what elimination makes of 1e-13 is not much larger
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -66,7 +67,7 @@ def initial_task(
 
 
 @per_system
-def _held_function(system: System) -> ca.Function:
+def held_function(system: System) -> ca.Function:
     """(q, t, c) → constraints and gaps."""
     s = system
     return ca.Function("held", [s.q, s.t, s.c], [ca.densify(ca.vertcat(s.constraint, s.contact))])
@@ -80,7 +81,7 @@ def _check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None
     from varint.manifold import every_row_function
 
     rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
-    rows += call(_held_function(system), q, np.array([t0]), c)
+    rows += call(held_function(system), q, np.array([t0]), c)
     if not all((np.abs(x) < STEEPEST).all() for x in rows):
         raise InputError(
             f"the constraints, the gaps or their gradients are not finite at the start, q0={q}, t0={t0:g}: a square "
@@ -120,8 +121,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
         given = [name for name, x in (("h", h), ("steps", steps), ("duration", duration)) if x is not None]
         raise InputError(f"give two of h, steps, duration; got {given or 'none of them'}")
     steps = None if steps is None else whole("steps", steps)
-    if steps is not None and steps > MOST_STEPS:
-        raise InputError(f"steps={steps} is more than any run can take; at most {MOST_STEPS}")
+    _refuse_too_many(steps or 0)
     for name, x in (("h", h), ("duration", duration)):
         if x is not None and number(name, x) == 0:
             raise InputError(f"{name} must not be zero")
@@ -130,10 +130,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     ratio = float(duration) / float(h)  # type: ignore[arg-type]
     if ratio < 0:
         raise InputError(f"h={h} and duration={duration} have different signs; a backward run takes both negative")
-    if ratio > MOST_STEPS:
-        raise InputError(
-            f"duration={duration} is {ratio:.3g} steps of h={h}, more than any run can take; take larger ones"
-        )
+    _refuse_too_many(ratio)
     count = max(round(ratio), 1)
     if abs(ratio - count) > WHOLE * count:
         up = max(math.ceil(ratio), 1)
@@ -142,6 +139,11 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
             f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
         )
     return float(duration) / count, count  # type: ignore[arg-type]
+
+
+def _refuse_too_many(steps: float) -> None:
+    if steps > MOST_STEPS:
+        raise InputError(f"steps={steps:.6g} is more than any run can take; at most {MOST_STEPS:.0g}")
 
 
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
@@ -202,6 +204,14 @@ def _regular_at(system: System) -> set[bytes]:
     return set()
 
 
+def _surely_regular(matrix: np.ndarray) -> bool:
+    """Whether Cholesky's method finds no small pivot: in a tenth of the eigenvalues' time."""
+    try:
+        return bool(np.linalg.cholesky(matrix).diagonal().min() > SAFE_PIVOT)
+    except np.linalg.LinAlgError:
+        return False
+
+
 def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     constant, known = system.structure.constant_mass, _regular_at(system)
     key = c.tobytes() if constant else b""
@@ -212,6 +222,10 @@ def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     names = system.names
     size = np.sqrt(np.abs(np.diag(mass)))
     scaled = mass / np.outer(np.where(size > 0, size, 1), np.where(size > 0, size, 1))
+    if _surely_regular(scaled):
+        if system.structure.constant_mass and len(known) < REMEMBERED:
+            known.add(key)
+        return
     values, vectors = np.linalg.eigh(scaled)
     smallest = np.argmin(np.abs(values))
     if abs(values[smallest]) > SINGULAR:

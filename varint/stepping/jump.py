@@ -14,26 +14,49 @@ from varint.trajectory import Trajectory
 
 SAMPLES = 10
 GROSS = 0.25  # of the largest p·v, that is half of the kinetic energy
+WAITED = 1e-3  # of a step: the time of a body that comes to rest is that after the bounces that are left out
 NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
 
 
 class Jump(NamedTuple):
-    """The energy at some node is not the one of the start by far."""
+    """The energy at some node, where q is given, is not the one of the start by far, or no number."""
 
     time: float
     before: float
     after: float
+    q: np.ndarray
 
-    def __str__(self) -> str:
-        return (
-            f"the energy went from {self.before:.6g} to {self.after:.6g} by t = {self.time:.6g}, which nothing in the"
-        )
+    def alarm(self, h: float) -> str:
+        """What is wrong, of a run that came to its end with steps h."""
+        return self._undefined() or f"{self._change()}: h = {h:g} is too large, try a smaller one"
+
+    @property
+    def cause(self) -> str:
+        """The same of a run that failed later."""
+        wrong = "h is too large, and steps before this one were wrong already: try a smaller h"
+        return self._undefined() or f"{self._change()}: {wrong}"
+
+    def _change(self) -> str:
+        before, after = f"{self.before:.6g}", f"{self.after:.6g}"
+        return f"the energy went from {before} to {after} by t = {self.time:.6g}, which nothing in the scene can do"
+
+    def _undefined(self) -> str:
+        return "" if np.isfinite(self.after) else f"the energy is not defined {undefined_at(self.q, self.time)}"
+
+
+def undefined_at(q: np.ndarray, t: float) -> str:
+    """Where something is not defined, how that may be, and what to do."""
+    where = ", ".join(f"{x:.6g}" for x in q)
+    return (
+        f"near q = [{where}] at t = {t:.6g} (a square root or logarithm of a negative number, a division by zero, an "
+        "overflow): bound the motion, or try a smaller h"
+    )
 
 
 def keeps_energy(system: System) -> bool:
-    """Whether nothing in the scene may change its energy, so that a change tells of a step too large."""
+    """Whether nothing but impacts may change the energy, so that another change tells of a step too large."""
     s = system.structure
-    return s.autonomous and not (s.forced or s.degenerate or s.nonholonomic or s.contacts)
+    return s.autonomous and not (s.forced or s.degenerate or s.nonholonomic)
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
@@ -71,12 +94,24 @@ def energy_jump(motion: Trajectory) -> Jump | None:
         v = motion[i].v if last >= SAMPLES else motion.v
         found = over_columns(_energy_function(motion.system), q, v, t[:, None], motion.c, h)
     energy, moving, kicked = (x[:, 0].tolist() for x in found)  # so few that lists are faster than arrays
+    if motion.system.structure.contacts:
+        energy = (np.array(energy) - _given_by_impacts(motion, t)).tolist()
     before = energy[0]
     largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
     for k, after in enumerate(energy):
         if not abs(after - before) <= largest:
-            return Jump(float(t[k]), before, after)
+            return Jump(float(t[k]), before, after, q[k])
     return None
+
+
+def _given_by_impacts(motion: Trajectory, times: np.ndarray) -> np.ndarray:
+    """Energy that impacts have given, or taken where it is negative, until each time."""
+    impacts = [event for event in motion.events if event.contact is not None]
+    gains = np.array([0.0, *(event.energy_after - event.energy_before for event in impacts)])
+    direction = 1.0 if motion.h > 0 else -1.0
+    when = np.array([direction * event.time for event in impacts])
+    late = WAITED * abs(motion.h)
+    return np.cumsum(gains)[np.searchsorted(when, direction * times + late, side="right")]
 
 
 @per_system

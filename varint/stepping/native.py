@@ -25,7 +25,7 @@ STEPS_IN_BLOCK = 2_000_000
 PATIENCE = 0.2  # seconds that Ctrl-C may wait for a block
 CAUTION = 1e-7  # seconds of an operation, for the first block; in truth it takes a hundredth to a tenth of it
 NOTHING = np.empty(0)
-PILOT = 1000  # steps after which fixed-point iteration must have shown that it contracts
+PILOT = 1000  # steps at most after which fixed-point iteration must have shown that it contracts
 QUICK = 12  # unknowns of Newton's method that compile in two seconds; time grows with their third power
 COMPILING = 1e-3  # seconds of the compiler for an unknown cubed
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
@@ -65,7 +65,8 @@ def native_blocks(
         kernel = newton_kernel(system, rule)
     by_stages = kernel.opening is None and not rule.kicks
     piloted = by_stages and at is None
-    most = PILOT if piloted else max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
+    most = max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
+    most = min(PILOT, most) if piloted else most
     while k < task.steps:
         steps, every = _piece(k, task.steps, task.save_every, most)
         u, began = task.controls(k, steps) if kernel.controls else None, perf_counter()

@@ -96,7 +96,7 @@ def rescaled_motion(
         inner = _ended(course, inner, total)
     motion = physical(system, task.t0, inner)
     if jump := energy_jump(inner):
-        warnings.warn(f"{jump} scene can do: h = {task.h:g} is too large, try a smaller one", stacklevel=3)
+        warnings.warn(jump.alarm(task.h), stacklevel=3)
     return replace(motion, events=happened(system, task.t0, inner)) if inner.events else motion
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from varint.arrays import call, over_columns
 from varint.rules import Rule
+from varint.stepping.pace import steps_at_once
 from varint.stepping.plan import plan
 from varint.stepping.step_function import SMALLEST, inertia_function, scale_function
 from varint.system import System, per_system
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
 LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
-MOST_STEPS_IN_BLOCK = 10_000  # Ctrl-C waits for the block that runs
 
 
 class Task(NamedTuple):
@@ -150,10 +150,10 @@ def _beginning_function(system: System, rule: Rule) -> ca.Function:
 
 def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> Iterator[Block]:
     """The run from a position on, block after block; it ends with the first block that is not wholly good."""
-    n, h = system.structure.n, np.array([task.h])
+    n, h, most = system.structure.n, np.array([task.h]), steps_at_once(system, rule)
     at = beginning(system, rule, task) if at is None else at
     while at.k < task.steps:
-        count, every = next_block(at.k, task.steps, task.save_every, at.largest)
+        count, every = next_block(at.k, task.steps, task.save_every, at.largest, most)
         total = count * every
         times = task.t0 + task.h * np.arange(at.k, at.k + total)
         function = rollout(system, rule, count, every)
@@ -173,15 +173,16 @@ def run(system: System, rule: Rule, task: Task, at: Position | None = None) -> I
         at = after
 
 
-def next_block(k: int, steps: int, every: int, largest: int) -> tuple[int, int]:
+def next_block(k: int, steps: int, every: int, largest: int, most: int) -> tuple[int, int]:
     """(nodes, steps between them) of the block after k steps: a power of ten of nodes, or of steps within an interval.
 
-    It depends on the position alone, so a run that is taken up again has the blocks of the one that was not stopped.
+    It has at most so many nodes and steps (`steps_at_once`). It depends on the position alone, so a run that is taken
+    up again has the blocks of the one that was not stopped.
     """
     whole = (steps - k) // every
-    if k % every or not whole or every > MOST_STEPS_IN_BLOCK:
-        return 1, _power_of_ten(min(every - k % every, steps - k, MOST_STEPS_IN_BLOCK))
-    return _power_of_ten(min(whole, largest, max(MOST_STEPS_IN_BLOCK // every, 1))), every
+    if k % every or not whole or every > most:
+        return 1, _power_of_ten(min(every - k % every, steps - k, most))
+    return _power_of_ten(min(whole, largest, max(most // every, 1))), every
 
 
 def is_saved(k: int, steps: int, every: int) -> bool:

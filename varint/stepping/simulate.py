@@ -91,9 +91,10 @@ def simulate(
         and ends with the same bytes as a run that was not stopped; after the end it returns the whole run at once.
         One run a file, one process a run.
     on_failure : {"raise", "subdivide"}
-        ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts (interpreted). They become nodes, and
-        `Trajectory.events` tells of it. The step changes there, so a symplectic rule loses its long-time guarantees
-        locally: for a rare close approach, not for a step that is too large everywhere.
+        ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts, until they agree with half as many.
+        They become nodes, and `Trajectory.events` tells of it; controls within the step are the polynomial through
+        those at its nodes. The step changes there, so a symplectic rule loses its long-time guarantees locally: for a
+        rare close approach, not for a step that is too large everywhere.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def simulate(
     course = course_of(system, chosen, task, began, backend=backend, on_failure=on_failure, file=file)
     motion = travelled(course, stop=stop, watches=watches, file=file, progress=progress, on_failure=on_failure)
     if jump := energy_jump(motion):
-        warnings.warn(f"{jump} scene can do: h = {motion.h:g} is too large, try a smaller one", stacklevel=2)
+        warnings.warn(jump.alarm(motion.h), stacklevel=2)
     return motion if save_every == task.save_every else thinned(motion, int(save_every))
 
 
