@@ -165,3 +165,10 @@ def test_a_linkage_that_is_stretched_out_in_mid_run_fails_with_the_rows_that_mee
     with pytest.raises(vi.ConvergenceError, match=r"gradients of the constraint rows \[1, 2, 4\]") as error:
         vi.simulate(scene, rule, **start, h=1e-2, steps=80)
     assert error.value.time == pytest.approx(0.5)
+
+
+def test_a_coordinate_that_may_move_but_has_no_inertia_is_refused_also_where_l_is_no_quadratic_function():
+    q, v = vi.coordinates("x", "y")
+    massless = vi.System(q, v, v[0] ** 2 / 2 + v[0] ** 4, nonholonomic=ca.horzcat(1, 0))
+    with pytest.raises(vi.InputError, match="no velocity along the constraints belongs to a momentum"):
+        vi.simulate(massless, q0=[0, 0], v0=[0, 1], h=0.01, steps=1)

@@ -438,3 +438,23 @@ def test_a_blow_that_a_resting_contact_does_not_feel_leaves_it_closed():
     motion = vi.simulate(system, q0=[1.0, 0.0, 0.0], v0=[1.5, 0, 0], h=0.01, steps=3000)
     assert len(motion.events) > 2 and {(event.kind, event.contact) for event in motion.events} == {("impact", 2)}
     assert np.abs(motion.q[:, 1:]).max() < 1e-15
+
+
+@pytest.mark.parametrize("unit", [1e-20, 1.0, 1e20])
+@pytest.mark.parametrize("steepness", [1e-140, 1e-20, 1e20, 1e140])
+def test_the_scale_of_a_gap_changes_nothing_but_its_impulse(unit, steepness):
+    """gap = s y: the ball bounces alike, and ∂gap/∂q Λ is the same."""
+    q, v = vi.coordinates("y")
+    scaled = vi.System(q, v, unit * (v**2 / 2 - G * q), contact=steepness * q, restitution=0.5)
+    motion = vi.simulate(scaled, q0=0.0, v0=-2.0, h=0.01, steps=3)
+    (hit,) = motion.events
+    assert motion.v[0, 0] == pytest.approx(1.0, rel=1e-14)
+    assert hit.impulse * steepness == pytest.approx(3.0 * unit, rel=1e-13)
+
+
+@pytest.mark.parametrize("place", [1e-200, 1e-226, 1e-310])
+def test_a_blow_on_a_contact_whose_gradient_vanishes_is_refused(place):
+    q, v = vi.coordinates("x")
+    squared = vi.System(q, v, 1e-20 * (v**2 / 2 - q), contact=q**2, restitution=0.0)
+    with pytest.raises(vi.InputError, match="contact 0 closes at t = 0 where its gap has no gradient"):
+        vi.simulate(squared, q0=place, v0=-1.0, h=0.001, steps=1)

@@ -121,12 +121,22 @@ PLAIN = vi.System(Q, V, ca.dot(C.masses, V**2) / 2 - C.stiffness * ca.sumsqr(Q) 
 START = dict(q0=[1.0, 0.0], v0=[0.0, 1.0])
 TWO = dict(q0=[[1.0, 0.0], [0.5, 0.2]], v0=[0.0, 1.0])
 SOME = st.one_of(RUBBISH, st.sampled_from([Q[0], V[0] ** 2, PUSH, SCENE, vi.gauss(2), [(0, Q[0], 1)], dict(q=[0, 0])]))
-GRID = ("steps", "duration", "save_every", "h", "apart", "states", "windows")
+GRID = ("steps", "duration", "save_every", "h", "apart", "states", "windows", "starts", "stages")
 CALLS = {
     "ensemble": (vi.ensemble, (SCENE, vi.gauss(2)), TWO | dict(h=0.1, steps=3, u=0.3, backend="interpreted"), (
         "q0", "v0", "p0", "h", "steps", "duration", "t0", "u", "params", "save_every", "executor", "progress",
         "backend",
     )),
+    "simulate to a tolerance": (
+        vi.simulate, (PLAIN,), START | dict(duration=0.2, tol=1e-3, backend="interpreted"),
+        ("q0", "v0", "p0", "duration", "t0", "u", "params", "save_every", "tol", "until", "rule"),
+    ),
+    "simulate in variable steps": (
+        vi.simulate, (PLAIN,), START | dict(h=0.05, duration=0.2, time_scale=1 + Q[0] ** 2, backend="interpreted"), (
+            "q0", "v0", "p0", "h", "steps", "duration", "t0", "params", "save_every", "tol", "until", "events",
+            "time_scale", "rule",
+        ),
+    ),
     "symmetries": (vi.symmetries, (PLAIN,), {}, ("rule", "params", "near")),
     "noether": (vi.noether, (PLAIN,), dict(xi=[-Q[1], Q[0]]), ("xi", "gauge", "tau", "name", "params", "near")),
     "project": (vi.project, (PLAIN,), dict(q0=[1.0, 0.0]), ("q0", "v0", "t0", "params")),
@@ -156,10 +166,38 @@ CALLS = {
         "q0", "v0", "p0", "duration", "steps", "order", "reference", "params", "t0", "u",
     )),
 }  # fmt: skip
+HORIZON = vi.Phase(SCENE, vi.gauss(2), 1.0, 3, PUSH**2 + Q[0] ** 2, bounds=[(-9, PUSH, 9)])
+CONTROLLER = vi.mpc(HORIZON, backend="interpreted")
+
+
+def phases(**link):
+    return vi.optimal_phases([HORIZON, HORIZON], [vi.Link(**link)], progress=False)
+
+
+def feedback(q, v, previous=None, t=None):
+    return CONTROLLER(q, v, previous, t)
+
+
 SOLVERS = {
     "least_action": (vi.least_action, (PLAIN, vi.gauss(2)), dict(q_start=[0, 0], q_end=[1, 1], duration=1.0, steps=4), (
         "q_start", "q_end", "duration", "steps", "t0", "guess", "u", "params", "bounds", "periodic", "symmetry",
         "energy",
+    )),
+    "closed path": (
+        vi.least_action, (PLAIN, vi.gauss(2)),
+        dict(periodic=True, guess=[[1, 0], [0, 1], [-1, 0], [0, -1]], duration=5.0, steps=6),
+        ("duration", "steps", "t0", "guess", "params", "bounds", "periodic", "symmetry", "energy"),
+    ),
+    "paths": (vi.paths, (PLAIN, vi.gauss(2)), dict(q_start=[0, 0], q_end=[1, 1], duration=1.0, steps=4, starts=2), (
+        "q_start", "q_end", "duration", "steps", "starts", "winding", "spread", "seed", "t0", "params", "energy",
+    )),
+    "multistart": (vi.multistart, (HORIZON,), dict(starts=2), ("starts", "spread", "seed", "t0", "solver", "options")),
+    "phases": (phases, (), dict(before=0, after=1), (
+        "before", "after", "contact", "sticks", "restitution", "relabel", "offset", "time",
+    )),
+    "mpc": (feedback, (), dict(q=[1, 0], v=[0, 0]), ("q", "v", "previous", "t")),
+    "closed_loop": (vi.closed_loop, (CONTROLLER,), dict(q0=[1, 0], v0=[0, 0], steps=1), (
+        "q0", "v0", "steps", "plant", "disturbance",
     )),
     "optimal_control": (
         vi.optimal_control, (SCENE, vi.gauss(2)),

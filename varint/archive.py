@@ -12,7 +12,7 @@ import numpy as np
 
 from varint.control.solution import ControlSolution, restored, stored
 from varint.description import describe, revive, rule_of
-from varint.errors import InputError, VarintError
+from varint.errors import InputError, VarintError, converted
 from varint.manifold import Phase
 from varint.stepping.step_function import action_function, step_function
 from varint.trajectory import Event, Trajectory
@@ -83,7 +83,7 @@ def load(path: Any) -> Any:
     >>> bool((again.q == fall.q).all()), again.rule == fall.rule
     (True, True)
     """
-    if Path(path).is_dir():
+    if _path(path).is_dir():
         from varint.ensembles.ensemble import load_ensemble
 
         return load_ensemble(path)
@@ -172,8 +172,12 @@ def _plain(parameters: dict[str, np.ndarray]) -> dict[str, Any]:
     return {name: value.tolist() for name, value in parameters.items()}
 
 
+def _path(path: Any) -> Path:
+    return converted(lambda: Path(path), lambda: f"the path of a file must be a word or a Path, got {path!r}")
+
+
 def _file(path: Any) -> Path:
-    path = Path(path)
+    path = _path(path)
     return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
 
 

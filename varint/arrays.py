@@ -159,6 +159,13 @@ def _rows(a: np.ndarray, count: int) -> np.ndarray:
     return rows
 
 
+def lengths(rows: np.ndarray) -> np.ndarray:
+    """Euclidean lengths of the last axis, (…, n) → (…,), also where the squares would vanish or overflow."""
+    largest = np.abs(rows).max(axis=-1, initial=0.0)
+    size = np.where(largest > 0, largest, 1.0)
+    return size * np.sqrt(((rows / size[..., None]) ** 2).sum(axis=-1))
+
+
 def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]:
     """Evaluate `function` for every row of the arrays.
 

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.arrays import over_columns
+from varint.errors import InputError
 from varint.system import System, per_system
 
 # equilibrated entries are of size 1; a singular matrix shows in the step's residual, never as a CasADi dump
@@ -74,6 +75,11 @@ def tangent_function(system: System) -> ca.Function:
         pair = ca.vertcat(s.v, mu)
         match = ca.vertcat(s.momentum + ca.mtimes(slope.T, mu) - wanted, rows)
         equation = ca.Function("momentum_match", [pair, s.q, wanted, s.t, s.c], [match])
+        if ca.sprank(ca.jacobian(match, pair)) < n + m:
+            raise InputError(
+                "no velocity along the constraints belongs to a momentum: whatever the configuration, the mass matrix "
+                "∂²L/∂v² is singular along them; give every coordinate that may move its kinetic energy"
+            )
         options = {"abstolStep": LAST_CORRECTION, "max_iter": MOST_ITERATIONS, "error_on_fail": False}
         found = ca.rootfinder("tangent", "fast_newton", equation, options)(found, q, p, t, c)
     v, mu = ca.vertsplit(found, [0, n, n + m])

@@ -77,5 +77,19 @@ def whole(what: str, x: Any, least: int = 1) -> int:
     return int(x)
 
 
+def generator(seed: Any) -> np.random.Generator:
+    """Random numbers of a seed."""
+    return converted(
+        lambda: np.random.default_rng(seed), lambda: f"seed must be a whole number, at least 0, got {seed!r}"
+    )
+
+
+def guesses_of(starts: Any) -> list[Any]:
+    """The guesses that many starts begin with."""
+    if isinstance(starts, str):
+        raise InputError(f"starts must be a number or a list of guesses, got {starts!r}")
+    return converted(lambda: list(starts), lambda: f"starts must be a number or a list of guesses, got {starts!r}")
+
+
 def _symbol_shape(value: np.ndarray) -> tuple[int, int]:
     return (value.shape[0], value.shape[1] if value.ndim == 2 else 1) if value.ndim else (1, 1)

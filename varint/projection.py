@@ -12,7 +12,7 @@ from varint.arrays import call
 from varint.errors import InputError
 from varint.manifold import rows_function
 from varint.parameters import finite_array, number
-from varint.system import System, parameter_values, per_system
+from varint.system import System, parameter_values, per_system, require_system
 
 OFF = 1e-11  # of what the coordinates themselves contribute to g: larger is a wrong start, smaller is round-off
 MOST_ITERATIONS = 100
@@ -80,6 +80,7 @@ def project(
     >>> q0, v0
     (array([1., 0.]), array([0., 2.]))
     """
+    require_system(system)
     n, names = system.structure.n, system.names
     q = finite_array("q0", q0).ravel()
     v = np.zeros(n) if v0 is None else finite_array("v0", v0).ravel()

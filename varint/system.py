@@ -213,7 +213,11 @@ class System:
     @cached_property
     def mass_matrix(self) -> ca.SX:
         """Mass matrix M = ∂²L/∂v², (n, n)."""
-        return ca.jacobian(self.momentum, self.v)
+        found = ca.jacobian(self.momentum, self.v)
+        if found.sparsity().is_symmetric():
+            return found
+        # SX sees of some entry that it is zero, but not of its mirror image
+        return ca.project(found, found.sparsity().intersect(found.T.sparsity()))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -260,6 +264,12 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
         return store[name]
 
     return remembered
+
+
+def require_system(x: Any) -> None:
+    """Refuse what is no system where one is expected."""
+    if not isinstance(x, System):
+        raise InputError(f"the first argument must be a varint System, got {type(x).__name__}")
 
 
 def _symbols(what: str, x: Any) -> ca.SX:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from varint.boundary.least_action import least_action
-from varint.errors import InputError, SolverError
+from varint.errors import InputError, SolverError, converted
 from varint.horizon import Free
+from varint.parameters import finite_array, generator, guesses_of, whole
 from varint.rules import Rule
 from varint.stepping.initial import vector
-from varint.system import System
+from varint.system import System, require_system
 from varint.trajectory import Trajectory
 
 WAVES = 4  # sines in a trial path: half a period to two
@@ -76,6 +77,7 @@ def paths(
     >>> [path.morse_index for path in found]
     [0, 0, 1]
     """
+    require_system(system)
     n, names = system.structure.n, system.names
     start, end = vector("q_start", q_start, n, names), vector("q_end", q_end, n, names)
     found: list[Trajectory] = []
@@ -100,27 +102,39 @@ def paths(
 
 def _turns(winding: Mapping[str, Iterable[int]] | None, names: tuple[str, ...]) -> list[np.ndarray]:
     """Whole turns of all coordinates, every combination."""
-    unknown = sorted(set(winding or {}) - set(names))
+    winding = {} if winding is None else winding
+    if not isinstance(winding, Mapping):
+        raise InputError(f"winding must be a dictionary such as {{{names[0]!r}: range(-2, 3)}}, got {winding!r}")
+    unknown = sorted(map(str, set(winding) - set(names)))
     if unknown:
         raise InputError(f"winding names {unknown}; the coordinates are {list(names)}")
-    choices = [list((winding or {}).get(name, [0])) for name in names]
+    choices = converted(
+        lambda: [list(winding.get(name, [0])) for name in names],
+        lambda: f"winding takes a list of whole numbers for each coordinate, got {dict(winding)}",
+    )
     if not all(isinstance(k, (int, np.integer)) for choice in choices for k in choice):
-        raise InputError(f"winding numbers are whole numbers, got {dict(winding or {})}")
+        raise InputError(f"winding numbers are whole numbers, got {dict(winding)}")
     return [np.array(turns, dtype=float) for turns in itertools.product(*choices)]
 
 
 def _guesses(starts: int | Sequence[Any], start: np.ndarray, end: np.ndarray, spread: Any, seed: int) -> list[Any]:
     """First paths: the user's own, or the straight line with random sines that vanish at the ends."""
     if not isinstance(starts, (int, np.integer)):
-        return list(starts)
-    if starts < 1:
-        raise InputError(f"starts must be at least 1, got {starts}")
-    size = np.maximum(np.abs(end - start), 1.0) if spread is None else np.broadcast_to(spread, start.shape)
-    random, s = np.random.default_rng(seed), np.linspace(0, 1, NODES)
+        return guesses_of(starts)
+    starts = whole("starts", starts)
+    size = np.maximum(np.abs(end - start), 1.0) if spread is None else _sizes(spread, start.shape)
+    random, s = generator(seed), np.linspace(0, 1, NODES)
     line = start + s[:, None] * (end - start)
     wave = np.arange(1, WAVES + 1)
     sines = np.sin(np.pi * np.outer(s, wave)) / np.sqrt(wave)
     return [line, *(line + sines @ (size * random.standard_normal((WAVES, len(start)))) for _ in range(starts - 1))]
+
+
+def _sizes(spread: Any, shape: tuple[int, ...]) -> np.ndarray:
+    return converted(
+        lambda: np.broadcast_to(finite_array("spread", spread), shape),
+        lambda: f"spread must be one number or one for each of {shape[0]} coordinates, got {spread!r}",
+    )
 
 
 def _same(a: Trajectory, b: Trajectory) -> bool:

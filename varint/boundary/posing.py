@@ -12,12 +12,13 @@ from varint.arrays import over_columns
 from varint.boundary.stationary import Iterate, Problem, iterate_through, point_times
 from varint.discrete import constraint_function, interval, point_function
 from varint.errors import InputError, converted
+from varint.grid import affordable, checked_steps
 from varint.horizon import Free, window
 from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.stepping.initial import controls, vector
 from varint.stepping.plan import default_rule
-from varint.system import System, parameter_values
+from varint.system import System, parameter_values, require_system
 from varint.trajectory import Trajectory
 
 ON_CONSTRAINT = 1e-9  # a longer way from the constraint, relative to the coordinates, is no round-off
@@ -40,12 +41,15 @@ def posed(
     energy: float | None,
 ) -> tuple[Problem, Iterate, tuple[float, float]]:
     """Problem, first iterate and bounds of the duration."""
+    require_system(system)
     rule = default_rule(system) if rule is None else rule
     _suitable(system, rule)
     steps, t0 = whole("steps", steps), number("t0", t0)
+    affordable(f"a path of {steps} steps", steps * len(point_times(rule)) * system.structure.n, "take fewer steps")
     if not isinstance(periodic, bool):
         raise InputError(f"periodic must be True or False, got {periodic!r}")
     n, names, c = system.structure.n, system.names, parameter_values(system, params)
+    energy = None if energy is None else number("energy", energy)
     free = energy is not None or isinstance(duration, Free)
     if free and system.structure.forced:
         raise InputError("a free duration needs a scene without forces (with them no action is stationary)")
@@ -78,6 +82,7 @@ def posed(
     if ends is not None:
         points[0], points[-1] = ends
     guessed, lower, upper = _duration(system, duration, energy, points, t0, c)
+    checked_steps(t0, guessed / steps, steps)
     level = (energy or 0.0) if free else None
     problem = Problem(system, rule, steps, t0, u.reshape(steps, -1), c, ends, closure, level)
     if ends is not None:
@@ -141,7 +146,7 @@ def _duration(
     if duration is None:
         if energy is None:
             raise InputError("give the duration of the path, or its energy")
-        return _time_at_energy(system, number("energy", energy), points, t0, c), 0.0, np.inf
+        return _time_at_energy(system, energy, points, t0, c), 0.0, np.inf
     if energy is not None and not isinstance(duration, Free):
         raise InputError("give duration or energy, not both; a guess of the duration is free(guess, lower, upper)")
     guess, lower, upper = converted(

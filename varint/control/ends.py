@@ -109,20 +109,21 @@ def _number(what: str, x: Any) -> float:
     return converted(lambda: float(x), lambda: f"{what} must be a number, None or free(…), got {x!r}")
 
 
-def _entries(value: Any) -> Sequence[Any] | np.ndarray:
-    return value if isinstance(value, Sequence) else np.array(value, dtype=float).reshape(-1)
-
-
 def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
     if value is None or value is False:
         return None
     if value is True:
         return np.zeros(n)
-    wanted = f"periodic must be True or one finite offset (or None) for each of {list(names)}"
-    entries = converted(lambda: list(_entries(value)), lambda: wanted)
-    if len(entries) != n:
-        raise InputError(f"periodic has {len(entries)} entries; one for each of {list(names)}")
-    offset = converted(lambda: np.array([np.nan if x is None else float(x) for x in entries]), lambda: wanted)
-    if not all(x is None or np.isfinite(y) for x, y in zip(entries, offset, strict=True)):  # a symbol is NaN
+    return offsets("periodic", value, n, names)
+
+
+def offsets(what: str, value: Any, n: int, names: Sequence[str]) -> np.ndarray:
+    """One number for each coordinate, NaN where the user gave None."""
+    wanted = f"{what} takes one finite offset (or None) for each of {list(names)}, got {value!r}"
+    entries = (
+        value if isinstance(value, Sequence) else converted(lambda: np.array(value, float).ravel(), lambda: wanted)
+    )
+    found = converted(lambda: np.array([0.0 if x is None else float(x) for x in entries]), lambda: wanted)
+    if found.shape != (n,) or not np.isfinite(found).all():  # a symbol is NaN
         raise InputError(wanted)
-    return offset
+    return np.where([x is None for x in entries], np.nan, found)

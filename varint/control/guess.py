@@ -16,7 +16,7 @@ from varint.control.phase import Checked
 from varint.control.piecewise import Piecewise
 from varint.control.problem import Problem, end_positions
 from varint.control.solution import ControlSolution
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.system import System, per_system
 from varint.trajectory import Trajectory
 
@@ -121,8 +121,12 @@ def _path(what: str, given: Any, size: int, t0: float, duration: float) -> Path:
     if callable(given):
 
         def sampled(s: np.ndarray) -> np.ndarray:
-            values = [np.asarray(given(float(t0 + x * duration)), dtype=float).ravel() for x in s]
-            return _checked_samples(what, np.array(values) if values else np.zeros((0, size)), size)
+            found = [given(float(t0 + x * duration)) for x in s]
+            values = converted(
+                lambda: np.array([np.asarray(y, dtype=float).ravel() for y in found]),
+                lambda: f"the guess of {what} must give {size} numbers at any time, got {found[0]!r}",
+            )
+            return _checked_samples(what, values if found else np.zeros((0, size)), size)
 
         return sampled
     try:

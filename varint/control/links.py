@@ -13,9 +13,11 @@ import casadi as ca
 import numpy as np
 
 from varint.assembly import Element
+from varint.control.ends import offsets
 from varint.control.expressions import column
 from varint.control.leg import Leg, picked
 from varint.errors import InputError
+from varint.parameters import number
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +81,11 @@ def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
     new = s.q if link.relabel is None else column("relabel", link.relabel, _held(s), words)
     if new.numel() != n:
         raise InputError(f"relabel has {new.numel()} components; one for each of {list(s.names)}")
-    if not 0 <= link.restitution <= 1:
+    if not isinstance(link.time, bool):
+        raise InputError(f"time of a link must be True or False, got {link.time!r}")
+    if not 0 <= number("restitution", link.restitution) <= 1:
         raise InputError(f"restitution must lie between 0 and 1, got {link.restitution!r}")
-    offset = np.zeros(n) if link.offset is None else np.array([np.nan if y is None else y for y in link.offset], float)
+    offset = np.zeros(n) if link.offset is None else offsets("offset of a link", link.offset, n, s.names)
     tied, offset_or_zero = np.flatnonzero(~np.isnan(offset)), np.nan_to_num(offset)
     q0, v0, c0, q1, v1 = (ca.SX.sym(name, k) for name, k in zip("abcde", (n, n, s.c.numel(), n, n), strict=True))
     if stopped.numel() and ca.depends_on(s.momentum, s.t):

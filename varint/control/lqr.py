@@ -54,6 +54,8 @@ def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = 
     >>> np.round(vi.lqr(rest, np.eye(2), np.eye(1))[0], 2)
     array([[1.  , 1.73]])
     """
+    if not isinstance(motion, Trajectory):
+        raise InputError(f"lqr takes the Trajectory to follow, got {type(motion).__name__}")
     structure = motion.system.structure
     if not structure.controls:
         raise InputError("lqr() needs a scene with controls")

@@ -18,7 +18,9 @@ from varint.control.phase import Phase
 from varint.control.problem import Problem, problem
 from varint.control.solution import trajectories
 from varint.errors import InputError
+from varint.grid import affordable, checked_steps
 from varint.manifold import rows_function
+from varint.parameters import finite_array, number, whole
 from varint.stepping.initial import vector
 from varint.stepping.simulate import simulate
 from varint.trajectory import Trajectory
@@ -58,7 +60,9 @@ class Controller:
         SolverError
             If no control is found.
         """
-        one = self.problem.legs[0]
+        one, now = self.problem.legs[0], 0.0 if t is None else number("t", t)
+        if t is not None:
+            checked_steps(now, one.phase.shortest_step, 1)
         n, names = one.phase.system.structure.n, one.phase.system.names
         low, high = self.problem.x_low.copy(), self.problem.x_high.copy()
         for what, value, slot in (("q", q, one.slots.q[0]), ("v", v, one.slots.v[0])):
@@ -67,13 +71,13 @@ class Controller:
             if outside.any():
                 raise InputError(f"{what} of {np.array(names)[outside].tolist()} lies outside its bounds: {state}")
             low[slot] = high[slot] = state
-        _on_constraints(one, low[one.slots.q[0]], low[one.slots.v[0]], 0.0 if t is None else float(t))
+        _on_constraints(one, low[one.slots.q[0]], low[one.slots.v[0]], now)
         data = self.problem.p.copy()
         if t is not None:
-            data[2 * one.phase.steps] = t
+            data[2 * one.phase.steps] = now
         x, multipliers = self.start, None
         if previous is not None:
-            origin = getattr(previous.solution, "origin", None)
+            origin = getattr(getattr(previous, "solution", None), "origin", None)
             if origin is None or len(origin.outcome.x) != self.problem.unknowns:
                 raise InputError("previous= takes the last answer of this controller")
             outcome = origin.outcome
@@ -138,7 +142,7 @@ def mpc(
     """
     if not isinstance(phase, Phase):
         raise InputError(f"mpc takes a varint.Phase, got {type(phase).__name__}")
-    if phase.start:
+    if phase.start is not None and not (isinstance(phase.start, Mapping) and not phase.start):
         raise InputError("mpc() gets its start with every call; leave start= out of the phase")
     one = problem([phase], [], 0.0, nlp.backend_for(solver, backend), SOLVES, True)
     x = start_values(one)
@@ -168,16 +172,18 @@ def closed_loop(
         ``u`` holds the controls applied.
     plans : list of Trajectory
     """
+    if not isinstance(controller, Controller):
+        raise InputError(f"closed_loop takes a controller made by mpc(), got {type(controller).__name__}")
     phase, n = controller.problem.legs[0].phase, controller.problem.legs[0].phase.system.structure.n
-    if not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1:
-        raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
-    kicks = np.zeros((steps, n)) if disturbance is None else np.asarray(disturbance, dtype=float)
-    if kicks.shape != (steps, n) or not np.isfinite(kicks).all():
+    steps = whole("steps", steps)
+    affordable(f"a loop of {steps} steps", steps * n, "take fewer steps")
+    kicks = np.zeros((steps, n)) if disturbance is None else finite_array("disturbance", disturbance)
+    if kicks.shape != (steps, n):
         raise InputError(f"disturbance must be finite numbers ({steps}, {n}), one row a step; got shape {kicks.shape}")
     system = phase.system if plant is None else plant
     h = phase.duration[0] * float(phase.mesh[1])
     plans: list[Trajectory] = []
-    q, v, u = np.atleast_1d(np.asarray(q0, float)), np.atleast_1d(np.asarray(v0, float)), []
+    q, v, u = vector("q0", q0, n, phase.system.names), vector("v0", v0, n, phase.system.names), []
     nodes = [simulate(system, phase.rule, q0=q, v0=v, h=h, steps=1, u=_rest(phase))[:1]]
     for k in range(steps):
         plans.append(controller(q, v, plans[-1] if plans else None, k * h))

@@ -17,6 +17,7 @@ from varint.control.phase import Phase
 from varint.control.problem import Problem, problem
 from varint.control.solution import trajectories
 from varint.errors import InputError, SolverError
+from varint.parameters import generator, guesses_of, number, whole
 from varint.trajectory import Trajectory
 
 SAME = 1e-5  # relative to the cost and to the path's extent: closer solutions are one
@@ -74,15 +75,16 @@ def multistart(
     """
     if not isinstance(phase, Phase):
         raise InputError(f"multistart takes one varint.Phase, got {type(phase).__name__}")
-    if isinstance(starts, str):
-        raise InputError(f"starts must be a number or a list of guesses, got {starts!r}")
-    solves = starts if isinstance(starts, (int, np.integer)) else len(starts)
+    if not isinstance(starts, (int, np.integer)):
+        starts = guesses_of(starts)
+    solves = len(starts) if isinstance(starts, list) else whole("starts", starts)
+    spread, random = number("spread", spread), generator(seed)
     one = problem([phase], [], t0, nlp.backend_for(solver, backend), solves)
     x = start_values(one)
     run = nlp.solver(one, x, solver, options)
     kept: list[tuple[Trajectory, int]] = []
     worst = None
-    for start in _starts(one, starts, spread, seed):
+    for start in _starts(one, starts, spread, random):
         outcome = run(start, progress=False)
         if not outcome.success or outcome.violation > FEASIBLE:
             worst = outcome
@@ -100,14 +102,12 @@ def multistart(
     return [replace(m, stats=MappingProxyType({**m.stats, "found": count})) for m, count in kept]
 
 
-def _starts(one: Problem, starts: int | Sequence[Any], spread: float, seed: int):
+def _starts(one: Problem, starts: int | Sequence[Any], spread: float, rng: np.random.Generator):
     """Start values, one after the other."""
     leg = one.legs[0]
     t0 = float(leg.data[2 * leg.phase.steps])
     if isinstance(starts, (int, np.integer)):
-        if starts < 1:
-            raise InputError(f"starts must be at least 1, got {starts}")
-        own, rng = phase_guess(leg.phase, t0), np.random.default_rng(seed)
+        own = phase_guess(leg.phase, t0)
         guesses = [own, *(_waved(own, leg, spread, rng) for _ in range(starts - 1))]
     else:
         guesses = [phase_guess(replace(leg.phase, guess=g), t0) for g in starts]

@@ -14,7 +14,7 @@ from varint.control.phase import Phase
 from varint.control.problem import Problem, problem
 from varint.control.solution import trajectories
 from varint.control.warm import start_multipliers
-from varint.errors import InputError, SolverError
+from varint.errors import InputError, SolverError, converted
 from varint.horizon import Free
 from varint.parameters import number
 from varint.rules import Rule
@@ -148,10 +148,10 @@ def optimal_phases(
     InputError, SolverError
         As in `optimal_control`.
     """
-    phases = list(phases)
+    phases = converted(lambda: list(phases), lambda: f"optimal_phases takes a list of varint.Phase, got {phases!r}")
     if not phases or not all(isinstance(phase, Phase) for phase in phases):
         raise InputError("optimal_phases takes a list of varint.Phase, at least one")
-    ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else list(links)
+    ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else links
     return solved(problem(phases, ties, number("t0", t0), nlp.backend_for(solver, backend)), solver, options, progress)
 
 

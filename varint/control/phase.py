@@ -13,8 +13,9 @@ from varint.control.bounds import PathBounds, path_bounds
 from varint.control.ends import End, end_conditions
 from varint.control.expressions import scalar
 from varint.errors import InputError, converted
+from varint.grid import affordable
 from varint.horizon import Free
-from varint.parameters import finite_array
+from varint.parameters import finite_array, whole
 from varint.rules import Rule, gauss, lobatto
 from varint.system import System, parameter_values
 
@@ -80,6 +81,11 @@ class Checked:
     def steps(self) -> int:
         """Number N of steps."""
         return len(self.mesh) - 1
+
+    @property
+    def shortest_step(self) -> float:
+        """Duration of the shortest step."""
+        return float(self.duration[0] * np.diff(self.mesh).min())
 
     @property
     def free_duration(self) -> bool:
@@ -165,13 +171,12 @@ def _duration(value: Any) -> tuple[float, float, float]:
 
 def _mesh(steps: Any, mesh: Any) -> np.ndarray:
     if mesh is None:
-        if not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1:
-            raise InputError(f"steps must be a whole number, at least 1, got {steps!r}")
+        affordable(f"a path of {whole('steps', steps)} steps", steps, "take fewer steps")
         return np.arange(steps + 1) / steps
     mesh = finite_array("mesh", mesh)
     if mesh.ndim != 1 or len(mesh) < 2 or mesh[0] != 0 or mesh[-1] != 1 or not (np.diff(mesh) > 0).all():
         raise InputError("mesh must hold fractions of the duration that increase from 0 to 1")
-    if steps and steps != len(mesh) - 1:
+    if whole("steps", steps, 0) not in (0, len(mesh) - 1):
         raise InputError(f"steps={steps} but the mesh has {len(mesh) - 1}; give one of the two")
     return mesh
 

@@ -12,12 +12,15 @@ import numpy as np
 from varint.assembly import Kernels, Program, assembled
 from varint.compiled.functions import compiled_functions, compiled_where_it_pays
 from varint.control.contradictions import refuse_contradictions
+from varint.control.ends import offsets
 from varint.control.leg import Leg, leg
 from varint.control.links import Link, Linked, linked
 from varint.control.onto import ends_on_manifold
 from varint.control.phase import Checked, Phase, checked
-from varint.errors import InputError
-from varint.stepping.initial import refuse_standstill
+from varint.errors import InputError, converted
+from varint.grid import checked_steps
+from varint.parameters import number, whole
+from varint.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,27 +59,23 @@ def problem(
     state at the start will be given with every solve.
     """
     began, kernels = perf_counter(), kernels_by(backend, solves)
-    try:
-        t0 = float(t0)
-    except (TypeError, ValueError):
-        t0 = np.nan
-    if not np.isfinite(t0):
-        raise InputError("t0 must be a finite number, the time at which the first phase begins")
+    t0 = number("t0", t0)
     checks = [checked(phase) for phase in phases]
-    given_links = tuple(links)
-    links = [*links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]
+    given_links = converted(lambda: tuple(links), lambda: f"links takes a list of varint.Link, got {links!r}")
+    links = [*given_links, *(_periodic(i, x.end.periodic) for i, x in enumerate(checks) if x.end.periodic is not None)]
     for link in links:
         if not isinstance(link, Link):
             raise InputError(f"links takes a list of varint.Link, got {link!r}")
-        if not (0 <= link.before < len(checks) and 0 <= link.after < len(checks)):
+        before, after = whole("before of a link", link.before, 0), whole("after of a link", link.after, 0)
+        if not (before < len(checks) and after < len(checks)):
             raise InputError(f"a link joins phases {link.before} and {link.after}; there are {len(checks)}: 0 …")
     legs: list[Leg] = []
     x = p = g = 0
     free_start = False
     for phase in checks:
+        checked_steps(max(t0, t0 + phase.duration[0], key=abs), phase.shortest_step, 1)
         refuse_contradictions(phase, t0)
-        refuse_standstill(t0, phase.duration[0] * float(np.diff(phase.mesh).min()))
-        tied = (later and not legs) or any(link.after == len(legs) and _ties_all(link) for link in links)
+        tied = (later and not legs) or any(link.after == len(legs) and _ties_all(link, phase.system) for link in links)
         one = leg(phase, t0, free_start, tied, _judged_at(phase, t0), x, p, g)
         legs.append(one)
         x, p, g = one.slots.end, p + len(one.data), one.rows.end
@@ -132,8 +131,9 @@ def _judged_at(phase: Checked, t0: float) -> np.ndarray:
     return ends_on_manifold(phase.system, ends, t0 + phase.duration[0] * np.arange(2), phase.c, moves)[0]
 
 
-def _ties_all(link: Link) -> bool:
-    return link.offset is None or all(y is not None for y in link.offset)
+def _ties_all(link: Link, system: System) -> bool:
+    given, names = link.offset, system.names
+    return given is None or not np.isnan(offsets("offset of a link", given, len(names), names)).any()
 
 
 def _periodic(i: int, offset: np.ndarray) -> Link:

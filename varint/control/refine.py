@@ -16,7 +16,8 @@ import numpy as np
 
 from varint.control.optimal import optimal_phases
 from varint.control.solution import ControlSolution, Origin
-from varint.errors import InputError, SolverError
+from varint.errors import InputError, SolverError, converted
+from varint.parameters import number, whole
 from varint.rules import Rule, gauss, lobatto
 from varint.trajectory import Trajectory
 
@@ -93,10 +94,10 @@ def refine(
     >>> round(vi.refine(rough, 1e-8).cost, 6)
     36.640289
     """
-    if not (np.isfinite(tol) and tol > 0):
+    if not number("tol", tol) > 0:
         raise InputError(f"tol must be a positive number, got {tol!r}")
-    single = isinstance(motion, Trajectory)
-    low = _solved_together([motion] if isinstance(motion, Trajectory) else list(motion))
+    rounds, single = whole("rounds", rounds), isinstance(motion, Trajectory)
+    low = _solved_together(_motions(motion))
     t0, links = float(low[0].t[0]), _origin(low[0]).problem.given_links
     history: list[tuple[str, int, float, float]] = []
 
@@ -140,6 +141,16 @@ def refine(
 
 
 SMALL = 1e-8  # a cost below this is compared as it is
+
+
+def _motions(given: Trajectory | Sequence[Trajectory]) -> list[Trajectory]:
+    if isinstance(given, Trajectory):
+        return [given]
+    words = f"refine takes a Trajectory or all those of optimal_phases, got {given!r}"
+    motions = converted(lambda: list(given), lambda: words)
+    if not all(isinstance(motion, Trajectory) for motion in motions):
+        raise InputError(words)
+    return motions
 
 
 def _solution(motion: Trajectory) -> ControlSolution:

@@ -14,6 +14,7 @@ import numpy as np
 from varint.arrays import LARGEST_BLOCK, blocks, call
 from varint.discrete import point_function
 from varint.errors import InputError
+from varint.grid import affordable, checked_steps
 from varint.legendre import velocity_function
 from varint.parameters import finite_array
 from varint.rules import Rule
@@ -148,6 +149,8 @@ def march(scene: Scene, h: float, steps: int, q: Any = None, p: Any = None, t: f
             )
         grid = np.unique(motion.k, return_index=True)[1]  # impacts add nodes between those of the grid
         return motion.q[grid], motion.p[grid], motion.t[grid]
+    checked_steps(float(t), float(h), steps)
+    affordable(f"a run of {steps} steps", (steps + 1) * 2 * len(q), "take fewer steps")
     times = t + h * np.arange(steps + 1)
     n, x, states, k = len(q), np.concatenate([q, p]), [np.concatenate([q, p])[None]], 0
     for count in blocks(steps, LARGEST_BLOCK // 10):

@@ -11,6 +11,7 @@ import numpy as np
 from varint.arrays import over_columns
 from varint.diagnostics.runs import Scene, march, scene
 from varint.diagnostics.verdict import mark
+from varint.errors import InputError, converted
 from varint.legendre import velocity_function
 from varint.parameters import number, whole
 from varint.rules import Rule
@@ -107,19 +108,25 @@ def symplectic_defect(
 
 def _defect(start: Scene, q: np.ndarray, p: np.ndarray, t: float, h: float) -> float:
     n = len(q)
-    blocks = _slopes(start.step)(q, p, start.controls, start.c, t, h)
+    where = f"the step from q={q}, p={p} at t={t:g} has no finite derivative: take a smaller h or other parameters"
+    blocks = converted(lambda: _slopes(start.step)(q, p, start.controls, start.c, t, h), lambda: where)
     a = np.array(ca.blockcat([blocks[:2], blocks[2:]]))
     j = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
     size = np.sqrt(np.maximum(np.abs(q).max(), EPS) / np.maximum(np.abs(p).max(), EPS))
     scale = np.concatenate([np.full(n, size), np.full(n, 1 / size)])
-    a = a * scale / scale[:, None]
+    with np.errstate(all="ignore"):
+        a = a * scale / scale[:, None]
+    if not np.isfinite(a).all():
+        raise InputError(where)
     tangent = np.eye(2 * n)
     if start.system.structure.constraints:
         slope = np.array(_surface(start.system)(q, p, t, start.c)[1]) * scale
         _, values, vectors = np.linalg.svd(slope)
         tangent = vectors[int((values > 1e-10 * values[0]).sum()) :].T
     a = a @ tangent
-    return float(np.linalg.norm(a.T @ j @ a - tangent.T @ j @ tangent, 2) / max(1.0, np.linalg.norm(a, 2) ** 2))
+    stretch = max(1.0, float(np.linalg.norm(a, 2)))  # divided by first: its square may overflow
+    a, tangent = a / stretch, tangent / stretch
+    return float(np.linalg.norm(a.T @ j @ a - tangent.T @ j @ tangent, 2))
 
 
 def _slopes(step: ca.Function) -> ca.Function:

@@ -11,6 +11,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.errors import InputError, converted
+from varint.grid import affordable, checked_steps
 from varint.manifold import every_row_function
 from varint.rules import Rule
 from varint.stepping.initial import held_function, initial_task, number, start_function, time_grid
@@ -74,6 +75,7 @@ def members_of(
     """Checked and broadcast input of all members."""
     n = system.structure.n
     step, count = time_grid(h, steps, duration)
+    checked_steps(number("t0", t0), step, count)
     rows: dict[str, Any] = {
         name: None if x is None else _rows(name, x, (n,), system.names)
         for name, x in (("q0", q0), ("v0", v0), ("p0", p0))
@@ -106,6 +108,8 @@ def members_of(
         u=None if u is None else rows["u"][0], params={name: _shaped(system, name, x[0]) for name, x in values.items()},
         save_every=save_every,
     )  # fmt: skip
+    kept = count // task.save_every
+    affordable(f"an ensemble of {count} steps", kept, "keep fewer of them: save_every=…")
     members = replace(members, save_every=task.save_every)
     _refuse_bad_starts(system, rule, members)
     return members

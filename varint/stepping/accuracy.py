@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import InputError
+from varint.grid import checked_steps
 from varint.rules import Rule, composition, gauss, lobatto
 from varint.stepping.backend import interpreted_seconds, repays
 from varint.stepping.course import Course, course_of, first_node, trajectory
@@ -85,12 +86,14 @@ def for_tolerance(
     began = perf_counter()
     own = plan(system, rule).rule
     start = initial_task(system, own, h=None, steps=1, duration=duration, u=u, save_every=1, **given)
+    checked_steps(start.t0, start.h, 1)
     first = _first_steps(system, own, start)
     compiled = backend == "compiled" or (backend == "auto" and repays(system, own, first * PILOT))
     rules = {own: 1.0} if rule else candidates(system, compiled)
     duration = start.h
 
     def run(chosen: Rule, span: float, steps: int, every: int, tol: float | None) -> Course | None:
+        checked_steps(start.t0, span / steps, steps)
         level = 0.0 if tol is None else tol * min(LEVEL, SECULAR / steps**2)
         return _travelled(system, chosen, start, began, backend, span / steps, steps, every, level, tol is None)
 

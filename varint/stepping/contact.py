@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from varint.arrays import call
+from varint.arrays import call, lengths
 from varint.consistency import independent
 from varint.errors import StepRefused
 from varint.manifold import Phase, multiplier_function, multipliers_along
@@ -27,6 +27,7 @@ PULL = 1e-10  # a contact that pulls by less than this part of the forces in pla
 ZENO = 1e-5  # of a step: a body that would fly for a shorter time comes to rest
 MOST_IMPACTS = 1000  # between two nodes of the grid; after as many, bodies come to rest
 SPEED_OF_NOTHING = 1e-300  # under a division
+FLAT = 1e-150  # of a gradient: its square must be a number, too
 
 
 @per_system
@@ -99,7 +100,7 @@ def _impact(setting: Setting, now: Instant, seen: View, hit: int, tired: bool) -
     Flights that become too short end at once: all that remain take Σ flight eᵏ, and the rate becomes 0.
     """
     bounce = 0.0 if tired else float(setting.system.restitution[hit])
-    if not seen.slope[first_contact(setting.system) + hit].any():
+    if lengths(seen.slope[first_contact(setting.system) + hit]) <= FLAT:
         raise StepRefused(
             f"contact {hit} closes at t = {now.t:g} where its gap has no gradient ∂gap/∂q, so no impulse can open it: "
             "give a gap that grows with the distance, not with a power of it"
@@ -140,7 +141,7 @@ def _reflected(
         rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
         rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
         impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
-        blows = impulse * np.sqrt((rows**2).sum(axis=1))
+        blows = impulse * lengths(rows)
         felt = blows[len(fixed) : -1] / np.abs(blows).max()
         elastic = [i for i, x in zip(holding, felt, strict=True) if system.restitution[i] > 0 and abs(x) > PULL]
         if elastic:  # these hand the blow on; one that does not feel it stays closed
@@ -173,7 +174,8 @@ def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.nda
     size = np.sqrt(np.abs(mass.diagonal()))
     size = np.where(size > 0, size, size.max())
     scaled = rows / size
-    length = np.abs(scaled).max(axis=1)  # no sum of squares: those of 1e-200 are zero
+    length = lengths(scaled)
+    length = np.where(length > 0, length, 1.0)  # a row of zeros: no impulse along it
     scaled /= length[:, None]
     matrix = np.zeros((n + m, n + m))
     matrix[:n, :n] = mass / np.outer(size, size)
@@ -202,8 +204,8 @@ def _holding(setting: Setting, now: Instant, seen: View, candidates: list[int]) 
         slots = first_contact(system) + np.array(candidates)
         rows = now.q[None], seen.v[None], setting.u[None], np.array([now.t]), setting.c
         lam = multipliers_along(system, phase, *rows)[0]
-        weight = np.abs(lam * np.linalg.norm(seen.slope, axis=1)).max()
-        pushes = lam[slots] * np.linalg.norm(seen.slope[slots], axis=1)
+        weight = np.abs(lam * lengths(seen.slope)).max()
+        pushes = lam[slots] * lengths(seen.slope[slots])
         if pushes.min() >= -PULL * weight:
             return phase
         candidates.pop(int(np.argmin(pushes)))

@@ -13,6 +13,7 @@ import numpy as np
 from varint.arrays import call, finite, is_definite
 from varint.discrete import point_function
 from varint.errors import InputError
+from varint.grid import MOST_STEPS, affordable
 from varint.parameters import number, whole
 from varint.rules import Rule
 from varint.stepping.run import Task
@@ -25,7 +26,6 @@ WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
 LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
-MOST_STEPS = 10**15  # years of the cheapest steps
 SAFE_PIVOT = 1e-3  # eigenvalues are then far above SINGULAR: what elimination makes of 1e-13 is not much larger
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
@@ -50,7 +50,7 @@ def initial_task(
     n = system.structure.n
     step, count = time_grid(h, steps, duration)
     save_every = whole("save_every", save_every)
-    refuse_standstill(t0 := number("t0", t0), step)
+    t0 = number("t0", t0)
     c = parameter_values(system, params)
     q = vector("q0", q0, n, system.names)
     p = _momentum(system, q, v0, p0, t0, c)
@@ -133,7 +133,7 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
     _refuse_too_many(ratio)
     count = max(round(ratio), 1)
     if abs(ratio - count) > WHOLE * count:
-        up = math.ceil(ratio)
+        up = max(math.ceil(ratio), 1)
         raise InputError(
             f"duration={duration} is {ratio:.6g} steps of h={h}, not a whole number; "
             f"give steps={up} with duration={duration} (h={float(duration) / up:.6g})"  # type: ignore[arg-type]
@@ -144,15 +144,6 @@ def time_grid(h: float | None, steps: int | None, duration: float | None) -> tup
 def _refuse_too_many(steps: float) -> None:
     if steps > MOST_STEPS:
         raise InputError(f"steps={steps:.6g} is more than any run can take; at most {MOST_STEPS:.0g}")
-
-
-def refuse_standstill(t0: float, h: float) -> None:
-    """Refuse a start so late that its steps do not show in double precision."""
-    if t0 + h == t0:
-        raise InputError(
-            f"t0 = {t0:g} and a step of {h:g} later is the same number in double precision, so time would stand still: "
-            "count it from a nearer origin"
-        )
 
 
 def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
@@ -267,6 +258,7 @@ def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
     if value.ndim == 1 and k == 1 and value.shape == (steps,) and steps > 1:
         value = value[:, None]
     if value.shape == (k,):
+        affordable(f"u of {steps} steps", steps * k, "let the control be a force or a parameter of the scene")
         value = np.broadcast_to(value, (steps, k))
     if value.shape == (steps, k):
         value = value[:, None, :]

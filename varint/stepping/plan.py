@@ -9,7 +9,7 @@ from varint.discrete import require_explicit
 from varint.errors import InputError
 from varint.rules import Rule, composition, gauss, lobatto
 from varint.stepping.stepper import Stepper
-from varint.system import System, per_system
+from varint.system import System, per_system, require_system
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,7 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
       skipped  matrix solves: M is diagonal
       skipped  time: the scene is autonomous
     """
-    if not isinstance(system, System):
-        raise InputError(f"the first argument must be a varint System, got {type(system).__name__}")
+    require_system(system)
     if rule is not None and not isinstance(rule, Rule):
         raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
     return _plan(system, rule)

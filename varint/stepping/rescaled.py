@@ -16,6 +16,7 @@ import numpy as np
 from varint.arrays import call, over_columns
 from varint.errors import ConvergenceError, InputError
 from varint.expressions import in_own_symbols
+from varint.grid import MOST_STEPS, checked_steps
 from varint.legendre import velocity_function
 from varint.rules import Rule
 from varint.stepping.backend import blocks_of
@@ -56,12 +57,16 @@ def rescaled_motion(
         u=None, params=params, save_every=save_every, level=0.0 if tol is None else LEVEL * tol,
     )  # fmt: skip
     energy, start_scale = _start(system, scene, task, v0)
+    checked_steps(task.t0, task.h * start_scale, task.steps)
     inside = partial(_inside, system, scene, task.t0)
     stop = None if until is None else watched("until", inside(until, "until"))
     if isinstance(events, Mapping):
         events = {name: inside(wanted, name) for name, wanted in events.items()}
     watches = watched_events(events)
-    count = task.steps if total is None else max(1, math.ceil(total / (task.h * start_scale)))
+    pace = 0.0 if total is None else total / float(task.h * start_scale)
+    if pace > MOST_STEPS:
+        raise InputError(f"duration={total:g} takes {pace:.3g} steps of h={h}, more than any run can; take larger ones")
+    count = task.steps if total is None else max(1, math.ceil(pace))
     course = course_of(
         scene.system,
         chosen,

@@ -10,7 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
+from varint.grid import checked_steps
 from varint.parameters import whole
 from varint.rules import Rule
 from varint.stepping.course import course_of, thinned, travelled
@@ -18,7 +19,7 @@ from varint.stepping.events import watched, watched_events
 from varint.stepping.initial import LEVEL, initial_task
 from varint.stepping.jump import energy_jump
 from varint.stepping.plan import plan
-from varint.system import System
+from varint.system import System, require_system
 from varint.trajectory import Trajectory
 
 
@@ -117,6 +118,7 @@ def simulate(
     >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
     ((1001, 1), True)
     """
+    require_system(system)
     if tol is not None and not (isinstance(tol, (float, int)) and 0 < tol < 1):
         raise InputError(f"tol must be a relative error between 0 and 1, got {tol!r}")
     if time_scale is not None:
@@ -130,8 +132,11 @@ def simulate(
             save_every=save_every, until=until, events=events, progress=progress, backend=backend, tol=tol,
         )  # fmt: skip
     if tol is not None and h is None and steps is None:
-        stopped = until is not None or events
-        if duration is None or stopped or np.ndim(u) > 1 or system.structure.contacts:
+        stopped = until is not None or bool(watched_events(events))
+        table = converted(
+            lambda: np.array(u, dtype=float).ndim > 1, lambda: f"u must be numbers, got {type(u).__name__}"
+        )
+        if duration is None or stopped or table or system.structure.contacts:
             raise InputError(
                 "tol without h chooses the steps of a whole run: give duration, constant controls, and neither until "
                 "nor events nor contacts"
@@ -154,6 +159,7 @@ def simulate(
         q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
         level=0.0 if tol is None else LEVEL * tol,
     )  # fmt: skip
+    checked_steps(task.t0, task.h, task.steps)
     file = None
     if checkpoint is not None:
         from varint.stepping.checkpoint import checkpoint_of

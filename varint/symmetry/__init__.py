@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import NoneType
 from typing import Any
 
 import casadi as ca
@@ -156,6 +157,8 @@ def noether(
     gauge = _field("the gauge term", gauge, system, 1)
     if not isinstance(tau, (int, float)) or not np.isfinite(tau):
         raise InputError(f"tau must be a number, got {tau!r}")
+    if not isinstance(name, (str, NoneType)):
+        raise InputError(f"name must be a word for the symmetry, got {name!r}")
     if field.is_zero() and not tau:
         raise InputError("the generator is zero: xi = 0 and tau = 0 change nothing and conserve nothing")
     shift = ca.SX(float(tau))
