@@ -85,7 +85,6 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "chain of 10": lambda: chain(10, 13),
     "chain of 30": lambda: chain(30, 24),
     "chain of 50": lambda: chain(50, 32),
-    "chain of 100": lambda: chain(100, 60),
 }
 LONGER = {
     "pendulum": 200, "kepler 0.6": 10, "kepler 0.9": 5, "henon-heiles": 20, "double pendulum": 100, "solar system": 10,
