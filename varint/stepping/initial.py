@@ -26,7 +26,6 @@ WHOLE = 1e-9  # relative: duration/h this close to a whole number is one
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
 LEVEL = 1e-3  # of the wanted error: what iterations may leave in a step
-SAFE_PIVOT = 1e-3  # eigenvalues are then far above SINGULAR: what elimination makes of 1e-13 is not much larger
 SINGULAR = 1e-13  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
@@ -204,14 +203,6 @@ def _regular_at(system: System) -> set[bytes]:
     return set()
 
 
-def _surely_regular(matrix: np.ndarray) -> bool:
-    """Whether Cholesky's method finds no small pivot: in a tenth of the eigenvalues' time."""
-    try:
-        return bool(np.linalg.cholesky(matrix).diagonal().min() > SAFE_PIVOT)
-    except np.linalg.LinAlgError:
-        return False
-
-
 def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     constant, known = system.structure.constant_mass, _regular_at(system)
     key = c.tobytes() if constant else b""
@@ -222,10 +213,6 @@ def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     names = system.names
     size = np.sqrt(np.abs(np.diag(mass)))
     scaled = mass / np.outer(np.where(size > 0, size, 1), np.where(size > 0, size, 1))
-    if _surely_regular(scaled):
-        if system.structure.constant_mass and len(known) < REMEMBERED:
-            known.add(key)
-        return
     values, vectors = np.linalg.eigh(scaled)
     smallest = np.argmin(np.abs(values))
     if abs(values[smallest]) > SINGULAR:
