@@ -275,6 +275,21 @@ def test_beginning_the_next_step_early_changes_nothing_but_round_off(which, monk
     assert runs[0].iterations < 1.1 * runs[1].iterations
 
 
+def test_after_a_start_that_failed_the_high_degree_is_tried_again():
+    """Pushed to and fro within one step, a bead in a bowl has no start polynomial, later it has as good ones as before."""
+    q, v = vi.coordinates("x")
+    t = vi.time()
+    push = 30 * ca.logic_and(t > 40, t < 40.25) - 30 * ca.logic_and(t > 40.25, t < 40.5)
+    system = vi.System(q, v, v**2 / 2 + 20 * ca.sqrt(400 - q**2) + q * push, t=t)
+    kernel = gauss_kernel(system, vi.gauss(8))
+    before = simulated(kernel, [1.0], [0.0], 0.5, 80)
+    pushed = simulated(kernel, [1.0], [0.0], 0.5, 400)
+    after = simulated(kernel, [1.0], [0.0], 0.5, 2000, first=400, carry=pushed.carry)
+    assert before.status == pushed.status == after.status == DONE
+    assert pushed.iterations > 1.05 * 5 * before.iterations  # starts of low degree for 200 steps
+    assert after.iterations < 1.02 * 25 * before.iterations
+
+
 def test_what_is_saved_does_not_depend_on_how_often():
     kernel = explicit_kernel(pendulum(), vi.composition("verlet"))
     often = simulated(kernel, [1.0], [0.0], 0.1, 60)

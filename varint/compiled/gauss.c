@@ -35,6 +35,7 @@
 #define EPS 0x1p-53
 #define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
 #define LOOSE (FORM == 1 ? 1e-8 : INFINITY) /* errors of the stages of this size a start of high degree amplifies too much */
+#define CAREFUL 200 /* steps that start from a low degree after a start of high degree has failed */
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
@@ -58,7 +59,7 @@ typedef V Unknowns[ROWS][VECTORS];
 
 /* What a run needs to go on as if it had not stopped. */
 typedef struct {
-    double steps_known, expected, h, rate, loose, count, tried, counts[2]; /* of the steps tried in either order */
+    double steps_known, expected, h, rate, low, count, tried, counts[2]; /* of the steps tried in either order */
     double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
     double x[3][ROWS][PADDED]; /* of the last two steps, and of the one that is begun */
 } Carry;
@@ -234,20 +235,20 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 
 /* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
 INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
-                  const Unknowns older, int loose, int seidel) {
+                  const Unknowns older, int low, int seidel) {
     static const Unknowns none;
     Unknowns fresh;
 #ifdef GEOMETRY
     renewals = known ? 1 : 2;
 #endif
-    if (known > 1 && loose) {
+    if (known > 1 && low) {
         set_momenta(s, LOW_M1, last, LOW_OLDER_M1, older);
         evaluate(s, at, h, w, LOW_M2, LOW_M1, last, LOW_OLDER_M2, LOW_OLDER_M1, older, seidel, fresh);
     } else if (known > 1) {
         set_momenta(s, START_M1, last, START_OLDER_M1, older);
         evaluate(s, at, h, w, START_M2, START_M1, last, START_OLDER_M2, START_OLDER_M1, older, seidel, fresh);
     } else {
-        const double *m2 = loose ? LOW_ONE_M2 : START_ONE_M2, *m1 = loose ? LOW_ONE_M1 : START_ONE_M1;
+        const double *m2 = low ? LOW_ONE_M2 : START_ONE_M2, *m1 = low ? LOW_ONE_M1 : START_ONE_M1;
         set_momenta(s, m1, known ? last : none, 0, 0);
         evaluate(s, at, h, w, m2, m1, known ? last : none, 0, 0, 0, seidel, fresh);
     }
@@ -346,7 +347,8 @@ int run(const Args *a) {
     Nodes at;
     Change change;
     int64_t known = 0, expected = 0, iterations = 0, largest_count = 0, done = 0, unsaved = 0;
-    int status = DONE, seidel = 1, loose = level > LOOSE; /* a start of low degree, also where one of high degree has failed */
+    int status = DONE, seidel = 1;
+    int64_t low = level > LOOSE ? INT64_MAX : 0; /* so many steps start from a low degree */
     double tried = HALVES ? 0 : 2 * TRIAL, counts[2] = {0, 0};
     double slowest = 0;
     const double scale_b = FORM == 2 ? h * h : h;
@@ -360,7 +362,7 @@ int run(const Args *a) {
         memcpy(now.x, carry->x[2], sizeof last), now.count = (int64_t)carry->count;
         for (int r = 0; r < ROWS; r++) change.scale[r] = 0, change.noise[r] = carry->noise[r];
         set_scale(&change, carry->scale, 0);
-        change.rate = carry->rate, loose = (int)carry->loose;
+        change.rate = carry->rate, low = low ? low : (int64_t)carry->low;
         tried = carry->tried, memcpy(counts, carry->counts, sizeof counts);
         seidel = LONGER * counts[1] <= counts[0];
     } else {
@@ -397,7 +399,7 @@ int run(const Args *a) {
         }
         if (begun) set_momenta(&now, STAGE_M1, now.x, 0, 0);
         for (;;) { /* from the extrapolated start; where that fails, once more from a constant right-hand side */
-            if (!now.count) begin(&now, &at, h, w, known, last, older, loose, seidel);
+            if (!now.count) begin(&now, &at, h, w, known, last, older, low > 0, seidel);
             int end = 0;
             const int64_t first_count = begun ? now.count + 1 : 0; /* its change is that of the start of the step, too */
             change.checks = 0;
@@ -407,7 +409,7 @@ int run(const Args *a) {
 #if AHEAD
                 if (known && 2 * now.count >= expected) { /* earlier, x is too far from where it will be */
                     set_base_after(&next, &now, t0 + h * (double)(first + done + 1), &at);
-                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, loose, seidel);
+                    if (!next.count) begin(&next, &at, h, w, 2, now.x, last, low > 0, seidel);
                     else {
                         Unknowns after;
                         iterate(&next, &at, h, w, seidel, after);
@@ -429,7 +431,7 @@ int run(const Args *a) {
             iterations += now.count;
             if (end) break;
             if (!known) { status = NOT_CONVERGED; break; }
-            known = expected = now.count = next.count = 0, loose = 1;
+            known = expected = now.count = next.count = 0, low = low > CAREFUL ? low : CAREFUL;
         }
         if (status) break;
         /* where already the first look saw nothing but round-off, the next step looks earlier */
@@ -440,7 +442,7 @@ int run(const Args *a) {
             if (tried == 2 * TRIAL) seidel = LONGER * counts[1] <= counts[0], expected = 0, change.rate = 1;
         }
         memcpy(older, last, sizeof last), memcpy(last, now.x, sizeof last);
-        known += known < 2;
+        known += known < 2, low -= low > 0;
         double old[2 * N], lost[2 * N], sums[3 * ROWS], zero = 0;
         memcpy(old, y, sizeof y), memcpy(lost, rest, sizeof rest);
         V rows_of[3 * ROWS];
@@ -479,7 +481,7 @@ int run(const Args *a) {
     memcpy(carry->x[2], now.x, sizeof last), carry->count = (double)now.count;
     carry->tried = tried, memcpy(carry->counts, counts, sizeof counts);
     memcpy(carry->scale, change.scale, sizeof carry->scale), memcpy(carry->noise, change.noise, sizeof carry->noise);
-    carry->rate = change.rate, carry->loose = loose;
+    carry->rate = change.rate, carry->low = low > CAREFUL ? 0 : (double)low;
     a->stats[0] = status, a->stats[1] = (double)done, a->stats[2] = (double)iterations, a->stats[3] = (double)largest_count;
     a->stats[4] = status ? change.now : 0, a->stats[5] = slowest;
     return status;

@@ -143,7 +143,7 @@ def march(scene: Scene, h: float, steps: int, q: Any = None, p: Any = None, t: f
             first += default.size
         u = scene.u if scene.u.size else None
         with warnings.catch_warnings():  # orders are measured from steps on that are too large: no news here
-            warnings.filterwarnings("ignore", "the energy went")
+            warnings.filterwarnings("ignore", "the energy (went|is not defined)")
             motion = simulate(
                 scene.system, scene.method, q0=q, p0=p, h=h, steps=steps, t0=t, params=values, u=u, progress=False
             )
