@@ -276,7 +276,7 @@ def test_beginning_the_next_step_early_changes_nothing_but_round_off(which, monk
 
 
 def test_after_a_start_that_failed_the_high_degree_is_tried_again():
-    """Pushed to and fro within one step, a bead in a bowl has no start polynomial, later it has as good ones as before."""
+    """Pushed to and fro within a step, a bead in a bowl has no start polynomial; later it has good ones again."""
     q, v = vi.coordinates("x")
     t = vi.time()
     push = 30 * ca.logic_and(t > 40, t < 40.25) - 30 * ca.logic_and(t > 40.25, t < 40.5)
