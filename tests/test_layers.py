@@ -13,7 +13,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 # Lowest first. A module may import from lower layers and, within its own layer, as long as no circle arises.
 LAYERS = [
     {"errors", "polynomials", "arrays", "progress", "files"},
-    {"compositions", "structure", "parameters", "grid"},
+    {"compositions", "structure", "parameters", "grid", "declaration"},
     {"rules", "system", "sketch"},
     {"manifold", "legendre", "description", "expressions"},
     {"between", "discrete", "symmetry", "assembly", "horizon", "geodesics"},

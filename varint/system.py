@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from varint.errors import InputError, converted
+from varint.declaration import check_symbols, expression, restitution_of, symbols
+from varint.errors import InputError
 from varint.parameters import Parameters, finite_array
 from varint.structure import Structure, structure_of
 
@@ -156,30 +157,30 @@ class System:
     ):
         if params is not None and not isinstance(params, Parameters):
             raise InputError(f"params must be a varint.Parameters, got {type(params).__name__}")
-        q, v = _symbols("q", q), _symbols("v", v)
+        q, v = symbols("q", q), symbols("v", v)
         n = q.numel()
         if n == 0 or v.numel() != n:
             raise InputError(f"q has {n} and v has {v.numel()} components; take both from coordinates(...)")
-        t = ca.SX.sym("t") if t is None else _symbols("t", t)
+        t = ca.SX.sym("t") if t is None else symbols("t", t)
         if t.numel() != 1:
             raise InputError(f"t has {t.numel()} components; take it from time()")
-        u = ca.SX(0, 1) if control is None else _symbols("control", control)
+        u = ca.SX(0, 1) if control is None else symbols("control", control)
         values = dict(
             q=q,
             v=v,
             t=t,
             control=u,
             params=params,
-            lagrangian=_expression("the Lagrangian", lagrangian, (1, 1)),
-            force=_expression("the force", ca.SX(n, 1) if force is None else force, (n, 1)),
-            constraint=_expression("the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)),
-            nonholonomic=_expression("nonholonomic", ca.SX(0, n) if nonholonomic is None else nonholonomic, (None, n)),
-            contact=_expression("the contact", ca.SX(0, 1) if contact is None else contact, (None, 1)),
+            lagrangian=expression("the Lagrangian", lagrangian, (1, 1)),
+            force=expression("the force", ca.SX(n, 1) if force is None else force, (n, 1)),
+            constraint=expression("the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)),
+            nonholonomic=expression("nonholonomic", ca.SX(0, n) if nonholonomic is None else nonholonomic, (None, n)),
+            contact=expression("the contact", ca.SX(0, 1) if contact is None else contact, (None, 1)),
         )
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        _check_symbols(self)
-        object.__setattr__(self, "restitution", _restitution(restitution, self.contact.numel()))
+        check_symbols(self)
+        object.__setattr__(self, "restitution", restitution_of(restitution, self.contact.numel()))
 
     def __repr__(self) -> str:
         parts = [f"q=[{', '.join(self.names)}]"]
@@ -270,89 +271,3 @@ def require_system(x: Any) -> None:
     """Refuse what is no system where one is expected."""
     if not isinstance(x, System):
         raise InputError(f"the first argument must be a varint System, got {type(x).__name__}")
-
-
-def _symbols(what: str, x: Any) -> ca.SX:
-    """x as a column of distinct SX symbols."""
-    if isinstance(x, ca.MX):
-        raise InputError(f"{what} is an MX; varint takes SX symbols (coordinates, time, Parameters, ca.SX.sym)")
-    if not isinstance(x, ca.SX) or not x.is_valid_input():
-        raise InputError(f"{what} must be SX symbols, got {x!r}")
-    x = ca.vec(x)
-    if len({s.element_hash() for s in ca.symvar(x)}) < x.numel():
-        raise InputError(f"{what} holds the same symbol twice: {x}")
-    return x
-
-
-def _expression(what: str, x: Any, shape: tuple[int | None, int]) -> ca.SX:
-    """x as a dense-shaped SX of the wanted shape (None: any number of rows)."""
-    if isinstance(x, ca.MX):
-        raise InputError(f"{what} is an MX expression; write it with SX symbols (coordinates, time, Parameters)")
-    x = converted(lambda: ca.SX(x), lambda: f"{what} must be a CasADi SX expression, got {type(x).__name__}")
-    rows, cols = shape
-    if x.shape[1] != cols or (rows is not None and x.shape[0] != rows):
-        wanted = f"({'any' if rows is None else rows}, {cols})"
-        raise InputError(f"{what} has shape {x.shape}; it must have {wanted}")
-    return x
-
-
-def _hashes(x: ca.SX) -> set[int]:
-    return {s.element_hash() for s in ca.symvar(x)}
-
-
-def _check_symbols(system: System) -> None:
-    """Every symbol is declared, has a name of its own, and acts where it may."""
-    s = system
-    declared = ca.vertcat(s.q, s.v, s.t, s.control, s.c)
-    names = [x.name() for x in ca.vertsplit(declared)]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"the names {twice} are used for more than one symbol; give each its own")
-    base = _hashes(ca.vertcat(s.q, s.t, s.c))
-    allowed = {
-        "the Lagrangian": (s.lagrangian, base | _hashes(s.v)),
-        "the force": (s.force, base | _hashes(s.v) | _hashes(s.control)),
-        "the constraint": (s.constraint, base),
-        "nonholonomic": (ca.vec(s.nonholonomic), base),
-        "the contact": (s.contact, base),
-    }
-    known = _hashes(declared)
-    for what, (expression, may) in allowed.items():
-        used = {x.element_hash(): x.name() for x in ca.symvar(expression)}
-        strange = sorted(name for key, name in used.items() if key not in known)
-        if strange:
-            raise InputError(
-                f"undeclared symbols {strange} in {what}; declare them: coordinates(...) for q and v, "
-                "params=Parameters(...) for constants, t=time() for time, control= for controls"
-            )
-        wrong = sorted(name for key, name in used.items() if key not in may)
-        if wrong:
-            raise InputError(f"{what} may not depend on {wrong}; it is a function of {_MAY_DEPEND[what]}")
-    if not ca.depends_on(s.lagrangian, s.v):
-        raise InputError(
-            f"the Lagrangian has no velocities: it must depend on {[x.name() for x in ca.symvar(s.v)]}; "
-            "use the v that coordinates(...) returned together with this q"
-        )
-    idle = [x.name() for x in ca.symvar(s.control) if not ca.depends_on(s.force, x)] if s.control.numel() else []
-    if idle:
-        raise InputError(f"the controls {idle} do not act: the force does not depend on them; leave them out")
-
-
-_MAY_DEPEND = {
-    "the Lagrangian": "q, v, t and the parameters; controls act through force=",
-    "the force": "q, v, t, the controls and the parameters",
-    "the constraint": "q, t and the parameters; constraints on velocities are nonholonomic=",
-    "nonholonomic": "q, t and the parameters (the rows A of A(q) v = 0)",
-    "the contact": "q, t and the parameters",
-}
-
-
-def _restitution(value: Any, contacts: int) -> np.ndarray:
-    e = finite_array("restitution", value)
-    if e.shape not in ((), (contacts,)):
-        raise InputError(f"restitution has shape {e.shape}; give one number or one per contact ({contacts})")
-    if (e < 0).any() or (e > 1).any():
-        raise InputError(f"restitution must lie between 0 and 1, got {value!r}")
-    if not contacts and np.any(e != 0):
-        raise InputError(f"restitution={value!r} was given, but the system has no contact; give contact=gap as well")
-    return np.broadcast_to(e, (contacts,)).copy()

@@ -3,7 +3,7 @@
 Each takes a system and a rule, or any step function with the signature of `varint.step_function`.
 """
 
-from varint.diagnostics.accuracy import Convergence, WorkPrecision, convergence, work_precision
+from varint.diagnostics.accuracy import Convergence, convergence
 from varint.diagnostics.long_runs import EnergySlope, RoundOff, energy_slope, round_off
 from varint.diagnostics.momentum import Conserved, MomentumMap
 from varint.diagnostics.self_test import SelfTest, self_test
@@ -15,6 +15,7 @@ from varint.diagnostics.structure import (
     reversibility_defect,
     symplectic_defect,
 )
+from varint.diagnostics.work import WorkPrecision, work_precision
 
 __all__ = [
     "Conserved", "ConstraintDrift", "Convergence", "EnergySlope", "MomentumMap", "ReversibilityDefect", "RoundOff",

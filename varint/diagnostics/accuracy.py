@@ -1,10 +1,9 @@
-"""Accuracy against steps and against run time: observed orders, plateaus, the cheapest rule for a wanted error."""
+"""Accuracy against steps: observed orders, plateaus, and what is right at the end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -126,9 +125,9 @@ def convergence(
             raise InputError("give order=, the order that this step function is expected to have")
         order = start.method.order
     duration, order = number("duration", duration), number("order", order)
-    q, p, floor = _end(start, duration, reference)
-    counts = _counts(steps)
-    errors = np.array([_error(start, duration, int(k), q, p) for k in counts])
+    q, p, floor = end_of(start, duration, reference)
+    counts = counts_of(steps)
+    errors = np.array([error_at_end(start, duration, int(k), q, p) for k in counts])
     orders = [_order(duration / counts, e, floor) for e in errors.T]
     known = not np.isnan(orders).any()
     good = bool(min(orders) >= order - TOLERANCE) if known else None
@@ -137,7 +136,8 @@ def convergence(
     )  # fmt: skip
 
 
-def _counts(steps: Sequence[int]) -> np.ndarray:
+def counts_of(steps: Sequence[int]) -> np.ndarray:
+    """Numbers of steps in order, each once."""
     try:
         counts = sorted({whole("every number of steps", k) for k in steps})
     except TypeError:
@@ -154,7 +154,7 @@ def _order(h: np.ndarray, error: np.ndarray, floor: float) -> float:
     return float(np.polyfit(np.log(np.abs(h[usable])), np.log(error[usable]), 1)[0])
 
 
-def _error(start: Scene, duration: float, steps: int, q: np.ndarray, p: np.ndarray) -> tuple[float, float]:
+def error_at_end(start: Scene, duration: float, steps: int, q: np.ndarray, p: np.ndarray) -> tuple[float, float]:
     """Errors of q and p at the end, relative to their sizes."""
     try:
         found_q, found_p, _ = march(start, duration / steps, steps)
@@ -166,7 +166,7 @@ def _error(start: Scene, duration: float, steps: int, q: np.ndarray, p: np.ndarr
     return float(np.abs(found_q[-1] - q).max() / sizes[0]), float(np.abs(found_p[-1] - p).max() / sizes[1])
 
 
-def _end(start: Scene, duration: float, reference: Reference) -> tuple[np.ndarray, np.ndarray, float]:
+def end_of(start: Scene, duration: float, reference: Reference) -> tuple[np.ndarray, np.ndarray, float]:
     """q, p at the end and their relative accuracy."""
     n = len(start.q)
     if reference is None:
@@ -219,121 +219,3 @@ def tight(start: Scene, duration: float) -> tuple[np.ndarray, np.ndarray, float]
     if best is None:
         raise InputError("no reference solution was found: every step failed; give reference= or a shorter duration")
     return best
-
-
-@dataclass(frozen=True, eq=False)
-class WorkPrecision:
-    """Run time against error of several rules.
-
-    Attributes
-    ----------
-    methods : tuple of str
-    steps : ndarray (k,)
-    seconds, error : ndarray (methods, k)
-        Best run time, and largest relative error of q and p at the end; NaN where a run failed.
-    floor : float
-        Accuracy of the reference.
-    """
-
-    methods: tuple[str, ...]
-    steps: np.ndarray
-    seconds: np.ndarray
-    error: np.ndarray
-    floor: float
-
-    def cost(self, method: int, error: float) -> float:
-        """Run time at which the method reaches the error, interpolated; infinite if it does not."""
-        good = np.isfinite(self.error[method]) & (self.error[method] > 0)
-        e, s = self.error[method][good], self.seconds[method][good]
-        reached = np.flatnonzero(e <= error)
-        if not len(reached):
-            return float("inf")
-        first = int(reached[0])
-        if first == 0 or e[first - 1] <= e[first]:
-            return float(s[first])
-        part = np.log(e[first - 1] / error) / np.log(e[first - 1] / e[first])
-        return float(np.exp(np.log(s[first - 1]) + part * np.log(s[first] / s[first - 1])))
-
-    def cheapest(self, error: float) -> str:
-        """The method that reaches the error in the least time.
-
-        Raises
-        ------
-        InputError
-            If none does.
-        """
-        costs = [self.cost(i, error) for i in range(len(self.methods))]
-        if not np.isfinite(costs).any():
-            raise InputError(f"no method reached an error of {error:g}; the smallest is {np.nanmin(self.error):.1e}")
-        return self.methods[int(np.argmin(costs))]
-
-    def __str__(self) -> str:
-        width = max(len(m) for m in self.methods)
-        lines = [f"{'method'.ljust(width)}  steps      error    seconds"]
-        for name, seconds, errors in zip(self.methods, self.seconds, self.error, strict=True):
-            for k, t, e in zip(self.steps, seconds, errors, strict=True):
-                lines.append(f"{name.ljust(width)}  {k:5d}  {e:9.1e}  {t:9.2e}")
-        smallest = np.nanmin(self.error)
-        for wanted in 10.0 ** np.arange(-3, -15, -3):
-            if smallest <= wanted:
-                lines.append(f"cheapest for an error of {wanted:.0e}: {self.cheapest(wanted)}")
-        return "\n".join(lines)
-
-    def plot(self) -> Figure:
-        """Run time over error, one line a method."""
-        from varint import plot_diagnostics
-
-        return plot_diagnostics.work_precision_figure(self)
-
-
-def work_precision(
-    system: System,
-    methods: Sequence[Rule | ca.Function],
-    *,
-    q0: Any,
-    v0: Any = None,
-    p0: Any = None,
-    duration: float,
-    steps: Sequence[int] = (32, 64, 128, 256, 512, 1024),
-    repeats: int = 3,
-    reference: Reference = None,
-    params: Any = None,
-    t0: float = 0.0,
-    u: Any = None,
-) -> WorkPrecision:
-    """Run time against error at the end, for several rules and step numbers on the same scene.
-
-    Parameters
-    ----------
-    system, q0, v0, p0, duration, reference, params, t0, u
-        As in `convergence`.
-    methods : sequence of Rule or Function
-    steps : sequence of int
-    repeats : int
-        Timed runs, after one that builds the functions; the fastest counts.
-
-    Returns
-    -------
-    WorkPrecision
-        Prints a table and the cheapest rule for round errors; ``.plot()``, ``.cheapest(error)``.
-    """
-    if isinstance(methods, (Rule, ca.Function)) or not methods:
-        raise InputError("methods must be a list of rules, such as [gauss(2), composition('blanes-moan4')]")
-    starts = [scene(system, m, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0) for m in methods]
-    q, p, floor = _end(starts[0], duration, reference)
-    counts = _counts(steps)
-    seconds, errors = np.empty((len(starts), len(counts))), np.empty((len(starts), len(counts)))
-    for i, start in enumerate(starts):
-        for j, count in enumerate(counts):
-            errors[i, j] = max(_error(start, duration, int(count), q, p))
-            seconds[i, j] = _fastest(start, duration, int(count), repeats) if np.isfinite(errors[i, j]) else np.nan
-    return WorkPrecision(tuple(s.name for s in starts), counts, seconds, errors, floor)
-
-
-def _fastest(start: Scene, duration: float, steps: int, repeats: int) -> float:
-    times = []
-    for _ in range(max(repeats, 1)):
-        began = perf_counter()
-        march(start, duration / steps, steps)
-        times.append(perf_counter() - began)
-    return min(times)

@@ -1,0 +1,101 @@
+"""What a scene may be made of: symbols, expressions of them, and where each may act."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError, converted
+from varint.parameters import finite_array
+
+if TYPE_CHECKING:
+    from varint.system import System
+
+
+def symbols(what: str, x: Any) -> ca.SX:
+    """x as a column of distinct SX symbols."""
+    if isinstance(x, ca.MX):
+        raise InputError(f"{what} is an MX; varint takes SX symbols (coordinates, time, Parameters, ca.SX.sym)")
+    if not isinstance(x, ca.SX) or not x.is_valid_input():
+        raise InputError(f"{what} must be SX symbols, got {x!r}")
+    x = ca.vec(x)
+    if len({s.element_hash() for s in ca.symvar(x)}) < x.numel():
+        raise InputError(f"{what} holds the same symbol twice: {x}")
+    return x
+
+
+def expression(what: str, x: Any, shape: tuple[int | None, int]) -> ca.SX:
+    """x as a dense-shaped SX of the wanted shape (None: any number of rows)."""
+    if isinstance(x, ca.MX):
+        raise InputError(f"{what} is an MX expression; write it with SX symbols (coordinates, time, Parameters)")
+    x = converted(lambda: ca.SX(x), lambda: f"{what} must be a CasADi SX expression, got {type(x).__name__}")
+    rows, cols = shape
+    if x.shape[1] != cols or (rows is not None and x.shape[0] != rows):
+        wanted = f"({'any' if rows is None else rows}, {cols})"
+        raise InputError(f"{what} has shape {x.shape}; it must have {wanted}")
+    return x
+
+
+def _hashes(x: ca.SX) -> set[int]:
+    return {s.element_hash() for s in ca.symvar(x)}
+
+
+def check_symbols(system: System) -> None:
+    """Every symbol is declared, has a name of its own, and acts where it may."""
+    s = system
+    declared = ca.vertcat(s.q, s.v, s.t, s.control, s.c)
+    names = [x.name() for x in ca.vertsplit(declared)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"the names {twice} are used for more than one symbol; give each its own")
+    base = _hashes(ca.vertcat(s.q, s.t, s.c))
+    allowed = {
+        "the Lagrangian": (s.lagrangian, base | _hashes(s.v)),
+        "the force": (s.force, base | _hashes(s.v) | _hashes(s.control)),
+        "the constraint": (s.constraint, base),
+        "nonholonomic": (ca.vec(s.nonholonomic), base),
+        "the contact": (s.contact, base),
+    }
+    known = _hashes(declared)
+    for what, (expression, may) in allowed.items():
+        used = {x.element_hash(): x.name() for x in ca.symvar(expression)}
+        strange = sorted(name for key, name in used.items() if key not in known)
+        if strange:
+            raise InputError(
+                f"undeclared symbols {strange} in {what}; declare them: coordinates(...) for q and v, "
+                "params=Parameters(...) for constants, t=time() for time, control= for controls"
+            )
+        wrong = sorted(name for key, name in used.items() if key not in may)
+        if wrong:
+            raise InputError(f"{what} may not depend on {wrong}; it is a function of {_MAY_DEPEND[what]}")
+    if not ca.depends_on(s.lagrangian, s.v):
+        raise InputError(
+            f"the Lagrangian has no velocities: it must depend on {[x.name() for x in ca.symvar(s.v)]}; "
+            "use the v that coordinates(...) returned together with this q"
+        )
+    idle = [x.name() for x in ca.symvar(s.control) if not ca.depends_on(s.force, x)] if s.control.numel() else []
+    if idle:
+        raise InputError(f"the controls {idle} do not act: the force does not depend on them; leave them out")
+
+
+_MAY_DEPEND = {
+    "the Lagrangian": "q, v, t and the parameters; controls act through force=",
+    "the force": "q, v, t, the controls and the parameters",
+    "the constraint": "q, t and the parameters; constraints on velocities are nonholonomic=",
+    "nonholonomic": "q, t and the parameters (the rows A of A(q) v = 0)",
+    "the contact": "q, t and the parameters",
+}
+
+
+def restitution_of(value: Any, contacts: int) -> np.ndarray:
+    """One coefficient between 0 and 1 for every contact."""
+    e = finite_array("restitution", value)
+    if e.shape not in ((), (contacts,)):
+        raise InputError(f"restitution has shape {e.shape}; give one number or one per contact ({contacts})")
+    if (e < 0).any() or (e > 1).any():
+        raise InputError(f"restitution must lie between 0 and 1, got {value!r}")
+    if not contacts and np.any(e != 0):
+        raise InputError(f"restitution={value!r} was given, but the system has no contact; give contact=gap as well")
+    return np.broadcast_to(e, (contacts,)).copy()
