@@ -101,7 +101,7 @@ def stopped_after(monkeypatch, blocks: int, error: type[BaseException]) -> None:
 
 
 class Stopped(Exception):
-    pass
+    """What ends a run as a kill would, and nothing else."""
 
 
 PUSH = ca.SX.sym("push")

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from varint.errors import InputError
+from varint.errors import InputError, converted
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def cartesian(names: Sequence[str], q: ca.SX) -> Sketch | None:
 
 
 def _entries(name: str, where: Any) -> list:
-    try:
-        return ca.vertsplit(ca.vec(ca.SX(where))) if isinstance(where, (ca.SX, ca.DM)) else [ca.SX(x) for x in where]
-    except (TypeError, NotImplementedError):
-        raise InputError(f"point {name!r} must be a column of 2 or 3 expressions, got {where!r}") from None
+    return converted(
+        lambda: ca.vertsplit(ca.vec(ca.SX(where))) if isinstance(where, (ca.SX, ca.DM)) else [ca.SX(x) for x in where],
+        lambda: f"point {name!r} must be a column of 2 or 3 expressions, got {where!r}",
+    )

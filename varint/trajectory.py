@@ -13,7 +13,7 @@ import numpy as np
 
 from varint.arrays import over_columns
 from varint.between import controls_at_nodes, functions_of, states_at, steps_ahead
-from varint.errors import InputError
+from varint.errors import InputError, converted
 from varint.expressions import in_own_symbols
 from varint.legendre import velocity_function
 from varint.rules import Rule
@@ -374,10 +374,10 @@ class Trajectory:
 
     def _times(self, t: Any) -> np.ndarray:
         """Times as numbers (k,), or an error that says what they must be."""
-        try:
-            times = np.atleast_1d(np.asarray(t, dtype=float))
-        except (TypeError, ValueError, RuntimeError):
-            raise InputError(f"a time or several (k,) must be given, got {t!r}") from None
+        times = converted(
+            lambda: np.atleast_1d(np.asarray(t, dtype=float)),
+            lambda: f"a time or several (k,) must be given, got {t!r}",
+        )
         if times.ndim > 1 or not times.size:
             raise InputError(f"a time or several (k,) must be given, got an array of shape {times.shape}")
         return times
