@@ -1,7 +1,9 @@
-"""All the set-up and all the runs: `python3 tasks.py demo`, `test`, `bench` or `docs`. Needs only Python and pip.
+"""All the set-up and all the runs: `python3 tasks.py demo`, `test`, `bench` or `docs`. Needs only
+Python and pip.
 
-A virtual environment `.venv` is made when there is none for this Python and this pyproject.toml; nothing outside the
-project's folder is touched. Further arguments go to the tool: `python3 tasks.py test -m long`.
+A virtual environment `.venv` is made when there is none for this Python and this pyproject.toml;
+nothing outside the project's folder is touched. Further arguments go to the tool: `python3 tasks.py
+test -m long`.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ OLDEST = (3, 10)
 
 
 def demo(*arguments: str) -> None:
-    """Simulate the outer Solar System for 200,000 days; print drift, momenta, error; write picture and result."""
+    """Simulate the outer Solar System for 200,000 days; print drift, momenta, error; write
+    picture and result.
+    """
     prepare()
     run("examples/outer_solar_system.py", *arguments)
 
@@ -28,8 +32,15 @@ def demo(*arguments: str) -> None:
 def test(*arguments: str) -> None:
     """Lint, format, types, then the tests (without those marked long)."""
     prepare("test")
-    checks = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["pytest", "-n", "2", *arguments])
-    failed = [check[0] for check in checks if call("-m", *check)]  # all of them: one complaint must not hide another
+    checks = (
+        ["ruff", "check", "."],
+        ["ruff", "format", "--check", "."],
+        ["mypy"],
+        ["pytest", "-n", "2", *arguments],
+    )
+    failed = [
+        check[0] for check in checks if call("-m", *check)
+    ]  # all of them: one complaint must not hide another
     if failed:
         sys.exit(f"failed: {', '.join(failed)}")
 
@@ -37,21 +48,38 @@ def test(*arguments: str) -> None:
 def bench(*arguments: str) -> None:
     """Measure run time against error, side by side with the peers."""
     prepare("test", "bench")
-    for script in arguments or sorted(str(p.relative_to(HERE)) for p in (HERE / "benchmarks").glob("*.py")):
+    for script in arguments or sorted(
+        str(p.relative_to(HERE)) for p in (HERE / "benchmarks").glob("*.py")
+    ):
         run(script)
 
 
 def docs(*arguments: str) -> None:
-    """Build the documentation into docs/_build/html; `docs -b linkcheck` tries every link, outside ones too."""
+    """Build the documentation into docs/_build/html; `docs -b linkcheck` tries every link,
+    outside ones too.
+    """
     prepare("docs")
     builder = arguments[arguments.index("-b") + 1] if "-b" in arguments[:-1] else "html"
-    run("-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto", "docs", f"docs/_build/{builder}", *arguments)
+    run(
+        "-m",
+        "sphinx",
+        "-W",
+        "--keep-going",
+        "-q",
+        "-j",
+        "auto",
+        "docs",
+        f"docs/_build/{builder}",
+        *arguments,
+    )
     print(f"wrote docs/_build/{builder}" + ("/index.html" if builder == "html" else ""))
 
 
 def prepare(*extras: str) -> None:
     """Make `.venv` and install the project with these extras, unless that has been done."""
-    state = hashlib.sha256((HERE / "pyproject.toml").read_bytes() + sys.version.encode()).hexdigest()
+    state = hashlib.sha256(
+        (HERE / "pyproject.toml").read_bytes() + sys.version.encode()
+    ).hexdigest()
     stamp = VENV / "installed.txt"
     done, *installed = stamp.read_text().split() if stamp.exists() else ["nothing"]
     if done == state and set(extras) <= set(installed):
@@ -62,9 +90,14 @@ def prepare(*extras: str) -> None:
         try:
             venv.create(VENV, with_pip=True, clear=True)
         except subprocess.CalledProcessError:
-            sys.exit("this Python cannot make an environment with pip; on Debian and Ubuntu: apt install python3-venv")
+            sys.exit(
+                "this Python cannot make an environment with pip; on Debian and Ubuntu: apt "
+                "install python3-venv"
+            )
     wanted = sorted({*installed, *extras})
-    print("installing varint into .venv" + (f" for {', '.join(wanted)}" if wanted else ""), flush=True)
+    print(
+        "installing varint into .venv" + (f" for {', '.join(wanted)}" if wanted else ""), flush=True
+    )
     target = f".[{','.join(wanted)}]" if wanted else "."
     run("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--editable", target)
     stamp.write_text(" ".join([state, *wanted]))
@@ -78,8 +111,12 @@ def run(*command: str) -> None:
 
 
 def call(*command: str) -> int:
-    """The exit code of a command of the environment's Python in the project's folder, without a screen to draw on."""
-    return subprocess.call([str(PYTHON), *command], cwd=HERE, env={"MPLBACKEND": "Agg", **os.environ})
+    """The exit code of a command of the environment's Python in the project's folder, without a
+    screen to draw on.
+    """
+    return subprocess.call(
+        [str(PYTHON), *command], cwd=HERE, env={"MPLBACKEND": "Agg", **os.environ}
+    )
 
 
 TASKS = {task.__name__: task for task in (demo, test, bench, docs)}
@@ -87,7 +124,10 @@ TASKS = {task.__name__: task for task in (demo, test, bench, docs)}
 
 def main(arguments: list[str]) -> None:
     if sys.version_info < OLDEST:
-        sys.exit(f"varint needs Python {'.'.join(map(str, OLDEST))} or newer, this is {sys.version.split()[0]}")
+        sys.exit(
+            f"varint needs Python {'.'.join(map(str, OLDEST))} or newer, this is "
+            f"{sys.version.split()[0]}"
+        )
     if not arguments or arguments[0] not in TASKS:
         lines = [f"  {name:6} {task.__doc__}" for name, task in TASKS.items()]
         sys.exit("\n".join(["usage: python3 tasks.py TASK [arguments]", *lines]))

@@ -1,9 +1,11 @@
-"""Time against trajectory error: compiled Gauss and composition kernels against heyoka, side by side.
+"""Time against trajectory error: compiled Gauss and composition kernels against heyoka, side by
+side.
 
 python benchmarks/kernels.py [scene ...]     needs `pip install varint-mechanics[bench]`
 
-For every scene and every wanted error the cheapest setting of each tool that reaches it, and the ratio of the times.
-Tools take turns in one process, so that a busy machine slows them alike; the best of several runs counts.
+For every scene and every wanted error the cheapest setting of each tool that reaches it, and the
+ratio of the times. Tools take turns in one process, so that a busy machine slows them alike; the
+best of several runs counts.
 """
 
 import sys
@@ -11,11 +13,12 @@ from time import perf_counter
 
 import casadi as ca
 import numpy as np
-from heyoka_peer import taylor
+from tools.heyoka_peer import taylor
 
 import varint as vi
-from varint.compiled.gauss import gauss_kernel
-from varint.compiled.kernel import DONE, run
+from varint.codegen.arguments import DONE
+from varint.codegen.gauss import gauss_kernel
+from varint.codegen.kernel import run_loop
 
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
 LEVELS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
@@ -31,13 +34,25 @@ def pendulum():
 
 def kepler():
     q, v = vi.coordinates("x", "y")
-    return vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q)), [0.4, 0], [0, 2.0], 200 * np.pi, 2000
+    return (
+        vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q)),
+        [0.4, 0],
+        [0, 2.0],
+        200 * np.pi,
+        2000,
+    )
 
 
 def henon_heiles():
     q, v = vi.coordinates("x", "y")
     potential = ca.sumsqr(q) / 2 + q[0] ** 2 * q[1] - q[1] ** 3 / 3
-    return vi.System(q, v, ca.sumsqr(v) / 2 - potential), [0, 0.1], [0.39665266081716044, 0], 1000.0, 350
+    return (
+        vi.System(q, v, ca.sumsqr(v) / 2 - potential),
+        [0, 0.1],
+        [0.39665266081716044, 0],
+        1000.0,
+        350,
+    )
 
 
 def double_pendulum():
@@ -50,10 +65,39 @@ def double_pendulum():
 
 def solar_system():
     g = 2.95912208286e-4
-    m = np.array([0.000954786104043, 0.000285583733151, 4.37273164546e-05, 5.17759138449e-05, 1 / 1.3e8, 1.00000597682])
-    x = [-3.5023653, -3.8169847, -1.5507963, 9.0755314, -3.0458353, -1.6483708, 8.310142, -16.2901086, -7.2521278]
+    m = np.array(
+        [
+            0.000954786104043,
+            0.000285583733151,
+            4.37273164546e-05,
+            5.17759138449e-05,
+            1 / 1.3e8,
+            1.00000597682,
+        ]
+    )
+    x = [
+        -3.5023653,
+        -3.8169847,
+        -1.5507963,
+        9.0755314,
+        -3.0458353,
+        -1.6483708,
+        8.310142,
+        -16.2901086,
+        -7.2521278,
+    ]
     x += [11.4707666, -25.7294829, -10.8169456, -15.5387357, -25.2225594, -3.1902382, 0, 0, 0]
-    s = [0.00565429, -0.0041249, -0.00190589, 0.00168318, 0.00483525, 0.00192462, 0.00354178, 0.00137102, 0.00055029]
+    s = [
+        0.00565429,
+        -0.0041249,
+        -0.00190589,
+        0.00168318,
+        0.00483525,
+        0.00192462,
+        0.00354178,
+        0.00137102,
+        0.00055029,
+    ]
     s += [0.0028893, 0.00114527, 0.00039677, 0.00276725, -0.00170702, -0.00136504, 0, 0, 0]
     q, v = vi.coordinates(*(f"{a}{i}" for i in range(6) for a in "xyz"))
     at = [q[3 * i : 3 * i + 3] for i in range(6)]
@@ -83,7 +127,17 @@ def ours(system, q0, p0, duration, steps, exact):
             for level in LEVELS:
 
                 def call(kernel=kernel, n=int(n), level=level):
-                    return run(kernel, q0, p0, c, t0=0.0, h=duration / n, steps=n, save_every=n, level=level)
+                    return run_loop(
+                        kernel,
+                        q0,
+                        p0,
+                        c,
+                        t0=0.0,
+                        h=duration / n,
+                        steps=n,
+                        save_every=n,
+                        level=level,
+                    )
 
                 done = call()
                 if done.status == DONE:
@@ -112,14 +166,16 @@ def heyoka(system, q0, p0, duration, exact):
 
 def speeds(system, q0, p0):
     kernel = gauss_kernel(system, vi.gauss(8))
-    return run(kernel, q0, p0, system.default_vector, t0=0.0, h=1e-3, steps=1).rows[0, 2]
+    return run_loop(kernel, q0, p0, system.default_vector, t0=0.0, h=1e-3, steps=1).rows[0, 2]
 
 
 def reference(system, q0, p0, duration, steps):
     """Gauss of order 20 with many steps, and the distance to heyoka at its tightest tolerance."""
     kernel = gauss_kernel(system, vi.gauss(10))
     n = 6 * steps
-    found = run(kernel, q0, p0, system.default_vector, t0=0.0, h=duration / n, steps=n, save_every=n).rows[-1, 0]
+    found = run_loop(
+        kernel, q0, p0, system.default_vector, t0=0.0, h=duration / n, steps=n, save_every=n
+    ).rows[-1, 0]
     other = taylor(system, "velocities", 1e-18)
     other.state[:] = np.concatenate([q0, speeds(system, q0, p0)])
     other.propagate_until(duration)
@@ -142,19 +198,25 @@ def main(names):
         q0, p0 = np.array(q0, float), np.array(p0, float)
         exact, apart = reference(system, q0, p0, duration, steps)
         print(f"\n{name}   reference and heyoka's tightest run are {apart:.1e} apart")
-        mine, theirs = front(list(ours(system, q0, p0, duration, steps, exact))), front(
-            list(heyoka(system, q0, p0, duration, exact))
-        )  # fmt: skip
+        mine, theirs = (
+            front(list(ours(system, q0, p0, duration, steps, exact))),
+            front(list(heyoka(system, q0, p0, duration, exact))),
+        )
         for wanted in WANTED:
             a, b = mine[wanted], theirs[wanted]
-            line = f"  {wanted:g}: " + (f"varint {a[1]:8.1f} µs ({a[0]:.0e}; {a[2]})" if a else "varint –")
+            line = f"  {wanted:g}: " + (
+                f"varint {a[1]:8.1f} µs ({a[0]:.0e}; {a[2]})" if a else "varint –"
+            )
             line += f"   heyoka {b[1]:8.1f} µs ({b[0]:.0e}; {b[2]})" if b else "   heyoka –"
             if a and b:
                 ratios.append(a[1] / b[1])
                 line += f"   ratio {ratios[-1]:.2f}"
             print(line)
     if ratios:
-        print(f"\ngeometric mean of the ratios {np.exp(np.mean(np.log(ratios))):.3f}, largest {max(ratios):.2f}")
+        print(
+            f"\ngeometric mean of the ratios {np.exp(np.mean(np.log(ratios))):.3f}, largest "
+            f"{max(ratios):.2f}"
+        )
 
 
 if __name__ == "__main__":

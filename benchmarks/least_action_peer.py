@@ -1,7 +1,8 @@
-"""Paths between fixed end points, side by side with scipy's solve_bvp: run time against error, and growth with size.
+"""Paths between fixed end points, side by side with scipy's solve_bvp: run time against error, and
+growth with size.
 
-Both get the same straight first path. The error is that of the start velocity, against a path of `gauss(8)` with many
-steps. Run: python benchmarks/least_action_peer.py
+Both get the same straight first path. The error is that of the start velocity, against a path of
+`gauss(8)` with many steps. Run: python benchmarks/least_action_peer.py
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from time import perf_counter
 
 import casadi as ca
 import numpy as np
-from record import save
 from scipy.integrate import solve_bvp
+from tools.record import save
 
 import varint as vi
 
@@ -55,8 +56,12 @@ def main() -> None:
         ends = dict(q_start=start, q_end=end, duration=duration)
         exact = vi.least_action(system, vi.gauss(8), steps=100, **ends).v[0]
         n = len(start)
-        forces = ca.gradient(system.lagrangian, system.q) - ca.jtimes(system.momentum, system.q, system.v)
-        acceleration = ca.Function("a", [system.q, system.v], [ca.densify(ca.solve(system.mass_matrix, forces))])
+        forces = ca.gradient(system.lagrangian, system.q) - ca.jtimes(
+            system.momentum, system.q, system.v
+        )
+        acceleration = ca.Function(
+            "a", [system.q, system.v], [ca.densify(ca.solve(system.mass_matrix, forces))]
+        )
 
         def right(t, y, f=acceleration, n=n):
             return np.vstack([y[n:], np.array(f.map(y.shape[1])(y[:n], y[n:]))])
@@ -69,11 +74,15 @@ def main() -> None:
         first = np.vstack([line, np.outer(np.subtract(end, start) / duration, np.ones(11))])
         for rule, steps in ((vi.gauss(2), 40), (vi.gauss(4), 20), (vi.gauss(6), 20)):
             vi.least_action(system, rule, steps=steps, **ends)  # functions are built once
-            time, path = best(lambda s=system, r=rule, k=steps, e=ends: vi.least_action(s, r, steps=k, **e))
+            time, path = best(
+                lambda s=system, r=rule, k=steps, e=ends: vi.least_action(s, r, steps=k, **e)
+            )
             rows.append(_row(name, f"{rule}, {steps} steps", time, np.abs(path.v[0] - exact).max()))
         for tolerance in (1e-6, 1e-10):
             time, found = best(
-                lambda t=t, y=first, x=tolerance: solve_bvp(right, at_ends, t, y, tol=x, max_nodes=50_000)
+                lambda t=t, y=first, x=tolerance: solve_bvp(
+                    right, at_ends, t, y, tol=x, max_nodes=50_000
+                )
             )
             error = np.abs(found.y[n:, 0] - exact).max()
             rows.append(_row(name, f"solve_bvp, tol {tolerance:g}", time, error))
@@ -84,7 +93,14 @@ def main() -> None:
     for steps in (500, 5000, 50_000):
         system = vi.System(q, v, chain)
         began = perf_counter()
-        vi.least_action(system, vi.gauss(1), q_start=np.zeros(4), q_end=[1, 2, 0.5, -1], duration=2.0, steps=steps)
+        vi.least_action(
+            system,
+            vi.gauss(1),
+            q_start=np.zeros(4),
+            q_end=[1, 2, 0.5, -1],
+            duration=2.0,
+            steps=steps,
+        )
         print(f"{4 * steps:9,} {perf_counter() - began:19.2f}")
 
 

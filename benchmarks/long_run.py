@@ -3,9 +3,10 @@
 python benchmarks/long_run.py [steps]
 
 Harmonic oscillator by Störmer–Verlet: its discrete motion is known exactly, q_k = cos(k ω̃ h) with
-2 sin(ω̃ h/2) = ω h, so what differs from it (in 40 digits) is round-off and nothing else. Unbiased round-off makes the
-energy a random walk (√N) and the position, its integral, grow like N^1.5 at most; biased round-off would give N and N².
-Pendulums: the slope of windowed means of the energy within its own noise.
+2 sin(ω̃ h/2) = ω h, so what differs from it (in 40 digits) is round-off and nothing else. Unbiased
+round-off makes the energy a random walk (√N) and the position, its integral, grow like N^1.5 at
+most; biased round-off would give N and N². Pendulums: the slope of windowed means of the energy
+within its own noise.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from time import process_time
 import casadi as ca
 import mpmath
 import numpy as np
-from record import save, table
+from tools.record import save, table
 
 import varint as vi
 
@@ -49,16 +50,29 @@ def exact_oscillator(steps: np.ndarray) -> np.ndarray:
         return np.array([float(mpmath.cos(int(k) * angle)) for k in steps])
 
 
-def measured(system: vi.System, rule: vi.Rule, q0, steps: int) -> tuple[vi.Trajectory, float, float]:
+def measured(
+    system: vi.System, rule: vi.Rule, q0, steps: int
+) -> tuple[vi.Trajectory, float, float]:
     """The run, its nanoseconds a step and by how many MB the process grew."""
     q0, v0 = np.atleast_1d(q0).astype(float), np.zeros(len(np.atleast_1d(q0)))
     vi.simulate(system, rule, q0=q0, v0=v0, h=H, steps=1000, save_every=1000, backend="compiled")
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, process_time()
     motion = vi.simulate(
-        system, rule, q0=q0, v0=v0, h=H, steps=steps, save_every=max(steps // SAVED, 1), backend="compiled"
+        system,
+        rule,
+        q0=q0,
+        v0=v0,
+        h=H,
+        steps=steps,
+        save_every=max(steps // SAVED, 1),
+        backend="compiled",
     )
     took = process_time() - began
-    return motion, took / steps * 1e9, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    return (
+        motion,
+        took / steps * 1e9,
+        (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024,
+    )
 
 
 def growth(steps: np.ndarray, error: np.ndarray) -> float:
@@ -84,13 +98,22 @@ def main(steps: int) -> None:
     k = motion.k[1:]
     error = np.abs(motion.q[1:, 0] - exact_oscillator(k))
     angle = 2 * np.arcsin(H / 2)
-    invariant = motion.p[:, 0] ** 2 + motion.q[:, 0] ** 2 * np.cos(angle / 2) ** 2  # kept exactly by the method
+    # kept exactly by the method
+    invariant = motion.p[:, 0] ** 2 + motion.q[:, 0] ** 2 * np.cos(angle / 2) ** 2
     walk = np.abs(invariant[1:] - invariant[0])
-    rows.append({
-        "scene": "oscillator", "rule": "verlet", "steps": steps, "ns a step": cost, "MB grown": grown,
-        "round-off in q": float(error.max()), "grows like N^": growth(k, error),
-        "in the invariant": float(walk.max()), "walks like N^": growth(k, walk),
-    })  # fmt: skip
+    rows.append(
+        {
+            "scene": "oscillator",
+            "rule": "verlet",
+            "steps": steps,
+            "ns a step": cost,
+            "MB grown": grown,
+            "round-off in q": float(error.max()),
+            "grows like N^": growth(k, error),
+            "in the invariant": float(walk.max()),
+            "walks like N^": growth(k, walk),
+        }
+    )
     for name, scene, rule, q0, part in (
         ("pendulum", pendulum(), vi.trapezoidal(), [2.0], 1),
         ("pendulum", pendulum(), vi.midpoint(), [2.0], 1),
@@ -99,11 +122,18 @@ def main(steps: int) -> None:
     ):
         motion, cost, grown = measured(scene, rule, q0, steps // part)
         slope, noise = drift(motion.energy)
-        rows.append({
-            "scene": name, "rule": rule.name, "steps": steps // part, "ns a step": cost, "MB grown": grown,
-            "energy error": float(np.abs(motion.energy / motion.energy[0] - 1).max()),
-            "energy drift": slope, "its noise": noise,
-        })  # fmt: skip
+        rows.append(
+            {
+                "scene": name,
+                "rule": rule.name,
+                "steps": steps // part,
+                "ns a step": cost,
+                "MB grown": grown,
+                "energy error": float(np.abs(motion.energy / motion.energy[0] - 1).max()),
+                "energy drift": slope,
+                "its noise": noise,
+            }
+        )
     table(rows)
     save("long_run", rows)
 

@@ -1,13 +1,17 @@
-"""Optimal control: assembly of large problems, and cost error against time beside other transcriptions.
+"""Optimal control: assembly of large problems, and cost error against time beside other
+transcriptions.
 
-Run: python benchmarks/optimal_control.py. Results: benchmarks/results/optimal_control*.json and .png.
+Run: python benchmarks/optimal_control.py. Results: benchmarks/results/optimal_control*.json and
+.png.
 
-1. Cart with 4 links, midpoint, 2000 steps, 12,015 unknowns: the same program assembled from one-interval kernels
-   (interpreted, compiled) and differentiated by CasADi through ``map``; build and solve times and their ratios.
+1. Cart with 4 links, midpoint, 2000 steps, 12,015 unknowns: the same program assembled from
+   one-interval kernels (interpreted, compiled) and differentiated by CasADi through ``map``; build
+   and solve times and their ratios.
 2. Ready problems by Ipopt and, as a chain of stages, by Fatrop.
-3. Kelly's cart-pole, J = 58.80766745816687: error of J against build and solve time for this toolkit's rules, for
-   hand-written collocation in CasADi (trapezoidal, Hermite–Simpson, Gauss–Legendre), and for rockit and opty where they
-   are installed. opty's time includes its compiler's, a good part of it.
+3. Kelly's cart-pole, J = 58.80766745816687: error of J against build and solve time for this
+   toolkit's rules, for hand-written collocation in CasADi (trapezoidal, Hermite–Simpson,
+   Gauss–Legendre), and for rockit and opty where they are installed. opty's time includes its
+   compiler's, a good part of it.
 """
 
 from __future__ import annotations
@@ -22,13 +26,13 @@ from time import perf_counter
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
-from record import FOLDER, save, table
+from tools.record import FOLDER, save, table
 
 import varint as vi
-from varint.control.guess import start_values
-from varint.control.nlp import IPOPT
-from varint.control.nlp import solver as built_solver
-from varint.control.problem import problem
+from varint.control.build import build_control_solver as built_solver
+from varint.control.guess import build_start
+from varint.control.problem import transcribe
+from varint.nlp.options import IPOPT
 
 EXACT = 58.80766745816687
 QUIET = {"ipopt": IPOPT, "print_time": False}
@@ -45,7 +49,9 @@ def cart_with_links(links: int = 4) -> tuple[vi.System, ca.SX]:
     for i in range(links):
         place = place + 0.5 * ca.vertcat(ca.sin(q[1 + i]), -ca.cos(q[1 + i]))
         lagrangian += 0.1 * ca.sumsqr(ca.jtimes(place, q, v)) / 2 - 0.1 * 9.81 * place[1]
-    return vi.System(q, v, lagrangian, force=ca.vertcat(push, ca.SX.zeros(links)), control=push), push
+    return vi.System(
+        q, v, lagrangian, force=ca.vertcat(push, ca.SX.zeros(links)), control=push
+    ), push
 
 
 def large_problem(steps: int = 2000) -> None:
@@ -63,36 +69,53 @@ def large_problem(steps: int = 2000) -> None:
         bounds=[(-0.4, push, 0.4)],
     )
     rows, cost = [], {}
-    problem([phase], [], 0.0, "compiled")  # so that the cache holds the kernels: the compiler is timed apart
+    # so that the cache holds the kernels: the compiler is timed apart
+    transcribe([phase], [], 0.0, "compiled")
     for backend in ("interpreted", "compiled"):
         build, solve = [], []
         for _ in range(REPEATS):
             began = perf_counter()
-            one = problem([phase], [], 0.0, backend)
-            x = start_values(one)
+            one = transcribe([phase], [], 0.0, backend)
+            x = build_start(one)
             run = built_solver(one, x)
             build.append(perf_counter() - began)
             outcome = run(x, progress=False)
             solve.append(outcome.seconds)
         cost[backend] = outcome.cost
-        rows.append({"assembly": f"one-interval kernels, {backend}", "build s": min(build), "solve s": min(solve)})
-    one = problem([phase], [], 0.0, "interpreted")
+        rows.append(
+            {
+                "assembly": f"one-interval kernels, {backend}",
+                "build s": min(build),
+                "solve s": min(solve),
+            }
+        )
+    one = transcribe([phase], [], 0.0, "interpreted")
     build, solve = [], []
     for _ in range(REPEATS):
         began = perf_counter()
-        z, p = ca.MX.sym("x", one.unknowns), ca.MX.sym("p", len(one.p))
-        f, g = one.program.value(z, p)  # a map over the intervals: CasADi differentiates it
+        z, p = ca.MX.sym("x", one.unknowns), ca.MX.sym("p", len(one.nlp.p))
+        f, g = one.nlp.program.value(z, p)  # a map over the intervals: CasADi differentiates it
         plain = ca.nlpsol("plain", "ipopt", {"x": z, "p": p, "f": f, "g": g}, QUIET)
         build.append(perf_counter() - began)
         began = perf_counter()
-        found = plain(x0=x, p=one.p, lbx=one.x_low, ubx=one.x_high, lbg=one.g_low, ubg=one.g_high)
+        found = plain(
+            x0=x,
+            p=one.nlp.p,
+            lbx=one.nlp.x_low,
+            ubx=one.nlp.x_high,
+            lbg=one.nlp.g_low,
+            ubg=one.nlp.g_high,
+        )
         solve.append(perf_counter() - began)
     rows.append({"assembly": "CasADi map", "build s": min(build), "solve s": min(solve)})
     for value in cost.values():
         assert abs(float(found["f"]) - value) <= 1e-8 * abs(value)
     for row in rows:
         row["solve / map"] = row["solve s"] / rows[-1]["solve s"]
-    print(f"cart with 4 links, midpoint, {steps} steps, {one.unknowns} unknowns, {outcome.iterations} iterations")
+    print(
+        f"cart with 4 links, midpoint, {steps} steps, {one.unknowns} unknowns, "
+        f"{outcome.iterations} iterations"
+    )
     table(rows)
     save("optimal_control_assembly", rows)
 
@@ -100,11 +123,20 @@ def large_problem(steps: int = 2000) -> None:
 def stage_solver() -> None:
     """Ipopt on the plain program and Fatrop on the chain of stages; kernels interpreted."""
     rows = []
-    for name in ("swing_up_cart_pole", "swing_up_pendulum", "overhead_crane", "swing_up_rod", "orbit_transfer"):
+    for name in (
+        "swing_up_cart_pole",
+        "swing_up_pendulum",
+        "overhead_crane",
+        "swing_up_rod",
+        "orbit_transfer",
+    ):
         phases = vi.models.control_catalogue[name]().phases
         row: dict = {"problem": name}
         for solver in ("ipopt", "fatrop"):
-            found = [vi.optimal_phases(phases, solver=solver, backend="interpreted")[0] for _ in range(REPEATS)]
+            found = [
+                vi.optimal_phases(phases, solver=solver, backend="interpreted")[0]
+                for _ in range(REPEATS)
+            ]
             row[f"{solver} iterations"] = found[0].solution.iterations
             row[f"{solver} ms"] = 1e3 * min(x.solution.timings["solve"] for x in found)
             row[f"{solver} cost"] = found[0].cost
@@ -124,7 +156,9 @@ def dynamics() -> ca.Function:
 
 
 def collocation(kind: str, steps: int) -> float:
-    """Cost by hand-written collocation; trapezoidal, hermite-simpson or legendre with 2–4 points."""
+    """Cost by hand-written collocation; trapezoidal, hermite-simpson or legendre with 2–4
+    points.
+    """
     f, h = dynamics(), 2.0 / steps
     x0, x1 = ca.SX.sym("x0", 4), ca.SX.sym("x1", 4)
     if kind == "trapezoidal":
@@ -136,7 +170,9 @@ def collocation(kind: str, steps: int) -> float:
         u = ca.SX.sym("u", 3)
         inner = ca.SX.sym("xm", 4)
         f0, fm, f1 = f(x0, u[0]), f(inner, u[1]), f(x1, u[2])
-        rows = ca.vertcat(inner - (x0 + x1) / 2 - h / 8 * (f0 - f1), x1 - x0 - h / 6 * (f0 + 4 * fm + f1))
+        rows = ca.vertcat(
+            inner - (x0 + x1) / 2 - h / 8 * (f0 - f1), x1 - x0 - h / 6 * (f0 + 4 * fm + f1)
+        )
         cost = h / 6 * (u[0] ** 2 + 4 * u[1] ** 2 + u[2] ** 2)
     else:
         r = int(kind.split()[1])
@@ -145,10 +181,15 @@ def collocation(kind: str, steps: int) -> float:
         inner = ca.vec(slopes)
         stages = ca.repmat(x0, 1, r) + h * slopes @ ca.DM(rule.collocation).T
         rows = ca.vertcat(
-            *(slopes[:, i] - f(stages[:, i], u[i]) for i in range(r)), x1 - x0 - h * slopes @ ca.DM(rule.weights)
+            *(slopes[:, i] - f(stages[:, i], u[i]) for i in range(r)),
+            x1 - x0 - h * slopes @ ca.DM(rule.weights),
         )
         cost = h * ca.dot(ca.DM(rule.weights), u**2)
-    shared = kind in ("trapezoidal", "Hermite–Simpson")  # controls at the ends are shared by neighbours
+    # controls at the ends are shared by neighbours
+    shared = kind in (
+        "trapezoidal",
+        "Hermite–Simpson",
+    )
     step = ca.Function("step", [x0, x1, inner, u], [rows, cost])
     X = ca.MX.sym("X", 4, steps + 1)
     Z = ca.MX.sym("Z", inner.numel(), steps)
@@ -162,10 +203,15 @@ def collocation(kind: str, steps: int) -> float:
     rows_all, costs = step.map(steps)(X[:, :-1], X[:, 1:], Z, U)
     x = ca.vertcat(*unknowns)
     nlp = ca.nlpsol(
-        "collocation", "ipopt", {"x": x, "f": ca.sum2(costs), "g": ca.vec(rows_all)}, QUIET | {"expand": True}
+        "collocation",
+        "ipopt",
+        {"x": x, "f": ca.sum2(costs), "g": ca.vec(rows_all)},
+        QUIET | {"expand": True},
     )
     line = np.linspace(0, 1, steps + 1)
-    guess = np.concatenate([np.array([line, np.pi * line, 0 * line + 0.5, 0 * line + np.pi / 2]).T.ravel()])
+    guess = np.concatenate(
+        [np.array([line, np.pi * line, 0 * line + 0.5, 0 * line + np.pi / 2]).T.ravel()]
+    )
     start, low, high = np.zeros(x.numel()), np.full(x.numel(), -np.inf), np.full(x.numel(), np.inf)
     start[: guess.size] = guess
     if kind == "Hermite–Simpson":
@@ -205,18 +251,24 @@ def by_rockit(steps: int) -> float:
 
 
 def by_opty(steps: int) -> float:
-    """Cost by opty: midpoint collocation of the equations of motion, first derivatives compiled from sympy."""
+    """Cost by opty: midpoint collocation of the equations of motion, first derivatives compiled
+    from sympy.
+    """
     import sympy as sp
     from opty import Problem
 
     t = sp.Symbol("t")
-    x, angle, speed, rate, push = (sp.Function(name)(t) for name in ("x", "angle", "speed", "rate", "push"))
+    x, angle, speed, rate, push = (
+        sp.Function(name)(t) for name in ("x", "angle", "speed", "rate", "push")
+    )
     m1, m2, length, gravity = 1.0, 0.3, 0.5, 9.81
     motion = sp.Matrix(
         [
             x.diff(t) - speed,
             angle.diff(t) - rate,
-            (m1 + m2) * speed.diff(t) + m2 * length * (rate.diff(t) * sp.cos(angle) - rate**2 * sp.sin(angle)) - push,
+            (m1 + m2) * speed.diff(t)
+            + m2 * length * (rate.diff(t) * sp.cos(angle) - rate**2 * sp.sin(angle))
+            - push,
             length * rate.diff(t) + speed.diff(t) * sp.cos(angle) + gravity * sp.sin(angle),
         ]
     )
@@ -236,11 +288,23 @@ def by_opty(steps: int) -> float:
         return slope
 
     ends = ((x, 0, 1), (angle, 0, np.pi), (speed, 0, 0), (rate, 0, 0))
-    held = [s.subs(t, at) - value for s, *values in ends for at, value in zip((0, 2.0), values, strict=True)]
+    held = [
+        s.subs(t, at) - value
+        for s, *values in ends
+        for at, value in zip((0, 2.0), values, strict=True)
+    ]
     one = Problem(
-        cost, gradient, motion, (x, angle, speed, rate), nodes, h, instance_constraints=held,
-        bounds={push: (-20.0, 20.0), x: (-2.0, 2.0)}, integration_method="midpoint", time_symbol=t,
-    )  # fmt: skip
+        cost,
+        gradient,
+        motion,
+        (x, angle, speed, rate),
+        nodes,
+        h,
+        instance_constraints=held,
+        bounds={push: (-20.0, 20.0), x: (-2.0, 2.0)},
+        integration_method="midpoint",
+        time_symbol=t,
+    )
     for name, value in (("print_level", 0), ("sb", "yes"), ("tol", 1e-10)):
         one.add_option(name, value)
     line = np.linspace(0, 1, nodes)
@@ -273,11 +337,15 @@ def peers() -> dict[str, list[tuple[int, float, float]]]:
     """Those that are installed."""
     rows = {}
     try:
-        rows["rockit, degree 4"] = [(n, *timed(lambda n=n: quietly(lambda: by_rockit(n)))) for n in STEPS[1]]
+        rows["rockit, degree 4"] = [
+            (n, *timed(lambda n=n: quietly(lambda: by_rockit(n)))) for n in STEPS[1]
+        ]
     except ImportError:
         print("rockit is not installed; left out")
     try:
-        rows["opty, midpoint"] = [(n, *timed(lambda n=n: quietly(lambda: by_opty(n)), 1)) for n in STEPS[1][1::2]]
+        rows["opty, midpoint"] = [
+            (n, *timed(lambda n=n: quietly(lambda: by_opty(n)), 1)) for n in STEPS[1][1::2]
+        ]
     except ImportError:
         print("opty or cyipopt is not installed; left out")
     return rows
@@ -293,7 +361,12 @@ def work_and_precision() -> None:
         found[kind] = [(n, *timed(lambda n=n, k=kind: collocation(k, n))) for n in STEPS[order]]
     found |= peers()
     rows = [
-        {"method": name, "steps": steps, "ms": 1e3 * seconds, "relative error of J": abs(cost / EXACT - 1)}
+        {
+            "method": name,
+            "steps": steps,
+            "ms": 1e3 * seconds,
+            "relative error of J": abs(cost / EXACT - 1),
+        }
         for name, runs in found.items()
         for steps, seconds, cost in runs
     ]
@@ -303,13 +376,18 @@ def work_and_precision() -> None:
     for i, name in enumerate(found):
         mine = [row for row in rows if row["method"] == name]
         axes.loglog(
-            [row["ms"] for row in mine], [max(row["relative error of J"], 1e-15) for row in mine],
-            "o-" if name.startswith("varint") else "s--", ms=4, label=name, color=plt.get_cmap("tab20")(i),
-        )  # fmt: skip
+            [row["ms"] for row in mine],
+            [max(row["relative error of J"], 1e-15) for row in mine],
+            "o-" if name.startswith("varint") else "s--",
+            ms=4,
+            label=name,
+            color=plt.get_cmap("tab20")(i),
+        )
     axes.set(
-        xlabel="build and solve, ms", ylabel="relative error of the cost",
+        xlabel="build and solve, ms",
+        ylabel="relative error of the cost",
         title="Cart-pole swing-up: error of the cost against time",
-    )  # fmt: skip
+    )
     axes.legend(fontsize="small", ncols=2)
     axes.grid(alpha=0.3)
     figure.savefig(FOLDER / "optimal_control.png", dpi=120)

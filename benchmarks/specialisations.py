@@ -1,7 +1,7 @@
 """What each specialisation saves: the special and the general stepper on one scene, side by side.
 
-python benchmarks/specialisations.py. Nanoseconds a step, best of several runs that take turns; both give the same
-discrete motion to round-off (tests).
+python benchmarks/specialisations.py. Nanoseconds a step, best of several runs that take turns; both
+give the same discrete motion to round-off (tests).
 """
 
 from __future__ import annotations
@@ -11,22 +11,23 @@ from time import process_time
 
 import casadi as ca
 import numpy as np
-from record import save, table
+from tools.record import save, table
 
 import varint as vi
-from varint.arrays import call
-from varint.compiled.explicit import explicit_kernel
-from varint.compiled.gauss import gauss_kernel
-from varint.compiled.kernel import DONE, Kernel, run
-from varint.compiled.newton import newton_kernel
-from varint.stepping.constrained import constrained_stepper
-from varint.stepping.explicit import explicit_stepper
-from varint.stepping.implicit import implicit_stepper
-from varint.stepping.initial import initial_task
-from varint.stepping.linear import linear_stepper
-from varint.stepping.rattle import rattle_stepper
-from varint.stepping.step_function import scale_function
-from varint.stepping.stepper import Stepper
+from varint.codegen.arguments import DONE
+from varint.codegen.explicit import explicit_kernel
+from varint.codegen.gauss import gauss_kernel
+from varint.codegen.kernel import Kernel, run_loop
+from varint.codegen.newton import newton_kernel
+from varint.discrete.scales import scale_function
+from varint.integration.problem import RunOptions, Start, initial_value_problem
+from varint.integration.steppers.constrained import constrained_stepper
+from varint.integration.steppers.explicit import explicit_stepper
+from varint.integration.steppers.implicit import implicit_stepper
+from varint.integration.steppers.linear import linear_stepper
+from varint.integration.steppers.rattle import rattle_stepper
+from varint.integration.steppers.stepper import Stepper
+from varint.numerics.arrays import call
 
 REPEATS, STEPS = 9, 2000
 
@@ -43,26 +44,34 @@ def interpreted(
     return lambda: call(rolled, x, np.zeros(0), *many) and None
 
 
-def compiled(kernel: Kernel, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS) -> Callable[[], None]:
+def compiled(
+    kernel: Kernel, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS
+) -> Callable[[], None]:
     task = task_of(model, rule, h, steps)
 
     def once() -> None:
-        assert run(kernel, task.q0, task.p0, task.c, t0=0.0, h=h, steps=steps, save_every=steps).status == DONE
+        assert (
+            run_loop(
+                kernel, task.q0, task.p0, task.c, t0=0.0, h=h, steps=steps, save_every=steps
+            ).status
+            == DONE
+        )
 
     return once
 
 
 def task_of(model: vi.models.Model, rule: vi.Rule, h: float, steps: int):
-    return initial_task(
-        model.system, rule, q0=model.q0, v0=model.v0, p0=None, h=h, steps=steps, duration=None, t0=0.0, u=None,
-        params=None, save_every=1,
-    )  # fmt: skip
+    return initial_value_problem(
+        model.system, rule, Start(model.q0, model.v0), RunOptions(h=h, steps=steps, save_every=1)
+    )
 
 
 def gyroscope() -> vi.models.Model:
     """Two coupled oscillators in a magnetic field: linear, not separable."""
     q, v = vi.coordinates("x", "y")
-    system = vi.System(q, v, ca.sumsqr(v) / 2 + 0.7 * (q[0] * v[1] - q[1] * v[0]) - q[0] ** 2 - 2 * q[1] ** 2)
+    system = vi.System(
+        q, v, ca.sumsqr(v) / 2 + 0.7 * (q[0] * v[1] - q[1] * v[0]) - q[0] ** 2 - 2 * q[1] ** 2
+    )
     return _model(system, [1.0, 0.0], [0.0, 1.0])
 
 
@@ -83,7 +92,15 @@ def coupled(count: int = 8) -> vi.models.Model:
 
 def _model(system: vi.System, q0, v0) -> vi.models.Model:
     return vi.models.Model(
-        name="scene", system=system, q0=q0, v0=v0, duration=1.0, h=0.01, claim="", source="", invariants={}
+        name="scene",
+        system=system,
+        q0=q0,
+        v0=v0,
+        duration=1.0,
+        h=0.01,
+        claim="",
+        source="",
+        invariants={},
     )
 
 
@@ -93,46 +110,54 @@ def pairs():
     double, blocks, one = vi.models.double_pendulum(), pendulums(), coupled()
     two, verlet = vi.gauss(2), vi.trapezoidal()
     yield (
-        "root finding: kick and drift", "Hénon–Heiles, trapezoidal, interpreted",
+        "root finding: kick and drift",
+        "Hénon–Heiles, trapezoidal, interpreted",
         interpreted(explicit_stepper(henon.system, verlet), henon, verlet, 0.05),
         interpreted(implicit_stepper(henon.system, verlet), henon, verlet, 0.05),
-    )  # fmt: skip
+    )
     yield (
-        "root finding: kick and drift", "Hénon–Heiles, trapezoidal, compiled",
+        "root finding: kick and drift",
+        "Hénon–Heiles, trapezoidal, compiled",
         compiled(explicit_kernel(henon.system, verlet), henon, verlet, 0.05),
         compiled(newton_kernel(henon.system, verlet), henon, verlet, 0.05),
-    )  # fmt: skip
+    )
     yield (
-        "iteration: constant linear map", "oscillators in a field, gauss(2), interpreted",
+        "iteration: constant linear map",
+        "oscillators in a field, gauss(2), interpreted",
         interpreted(linear_stepper(linear.system, two), linear, two, 0.05),
         interpreted(implicit_stepper(linear.system, two), linear, two, 0.05),
-    )  # fmt: skip
+    )
     yield (
-        "iteration: factorised once", "oscillators in a field, gauss(2), compiled",
+        "iteration: factorised once",
+        "oscillators in a field, gauss(2), compiled",
         compiled(newton_kernel(linear.system, two), linear, two, 0.05),
         compiled(gauss_kernel(linear.system, two), linear, two, 0.05),
-    )  # fmt: skip
+    )
     yield (
-        "path: multipliers alone", "10 rods, trapezoidal, interpreted",
+        "path: multipliers alone",
+        "10 rods, trapezoidal, interpreted",
         interpreted(rattle_stepper(chain.system, verlet), chain, verlet, 1e-3),
         interpreted(constrained_stepper(chain.system, verlet), chain, verlet, 1e-3),
-    )  # fmt: skip
+    )
     yield (
-        "fixed-point iteration: Newton in closed form", "double pendulum, midpoint, compiled",
+        "fixed-point iteration: Newton in closed form",
+        "double pendulum, midpoint, compiled",
         compiled(newton_kernel(double.system, vi.midpoint()), double, vi.midpoint(), 0.01),
         compiled(gauss_kernel(double.system, vi.midpoint()), double, vi.midpoint(), 0.01),
-    )  # fmt: skip
+    )
     yield (
-        "couplings: 8 independent blocks", "8 pendulums, lobatto(3), compiled",
+        "couplings: 8 independent blocks",
+        "8 pendulums, lobatto(3), compiled",
         compiled(newton_kernel(blocks.system, vi.lobatto(3)), blocks, vi.lobatto(3), 0.01),
         compiled(newton_kernel(one.system, vi.lobatto(3)), one, vi.lobatto(3), 0.01),
-    )  # fmt: skip
+    )
     fixed = gauss_kernel(double.system, vi.gauss(8))
     yield (
-        "Newton's method: stages iterated at once", "double pendulum, gauss(8), compiled",
+        "Newton's method: stages iterated at once",
+        "double pendulum, gauss(8), compiled",
         compiled(fixed, double, vi.gauss(8), 0.05),
         compiled(newton_kernel(double.system, vi.gauss(8)), double, vi.gauss(8), 0.05),
-    )  # fmt: skip
+    )
 
 
 def main() -> None:
@@ -147,7 +172,9 @@ def main() -> None:
                     count += 1
                 taken.append((process_time() - began) / count / STEPS * 1e9)
         a, b = map(min, times)
-        rows.append({"left out": what, "scene": scene, "ns a step": a, "general": b, "factor": b / a})
+        rows.append(
+            {"left out": what, "scene": scene, "ns a step": a, "general": b, "factor": b / a}
+        )
         print(rows[-1], flush=True)
     table(rows)
     save("specialisations", rows)

@@ -1,19 +1,22 @@
-"""Run time against error: varint beside heyoka, REBOUND, DOP853 (SciPy's and compiled), CasADi's CVODES and IDAS.
+"""Run time against error: varint beside heyoka, REBOUND, DOP853 (SciPy's and compiled), CasADi's
+CVODES and IDAS.
 
 python3 tasks.py bench benchmarks/work_precision.py [scene ...]
 
-For every scene each tool is tried over a grid of its options; for each wanted error its cheapest option that reaches it
-is then timed again, all tools taking turns in one process, a run that is not timed before each, and the median counts.
-varint is timed through `simulate` as a user calls it. A call costs 0.1 ms whatever the run, so that every scene is also
-run for so long ("×") that runs take milliseconds. The summary is of runs that take the best peer 1 ms or more; of the
-shorter ones apart.
-Errors are those of the end: the largest component of q, against the closed form or a run of order 32, and the energy,
-relative to the largest kinetic energy |p·v|/2 at both ends and the energy. Set-up (building, compiling) is reported
-beside the run times. Results: benchmarks/results/work_precision.json and .png; of chosen scenes out/ in their place.
+For every scene each tool is tried over a grid of its options; for each wanted error its cheapest
+option that reaches it is then timed again, all tools taking turns in one process, a run that is not
+timed before each, and the median counts. varint is timed through `simulate` as a user calls it. A
+call costs 0.1 ms whatever the run, so that every scene is also run for so long ("×") that runs take
+milliseconds. The summary is of runs that take the best peer 1 ms or more; of the shorter ones
+apart. Errors are those of the end: the largest component of q, against the closed form or a run of
+order 32, and the energy, relative to the largest kinetic energy |p·v|/2 at both ends and the
+energy. Set-up (building, compiling) is reported beside the run times. Results:
+benchmarks/results/work_precision.json and .png; of chosen scenes out/ in their place.
 """
 
 import json
 import os
+import re
 import sys
 import tempfile
 from collections import Counter
@@ -22,36 +25,59 @@ from pathlib import Path
 from time import perf_counter
 
 import casadi as ca
-import fronts
 import matplotlib.pyplot
 import numpy as np
-import peers
-from heyoka_peer import taylor
-from peers import Setting
-from record import measured_with
-from scenes import SCENES, Scene
+from tools import fronts, peers
+from tools.heyoka_peer import taylor
+from tools.peers import Setting
+from tools.record import measured_with
+from tools.scenes import SCENES, Scene
 
 import varint as vi
-from varint.arrays import call
-from varint.compiled import cache
-from varint.compiled.mechanics import velocity
-from varint.discrete import point_function
+from varint.codegen import cache
+from varint.codegen.mechanics import velocity
+from varint.discrete.lagrangian import point_function
 from varint.errors import VarintError
+from varint.numerics.arrays import call
 
 matplotlib.use("Agg")
 
 MEASURES = ("q", "energy")
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
-RULES = (*map(vi.gauss, (4, 6, 8, 10, 16)), *map(vi.composition, ("blanes-moan4", "blanes-moan6", "kahan-li8")))
+RULES = (
+    *map(vi.gauss, (4, 6, 8, 10, 16)),
+    *map(vi.composition, ("blanes-moan4", "blanes-moan6", "kahan-li8")),
+)
 GRID = 1.15 ** np.arange(-3, 14)
-LEVELS = (None, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-2, 1e-1)  # a thousandth of it is left
+# a thousandth of it is left
+LEVELS = (
+    None,
+    1e-11,
+    1e-10,
+    1e-9,
+    1e-8,
+    1e-7,
+    1e-6,
+    1e-5,
+    1e-4,
+    1e-2,
+    1e-1,
+)
 TURNS = 9
-LONG = 1e-3  # seconds of the best peer: a run of milliseconds, in which a call's cost does not count
+# seconds of the best peer: a run of milliseconds, in which a call's cost does not count
+LONG = 1e-3
 LONGEST = 0.2  # seconds of a run that is worth timing
 PATIENCE = 1
 RESULTS = Path(__file__).parent / "results"
 PART = Path("out")  # for some scenes only
-GENERAL = ("heyoka", "compiled DOP853", "REBOUND IAS15", "SciPy DOP853", "CasADi cvodes", "CasADi idas")
+GENERAL = (
+    "heyoka",
+    "compiled DOP853",
+    "REBOUND IAS15",
+    "SciPy DOP853",
+    "CasADi cvodes",
+    "CasADi idas",
+)
 
 
 def varint_settings(scene: Scene):
@@ -70,11 +96,19 @@ def varint_settings(scene: Scene):
 
                 def run(rule=rule, steps=int(steps), tol=tol):
                     motion = vi.simulate(
-                        model.system, rule, duration=scene.duration, steps=steps, save_every=steps, tol=tol, **start
+                        model.system,
+                        rule,
+                        duration=scene.duration,
+                        steps=steps,
+                        save_every=steps,
+                        iteration_tol=tol,
+                        **start,
                     )
                     return np.concatenate([motion.q[-1], motion.p[-1]])
 
-                yield Setting("varint", f"{rule}, {steps} steps, tol={tol}", run, 0.0, True)
+                yield Setting(
+                    "varint", f"{rule}, {steps} steps, iteration_tol={tol}", run, 0.0, True
+                )
     if scene.scale is not None:
         around = 0.7 if model.name == "kepler" else 1.0
         for stages in (8, 10):
@@ -84,12 +118,19 @@ def varint_settings(scene: Scene):
 
                     def run(rule=rule, h=h, tol=tol):
                         motion = vi.simulate(
-                            model.system, rule, h=h, duration=scene.duration, time_scale=scene.scale, save_every=200,
-                            tol=tol, **start,
-                        )  # fmt: skip
+                            model.system,
+                            rule,
+                            h=h,
+                            duration=scene.duration,
+                            time_scale=scene.scale,
+                            save_every=200,
+                            iteration_tol=tol,
+                            **start,
+                        )
                         return np.concatenate([motion.q[-1], motion.p[-1]])
 
-                    about = f"gauss({stages}), time_scale, h=2π/{per_orbit}/{around}, tol={tol}"
+                    steps = f"gauss({stages}), time_scale, h=2π/{per_orbit}/{around}"
+                    about = f"{steps}, iteration_tol={tol}"
                     yield Setting("varint", about, run, 0.0, True)
 
 
@@ -112,15 +153,24 @@ def settings(scene: Scene):
 
 
 def reference(scene: Scene):
-    """q at the end in closed form, or by order 32 with many steps; and how far heyoka's tightest run is from it."""
+    """q at the end in closed form, or by order 32 with many steps; and how far heyoka's tightest
+    run is from it.
+    """
     model = scene.model
     if model.exact:
         exact = model.exact(scene.duration)[0][0]
     else:
         exact = vi.simulate(
-            model.system, vi.gauss(16), q0=model.q0, v0=model.v0, duration=scene.duration, steps=4 * scene.steps,
-            save_every=4 * scene.steps, backend="compiled", progress=False,
-        ).q[-1]  # fmt: skip
+            model.system,
+            vi.gauss(16),
+            q0=model.q0,
+            v0=model.v0,
+            duration=scene.duration,
+            steps=4 * scene.steps,
+            save_every=4 * scene.steps,
+            backend="compiled",
+            progress=False,
+        ).q[-1]
     if scene.slow:
         return exact, float("nan")
     other = taylor(model.system, "velocities", 1e-18)
@@ -147,12 +197,16 @@ def energy_error(scene: Scene):
 
 
 def tried(scene: Scene, exact):
-    """(error, error of the energy, seconds, setting) of every setting that works; one quick look at the time."""
-    slow: Counter[str] = Counter()  # settings of a family that took long; steps too large for it may do so, too
+    """(error, error of the energy, seconds, setting) of every setting that works; one quick look
+    at the time.
+    """
+    # settings of a family that took long; steps too large for it may do so, too
+    slow: Counter[str] = Counter()
     impossible = set()
     off = energy_error(scene)
     for setting in settings(scene):
-        family, steps = setting.tool + setting.about.split(",")[0], setting.about.split(", tol")[0]
+        family = setting.tool + setting.about.split(",")[0]
+        steps = re.split(", (?:iteration_)?tol", setting.about)[0]
         if slow[family] > PATIENCE or steps in impossible:
             continue
         try:
@@ -197,11 +251,17 @@ def measured(scene: Scene, exact):
             known.append(perf_counter() - began)
     rows = [
         {
-            "measure": measure, "wanted": wanted, "tool": tool, "seconds": float(np.median(times[setting])),
-            "error": error, "energy error": energy, "setting": setting.about, "setup": setting.setup,
+            "measure": measure,
+            "wanted": wanted,
+            "tool": tool,
+            "seconds": float(np.median(times[setting])),
+            "error": error,
+            "energy error": energy,
+            "setting": setting.about,
+            "setup": setting.setup,
         }
         for (measure, wanted, tool), (error, energy, _, setting) in chosen.items()
-    ]  # fmt: skip
+    ]
     cloud = [
         {"tool": s.tool, "error": e, "energy error": d, "seconds": t, "setting": s.about}
         for e, d, t, s in everything
@@ -220,11 +280,22 @@ def setup_of_varint(scene: Scene):
             cache.library.cache_clear()
             model = scene.model
             fresh = vi.System(
-                model.system.q, model.system.v, model.system.lagrangian, params=model.system.params, t=model.system.t
+                model.system.q,
+                model.system.v,
+                model.system.lagrangian,
+                params=model.system.params,
+                t=model.system.t,
             )
             began = perf_counter()
             vi.simulate(
-                fresh, vi.gauss(8), q0=model.q0, v0=model.v0, h=1e-3, steps=1, backend="compiled", progress=False
+                fresh,
+                vi.gauss(8),
+                q0=model.q0,
+                v0=model.v0,
+                h=1e-3,
+                steps=1,
+                backend="compiled",
+                progress=False,
             )
             found[what] = perf_counter() - began
     if kept is None:
@@ -242,17 +313,32 @@ def main(names):
         exact, apart = reference(scene)
         rows, cloud = measured(scene, exact)
         setup = setup_of_varint(scene)
-        by_measure = {measure: [row for row in rows if row["measure"] == measure] for measure in MEASURES}
+        by_measure = {
+            measure: [row for row in rows if row["measure"] == measure] for measure in MEASURES
+        }
         results["scenes"][name] = {
-            "apart": apart, "rows": by_measure["q"], "energy rows": by_measure["energy"], "all": cloud, "setup": setup,
-        }  # fmt: skip
+            "apart": apart,
+            "rows": by_measure["q"],
+            "energy rows": by_measure["energy"],
+            "all": cloud,
+            "setup": setup,
+        }
         print(f"\n{name}   reference and heyoka's tightest run: {apart:.1e} apart", end="")
-        print(f"   varint's first run: {setup['cold']:.2f} s, compiled earlier {setup['cached']:.2f} s")
+        print(
+            f"   varint's first run: {setup['cold']:.2f} s, compiled earlier {setup['cached']:.2f} "
+            "s"
+        )
         for measure, wanted in product(MEASURES, WANTED):
             here = {row["tool"]: row for row in by_measure[measure] if row["wanted"] == wanted}
             ratio, peer = told(measure, wanted, here)
             if ratio:
-                row = {"ratio": ratio, "scene": name, "wanted": wanted, "measure": measure, "long": peer >= LONG}
+                row = {
+                    "ratio": ratio,
+                    "scene": name,
+                    "wanted": wanted,
+                    "measure": measure,
+                    "long": peer >= LONG,
+                }
                 ratios.append(row)
         sys.stdout.flush()
         keep(results, ratios, names)
@@ -265,26 +351,33 @@ def main(names):
 
 
 def told(measure: str, wanted: float, here: dict) -> tuple[float, float]:
-    """Print who needs how long; varint's time over that of the best general-purpose peer (0: none), and the latter."""
+    """Print who needs how long; varint's time over that of the best general-purpose peer (0:
+    none), and the latter.
+    """
     for tool, row in sorted(here.items(), key=lambda x: x[1]["seconds"]):
         about = f"{row['setting']}; error {row['error']:.0e}, energy {row['energy error']:.0e}"
         print(
-            f"  {measure} {wanted:g}  {tool:20} {1e6 * row['seconds']:12.1f} µs   {about}; {row['setup']:.2f} s set-up"
+            f"  {measure} {wanted:g}  {tool:20} {1e6 * row['seconds']:12.1f} µs   {about}; "
+            f"{row['setup']:.2f} s set-up"
         )
     rivals = [row["seconds"] for tool, row in here.items() if tool in GENERAL]
     if "varint" not in here or not rivals:
         print(
-            f"  {measure} {wanted:g}  " + ("no general-purpose peer gets there" if "varint" in here else "not reached")
+            f"  {measure} {wanted:g}  "
+            + ("no general-purpose peer gets there" if "varint" in here else "not reached")
         )
         return 0.0, 0.0
     ratio = here["varint"]["seconds"] / min(rivals)
-    print(f"  {measure} {wanted:g}  varint takes {ratio:.2f} of the best general-purpose peer's time")
+    print(
+        f"  {measure} {wanted:g}  varint takes {ratio:.2f} of the best general-purpose peer's time"
+    )
     return ratio, min(rivals)
 
 
 def keep(results, ratios, names):
     """Write what is known so far."""
-    longest = {name.split(" ×")[0]: name for name in sorted(results["scenes"])}  # "×" comes after the name alone
+    # "×" comes after the name alone
+    longest = {name.split(" ×")[0]: name for name in sorted(results["scenes"])}
     of_q = [r for r in ratios if r["measure"] == "q"]
     groups = {
         "error of q, runs of milliseconds, every scene at its longest": [
@@ -296,7 +389,9 @@ def keep(results, ratios, names):
             r["ratio"] for r in ratios if r["measure"] == "energy" and r["long"]
         ],
     }
-    results["geometric means"] = {k: float(np.exp(np.mean(np.log(r)))) for k, r in groups.items() if r}
+    results["geometric means"] = {
+        k: float(np.exp(np.mean(np.log(r)))) for k, r in groups.items() if r
+    }
     results["ratios"] = ratios
     folder = PART if names else RESULTS
     folder.mkdir(exist_ok=True)

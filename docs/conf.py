@@ -1,4 +1,6 @@
-"""Sphinx configuration: Markdown by MyST, furo, every Python block executed, some pages measured."""
+"""Sphinx configuration: Markdown by MyST, furo, every Python block executed, some pages
+measured.
+"""
 
 import sys
 from pathlib import Path
@@ -44,7 +46,9 @@ nitpicky = False  # types in docstrings are words: "SX (n,)"
 mathjax_path = "mathjax/tex-chtml.js"
 default_role = "py:obj"
 suppress_warnings = ["ref.python"]  # "steps" in a shape such as (steps, k) is no reference
-linkcheck_ignore = [r"\.\./_images/.*"]  # the gallery's pictures in full size, which the HTML builder puts there
+linkcheck_ignore = [
+    r"\.\./_images/.*"
+]  # the gallery's pictures in full size, which the HTML builder puts there
 linkcheck_timeout = 15
 linkcheck_retries = 2
 linkcheck_workers = 4

@@ -1,8 +1,9 @@
 """A broken symmetry is seen to break, and by exactly what forces give.
 
-Claim: drag turns the conserved angular momentum of a planet into a balance, J_N − J_0 = Σ (f⁻·ξ(q_k) + f⁺·ξ(q_{k+1})),
-which every rule obeys to round-off although J itself has only the rule's order: J = J_0 e^{−γt}. (dJ/dt is the torque
-q × F = −γ q × v = −γ J.) The balance holds for steps of any size; the error of J falls with h^order.
+Claim: drag turns the conserved angular momentum of a planet into a balance, J_N − J_0 = Σ
+(f⁻·ξ(q_k) + f⁺·ξ(q_{k+1})), which every rule obeys to round-off although J itself has only the
+rule's order: J = J_0 e^{−γt}. (dJ/dt is the torque q × F = −γ q × v = −γ J.) The balance holds for
+steps of any size; the error of J falls with h^order.
 Source: Marsden & West, Discrete mechanics and variational integrators, Acta Numerica 2001, §3.2.5.
 Run: python examples/broken_symmetry.py [folder of the picture]
 """
@@ -39,22 +40,39 @@ def main(out: Path = Path("out")) -> None:
         motion = vi.simulate(system, rule, h=0.02, steps=2500, **START)
         spin = motion.conserved()["rotation about z"]
         print(spin)
-        print(f"change of J by {rule!s:14}  found {spin.change:.13f}   exact {spin.expected_change:.13f}")
+        print(
+            f"change of J by {rule!s:14}  found {spin.change:.13f}   exact "
+            f"{spin.expected_change:.13f}"
+        )
         theory = 0.9 * np.exp(-DRAG * motion.t)
         value.plot(motion.t, spin.values, lw=1, label=str(rule))
-        balance.semilogy(motion.t, np.abs(spin.values - theory) + 1e-17, lw=0.8, label=f"{rule}: J − J₀e$^{{−γt}}$")
-        balance.semilogy(motion.t, np.maximum.accumulate(np.abs(spin.error)) + 1e-17, "--", lw=1, label="balance")
+        balance.semilogy(
+            motion.t,
+            np.abs(spin.values - theory) + 1e-17,
+            lw=0.8,
+            label=f"{rule}: J − J₀e$^{{−γt}}$",
+        )
+        balance.semilogy(
+            motion.t, np.maximum.accumulate(np.abs(spin.error)) + 1e-17, "--", lw=1, label="balance"
+        )
     for rule in (vi.midpoint(), vi.gauss(2)):
         ends = [
-            vi.simulate(system, rule, h=h, duration=40.0, **START).conserved()["rotation about z"].values[-1]
+            vi.simulate(system, rule, h=h, duration=40.0, **START)
+            .conserved()["rotation about z"]
+            .values[-1]
             for h in (0.04, 0.02)
         ]
         errors = [abs(end - 0.9 * np.exp(-DRAG * 40.0)) for end in ends]
-        print(f"order of J by {rule!s:15} found {np.log2(errors[0] / errors[1]):.3f}   theory {rule.order}")
+        print(
+            f"order of J by {rule!s:15} found {np.log2(errors[0] / errors[1]):.3f}   theory "
+            f"{rule.order}"
+        )
     print(f"J at the end                  found {spin.values[-1]:.10f}   exact {theory[-1]:.10f}")
     value.plot(motion.t, theory, "k:", lw=2, label="theory")
     value.set(xlabel="t", ylabel="$J$", title="Angular momentum under drag")
-    balance.set(xlabel="t", ylabel="error", title="Error of J, and of its balance", ylim=(1e-17, 1e-3))
+    balance.set(
+        xlabel="t", ylabel="error", title="Error of J, and of its balance", ylim=(1e-17, 1e-3)
+    )
     value.legend(fontsize="small")
     balance.legend(fontsize="x-small", ncols=3)
     out.mkdir(parents=True, exist_ok=True)

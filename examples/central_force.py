@@ -1,7 +1,8 @@
 """Central forces: effective potential, a rosette, and the two orbits that close.
 
-Claim: θ is cyclic and p_θ conserved for any V(r); r(t) is the motion in V + p_θ²/2mr²; for V = −k/r + b/r² the
-pericentre turns by 2π (1/γ − 1), γ² = 1 + 2mb/p_θ²; only −k/r and k r²/2 have closed orbits (Bertrand).
+Claim: θ is cyclic and p_θ conserved for any V(r); r(t) is the motion in V + p_θ²/2mr²; for V = −k/r
++ b/r² the pericentre turns by 2π (1/γ − 1), γ² = 1 + 2mb/p_θ²; only −k/r and k r²/2 have closed
+orbits (Bertrand).
 Source: Landau & Lifshitz, Mechanics, §14 and §15, problem 3.
 Run: python examples/central_force.py [folder of the picture]
 """
@@ -34,9 +35,14 @@ def main(out: Path = Path("out")) -> None:
     for name, potential in POTENTIALS.items():
         model = vi.models.central_force(potential, {"k": 1.0}, r0=1.0, thetadot0=0.6)
         motion = vi.simulate(model.system, rule, **model.start)
-        print(f"p_θ in V = {name:6}: cyclic {model.system.structure.cyclic}, drift {np.ptp(motion.p[:, 1]):.1e}")
+        print(
+            f"p_θ in V = {name:6}: cyclic {model.system.structure.cyclic}, drift "
+            f"{np.ptp(motion.p[:, 1]):.1e}"
+        )
         orbits.plot(*plane(motion), lw=0.7, label=f"V = {name}")
-    orbits.set(aspect="equal", xlabel="x", ylabel="y", title="Four central forces", ylim=(-1.1, 1.75))
+    orbits.set(
+        aspect="equal", xlabel="x", ylabel="y", title="Four central forces", ylim=(-1.1, 1.75)
+    )
     orbits.legend(fontsize="small", loc="upper center", ncols=2)
 
     model = vi.models.rosette()
@@ -45,19 +51,27 @@ def main(out: Path = Path("out")) -> None:
     state = motion.at(period)
     print(f"r after one radial period    found {state.q[0]:.12f}   exact {model.q0[0]:.12f}")
     print(
-        f"θ after one radial period    found {state.q[1]:.12f}   exact {vi.models.apsidal_angle(0.8, 1.0, 0.04):.12f}"
+        f"θ after one radial period    found {state.q[1]:.12f}   exact "
+        f"{vi.models.apsidal_angle(0.8, 1.0, 0.04):.12f}"
     )
     rosette.plot(*plane(motion), lw=0.7)
-    rosette.set(aspect="equal", xlabel="x", ylabel="y", title="V = −1/r + 0.04/r²: the ellipse turns")
+    rosette.set(
+        aspect="equal", xlabel="x", ylabel="y", title="V = −1/r + 0.04/r²: the ellipse turns"
+    )
 
     reduced = vi.models.radial_motion(
         motion.p[0, 1], lambda r, c: -c.k / r + c.b / r**2, {"k": 1.0, "b": 0.04}, r0=model.q0[0]
     )
     line = vi.simulate(reduced.system, rule, **reduced.start)
-    print(f"r(20) of the reduced problem found {line.q[-1, 0]:.12f}   exact {model.exact(20.0)[0][0, 0]:.12f}")
+    print(
+        f"r(20) of the reduced problem found {line.q[-1, 0]:.12f}   exact "
+        f"{model.exact(20.0)[0][0, 0]:.12f}"
+    )
     shown = motion.t <= 20
     radial.plot(motion.t[shown], motion.q[shown, 0], label="plane motion")
-    radial.plot(line.t[::40], line.q[::40, 0], "o", ms=3, label="one dimension, effective potential")
+    radial.plot(
+        line.t[::40], line.q[::40, 0], "o", ms=3, label="one dimension, effective potential"
+    )
     radial.set(xlabel="t", ylabel="r", title="The same r(t)", ylim=(0.4, 1.7))
     radial.legend(fontsize="small", loc="upper left")
     out.mkdir(parents=True, exist_ok=True)

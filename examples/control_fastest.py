@@ -1,10 +1,12 @@
 """Least time: bang-bang controls by phases, the brachistochrone, a crane that stops its load.
 
-Claim: phases of constant thrust with free durations give the switching time of the double integrator to round-off;
-the wire of fastest descent pushes with a constant factor across the velocity and its time is that of the cycloid.
-The switches lie on the parabola x = −v|v|/2, from which a last push of full strength leads to rest at the origin. A
-bead on a straight wire, uniformly accelerated, is half a second later. The crane's load hangs still at the end.
-Source: Pontryagin et al., The Mathematical Theory of Optimal Processes, §5; Bernoulli 1696; Sakawa & Shindo 1982.
+Claim: phases of constant thrust with free durations give the switching time of the double
+integrator to round-off; the wire of fastest descent pushes with a constant factor across the
+velocity and its time is that of the cycloid. The switches lie on the parabola x = −v|v|/2, from
+which a last push of full strength leads to rest at the origin. A bead on a straight wire, uniformly
+accelerated, is half a second later. The crane's load hangs still at the end.
+Source: Pontryagin et al., The Mathematical Theory of Optimal Processes, §5; Bernoulli 1696; Sakawa
+& Shindo 1982.
 Run: python examples/control_fastest.py [folder of the picture]
 """
 
@@ -36,7 +38,9 @@ def main(out: Path = Path("out")) -> None:
     model = vi.models.fastest_wire()
     fall = model.solve()[0]
     print(f"time on the fastest wire   found {fall.duration:.10f}   exact {model.cost:.10f}")
-    s, sdot = vi.coordinates("s")  # the way along the straight wire of length √125, steeper by 5 m on 10 m
+    s, sdot = vi.coordinates(
+        "s"
+    )  # the way along the straight wire of length √125, steeper by 5 m on 10 m
     bead = vi.System(s, sdot, sdot**2 / 2 + 9.81 * s / np.sqrt(5))
     straight = vi.simulate(bead, q0=0.0, v0=0.0, h=0.01, steps=400, until=s - np.sqrt(125)).t[-1]
     print(f"time on a straight wire    found {straight:.10f}   exact {np.sqrt(50 / 9.81):.10f}")
@@ -44,7 +48,10 @@ def main(out: Path = Path("out")) -> None:
     wire.plot(*points.T, label=f"fastest wire, {fall.duration:.4f} s")
     wire.plot([0, 10], [0, -5], "--", label=f"straight wire, {straight:.4f} s")
     load = vi.models.overhead_crane().solve()[0]
-    print(f"load and its rate at the end of the crane's way: {load.q[-1, 1]:.1e} rad, {load.v[-1, 1]:.1e} rad/s")
+    print(
+        f"load and its rate at the end of the crane's way: {load.q[-1, 1]:.1e} rad, "
+        f"{load.v[-1, 1]:.1e} rad/s"
+    )
     t = np.linspace(0, load.duration, 300)
     crane.plot(load.t, load.q[:, 0], label="trolley, m")
     crane.plot(load.t, load.q[:, 1], label="load, rad")

@@ -1,8 +1,10 @@
 """Every ready control problem: cost beside its reference, a strip of pictures, and a film.
 
-Claim: double integrator, cart-pole, pendulum, acrobot, crane, brachistochrone, minimum time, low thrust, robot, closed
-chains, walk, falling cat and hovercraft all reach their reference costs, and the simulation repeats every motion.
-Source: references of each model (`models.control_catalogue`); costs without one by collocation in (q, v).
+Claim: double integrator, cart-pole, pendulum, acrobot, crane, brachistochrone, minimum time, low
+thrust, robot, closed chains, walk, falling cat and hovercraft all reach their reference costs, and
+the simulation repeats every motion.
+Source: references of each model (`models.control_catalogue`); costs without one by collocation in
+(q, v).
 Run: python examples/control_films.py [folder of the pictures and films]
 """
 
@@ -52,7 +54,9 @@ def main(out: Path = Path("out")) -> None:
         defect = max(np.abs(a.q - b.q).max() for a, b in zip(legs, again, strict=True))
         word = "no reference" if model.cost is None else f"exact {model.cost:.9g}"
         print(f"{name:22} found {cost:.9g}   {word}   replay {defect:.0e}")
-        axes.set(aspect="equal", xlabel="x", ylabel="y", title=f"{name.replace('_', ' ')}: {cost:.6g}")
+        axes.set(
+            aspect="equal", xlabel="x", ylabel="y", title=f"{name.replace('_', ' ')}: {cost:.6g}"
+        )
         for i, leg in enumerate(legs):
             speed = leg.duration / SECONDS * len(legs)
             file = films / (f"{name}_{i + 1}.gif" if len(legs) > 1 else f"{name}.gif")

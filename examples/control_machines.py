@@ -1,9 +1,11 @@
-"""Walking with impacts, a satellite that turns like a falling cat, robot and orbit transfer, pendulum on a rod.
+"""Walking with impacts, a satellite that turns like a falling cat, robot and orbit transfer,
+pendulum on a rod.
 
-Claim: a robot that need not turn moves at J = 3 M² d²/T³ = 76.8; the low-thrust transfer costs 1.0650580279977e-3; the
-pendulum as a particle on a rod costs what it costs in its angle; a satellite turns with zero angular momentum; a gait
-repeats itself after the impact.
-Source: PROPT user's guide; Junge, Marsden, Ober-Blöbaum 2005; Leyendecker et al. 2010; Montgomery 1993; Goswami 1998.
+Claim: a robot that need not turn moves at J = 3 M² d²/T³ = 76.8; the low-thrust transfer costs
+1.0650580279977e-3; the pendulum as a particle on a rod costs what it costs in its angle; a
+satellite turns with zero angular momentum; a gait repeats itself after the impact.
+Source: PROPT user's guide; Junge, Marsden, Ober-Blöbaum 2005; Leyendecker et al. 2010; Montgomery
+1993; Goswami 1998.
 Run: python examples/control_machines.py [folder of the picture]
 """
 
@@ -26,7 +28,9 @@ def draw_walk(axes, walk: vi.Trajectory) -> None:
             for angle, colour in ((stance, "C0"), (swing, "C1")):
                 foot = x + np.sin(angle), y - np.cos(angle)
                 axes.plot(np.array([x, foot[0]]) + 0.5 * stride, [y, foot[1]], colour, lw=1)
-    axes.set(aspect="equal", xlabel="x in m", ylabel="y in m", title=f"Walk: cost {walk.cost:.3f} a step")
+    axes.set(
+        aspect="equal", xlabel="x in m", ylabel="y in m", title=f"Walk: cost {walk.cost:.3f} a step"
+    )
 
 
 def draw_cat(axes, turn: vi.Trajectory) -> None:
@@ -37,8 +41,15 @@ def draw_cat(axes, turn: vi.Trajectory) -> None:
             shoulder = 0.6 * side * np.array([np.cos(body), np.sin(body)])
             hand = shoulder + side * np.array([np.cos(body + arm), np.sin(body + arm)])
             x, y = np.array([[0, 0], shoulder, hand]).T
-            axes.plot(x + 4 * turn.t[k], y, "o-", ms=3, color=plt.get_cmap("viridis")(k / len(turn)))
-    axes.set(aspect="equal", title="Satellite turns 0.6 rad without angular momentum", xticks=[], yticks=[])
+            axes.plot(
+                x + 4 * turn.t[k], y, "o-", ms=3, color=plt.get_cmap("viridis")(k / len(turn))
+            )
+    axes.set(
+        aspect="equal",
+        title="Satellite turns 0.6 rad without angular momentum",
+        xticks=[],
+        yticks=[],
+    )
     axes.set_xlabel("at five moments from left to right, each drawn about its own centre")
 
 
@@ -54,7 +65,9 @@ def main(out: Path = Path("out")) -> None:
         print(f"{what}   found {found.cost:.12f}   exact {model.cost:.12f}")
     walk, turn = models.walker().solve()[0], models.falling_cat().solve()[0]
     print(f"largest angular momentum of the satellite: {np.abs(turn.p[:, 0]).max():.1e}")
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained", width_ratios=[1, 2])
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(11, 3.4), layout="constrained", width_ratios=[1, 2]
+    )
     draw_walk(left, walk)
     draw_cat(right, turn)
     out.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,11 @@
-"""The many ways to swing up a pendulum: local minima by multi-start, and orders of the double integrator's cost.
+"""The many ways to swing up a pendulum: local minima by multi-start, and orders of the double
+integrator's cost.
 
-Claim: from 24 random starts the swing-up in 3 s has several local minima, the cheapest 36.6402890624; Fatrop on the
-chain of stages finds what Ipopt finds; constant controls of the double integrator cost 12 N²/(N² − 1) exactly.
-Source: Ober-Blöbaum, Junge, Marsden, ESAIM: COCV 17 (2011) 322; Bryson & Ho, Applied Optimal Control, §2.3.
+Claim: from 24 random starts the swing-up in 3 s has several local minima, the cheapest
+36.6402890624; Fatrop on the chain of stages finds what Ipopt finds; constant controls of the double
+integrator cost 12 N²/(N² − 1) exactly.
+Source: Ober-Blöbaum, Junge, Marsden, ESAIM: COCV 17 (2011) 322; Bryson & Ho, Applied Optimal
+Control, §2.3.
 Run: python examples/control_minima.py [folder of the picture and the film]
 """
 
@@ -26,7 +29,8 @@ def main(out: Path = Path("out")) -> None:
     print(f"cheapest swing-up   found {found[0].cost:.9f}   exact {CHEAPEST:.9f}")
     for motion in found:
         print(
-            f"  J = {motion.cost:12.6f} from {motion.stats['found']} starts, {np.ptp(motion.q) / np.pi:.3f} half turns"
+            f"  J = {motion.cost:12.6f} from {motion.stats['found']} starts, "
+            f"{np.ptp(motion.q) / np.pi:.3f} half turns"
         )
     [staged] = vi.optimal_phases([phase], solver="fatrop")
     print(f"the same by Fatrop   found {staged.cost:.9f}   exact {CHEAPEST:.9f}")
@@ -35,7 +39,10 @@ def main(out: Path = Path("out")) -> None:
     for n in (5, 10, 20, 40, 80):
         [held] = vi.optimal_phases([replace(rest, rule=vi.midpoint(), steps=n)])
         errors.append(held.cost / 12 - 1)
-        print(f"J_{n} with constant controls   found {held.cost:.12f}   exact {12 * n**2 / (n**2 - 1):.12f}")
+        print(
+            f"J_{n} with constant controls   found {held.cost:.12f}   exact "
+            f"{12 * n**2 / (n**2 - 1):.12f}"
+        )
     figure, (swing, torque, cost) = plt.subplots(1, 3, figsize=(14, 4), layout="constrained")
     t = np.linspace(0, phase.duration, 400)
     for motion in found[:5]:

@@ -1,7 +1,9 @@
-"""Friction from a Lagrangian, and friction as a force: the Caldirola–Kanai oscillator and a fall with drag.
+"""Friction from a Lagrangian, and friction as a force: the Caldirola–Kanai oscillator and a fall
+with drag.
 
-Claim: L = e^{γt} (½ m ẋ² − ½ m ω² x²) gives ẍ + γ ẋ + ω² x = 0, the same as F = −γ m ẋ in the Lagrange–d'Alembert
-principle; both rules have their full order, and forced and free oscillation superpose, also at resonance.
+Claim: L = e^{γt} (½ m ẋ² − ½ m ω² x²) gives ẍ + γ ẋ + ω² x = 0, the same as F = −γ m ẋ in the
+Lagrange–d'Alembert principle; both rules have their full order, and forced and free oscillation
+superpose, also at resonance.
 Source: Caldirola 1941; Kanai 1948; Landau & Lifshitz, Mechanics, §22, §25.
 Run: python examples/damping.py [folder of the picture]
 """
@@ -40,18 +42,27 @@ def main(out: Path = Path("out")) -> None:
     for system, name in ((model.system, "growing mass"), (with_friction(0.4), "force")):
         for rule in (vi.midpoint(), vi.gauss(2)):
             errors = [
-                abs(vi.simulate(system, rule, q0=1.0, v0=-0.5, duration=8.0, steps=int(n)).q[-1, 0] - exact)
+                abs(
+                    vi.simulate(system, rule, q0=1.0, v0=-0.5, duration=8.0, steps=int(n)).q[-1, 0]
+                    - exact
+                )
                 for n in steps
             ]
             order.loglog(8.0 / steps, errors, "o-", label=f"{rule}, {name}")
-            print(f"order of {rule!r:9} {name:12}  found {np.log2(errors[-2] / errors[-1]):.2f}   theory {rule.order}")
+            print(
+                f"order of {rule!r:9} {name:12}  found {np.log2(errors[-2] / errors[-1]):.2f}   "
+                f"theory {rule.order}"
+            )
     order.set_xscale("log", base=2)
     order.set(xlabel="step", ylabel="error at t = 8", title="Two ways to write friction")
     order.legend(fontsize="small")
 
     fall = vi.models.linear_drag()
     motion = vi.simulate(fall.system, vi.gauss(4), **fall.start)
-    print(f"speed of fall after 10 s     found {motion.v[-1, 0]:.12f}   exact {fall.exact(10.0)[1][0, 0]:.12f}")
+    print(
+        f"speed of fall after 10 s     found {motion.v[-1, 0]:.12f}   exact "
+        f"{fall.exact(10.0)[1][0, 0]:.12f}"
+    )
 
     for Omega, name in ((2.3, "Ω = 2.3"), (1.2, "resonance, Ω = ω = 1.2")):
         model = vi.models.forced_oscillator(Omega=Omega)

@@ -1,7 +1,8 @@
 """Scenes that depend on time: a driven pendulum, a shaken pivot, a pendulum that grows longer.
 
-Claim: the energy changes at the rate −∂L/∂t and by nothing else; a rule keeps its order with explicit time; slow change
-of the length keeps energy over frequency (adiabatic invariant), so the angle shrinks as ℓ^(−3/4).
+Claim: the energy changes at the rate −∂L/∂t and by nothing else; a rule keeps its order with
+explicit time; slow change of the length keeps energy over frequency (adiabatic invariant), so the
+angle shrinks as ℓ^(−3/4).
 Source: Landau & Lifshitz, Mechanics, §6, §49; Lorentz's question at Solvay, 1911.
 Run: python examples/driven_pendulum.py [folder of the picture]
 """
@@ -25,16 +26,35 @@ def main(out: Path = Path("out")) -> None:
     motion = vi.simulate(model.system, vi.gauss(4), **model.start | {"duration": 4.0})
     nodes, weights = np.polynomial.legendre.leggauss(6)
     times = (motion.t[:-1, None] + motion.h * (nodes + 1) / 2).ravel()
-    power = motion.at(times).value(-ca.jacobian(model.system.lagrangian, model.system.t)).reshape(-1, 6)
+    power = (
+        motion.at(times).value(-ca.jacobian(model.system.lagrangian, model.system.t)).reshape(-1, 6)
+    )
     gained = (power @ weights).sum() * motion.h / 2
-    print(f"energy gained in 4 s         found {motion.energy[-1] - motion.energy[0]:.12f}   exact {gained:.12f}")
+    print(
+        f"energy gained in 4 s         found {motion.energy[-1] - motion.energy[0]:.12f}   exact "
+        f"{gained:.12f}"
+    )
 
     # stroboscopic picture: one point per period of the drive
     beat = 2 * np.pi / 2.0
     stirred = vi.models.driven_pendulum(torque=1.0)
     for theta0 in (0.3, 0.8, 1.3, 1.8, 2.3, 2.8):
-        strobe = vi.simulate(stirred.system, vi.gauss(3), q0=theta0, v0=0.0, h=beat / 60, steps=60 * 300, save_every=60)
-        section.plot(np.mod(strobe.q[:, 0] + np.pi, 2 * np.pi) - np.pi, strobe.v[:, 0], ".", ms=2, label=f"{theta0:g}")
+        strobe = vi.simulate(
+            stirred.system,
+            vi.gauss(3),
+            q0=theta0,
+            v0=0.0,
+            h=beat / 60,
+            steps=60 * 300,
+            save_every=60,
+        )
+        section.plot(
+            np.mod(strobe.q[:, 0] + np.pi, 2 * np.pi) - np.pi,
+            strobe.v[:, 0],
+            ".",
+            ms=2,
+            label=f"{theta0:g}",
+        )
     section.set(xlabel="θ in rad", ylabel="dθ/dt in rad/s", title="Once per period of the torque")
     section.set_ylim(-7.5, 10.5)
     section.legend(
@@ -48,17 +68,25 @@ def main(out: Path = Path("out")) -> None:
     )
 
     pivot = vi.models.horizontal_pivot()
-    best = vi.simulate(pivot.system, vi.gauss(8), q0=pivot.q0, v0=pivot.v0, duration=5.0, steps=400).q[-1]
+    best = vi.simulate(
+        pivot.system, vi.gauss(8), q0=pivot.q0, v0=pivot.v0, duration=5.0, steps=400
+    ).q[-1]
     steps = np.array([25, 50, 100, 200])
     for rule in (vi.midpoint(), vi.gauss(2), vi.lobatto(4)):
         errors = [
-            np.abs(vi.simulate(pivot.system, rule, q0=pivot.q0, v0=pivot.v0, duration=5.0, steps=int(n)).q[-1] - best)[
-                0
-            ]
+            np.abs(
+                vi.simulate(
+                    pivot.system, rule, q0=pivot.q0, v0=pivot.v0, duration=5.0, steps=int(n)
+                ).q[-1]
+                - best
+            )[0]
             for n in steps
         ]
         order.loglog(5.0 / steps, errors, "o-", label=f"{rule}")
-        print(f"order of {rule!r:11}         found {np.log2(errors[-2] / errors[-1]):.2f}   theory {rule.order}")
+        print(
+            f"order of {rule!r:11}         found {np.log2(errors[-2] / errors[-1]):.2f}   theory "
+            f"{rule.order}"
+        )
     order.set_xscale("log", base=2)
     order.set(xlabel="step in s", ylabel="error at t = 5 s", title="Pivot shaken sideways")
     order.legend()
@@ -71,7 +99,10 @@ def main(out: Path = Path("out")) -> None:
     slow.set(xlabel="t in s", ylabel="θ in rad", title="Length growing from 1 m to 4 m")
     slow.legend()
     last = np.abs(long.q[long.t > 145, 0]).max()
-    print(f"angle at four times the length found {last:.5f}   theory {0.1 * (1 + 0.02 * 148) ** -0.75:.5f}")
+    print(
+        f"angle at four times the length found {last:.5f}   theory "
+        f"{0.1 * (1 + 0.02 * 148) ** -0.75:.5f}"
+    )
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "driven_pendulum.png", dpi=120)
 

@@ -1,8 +1,10 @@
-"""Galilean boosts: the centre of mass moves uniformly, because L changes by a total derivative only.
+"""Galilean boosts: the centre of mass moves uniformly, because L changes by a total derivative
+only.
 
-Claim: under x → x + s t the Lagrangian changes by d/dt of K = Σ m x; conserved is t P − M X, so that X moves on a
-straight line with the velocity P/M. Every rule keeps this to round-off, and uniform gravity does not destroy it: it
-moves all masses alike, so the distance between them swings as it does without (the equivalence principle).
+Claim: under x → x + s t the Lagrangian changes by d/dt of K = Σ m x; conserved is t P − M X, so
+that X moves on a straight line with the velocity P/M. Every rule keeps this to round-off, and
+uniform gravity does not destroy it: it moves all masses alike, so the distance between them swings
+as it does without (the equivalence principle).
 Source: Landau & Lifshitz, Mechanics, §8; Lévy-Leblond, Galilei group and Galilean invariance, 1971.
 Run: python examples/galilean_boosts.py [folder of the picture]
 """
@@ -40,7 +42,10 @@ def main(out: Path = Path("out")) -> None:
         x, y = (motion.q[:, i] / 3 + 2 * motion.q[:, i + 2] / 3 for i in (0, 1))
         apart.append(motion.q[:, :2] - motion.q[:, 2:])
         t = motion.t[-1]
-        for name, value, at, speed, fall in (("X", x[-1], 2 / 3, 1.4 / 3, 0.0), ("Y", y[-1], 0.2, 16 / 3, g)):
+        for name, value, at, speed, fall in (
+            ("X", x[-1], 2 / 3, 1.4 / 3, 0.0),
+            ("Y", y[-1], 0.2, 16 / 3, g),
+        ):
             exact = at + speed * t - fall * t**2 / 2
             print(f"{name} of the centre of mass        found {value:.12f}   exact {exact:.12f}")
         path.plot(motion.q[:, 0], motion.q[:, 1], lw=0.8, label=f"mass 1, g = {g}")
@@ -49,11 +54,19 @@ def main(out: Path = Path("out")) -> None:
             if "boost" in quantity.symmetry.name:
                 so_far = np.maximum.accumulate(np.abs(quantity.error)) + 1e-18
                 error.semilogy(motion.t, so_far, lw=1, label=f"{quantity.symmetry.name}, g = {g}")
-    print(f"largest change of the vector between the masses by gravity: {np.abs(apart[1] - apart[0]).max():.1e}")
+    print(
+        "largest change of the vector between the masses by gravity: "
+        f"{np.abs(apart[1] - apart[0]).max():.1e}"
+    )
     span = [np.linalg.norm(one, axis=1).max() for one in apart]
     print(f"longest spring, in free fall          found {span[1]:.12f}   exact {span[0]:.12f}")
     path.set(xlabel="x", ylabel="y", title="Two masses on a spring, thrown")
-    error.set(xlabel="t", ylabel="largest relative change so far", title="t P − M X (+ ½ M g t²)", ylim=(1e-18, 1e-13))
+    error.set(
+        xlabel="t",
+        ylabel="largest relative change so far",
+        title="t P − M X (+ ½ M g t²)",
+        ylim=(1e-18, 1e-13),
+    )
     path.legend(fontsize="small")
     error.legend(fontsize="small")
     out.mkdir(parents=True, exist_ok=True)

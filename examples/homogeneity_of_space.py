@@ -1,8 +1,9 @@
 """Homogeneity of space: what does not ask where it is conserves momentum.
 
-Claim: for three bodies that feel each other alone, translations are found as symmetries and total momentum is kept to
-round-off by rules of every order; tie one body to a place and both translations are gone. What P_x then loses is the
-impulse of the tie, −k ∫ x₁ dt, while the centre of mass of the free bodies runs on a straight line.
+Claim: for three bodies that feel each other alone, translations are found as symmetries and total
+momentum is kept to round-off by rules of every order; tie one body to a place and both translations
+are gone. What P_x then loses is the impulse of the tie, −k ∫ x₁ dt, while the centre of mass of the
+free bodies runs on a straight line.
 Source: Landau & Lifshitz, Mechanics, §7; Noether, Invariante Variationsprobleme, 1918.
 Run: python examples/homogeneity_of_space.py [folder of the picture]
 """
@@ -22,7 +23,9 @@ START = dict(q0=[1, 0, -0.5, 0.8, -0.4, -0.9], v0=[0.1, 0.5, -0.4, 0.1, 0.6, -0.
 
 
 def bodies(tied: float = 0.0) -> vi.System:
-    """Three bodies with springs of length 1 between them; `tied` is the stiffness that ties the first to the origin."""
+    """Three bodies with springs of length 1 between them; `tied` is the stiffness that ties the
+    first to the origin.
+    """
     q, v = vi.coordinates("x1", "y1", "x2", "y2", "x3", "y3")
     at = [q[2 * i : 2 * i + 2] for i in range(3)]
     kinetic = sum(m * ca.sumsqr(v[2 * i : 2 * i + 2]) / 2 for i, m in enumerate(MASSES))
@@ -32,7 +35,12 @@ def bodies(tied: float = 0.0) -> vi.System:
 
 def main(out: Path = Path("out")) -> None:
     free, tied = bodies(), bodies(tied=0.5)
-    print(vi.symmetries(free), vi.symmetries(tied), sep="\n\nthe first body tied to the origin:\n", end="\n\n")
+    print(
+        vi.symmetries(free),
+        vi.symmetries(tied),
+        sep="\n\nthe first body tied to the origin:\n",
+        end="\n\n",
+    )
     exact = MASSES[0] * 0.1 - MASSES[1] * 0.4 + MASSES[2] * 0.6
     figure, (kept, lost) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
     for rule in (vi.trapezoidal(), vi.gauss(2), vi.composition("blanes-moan6")):
@@ -49,7 +57,12 @@ def main(out: Path = Path("out")) -> None:
     print(f"impulse of the tie                     found {change:.6f}   theory {impulse:.6f}")
     for name, run in (("free", motion[:1001]), ("first body tied", held)):
         lost.plot(run.t, run.p[:, ::2].sum(axis=1), label=name)
-    kept.set(xlabel="t", ylabel="largest relative change so far", title="Total momentum, free bodies", yscale="log")
+    kept.set(
+        xlabel="t",
+        ylabel="largest relative change so far",
+        title="Total momentum, free bodies",
+        yscale="log",
+    )
     lost.set(xlabel="t", ylabel="$P_x$", title="A tied body takes the symmetry away")
     kept.legend(fontsize="small")
     lost.legend(fontsize="small")

@@ -1,9 +1,12 @@
-"""Homogeneity of time: a Lagrangian without t conserves energy; a fixed grid keeps it to the rule's order.
+"""Homogeneity of time: a Lagrangian without t conserves energy; a fixed grid keeps it to the rule's
+order.
 
-Claim: a fixed step breaks the shift of time, so that energy oscillates with an amplitude ∝ h^order, yet does not drift
-where explicit Runge–Kutta methods do. In a potential that turns, neither energy nor angular momentum is conserved but
-their combination H − Ω L_z is: time shift and rotation together.
-Source: Hairer, Lubich & Wanner, Geometric Numerical Integration, IX.8; Ge & Marsden, Physics Letters A 133 (1988).
+Claim: a fixed step breaks the shift of time, so that energy oscillates with an amplitude ∝ h^order,
+yet does not drift where explicit Runge–Kutta methods do. In a potential that turns, neither energy
+nor angular momentum is conserved but their combination H − Ω L_z is: time shift and rotation
+together.
+Source: Hairer, Lubich & Wanner, Geometric Numerical Integration, IX.8; Ge & Marsden, Physics
+Letters A 133 (1988).
 Run: python examples/homogeneity_of_time.py [folder of the picture]
 """
 
@@ -37,11 +40,18 @@ def main(out: Path = Path("out")) -> None:
         for h in (0.04, 0.02):
             motion = vi.simulate(pendulum.system, rule, h=h, duration=400, **start)
             sizes.append(np.ptp(motion.energy))
-        print(f"order of the energy error, {rule!s:10}  found {np.log2(sizes[0] / sizes[1]):.2f}   theory {rule.order}")
+        print(
+            f"order of the energy error, {rule!s:10}  found {np.log2(sizes[0] / sizes[1]):.2f}   "
+            f"theory {rule.order}"
+        )
         slope = vi.diagnostics.energy_slope(pendulum.system, rule, h=0.04, steps=10_000, **start)
         print(f"  {slope}")
-        drift.semilogy(slope.t, np.abs(slope.energy - slope.energy[0]) + 1e-17, lw=0.3, label=str(rule))
-    drift.set(xlabel="t", ylabel="|H − H₀|", title="Pendulum: bounded energy errors", ylim=(1e-16, 1e-1))
+        drift.semilogy(
+            slope.t, np.abs(slope.energy - slope.energy[0]) + 1e-17, lw=0.3, label=str(rule)
+        )
+    drift.set(
+        xlabel="t", ylabel="|H − H₀|", title="Pendulum: bounded energy errors", ylim=(1e-16, 1e-1)
+    )
     drift.legend(fontsize="small", loc="lower right")
 
     system = turning()

@@ -1,8 +1,11 @@
-"""Lambert's problem: the orbit from one place to another in a given time is a path of stationary action.
+"""Lambert's problem: the orbit from one place to another in a given time is a path of stationary
+action.
 
-Claim: the departure velocities of three textbook cases come out to all published digits, the short and the long way
-are two stationary paths, and the long way is no minimum: it passes the point opposite the start.
-Source: Curtis, Orbital Mechanics, examples 5.2 and 5.3; Der's Molniya case; exact values by universal variables.
+Claim: the departure velocities of three textbook cases come out to all published digits, the short
+and the long way are two stationary paths, and the long way is no minimum: it passes the point
+opposite the start.
+Source: Curtis, Orbital Mechanics, examples 5.2 and 5.3; Der's Molniya case; exact values by
+universal variables.
 Run: python examples/lambert.py [folder of the picture]
 """
 
@@ -37,22 +40,34 @@ def main(out: Path = Path("out")) -> None:
     kepler = vi.System(q, v, ca.sumsqr(v) / 2 + mu.mu / ca.norm_2(q), params=mu)
     for name, strength, r1, r2, duration, exact in CASES:
         path = vi.least_action(
-            kepler, vi.gauss(8), q_start=r1, q_end=r2, duration=duration, steps=60, params=dict(mu=strength)
+            kepler,
+            vi.gauss(8),
+            q_start=r1,
+            q_end=r2,
+            duration=duration,
+            steps=60,
+            params=dict(mu=strength),
         )
         print(f"{name:10}  v_x in km/s      found {path.v[0, 0]:.12f}   exact {exact:.12f}")
     figure, axes = plt.subplots(figsize=(8, 4.2), layout="constrained")
     a, b = np.array([1.0, 0, 0]), np.array([0, 1.5, 0])
     for far, exact in WAYS:
         guess = [a, -(a + b), b] if far else None
-        path = vi.least_action(kepler, vi.gauss(8), q_start=a, q_end=b, duration=2.0, steps=60, guess=guess)
+        path = vi.least_action(
+            kepler, vi.gauss(8), q_start=a, q_end=b, duration=2.0, steps=60, guess=guess
+        )
         name = "the long way" if far else "the short way"
         print(f"{name:14}  v_x          found {path.v[0, 0]:.12f}   exact {exact:.12f}")
-        axes.plot(*path.q[:, :2].T, label=f"{name}: S = {path.action:.4f}, index {path.morse_index}")
+        axes.plot(
+            *path.q[:, :2].T, label=f"{name}: S = {path.action:.4f}, index {path.morse_index}"
+        )
         for t in path.conjugate_times:
             axes.plot(*path.at(t).q[:2], "s", color="k", label="conjugate to the start")
     axes.plot(0, 0, "o", color="orange", ms=12)
     axes.plot(*np.array([a, b])[:, :2].T, "k.", ms=10)
-    axes.set(aspect="equal", xlabel="x", ylabel="y", title="Two orbits from (1, 0) to (0, 1.5) in T = 2")
+    axes.set(
+        aspect="equal", xlabel="x", ylabel="y", title="Two orbits from (1, 0) to (0, 1.5) in T = 2"
+    )
     axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1, 1))
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "lambert.png", dpi=120)

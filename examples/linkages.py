@@ -1,10 +1,12 @@
 """Machines with closed loops and one freedom: a slider-crank and two parallelograms in a row.
 
-Claim: bodies and joints suffice, no angle is singled out: the slider-crank has the period of its energy integral and
-the joint forces of the balance, and the parallelograms, whose constraints are dependent where the cranks lie level, run
-through that position on the parallel branch, as one crank with ((N+1)/3 + N) θ̈ = ((N+1)/2 + N) g sin θ.
-Source: Simeon, Computational Flexible Multibody Dynamics (2013), §1.3; IFToMM Technical Committee for Multibody
-Dynamics, benchmark A02. Reference values in extended precision: quadrature and Jacobi's functions.
+Claim: bodies and joints suffice, no angle is singled out: the slider-crank has the period of its
+energy integral and the joint forces of the balance, and the parallelograms, whose constraints are
+dependent where the cranks lie level, run through that position on the parallel branch, as one crank
+with ((N+1)/3 + N) θ̈ = ((N+1)/2 + N) g sin θ.
+Source: Simeon, Computational Flexible Multibody Dynamics (2013), §1.3; IFToMM Technical Committee
+for Multibody Dynamics, benchmark A02. Reference values in extended precision: quadrature and
+Jacobi's functions.
 Run: python examples/linkages.py [folder of the picture]
 """
 
@@ -41,9 +43,23 @@ def main(out: Path = Path("out")) -> None:
     print(f"slider-crank: energy off by {np.abs(motion.energy - motion.energy[0]).max():.1e} J")
     for k in range(0, 346, 29):
         x1, y1, _, _, _, _, x3, y3, _ = motion.q[k]
-        axes[0].plot([0, 2 * x1, x3], [0, 2 * y1, y3], "o-", ms=3, lw=1, color=plt.get_cmap("viridis")(k / 346))
-    axes[0].set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Slider-crank during a turn")
-    axes[1].plot(motion.t, motion.multipliers[:, [0, 1, 6]], lw=1.2, label=["bearing, x", "bearing, y", "guide"])
+        axes[0].plot(
+            [0, 2 * x1, x3],
+            [0, 2 * y1, y3],
+            "o-",
+            ms=3,
+            lw=1,
+            color=plt.get_cmap("viridis")(k / 346),
+        )
+    axes[0].set(
+        aspect="equal", xlabel="x in m", ylabel="y in m", title="Slider-crank during a turn"
+    )
+    axes[1].plot(
+        motion.t,
+        motion.multipliers[:, [0, 1, 6]],
+        lw=1.2,
+        label=["bearing, x", "bearing, y", "guide"],
+    )
     axes[1].axvline(TURN, color="0.6", lw=1, ls="--")
     axes[1].set(xlabel="t in s", ylabel="N", title="Forces on crank and slider")
     axes[1].legend(fontsize="small")
@@ -65,7 +81,9 @@ def main(out: Path = Path("out")) -> None:
         axes[2].plot(*ends.T, "o-", ms=3, lw=1, color=colour)
         for i, (x, y) in enumerate(ends):
             axes[2].plot([i, x], [0, y], lw=0.6, color=colour)
-    axes[2].set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Two parallelograms, first turn")
+    axes[2].set(
+        aspect="equal", xlabel="x in m", ylabel="y in m", title="Two parallelograms, first turn"
+    )
     axes[3].plot(bars.t, angle / np.pi)
     axes[3].set(xlabel="t in s", ylabel="crank angle / π", title="Crank of the parallelograms")
     out.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
 """Controls as forces: cart-pole, acrobot and a two-link arm under given pushes and torques.
 
-Claim: a force enters as δ∫L dt + ∫F·δq dt = 0 with values at every node of the rule, so the momentum balance holds to
-round-off: the push changes p_x by its time integral, the shoulder's torque the angular momentum of the arm, while the
-elbow's motor alone never does.
+Claim: a force enters as δ∫L dt + ∫F·δq dt = 0 with values at every node of the rule, so the
+momentum balance holds to round-off: the push changes p_x by its time integral, the shoulder's
+torque the angular momentum of the arm, while the elbow's motor alone never does.
 Source: Marsden & West, Acta Numerica 10 (2001) 357, §3; Spong, IEEE Control Systems 15 (1995) 49.
 Run: python examples/machines.py [folder of the picture]
 """
@@ -48,14 +48,17 @@ def main(out: Path = Path("out")) -> None:
     axes[1].plot(free.t, free.q, "--", label=["shoulder, elbow's motor alone", "elbow"])
     axes[1].set(xlabel="t in s", ylabel="rad", title="Two-link arm on a table")
 
-    # pumping: the acrobot's elbow torque follows the shoulder's velocity, step by step, and so feeds energy in
+    # pumping: the acrobot's elbow torque follows the shoulder's velocity, step by step, and so
+    # feeds energy in
     acrobot = vi.models.acrobot(q0=(0.2, 0.0))
     q, p, t = acrobot.q0, None, 0.0
     times, energies, work = [0.0], [], [0.0]
     v = acrobot.v0
     for _ in range(600):
         start = {"v0": v} if p is None else {"p0": p}
-        leg = vi.simulate(acrobot.system, RULE, q0=q, **start, h=H, steps=1, u=[1.5 * np.sign(v[0])])
+        leg = vi.simulate(
+            acrobot.system, RULE, q0=q, **start, h=H, steps=1, u=[1.5 * np.sign(v[0])]
+        )
         energies += [leg.energy[0]] if not energies else []
         energies.append(leg.energy[1])
         work.append(work[-1] + 1.5 * np.sign(v[0]) * (leg.q[1, 1] - leg.q[0, 1]))

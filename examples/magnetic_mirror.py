@@ -1,8 +1,10 @@
 """A magnetic mirror: the whole orbit, and its guiding centre with steps as long as a gyration.
 
-Claim: the magnetic moment μ = m v⊥²/2B is adiabatically conserved, so the particle turns back where B = v²/v⊥² B₀;
-the guiding centre, a degenerate Lagrangian (e A + m w b)·ṙ − H, follows it to first order in the gyroradius.
-Source: Northrop, The Adiabatic Motion of Charged Particles, 1963; Littlejohn, Journal of Plasma Physics 29 (1983) 111.
+Claim: the magnetic moment μ = m v⊥²/2B is adiabatically conserved, so the particle turns back where
+B = v²/v⊥² B₀; the guiding centre, a degenerate Lagrangian (e A + m w b)·ṙ − H, follows it to first
+order in the gyroradius.
+Source: Northrop, The Adiabatic Motion of Charged Particles, 1963; Littlejohn, Journal of Plasma
+Physics 29 (1983) 111.
 Run: python examples/magnetic_mirror.py [folder of the picture]
 """
 
@@ -23,7 +25,9 @@ B0, ACROSS, ALONG = 40.0, 0.6, 0.5
 def main(out: Path = Path("out")) -> None:
     radius = ACROSS / B0
     model = vi.models.magnetic_mirror(q0=(0.1 - radius, 0, 0), v0=(0, ACROSS, ALONG), B0=B0)
-    motion = vi.simulate(model.system, vi.gauss(4), q0=model.q0, v0=model.v0, h=0.002, duration=16.0)
+    motion = vi.simulate(
+        model.system, vi.gauss(4), q0=model.q0, v0=model.v0, h=0.002, duration=16.0
+    )
     s, c = model.system, model.system.params
     x, y, z = ca.vertsplit(s.q)
     field = c.B0 * ca.vertcat(-z * x / c.L**2, -z * y / c.L**2, 1 + (z / c.L) ** 2)
@@ -32,7 +36,9 @@ def main(out: Path = Path("out")) -> None:
 
     turning = motion.q[:, 2].max()
     print(f"turns back at z              found {turning:.4f}   theory {ALONG / ACROSS:.4f}")
-    print(f"mean magnetic moment         found {moment.mean():.6f}   theory {ACROSS**2 / 2 / B0:.6f}")
+    print(
+        f"mean magnetic moment         found {moment.mean():.6f}   theory {ACROSS**2 / 2 / B0:.6f}"
+    )
     p_phi = motion.value(model.invariants["p_phi"])
     print(f"drift of p_φ {np.ptp(p_phi):.1e}, of the kinetic energy {np.ptp(motion.energy):.1e}")
 
@@ -41,7 +47,10 @@ def main(out: Path = Path("out")) -> None:
         warnings.simplefilter("ignore")  # it says that the Lagrangian is degenerate: it is
         slow = vi.simulate(centre.system, vi.midpoint(), q0=centre.q0, h=0.2, duration=16.0)
     gyration = 2 * np.pi / B0
-    print(f"a gyration takes {gyration / slow.h:.1f} steps of the centre, {gyration / motion.h:.0f} of the particle")
+    print(
+        f"a gyration takes {gyration / slow.h:.1f} steps of the centre, {gyration / motion.h:.0f} "
+        "of the particle"
+    )
 
     figure, (path, bounce, kept) = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
     path.plot(motion.q[:, 2], motion.q[:, 0], lw=0.4, label="particle")

@@ -1,8 +1,10 @@
 """Particles with pair forces: the figure-eight, two bodies, a small crystal, masses on springs.
 
-Claim: homogeneity of space, isotropy and homogeneity of time keep momentum, angular momentum and energy, whatever the
-pair potential; a variational rule keeps the first two to round-off and the third in bounds.
-Source: Landau & Lifshitz, Mechanics, §6–9, §13; Chenciner & Montgomery, Annals of Mathematics 152 (2000) 881.
+Claim: homogeneity of space, isotropy and homogeneity of time keep momentum, angular momentum and
+energy, whatever the pair potential; a variational rule keeps the first two to round-off and the
+third in bounds.
+Source: Landau & Lifshitz, Mechanics, §6–9, §13; Chenciner & Montgomery, Annals of Mathematics 152
+(2000) 881.
 Run: python examples/many_bodies.py [folder of the picture]
 """
 
@@ -45,12 +47,22 @@ def main(out: Path = Path("out")) -> None:
     springs = vi.models.spring_cluster()
     for model, label in ((crystal, "16 atoms"), (springs, "4 masses on springs")):
         motion = vi.simulate(model.system, vi.composition("verlet"), **model.start)
-        kept.semilogy(motion.t, np.abs(motion.energy / motion.energy[0] - 1) + 1e-17, lw=0.6, label=f"energy, {label}")
+        kept.semilogy(
+            motion.t,
+            np.abs(motion.energy / motion.energy[0] - 1) + 1e-17,
+            lw=0.6,
+            label=f"energy, {label}",
+        )
         for name in ("momentum", "angular momentum"):
             value = motion.value(model.invariants[name]).reshape(len(motion), -1)
             drift = np.abs(value - value[0]).max()
             print(f"{label:20} drift of the {name:17} {drift:.1e}")
-            kept.semilogy(motion.t, np.abs(value - value[0]).max(axis=1) + 1e-17, lw=0.6, label=f"{name}, {label}")
+            kept.semilogy(
+                motion.t,
+                np.abs(value - value[0]).max(axis=1) + 1e-17,
+                lw=0.6,
+                label=f"{name}, {label}",
+            )
         if model is crystal:
             places = motion.q.reshape(len(motion), -1, 2)
             atoms.plot(places[..., 0], places[..., 1], lw=0.5)

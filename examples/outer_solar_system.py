@@ -1,13 +1,15 @@
-"""The outer Solar System for 200,000 days: bounded energy error, kept momenta, positions to 1e-12 of an AU.
+"""The outer Solar System for 200,000 days: bounded energy error, kept momenta, positions to 1e-12
+of an AU.
 
-Claim: an explicit variational composition of order 10 carries Jupiter, Saturn, Uranus, Neptune, Pluto and the Sun
-through 547 years in 2,000 steps and ends some 1e-12 AU (decimetres) from the exact solution; order 6 and Störmer–Verlet
-at about the same number of force evaluations end 4e-10 and 9e-3 AU from it. All keep their energy error bounded and
-every momentum to round-off.
+Claim: an explicit variational composition of order 10 carries Jupiter, Saturn, Uranus, Neptune,
+Pluto and the Sun through 547 years in 2,000 steps and ends some 1e-12 AU (decimetres) from the
+exact solution; order 6 and Störmer–Verlet at about the same number of force evaluations end 4e-10
+and 9e-3 AU from it. All keep their energy error bounded and every momentum to round-off.
 
-Source: Hairer, Lubich & Wanner, Geometric Numerical Integration, 2nd ed., I.2.4: initial data of 5 September 1994
-(Ahnerts Kalender für Sternfreunde). The reference is a Taylor series integration in extended precision of the same
-equations and data, checked against the published state at 500,000 days.
+Source: Hairer, Lubich & Wanner, Geometric Numerical Integration, 2nd ed., I.2.4: initial data of 5
+September 1994 (Ahnerts Kalender für Sternfreunde). The reference is a Taylor series integration in
+extended precision of the same equations and data, checked against the published state at 500,000
+days.
 
 Run: python3 tasks.py demo. Writes out/outer_solar_system.png and out/outer_solar_system.npz.
 """
@@ -45,14 +47,19 @@ REFERENCE = np.array(  # positions after 200,000 days, AU, one row a body
 
 
 def drift(values: np.ndarray) -> float:
-    """Largest change of a conserved quantity, scalar or vector, relative to its size at the start."""
+    """Largest change of a conserved quantity, scalar or vector, relative to its size at the
+    start.
+    """
     return float(np.abs(values - values[0]).max() / np.abs(values[0]).max())
 
 
 def main() -> None:
     model = vi.models.outer_solar_system()
     print(f"{model.name}: {DAYS:,.0f} days\n{model.source}\n")
-    print(f"{'rule':36} {'step':>8} {'run time':>9} {'energy':>9} {'momentum':>9} {'ang. mom.':>9} {'error, AU':>9}")
+    print(
+        f"{'rule':36} {'step':>8} {'run time':>9} {'energy':>9} {'momentum':>9} {'ang. mom.':>9} "
+        f"{'error, AU':>9}"
+    )
     motions = []
     for rule, h in RUNS:
         began = perf_counter()
@@ -78,11 +85,19 @@ def picture(motions: list[vi.Trajectory]) -> plt.Figure:
     for i, body in enumerate(BODIES):
         (line,) = orbits.plot(places[:, i, 0], places[:, i, 1], lw=0.6)
         orbits.plot(*places[-1, i, :2], "o", ms=5, color=line.get_color(), label=body)
-    orbits.set(aspect="equal", xlabel="x in AU", ylabel="y in AU", title="547 years, seen from the Sun", ylim=(-38, 66))
+    orbits.set(
+        aspect="equal",
+        xlabel="x in AU",
+        ylabel="y in AU",
+        title="547 years, seen from the Sun",
+        ylim=(-38, 66),
+    )
     orbits.legend(loc="upper center", ncols=3, fontsize="small")
     for motion in motions:
         error = np.abs(motion.energy / motion.energy[0] - 1)[1:]
-        energy.semilogy(motion.t[1:] / 365.25, error, lw=0.5, label=f"{motion.rule}, h = {motion.h:g} d")
+        energy.semilogy(
+            motion.t[1:] / 365.25, error, lw=0.5, label=f"{motion.rule}, h = {motion.h:g} d"
+        )
     energy.set(xlabel="years", ylabel="|H(t)/H(0) − 1|", title="Energy error", ylim=(1e-17, 1e-3))
     energy.legend(loc="upper right", fontsize="small")
     return figure

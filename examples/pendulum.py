@@ -1,7 +1,8 @@
 """The pendulum at every amplitude: swings, near the top, and full turns.
 
-Claim: the angle is Jacobi's amplitude function of time; the period grows from 2π √(ℓ/g) to infinity at the separatrix.
-A rigid body about a fixed axis inclined by α from the vertical is the same motion with ω² = m g d sin α / I.
+Claim: the angle is Jacobi's amplitude function of time; the period grows from 2π √(ℓ/g) to infinity
+at the separatrix. A rigid body about a fixed axis inclined by α from the vertical is the same
+motion with ω² = m g d sin α / I.
 Source: Landau & Lifshitz, Mechanics, §11 (period), §32, problem 3 (inclined axis).
 Run: python examples/pendulum.py [folder of the picture]
 """
@@ -19,8 +20,12 @@ OMEGA = np.sqrt(9.81)
 
 
 def measured_period(model: vi.models.Model, rule: vi.Rule) -> float:
-    """Period of a pendulum released at rest: four times the time to the lowest point, located on the trajectory."""
-    fall = vi.simulate(model.system, rule, q0=model.q0, v0=0.0, h=0.01, steps=2000, until=model.system.q)
+    """Period of a pendulum released at rest: four times the time to the lowest point, located on
+    the trajectory.
+    """
+    fall = vi.simulate(
+        model.system, rule, q0=model.q0, v0=0.0, h=0.01, steps=2000, until=model.system.q
+    )
     return 4 * fall.t[-1]
 
 
@@ -30,7 +35,9 @@ def main(out: Path = Path("out")) -> None:
     periods = [measured_period(vi.models.pendulum(theta0=a), rule) for a in amplitudes]
     for amplitude, period in zip(amplitudes, periods, strict=True):
         exact = vi.models.pendulum_period(amplitude, OMEGA)
-        print(f"period at {amplitude:3.1f} rad              found {period:.12f}   exact {exact:.12f}")
+        print(
+            f"period at {amplitude:3.1f} rad              found {period:.12f}   exact {exact:.12f}"
+        )
 
     figure, (curve, phase, error) = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
     fine = np.linspace(0.01, 3.13, 300)
@@ -48,9 +55,15 @@ def main(out: Path = Path("out")) -> None:
         q, _ = model.exact(motion.t)
         folded = np.mod(motion.q[:, 0] + np.pi, 2 * np.pi) - np.pi
         phase.plot(folded, motion.v[:, 0], ".", ms=2)
-        error.semilogy(motion.t[1:], np.abs(motion.q - q)[1:, 0] + 1e-17, label=f"θ₀ = {theta0:g}, ω₀ = {rate:.2f}")
+        error.semilogy(
+            motion.t[1:],
+            np.abs(motion.q - q)[1:, 0] + 1e-17,
+            label=f"θ₀ = {theta0:g}, ω₀ = {rate:.2f}",
+        )
     phase.set(xlabel="θ in rad", ylabel="dθ/dt in rad/s", title="Body on an axis inclined by 30°")
-    error.set(xlabel="t in s", ylabel="|θ − closed form|", title=f"Error of {rule}, h = {model.h:g} s")
+    error.set(
+        xlabel="t in s", ylabel="|θ − closed form|", title=f"Error of {rule}, h = {model.h:g} s"
+    )
     error.legend(fontsize="small")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "pendulum.png", dpi=120)

@@ -1,7 +1,8 @@
 """Lotka–Volterra: a Lagrangian linear in the velocities.
 
-Claim: L = η ξ̇ − H(ξ, η), ξ = log prey, η = log predators, is degenerate (no mass matrix) but variational: the midpoint
-rule runs round closed curves H = const where the explicit Euler method spirals out.
+Claim: L = η ξ̇ − H(ξ, η), ξ = log prey, η = log predators, is degenerate (no mass matrix) but
+variational: the midpoint rule runs round closed curves H = const where the explicit Euler method
+spirals out.
 Source: Hairer, Lubich & Wanner, Geometric Numerical Integration, I.1.1.
 Run: python examples/predator_prey.py [folder of the picture]
 """
@@ -32,10 +33,18 @@ def main(out: Path = Path("out")) -> None:
     for prey in (1.3, 2.0, 3.0):
         model = vi.models.lotka_volterra(prey=prey)
         motion = vi.simulate(model.system, vi.midpoint(), q0=model.q0, h=0.05, duration=200.0)
-        phase.plot(*np.exp(motion.q).T, lw=0.8, color="C0", label="midpoint" if prey == 2.0 else None)
+        phase.plot(
+            *np.exp(motion.q).T, lw=0.8, color="C0", label="midpoint" if prey == 2.0 else None
+        )
     spiral = explicit_euler(np.array([2.0, 1.0]), 0.05, 600)
     phase.plot(*spiral.T, lw=0.8, color="C1", label="explicit Euler")
-    phase.set(xlabel="prey", ylabel="predators", title="4,000 steps of 0.05 each", xlim=(0, 6), ylim=(0, 6))
+    phase.set(
+        xlabel="prey",
+        ylabel="predators",
+        title="4,000 steps of 0.05 each",
+        xlim=(0, 6),
+        ylim=(0, 6),
+    )
     phase.legend()
 
     model = vi.models.lotka_volterra()
@@ -57,7 +66,9 @@ def main(out: Path = Path("out")) -> None:
         energy.plot(run.t, run.energy - run.energy[0], lw=0.4, label=f"h = {h:g}")
     order = np.log2(spread[-2] / spread[-1])
     print(f"order of the energy error    found {order:.2f}   theory 2")
-    energy.set(xlabel="t", ylabel="H − H₀", title="Energy error of the midpoint rule", ylim=(-9e-4, 1.8e-3))
+    energy.set(
+        xlabel="t", ylabel="H − H₀", title="Energy error of the midpoint rule", ylim=(-9e-4, 1.8e-3)
+    )
     energy.legend(fontsize="small", loc="upper right", ncols=2)
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "predator_prey.png", dpi=120)

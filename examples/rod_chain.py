@@ -1,8 +1,10 @@
 """A chain of rods in x and y: what it carries at rest, and how it falls.
 
-Claim: with a multiplier for every rod the chain needs no angles. At rest rod i carries the weight below it, and
-released level it moves as the same chain in angles does, whose mass matrix is full; the rods are kept to round-off.
-Source: Leimkuhler & Skeel, J. Comput. Phys. 112 (1994) 117; Landau & Lifshitz, Mechanics, §5, problem 1 (two links).
+Claim: with a multiplier for every rod the chain needs no angles. At rest rod i carries the weight
+below it, and released level it moves as the same chain in angles does, whose mass matrix is full;
+the rods are kept to round-off.
+Source: Leimkuhler & Skeel, J. Comput. Phys. 112 (1994) 117; Landau & Lifshitz, Mechanics, §5,
+problem 1 (two links).
 Run: python examples/rod_chain.py [folder of the picture]
 """
 
@@ -19,7 +21,9 @@ N, G = 6, 9.81
 
 
 def joints(angles: np.ndarray) -> np.ndarray:
-    """Places of the masses, (times, N, 2), from the angles of unit rods with the downward vertical."""
+    """Places of the masses, (times, N, 2), from the angles of unit rods with the downward
+    vertical.
+    """
     return np.cumsum(np.stack([np.sin(angles), -np.cos(angles)], -1), axis=1)
 
 
@@ -36,11 +40,19 @@ def main(out: Path = Path("out")) -> None:
     falls = vi.simulate(rods.system, rule, q0=rods.q0, v0=rods.v0, **start)
     angles = vi.models.chain_pendulum(N)
     same = {"m": np.ones(N), "length": np.ones(N), "g": G}
-    turns = vi.simulate(angles.system, vi.gauss(4), q0=np.full(N, np.pi / 2), v0=np.zeros(N), params=same, **start)
+    turns = vi.simulate(
+        angles.system, vi.gauss(4), q0=np.full(N, np.pi / 2), v0=np.zeros(N), params=same, **start
+    )
     places = falls.q.reshape(-1, N, 2)
     exact = joints(turns.q)
-    print(f"end of the chain, x at 2 s, m  found {places[-1, -1, 0]:.10f}   exact {exact[-1, -1, 0]:.10f}")
-    print(f"end of the chain, y at 2 s, m  found {places[-1, -1, 1]:.10f}   exact {exact[-1, -1, 1]:.10f}")
+    print(
+        f"end of the chain, x at 2 s, m  found {places[-1, -1, 0]:.10f}   exact "
+        f"{exact[-1, -1, 0]:.10f}"
+    )
+    print(
+        f"end of the chain, y at 2 s, m  found {places[-1, -1, 1]:.10f}   exact "
+        f"{exact[-1, -1, 1]:.10f}"
+    )
     # the whole chain accelerates by its weight and by the pull of the support, along the first rod
     pull = -2 * falls.multipliers[:, :1] * -places[:, 0]
     momentum = falls.p.reshape(-1, N, 2).sum(axis=1)
@@ -51,21 +63,36 @@ def main(out: Path = Path("out")) -> None:
     print(f"momentum after 2 s, y, N s     found {momentum[-1, 1]:.6f}   exact {impulse[1]:.6f}")
     links = np.diff(places, axis=1, prepend=0.0)
     gap = np.abs(np.linalg.norm(links, axis=2) - 1).max()
-    print(f"worst length of a rod off by {gap:.1e}; worst place off by {np.abs(places - exact).max():.1e} m")
+    print(
+        f"worst length of a rod off by {gap:.1e}; worst place off by "
+        f"{np.abs(places - exact).max():.1e} m"
+    )
     print(f"energy off by {np.abs(falls.energy - falls.energy[0]).max():.1e} J")
     for name, motion in (("rods", falls), ("angles", turns)):
-        print(f"{name:>7}: {motion.stats['seconds'] / motion.stats['steps'] * 1e6:7.1f} µs a step, {motion.rule}")
+        print(
+            f"{name:>7}: {motion.stats['seconds'] / motion.stats['steps'] * 1e6:7.1f} µs a step, "
+            f"{motion.rule}"
+        )
 
     figure, (shapes, pulls, error) = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
     for i, k in enumerate(range(0, len(falls), 40)):
         x, y = np.vstack([[0, 0], places[k]]).T
         shapes.plot(x, y, "o-", ms=3, lw=1, color=plt.get_cmap("viridis")(i / 10))
-    shapes.set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Every 0.2 s after the release")
+    shapes.set(
+        aspect="equal", xlabel="x in m", ylabel="y in m", title="Every 0.2 s after the release"
+    )
     pulls.plot(falls.t, -2 * falls.multipliers / G, lw=1, label=[f"rod {i + 1}" for i in range(N)])
     pulls.set(xlabel="t in s", ylabel="tension in weights of a mass", title="Tensions of the rods")
     pulls.legend(fontsize="small")
-    error.semilogy(falls.t[1:], np.abs(places - exact)[1:].max(axis=(1, 2)) + 1e-17, label="rods − angles, m")
-    error.semilogy(falls.t[1:], np.abs(falls.energy - falls.energy[0])[1:] + 1e-17, lw=1, label="energy of the rods, J")
+    error.semilogy(
+        falls.t[1:], np.abs(places - exact)[1:].max(axis=(1, 2)) + 1e-17, label="rods − angles, m"
+    )
+    error.semilogy(
+        falls.t[1:],
+        np.abs(falls.energy - falls.energy[0])[1:] + 1e-17,
+        lw=1,
+        label="energy of the rods, J",
+    )
     error.set(xlabel="t in s", title=f"{rule} in rods, gauss(4) in angles")
     error.legend()
     out.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,9 @@
 """Blades and wheels: a knife edge on an incline, a rolling disc, the Chaplygin sleigh.
 
-Claim: with the velocity constraint in d'Alembert's principle, not in the action, the knife edge runs on a cycloid
-across the slope and never downhill, the disc on a circle, and the sleigh's speed along its blade is V tanh(κVt + c):
-an attractor although the energy is kept. The rules are of second order; two step sizes give the limit to order four.
+Claim: with the velocity constraint in d'Alembert's principle, not in the action, the knife edge
+runs on a cycloid across the slope and never downhill, the disc on a circle, and the sleigh's speed
+along its blade is V tanh(κVt + c): an attractor although the energy is kept. The rules are of
+second order; two step sizes give the limit to order four.
 Source: Bloch, Nonholonomic Mechanics and Control, 2nd ed., §1.4, §1.6, §1.7.
 Run: python examples/rolling.py [folder of the picture]
 """
@@ -19,9 +20,14 @@ plt.style.use("tableau-colorblind10")
 
 
 def states(model: vi.models.Model, h: float) -> tuple[vi.Trajectory, np.ndarray]:
-    """The motion with step h, and q, v, λ at its end with the error of second order removed by a run with h/2."""
+    """The motion with step h, and q, v, λ at its end with the error of second order removed by a
+    run with h/2.
+    """
     coarse, fine = (vi.simulate(model.system, **model.start | {"h": size}) for size in (h, h / 2))
-    ends = [np.concatenate([motion.q[-1], motion.v[-1], motion.multipliers[-1]]) for motion in (coarse, fine)]
+    ends = [
+        np.concatenate([motion.q[-1], motion.v[-1], motion.multipliers[-1]])
+        for motion in (coarse, fine)
+    ]
     return coarse, (4 * ends[1] - ends[0]) / 3
 
 
@@ -30,7 +36,9 @@ def main(out: Path = Path("out")) -> None:
     edge = vi.models.knife_edge()
     motion, end = states(edge, 0.005)
     q, _ = edge.exact(10.0)
-    push = -2 * 9.81 * np.sin(0.4) * np.sin(q[0, 2])  # mass times φ̇ v, and the weight's part across the blade
+    push = (
+        -2 * 9.81 * np.sin(0.4) * np.sin(q[0, 2])
+    )  # mass times φ̇ v, and the weight's part across the blade
     print(f"knife edge, downhill after 10 s, m found {end[0]:.10f}   exact {q[0, 0]:.10f}")
     print(f"knife edge, across after 10 s, m   found {end[1]:.10f}   exact {q[0, 1]:.10f}")
     print(f"knife edge, side force, N          found {end[6]:.10f}   exact {push:.10f}")
@@ -39,7 +47,10 @@ def main(out: Path = Path("out")) -> None:
     axes[0].plot(motion.q[:, 1], -motion.q[:, 0], label="simulated")
     axes[0].plot(*(edge.exact(motion.t[::40])[0][:, [1, 0]] * [1, -1]).T, ".", label="cycloid")
     axes[0].set(
-        xlabel="across the slope, m", ylabel="up the slope, m", title="Knife edge on an incline", ylim=(-1.2, 0.3)
+        xlabel="across the slope, m",
+        ylabel="up the slope, m",
+        title="Knife edge on an incline",
+        ylim=(-1.2, 0.3),
     )
     axes[0].legend(loc="upper right", ncols=2, fontsize="small")
 
@@ -49,7 +60,10 @@ def main(out: Path = Path("out")) -> None:
     print(f"disc, x after 10 s, m              found {end[0]:.10f}   exact {q[0, 0]:.10f}")
     print(f"disc, y after 10 s, m              found {end[1]:.10f}   exact {q[0, 1]:.10f}")
     # the friction is centripetal: speed times turning rate
-    print(f"disc, friction, N                  found {np.hypot(*end[8:]):.10f}   exact {2.0 * 0.5:.10f}")
+    print(
+        f"disc, friction, N                  found {np.hypot(*end[8:]):.10f}   exact "
+        f"{2.0 * 0.5:.10f}"
+    )
     axes[1].plot(motion.q[:, 0], motion.q[:, 1])
     axes[1].set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Rolling disc")
 
@@ -70,12 +84,21 @@ def main(out: Path = Path("out")) -> None:
     heading = np.sqrt(whole) / arm * (gudermann[0] - gudermann[1])
     print(f"sleigh, heading after 6 s, rad     found {end[2]:.10f}   exact {heading:.10f}")
     axes[2].plot(motion.q[:, 0], motion.q[:, 1])
-    axes[2].set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Chaplygin sleigh, path of the blade")
+    axes[2].set(
+        aspect="equal",
+        xlabel="x in m",
+        ylabel="y in m",
+        title="Chaplygin sleigh, path of the blade",
+    )
     run = motion.v[:, 0] * np.cos(motion.q[:, 2]) + motion.v[:, 1] * np.sin(motion.q[:, 2])
     axes[3].plot(motion.t, run, label="speed along the blade")
     axes[3].plot(motion.t[::60], along(motion.t[::60]), ".", label="V tanh(κVt + c)")
     axes[3].plot(motion.t, motion.energy, lw=1, label="energy")
-    axes[3].set(xlabel="t in s", ylabel="speed in m/s, energy in J", title="An attractor that keeps its energy")
+    axes[3].set(
+        xlabel="t in s",
+        ylabel="speed in m/s, energy in J",
+        title="An attractor that keeps its energy",
+    )
     axes[3].legend(loc="lower right")
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "rolling.png", dpi=120)

@@ -1,7 +1,7 @@
 """Coriolis and centrifugal forces from L = ½ m |ṙ + Ω × r|²: a turntable, Foucault's pendulum.
 
-Claim: turned back to the inertial frame, the spiral is a straight line; the plane of Foucault's pendulum turns by
-−Ω sin(latitude), 11.3° an hour in Paris.
+Claim: turned back to the inertial frame, the spiral is a straight line; the plane of Foucault's
+pendulum turns by −Ω sin(latitude), 11.3° an hour in Paris.
 Source: Landau & Lifshitz, Mechanics, §39 and its problem 3.
 Run: python examples/rotating_frame.py [folder of the picture]
 """
@@ -28,7 +28,10 @@ def main(out: Path = Path("out")) -> None:
         model = vi.models.turntable(stiffness=stiffness)
         motion = vi.simulate(model.system, vi.gauss(4), **model.start)
         q, _ = model.exact(motion.t)
-        print(f"x({motion.t[-1]:g}) {label:12}            found {motion.q[-1, 0]:.12f}   exact {q[-1, 0]:.12f}")
+        print(
+            f"x({motion.t[-1]:g}) {label:12}            found {motion.q[-1, 0]:.12f}   exact "
+            f"{q[-1, 0]:.12f}"
+        )
         spiral.plot(*motion.q.T, label=label)
         line.plot(*turned(motion.q, 0.7 * motion.t).T, label=label)
     spiral.set(aspect="equal", xlabel="x", ylabel="y", title="Seen from the turntable, Ω = 0.7")
@@ -40,9 +43,13 @@ def main(out: Path = Path("out")) -> None:
     space = vi.models.rotating_frame()
     motion = vi.simulate(space.system, vi.gauss(4), **space.start)
     q, _ = space.exact(motion.t)
-    print(f"z({motion.t[-1]:g}) about an oblique axis   found {motion.q[-1, 2]:.12f}   exact {q[-1, 2]:.12f}")
+    print(
+        f"z({motion.t[-1]:g}) about an oblique axis   found {motion.q[-1, 2]:.12f}   exact "
+        f"{q[-1, 2]:.12f}"
+    )
 
-    # an hour in Paris, and the same pendulum on an Earth that turns 300 times faster for the picture
+    # an hour in Paris, and the same pendulum on an Earth that turns 300 times faster for the
+    # picture
     paris = vi.models.foucault_pendulum()
     hour = vi.simulate(paris.system, vi.gauss(4), **paris.start)
     z = hour.q[:, 0] + 1j * hour.q[:, 1]
@@ -50,11 +57,19 @@ def main(out: Path = Path("out")) -> None:
     angle = np.unwrap(2 * np.angle(z[far])) / 2  # of the plane: opposite ends are the same
     rate = np.polyfit(hour.t[far], angle, 1)[0]
     theory = -7.292115e-5 * np.sin(np.deg2rad(48.85))
-    print(f"Paris, degrees an hour       found {3600 * np.rad2deg(rate):.4f}   theory {3600 * np.rad2deg(theory):.4f}")
+    print(
+        f"Paris, degrees an hour       found {3600 * np.rad2deg(rate):.4f}   theory "
+        f"{3600 * np.rad2deg(theory):.4f}"
+    )
     quick = vi.models.foucault_pendulum(Omega=300 * 7.292115e-5)
     motion = vi.simulate(quick.system, vi.gauss(4), **quick.start | {"duration": 160.0})
     swing.plot(*motion.q.T, lw=0.7)
-    swing.set(aspect="equal", xlabel="x in m", ylabel="y in m", title="Foucault's pendulum, Earth 300 times faster")
+    swing.set(
+        aspect="equal",
+        xlabel="x in m",
+        ylabel="y in m",
+        title="Foucault's pendulum, Earth 300 times faster",
+    )
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "rotating_frame.png", dpi=120)
 

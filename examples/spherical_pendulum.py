@@ -1,7 +1,8 @@
 """The spherical pendulum: an ellipse that turns.
 
-Claim: p_φ is conserved, θ runs to and fro between two circles, and the figure turns by a fixed angle per period; for
-small swings of semi-axes a, b the apsides advance by ⅜ π a b / ℓ² in half a turn.
+Claim: p_φ is conserved, θ runs to and fro between two circles, and the figure turns by a fixed
+angle per period; for small swings of semi-axes a, b the apsides advance by ⅜ π a b / ℓ² in half a
+turn.
 Source: Landau & Lifshitz, Mechanics, §14, problem 1; the small advance: Puiseux 1842.
 Run: python examples/spherical_pendulum.py [folder of the picture]
 """
@@ -17,11 +18,19 @@ import varint as vi
 plt.style.use("tableau-colorblind10")
 
 
-def to_next_turning(model: vi.models.Model, q: np.ndarray, p: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def to_next_turning(
+    model: vi.models.Model, q: np.ndarray, p: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
     """Time to the next circle θ̇ = 0, and q, p there."""
     away = vi.simulate(model.system, vi.gauss(4), q0=q, p0=p, h=0.005, steps=20)
     rest = vi.simulate(
-        model.system, vi.gauss(4), q0=away.q[-1], p0=away.p[-1], h=0.005, steps=1000, until=model.system.v[0]
+        model.system,
+        vi.gauss(4),
+        q0=away.q[-1],
+        p0=away.p[-1],
+        h=0.005,
+        steps=1000,
+        until=model.system.v[0],
     )
     return away.duration + rest.duration, rest.q[-1], rest.p[-1]
 
@@ -44,7 +53,10 @@ def main(out: Path = Path("out")) -> None:
     a, b = 0.1, 0.05
     small = vi.models.spherical_pendulum(theta0=a, phidot0=np.sqrt(9.81) * b / a)
     _, q = one_period(small)
-    print(f"advance of a small ellipse   found {q[1] - np.pi:.6f}   theory {3 / 8 * np.pi * a * b:.6f}")
+    print(
+        f"advance of a small ellipse   found {q[1] - np.pi:.6f}   theory "
+        f"{3 / 8 * np.pi * a * b:.6f}"
+    )
 
     motion = vi.simulate(model.system, vi.gauss(3), **model.start | {"duration": 40.0})
     theta, phi = motion.q.T

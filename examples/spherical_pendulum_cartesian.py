@@ -1,8 +1,9 @@
 """The spherical pendulum in x, y, z: on a rod, without angles, through the poles.
 
-Claim: with |r|² = ℓ² as constraint no point of the sphere is singular: its azimuth is the angle's, its height runs
-between the roots of 2 (E − g z)(1 − z²) = L_z², the rod carries 2E − 3 g z, and a bob that goes through the lowest
-and the highest point, where the azimuth jumps, is as accurate as any other. Energy and L_z are kept.
+Claim: with |r|² = ℓ² as constraint no point of the sphere is singular: its azimuth is the angle's,
+its height runs between the roots of 2 (E − g z)(1 − z²) = L_z², the rod carries 2E − 3 g z, and a
+bob that goes through the lowest and the highest point, where the azimuth jumps, is as accurate as
+any other. Energy and L_z are kept.
 Source: Landau & Lifshitz, Mechanics, §14, problem 1 (ℓ = m = 1).
 Run: python examples/spherical_pendulum_cartesian.py [folder of the picture]
 """
@@ -32,10 +33,15 @@ def main(out: Path = Path("out")) -> None:
     # (2E − 2gz)(1 − z²) − L² = 2g z³ − 2E z² − 2g z + 2E − L²
     roots = np.sort(np.roots([2 * G, -2 * energy, -2 * G, 2 * energy - spin**2]).real)
     away = vi.simulate(model.system, RULE, q0=model.q0, v0=model.v0, h=0.01, steps=10)
-    turn = vi.simulate(model.system, RULE, q0=away.q[-1], v0=away.v[-1], h=0.01, steps=500, until=model.system.v[2])
+    turn = vi.simulate(
+        model.system, RULE, q0=away.q[-1], v0=away.v[-1], h=0.01, steps=500, until=model.system.v[2]
+    )
     print(f"other turning height, m      found {turn.q[-1, 2]:.12f}   exact {roots[0]:.12f}")
     tension = -2 * motion.multipliers[:, 0]
-    print(f"tension after 10 s, N        found {tension[-1]:.10f}   exact {2 * energy - 3 * G * z:.10f}")
+    print(
+        f"tension after 10 s, N        found {tension[-1]:.10f}   exact "
+        f"{2 * energy - 3 * G * z:.10f}"
+    )
     for name, expression in model.invariants.items():
         values = motion.value(expression)
         print(f"{name}: changes by {np.abs(values - values[0]).max():.1e}")
@@ -60,8 +66,15 @@ def main(out: Path = Path("out")) -> None:
     series.plot(motion.t, tension / 50, label="tension in 50 N")
     series.set(xlabel="t in s", title="Height between two circles, and tension")
     series.legend()
-    error.semilogy(over.t[1:], np.abs(over.q - exact).max(axis=1)[1:] + 1e-17, label="place, over the poles, m")
-    error.semilogy(motion.t[1:], np.abs(motion.energy / energy - 1)[1:] + 1e-17, lw=0.7, label="energy, relative")
+    error.semilogy(
+        over.t[1:], np.abs(over.q - exact).max(axis=1)[1:] + 1e-17, label="place, over the poles, m"
+    )
+    error.semilogy(
+        motion.t[1:],
+        np.abs(motion.energy / energy - 1)[1:] + 1e-17,
+        lw=0.7,
+        label="energy, relative",
+    )
     error.set(xlabel="t in s", title=f"Errors of {RULE}, h = {motion.h:g} s")
     error.set_ylim(top=1e-12)
     error.legend(loc="upper right")

@@ -1,4 +1,6 @@
-"""Scenes and problems of the optimal control tests; every reference value is read from `reference/d.json`."""
+"""Scenes and problems of the optimal control tests; every reference value is read from
+`reference/d.json`.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +10,15 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import pytest
 
 import varint as vi
 from varint.control.replay import defect
 
 REFERENCE = json.loads((Path(__file__).parent / "reference" / "d.json").read_text(encoding="utf-8"))
 U = ca.SX.sym("u")
+# of tests that take too few steps on purpose
+coarse = pytest.mark.filterwarnings("ignore:the solution is too coarse")
 
 
 def replay_defect(motion: vi.Trajectory) -> float:
@@ -36,8 +41,14 @@ def pendulum(gravity: float = 1.0) -> vi.System:
 def cartpole() -> vi.System:
     """Kelly's cart-pole; theta = 0 hangs."""
     q, v = vi.coordinates("x", "theta")
-    m1, m2, length, g = (REFERENCE["D02_cartpole_kelly"]["params"][k] for k in ("m1", "m2", "l", "g"))
-    kinetic = (m1 + m2) * v[0] ** 2 / 2 + m2 * length * ca.cos(q[1]) * v[0] * v[1] + m2 * length**2 * v[1] ** 2 / 2
+    m1, m2, length, g = (
+        REFERENCE["D02_cartpole_kelly"]["params"][k] for k in ("m1", "m2", "l", "g")
+    )
+    kinetic = (
+        (m1 + m2) * v[0] ** 2 / 2
+        + m2 * length * ca.cos(q[1]) * v[0] * v[1]
+        + m2 * length**2 * v[1] ** 2 / 2
+    )
     lagrangian = kinetic + m2 * g * length * ca.cos(q[1])
     return vi.System(q, v, lagrangian, force=ca.vertcat(U, 0), control=U)
 
@@ -48,14 +59,22 @@ def swing_up(rule=None, steps=40, weight=1.0, **given) -> vi.Trajectory:
     ends = dict(start=dict(q=[0, 0], v=[0, 0]), end=dict(q=[1, np.pi], v=[0, 0]))
     bounds = [(-20, U, 20), (-2, system.q[0], 2)]
     return vi.optimal_control(
-        system, rule or vi.gauss(4), duration=2.0, steps=steps, cost=weight * U**2, bounds=bounds, **(ends | given)
+        system,
+        rule or vi.gauss(4),
+        duration=2.0,
+        steps=steps,
+        cost=weight * U**2,
+        bounds=bounds,
+        **(ends | given),
     )
 
 
 def swing(system: vi.System, duration, steps: int = 40, **given) -> vi.Trajectory:
     """A pendulum from rest below to rest above."""
     given = dict(cost=U**2, start=dict(q=[0], v=[0]), end=dict(q=[np.pi], v=[0])) | given
-    return vi.optimal_control(system, given.pop("rule", vi.gauss(4)), duration=duration, steps=steps, **given)
+    return vi.optimal_control(
+        system, given.pop("rule", vi.gauss(4)), duration=duration, steps=steps, **given
+    )
 
 
 def move(rule, steps: int, duration=1.0, **given) -> vi.Trajectory:

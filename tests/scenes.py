@@ -11,10 +11,18 @@ GALERKIN = [vi.gauss(s) for s in range(1, 11)] + [vi.lobatto(s) for s in range(2
 COMPOSITIONS = [
     vi.composition(name)
     for name in (
-        "verlet", "yoshida4", "yoshida6", "yoshida8", "suzuki4", "blanes-moan4", "blanes-moan6", "kahan-li6",
-        "kahan-li8", "sofroniou-spaletta10",
+        "verlet",
+        "yoshida4",
+        "yoshida6",
+        "yoshida8",
+        "suzuki4",
+        "blanes-moan4",
+        "blanes-moan6",
+        "kahan-li6",
+        "kahan-li8",
+        "sofroniou-spaletta10",
     )
-]  # fmt: skip
+]
 
 
 def pendulum() -> vi.System:
@@ -46,19 +54,41 @@ def cart_pendulum() -> vi.System:
 def driven_damped() -> vi.System:
     """A force that depends on velocity and time, and a Lagrangian that depends on time."""
     q, v, t = *vi.coordinates("a", "b"), vi.time()
-    lagrangian = (v[0] ** 2 + (1 + q[0] ** 2) * v[1] ** 2) / 2 + ca.cos(q[0]) * (1 + ca.sin(2 * t) / 2) - q[1] ** 2
+    lagrangian = (
+        (v[0] ** 2 + (1 + q[0] ** 2) * v[1] ** 2) / 2
+        + ca.cos(q[0]) * (1 + ca.sin(2 * t) / 2)
+        - q[1] ** 2
+    )
     force = ca.vertcat(-0.3 * v[0] + ca.cos(3 * t), -0.1 * v[1] ** 3 + 0.2 * q[0])
     return vi.System(q, v, lagrangian, force=force, t=t)
 
 
 def end_error(motion: vi.Trajectory, exact: vi.Trajectory) -> tuple[float, float]:
     """Largest error of q and of p at the last node."""
-    return float(np.abs(motion.q[-1] - exact.q[-1]).max()), float(np.abs(motion.p[-1] - exact.p[-1]).max())
+    return float(np.abs(motion.q[-1] - exact.q[-1]).max()), float(
+        np.abs(motion.p[-1] - exact.p[-1]).max()
+    )
 
 
 def slopes(steps: list[int], errors: np.ndarray, floor: float) -> np.ndarray:
-    """Observed orders from the three finest step numbers whose errors lie above the round-off floor."""
+    """Observed orders from the three finest step numbers whose errors lie above the round-off
+    floor.
+    """
     good = [i for i in range(len(steps)) if (errors[i] > floor).all()][-3:]
     assert len(good) == 3, f"fewer than three errors above the floor {floor}: {errors}"
     x, y = np.log([steps[i] for i in good]), np.log(errors[good])
     return -np.array([np.polyfit(x, column, 1)[0] for column in y.T])
+
+
+def rocking() -> vi.System:
+    """Two balls and a floor: impacts, bodies that come to rest and contacts that hold."""
+    q, v = vi.coordinates("x", "y", "z")
+    gaps = ca.vertcat(q[1], q[2] - q[1], 2.0 - q[0])
+    fall = ca.sumsqr(v) / 2 - 9.81 * (q[1] + q[2]) - 0.3 * q[0] ** 2
+    return vi.System(q, v, fall, contact=gaps, restitution=[0.5, 0.8, 1.0])
+
+
+def cartesian_pendulum(gravity=9.81) -> vi.System:
+    """A bob on a rod, in Cartesian coordinates."""
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 - gravity * q[1], constraint=ca.sumsqr(q) - 1)

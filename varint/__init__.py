@@ -4,16 +4,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError, InputError, SolverError, VarintError
-from varint.parameters import Parameters
-from varint.rules import Rule, composition, gauss, lobatto, midpoint, trapezoidal
-from varint.system import System, coordinates, time
+from varint.numerics.files import VERSION
+from varint.rules.rule import Rule, composition, gauss, lobatto, midpoint, trapezoidal
+from varint.scene.parameters import Parameters
+from varint.scene.system import System, coordinates, time
 
 if TYPE_CHECKING:
     from varint import diagnostics, models
-    from varint.archive import load
     from varint.boundary.derivatives import action_derivatives
     from varint.boundary.families import paths
     from varint.boundary.least_action import least_action
+    from varint.control.controller import Controller
     from varint.control.links import Link
     from varint.control.lqr import lqr
     from varint.control.mpc import closed_loop, mpc
@@ -21,64 +22,111 @@ if TYPE_CHECKING:
     from varint.control.optimal import optimal_control, optimal_phases
     from varint.control.phase import Phase
     from varint.control.refine import refine
+    from varint.discrete.projection import project
+    from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
     from varint.ensembles.result import Ensemble
-    from varint.geodesics import geodesic
-    from varint.horizon import free
-    from varint.projection import project
-    from varint.sketch import Sketch
-    from varint.stepping.plan import Plan, plan
-    from varint.stepping.simulate import simulate
-    from varint.stepping.step_function import step_function
-    from varint.stepping.time_scale import close_encounters
-    from varint.stepping.two_point import start_momentum
-    from varint.symmetry import Symmetries, Symmetry, noether, symmetries
-    from varint.trajectory import State, Trajectory
+    from varint.integration.plan import Plan, plan
+    from varint.integration.simulate import simulate
+    from varint.integration.start_momentum import start_momentum
+    from varint.integration.step_function import step_function
+    from varint.integration.time_transformation.time_scale import close_encounters
+    from varint.load import load
+    from varint.results.records import State
+    from varint.results.trajectory import Trajectory
+    from varint.scene.free import free
+    from varint.scene.geodesic import geodesic
+    from varint.symmetry.noether import noether, symmetries
+    from varint.symmetry.symmetry import Symmetry
+    from varint.symmetry.table import Symmetries
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 __all__ = [
-    "ConvergenceError", "Ensemble", "InputError", "Link", "Parameters", "Phase", "Plan", "Rule", "Sketch",
-    "SolverError", "State", "Symmetries", "Symmetry", "System", "Trajectory", "VarintError", "action_derivatives",
-    "close_encounters", "closed_loop", "composition", "coordinates", "diagnostics", "ensemble", "free", "gauss",
-    "geodesic", "least_action", "load", "lobatto", "lqr", "midpoint", "models", "mpc", "multistart", "noether",
-    "optimal_control", "optimal_phases", "paths", "plan", "project", "refine", "simulate", "start_momentum",
-    "step_function", "symmetries", "time", "trapezoidal",
-]  # fmt: skip
+    "Controller",
+    "ConvergenceError",
+    "Ensemble",
+    "InputError",
+    "Link",
+    "Parameters",
+    "Phase",
+    "Plan",
+    "Rule",
+    "Sketch",
+    "SolverError",
+    "State",
+    "Symmetries",
+    "Symmetry",
+    "System",
+    "Trajectory",
+    "VarintError",
+    "action_derivatives",
+    "close_encounters",
+    "closed_loop",
+    "composition",
+    "coordinates",
+    "diagnostics",
+    "ensemble",
+    "free",
+    "gauss",
+    "geodesic",
+    "least_action",
+    "load",
+    "lobatto",
+    "lqr",
+    "midpoint",
+    "models",
+    "mpc",
+    "multistart",
+    "noether",
+    "optimal_control",
+    "optimal_phases",
+    "paths",
+    "plan",
+    "project",
+    "refine",
+    "simulate",
+    "start_momentum",
+    "step_function",
+    "symmetries",
+    "time",
+    "trapezoidal",
+]
 
 # loaded when first named: nobody pays for what he does not use
 _LATER = {
     "Ensemble": "varint.ensembles.result",
+    "Controller": "varint.control.controller",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
-    "Plan": "varint.stepping.plan",
-    "Sketch": "varint.sketch",
-    "State": "varint.trajectory",
-    "Symmetries": "varint.symmetry",
-    "Symmetry": "varint.symmetry",
-    "Trajectory": "varint.trajectory",
+    "Plan": "varint.integration.plan",
+    "Sketch": "varint.drawing.sketch",
+    "State": "varint.results.records",
+    "Symmetries": "varint.symmetry.table",
+    "Symmetry": "varint.symmetry.symmetry",
+    "Trajectory": "varint.results.trajectory",
     "action_derivatives": "varint.boundary.derivatives",
-    "close_encounters": "varint.stepping.time_scale",
+    "close_encounters": "varint.integration.time_transformation.time_scale",
     "closed_loop": "varint.control.mpc",
     "ensemble": "varint.ensembles.ensemble",
-    "free": "varint.horizon",
-    "geodesic": "varint.geodesics",
+    "free": "varint.scene.free",
+    "geodesic": "varint.scene.geodesic",
     "least_action": "varint.boundary.least_action",
-    "load": "varint.archive",
+    "load": "varint.load",
     "lqr": "varint.control.lqr",
     "mpc": "varint.control.mpc",
     "multistart": "varint.control.multistart",
-    "noether": "varint.symmetry",
+    "noether": "varint.symmetry.noether",
     "optimal_control": "varint.control.optimal",
     "optimal_phases": "varint.control.optimal",
     "paths": "varint.boundary.families",
-    "plan": "varint.stepping.plan",
-    "project": "varint.projection",
+    "plan": "varint.integration.plan",
+    "project": "varint.discrete.projection",
     "refine": "varint.control.refine",
-    "simulate": "varint.stepping.simulate",
-    "start_momentum": "varint.stepping.two_point",
-    "step_function": "varint.stepping.step_function",
-    "symmetries": "varint.symmetry",
+    "simulate": "varint.integration.simulate",
+    "start_momentum": "varint.integration.start_momentum",
+    "step_function": "varint.integration.step_function",
+    "symmetries": "varint.symmetry.noether",
 }
 _LATER_MODULES = ("diagnostics", "models")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -11,13 +12,23 @@ T = TypeVar("T")
 class VarintError(Exception):
     """Base of every error that varint raises on purpose."""
 
+    def __reduce__(self) -> tuple:
+        """To another process it travels with all that is attached, trajectories included."""
+        return _restored, (type(self), self.args), self.__dict__
+
+
+def _restored(kind: type[VarintError], args: tuple) -> VarintError:
+    return kind.__new__(kind, *args)
+
 
 class InputError(VarintError, ValueError):
     """The input cannot describe the problem: wrong shape, name, value or combination."""
 
 
 class StepRefused(InputError):
-    """What makes a step impossible; at the start it is the input's fault, later `ConvergenceError` takes its place."""
+    """What makes a step impossible; at the start it is the input's fault, later
+    `ConvergenceError` takes its place.
+    """
 
 
 class ConvergenceError(VarintError, RuntimeError):
@@ -38,18 +49,23 @@ class ConvergenceError(VarintError, RuntimeError):
     """
 
     def __init__(
-        self, message: str, *, step: int, time: float, residual: float, trajectory: Any = None, cause: str = ""
+        self,
+        message: str,
+        *,
+        step: int,
+        time: float,
+        residual: float,
+        trajectory: Any = None,
+        cause: str = "",
     ):
         super().__init__(message)
-        self.step, self.time, self.residual, self.trajectory, self.cause = step, time, residual, trajectory, cause
-
-    def __reduce__(self) -> tuple:
-        """To another process it travels without its trajectory, whose functions cannot be pickled."""
-        return _convergence_error, (str(self), self.step, self.time, self.residual, self.cause)
-
-
-def _convergence_error(message: str, step: int, time: float, residual: float, cause: str) -> ConvergenceError:
-    return ConvergenceError(message, step=step, time=time, residual=residual, cause=cause)
+        self.step, self.time, self.residual, self.trajectory, self.cause = (
+            step,
+            time,
+            residual,
+            trajectory,
+            cause,
+        )
 
 
 class SolverError(VarintError, RuntimeError):
@@ -67,18 +83,27 @@ class SolverError(VarintError, RuntimeError):
         super().__init__(message)
         self.status, self.iterate = status, iterate
 
-    def __reduce__(self) -> tuple:
-        """To another process it travels without its iterate."""
-        return _solver_error, (str(self), self.status)
 
-
-def _solver_error(message: str, status: str) -> SolverError:
-    return SolverError(message, status=status)
-
-
-def converted(make: Callable[[], T], complaint: Callable[[], str]) -> T:
-    """What `make` makes of a user's input; where NumPy, CasADi or Python cannot, the complaint takes their place."""
+def parsed_or_refused(make: Callable[[], T], complaint: Callable[[], str]) -> T:
+    """What `make` makes of a user's input; where NumPy, CasADi or Python cannot, the complaint
+    takes their place.
+    """
     try:
         return make()
     except (TypeError, ValueError, RuntimeError, NotImplementedError, OverflowError):
         raise InputError(complaint()) from None
+
+
+def renamed_attribute(old: str, new: str) -> property:
+    """The old name of an attribute, which works for one more release."""
+
+    def value(self: Any) -> Any:
+        warnings.warn(
+            f"{type(self).__name__}.{old} is called {new} now; the old name goes with the next "
+            "release",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return getattr(self, new)
+
+    return property(value, doc=f"Old name of `{new}`.")

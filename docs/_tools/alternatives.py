@@ -1,4 +1,6 @@
-"""Sphinx extension: a picture without words for those who do not see it is a warning, and so an error."""
+"""Sphinx extension: a picture without words for those who do not see it is a warning, and so an
+error.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,11 @@ ALT = re.compile(r'\balt="([^"]*)"')
 
 def wordless(doctree: nodes.document) -> list[str]:
     """Pictures of a page that have no description, or next to none."""
-    found = [image["uri"] for image in doctree.findall(nodes.image) if len(image.get("alt", "")) < SHORTEST]
+    found = [
+        image["uri"]
+        for image in doctree.findall(nodes.image)
+        if len(image.get("alt", "")) < SHORTEST
+    ]
     for raw in doctree.findall(nodes.raw):
         for tag in RAW.findall(raw.astext()):
             words = ALT.search(tag)

@@ -1,4 +1,6 @@
-"""The benchmark page: what `python3 tasks.py bench` left in benchmarks/results, with machine and date."""
+"""The benchmark page: what `python3 tasks.py bench` left in benchmarks/results, with machine and
+date.
+"""
 
 from __future__ import annotations
 
@@ -30,38 +32,46 @@ class Benchmark:
 KNOWN = {
     "work_precision": Benchmark(
         "Run time against error",
-        "Each tool is tried over a grid of its options; the cheapest setting that reaches an error is timed again, all "
-        "tools taking turns in one process. Set-up (building, compiling) is not in the times.",
+        "Each tool is tried over a grid of its options; the cheapest setting that reaches an "
+        "error is timed again, all tools taking turns in one process. Set-up (building, "
+        "compiling) is not in the times.",
     ),
     "optimal_control": Benchmark(
         "Optimal control",
-        "Kelly's cart-pole: error of the cost against the time to build and solve, beside collocations written by hand "
-        "in CasADi, and rockit and opty where they are installed (opty's time includes its compiler's).",
+        "Kelly's cart-pole: error of the cost against the time to build and solve, beside "
+        "collocations written by hand in CasADi, and rockit and opty where they are installed "
+        "(opty's time includes its compiler's).",
     ),
     "optimal_control_assembly": Benchmark(
         "Assembly of large control problems",
-        "Cart with 4 links, 2000 steps, 12,015 unknowns: one interval differentiated, interpreted and compiled (from "
-        "the cache), beside CasADi's derivatives of a `map` over the intervals.",
+        "Cart with 4 links, 2000 steps, 12,015 unknowns: one interval differentiated, interpreted "
+        "and compiled (from the cache), beside CasADi's derivatives of a `map` over the "
+        "intervals.",
     ),
     "optimal_control_solvers": Benchmark(
         "Solvers of control problems", "Ipopt on the plain program, Fatrop on the chain of stages."
     ),
     "least_action": Benchmark(
-        "Paths between fixed end points", "`least_action` beside SciPy's `solve_bvp`, from the same straight line."
+        "Paths between fixed end points",
+        "`least_action` beside SciPy's `solve_bvp`, from the same straight line.",
     ),
     "ensemble": Benchmark(
-        "Ensembles", "Ten thousand pendulums in one call of `ensemble`, and in a loop of `simulate`."
+        "Ensembles",
+        "Ten thousand pendulums in one call of `ensemble`, and in a loop of `simulate`.",
     ),
     "chain_scaling": Benchmark("Length of a chain", "Cost of a step over the number of rods."),
     "specialisations": Benchmark(
         "What is skipped",
-        "A scene beside the same scene with one property hidden from the plan, so that it runs in full.",
+        "A scene beside the same scene with one property hidden from the plan, so that it runs in "
+        "full.",
     ),
-    "startup": Benchmark("Start-up", "What comes before the first step, and what a call costs besides its steps."),
+    "startup": Benchmark(
+        "Start-up", "What comes before the first step, and what a call costs besides its steps."
+    ),
     "long_run": Benchmark(
         "Long runs",
-        "Round-off and drift over very many steps. Drift is the relative change of windowed means over the run, beside "
-        "its standard error.",
+        "Round-off and drift over very many steps. Drift is the relative change of windowed means "
+        "over the run, beside its standard error.",
     ),
     "stress": Benchmark("Stress", "Scenes that break integrators, and what of each survives."),
 }
@@ -74,9 +84,13 @@ writes `benchmarks/results/*.json`, from which this page is made. Your own scene
 
 
 def write(path: Path, results: Path = RESULTS) -> None:
-    """One section per result file, known ones first in reading order; what was not measured is said."""
+    """One section per result file, known ones first in reading order; what was not measured is
+    said.
+    """
     found = {file.stem: file for file in sorted(results.glob("*.json"))}
-    names = [name for name in KNOWN if name in found] + [name for name in found if name not in KNOWN]
+    names = [name for name in KNOWN if name in found] + [
+        name for name in found if name not in KNOWN
+    ]
     (path.parent / "_build").mkdir(exist_ok=True, parents=True)
     parts = [HEAD, *(_file(found[name], path.parent) for name in names)]
     missing = [f"`{name}`" for name in KNOWN if name not in found]
@@ -88,7 +102,11 @@ def write(path: Path, results: Path = RESULTS) -> None:
 def _file(file: Path, source: Path) -> str:
     result = json.loads(file.read_text(encoding="utf-8"))
     about = KNOWN.get(file.stem, Benchmark(_words(file.stem).capitalize(), ""))
-    lines = [f"## {about.title}\n", about.words, f"\n{_measured(result)} (`benchmarks/results/{file.name}`)\n"]
+    lines = [
+        f"## {about.title}\n",
+        about.words,
+        f"\n{_measured(result)} (`benchmarks/results/{file.name}`)\n",
+    ]
     if "scenes" in result:
         return "\n".join([*lines, *_scenes(result, file.stem, source)])
     if file.with_suffix(".png").exists():
@@ -101,7 +119,12 @@ def _measured(result: dict[str, Any]) -> str:
     """When, on what and with which versions."""
     about = result.get("measured_with", {})
     cores = f"{about['cores']} cores" if "cores" in about else None
-    place = [about.get("processor"), about.get("machine"), cores, about.get("date", "date not recorded")]
+    place = [
+        about.get("processor"),
+        about.get("machine"),
+        cores,
+        about.get("date", "date not recorded"),
+    ]
     rest = set(about) - {"processor", "machine", "cores", "date"}
     versions = [f"{name} {about[name]}" for name in about if name in rest]
     return f"Measured on {', '.join(str(x) for x in [*place, *versions] if x)}."
@@ -109,28 +132,45 @@ def _measured(result: dict[str, Any]) -> str:
 
 def _scenes(result: dict[str, Any], name: str, source: Path) -> list[str]:
     """Work and precision of several scenes: the figure, the ratios, and every scene's times."""
-    import fronts
     import matplotlib.pyplot as plt
+    from tools import fronts
 
     scenes = result["scenes"]
     fronts.figure(result).savefig(source / "_build" / f"{name}.png", dpi=110)
     plt.close("all")
-    words = "Run time over error of varint and other tools, one panel a scene: of each tool the cheapest settings"
+    words = (
+        "Run time over error of varint and other tools, one panel a scene: of each tool the "
+        "cheapest settings"
+    )
     lines = _picture(name, words)
     for measure, what in MEASURES.items():
         rows = [row for row in result.get("ratios", []) if row.get("measure", "q") == measure]
         if rows:
             ratios = {(row["scene"], row["wanted"]): row["ratio"] for row in rows}
             wanted = sorted({error for _, error in ratios}, reverse=True)
-            lines.append(f"\nvarint's run time over that of the best general-purpose tool at equal {what}:\n")
-            lines += _table([{"scene": s} | {f"{e:.0e}": ratios.get((s, e), "–") for e in wanted} for s in scenes])
+            lines.append(
+                f"\nvarint's run time over that of the best general-purpose tool at equal {what}:\n"
+            )
+            lines += _table(
+                [
+                    {"scene": s} | {f"{e:.0e}": ratios.get((s, e), "–") for e in wanted}
+                    for s in scenes
+                ]
+            )
     means = result.get("geometric means", {})
     if means:
-        lines.append("Below 1 varint is faster. A dash: one of the two does not reach the error. Geometric means:\n")
+        lines.append(
+            "Below 1 varint is faster. A dash: one of the two does not reach the error. Geometric "
+            "means:\n"
+        )
         lines += [f"- {about}: {mean:.2f}" for about, mean in means.items()]
     lines.append("\nTimes of every tool in ms:\n")
     for scene, measured in scenes.items():
-        lines += [f"<details><summary>{scene}</summary>\n", *_table(_by_tool(measured["rows"])), "\n</details>\n"]
+        lines += [
+            f"<details><summary>{scene}</summary>\n",
+            *_table(_by_tool(measured["rows"])),
+            "\n</details>\n",
+        ]
     return lines
 
 
@@ -139,7 +179,9 @@ def _by_tool(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     tools = sorted({row["tool"] for row in rows}, key=lambda tool: (tool != "varint", tool))
     times = {(row["wanted"], row["tool"]): 1e3 * row["seconds"] for row in rows}
     wanted = sorted({row["wanted"] for row in rows}, reverse=True)
-    return [{"error": f"{e:.0e}"} | {tool: times.get((e, tool), "–") for tool in tools} for e in wanted]
+    return [
+        {"error": f"{e:.0e}"} | {tool: times.get((e, tool), "–") for tool in tools} for e in wanted
+    ]
 
 
 def _picture(name: str, words: str) -> list[str]:
@@ -151,10 +193,16 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
     if not rows or len(rows) > LONGEST:
         return []
     columns = list(
-        dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, (dict, list)))
+        dict.fromkeys(
+            key for row in rows for key, value in row.items() if not isinstance(value, (dict, list))
+        )
     )
     head = ["| " + " | ".join(_words(c) for c in columns) + " |", "|" + "---|" * len(columns)]
-    return head + ["| " + " | ".join(_cell(row.get(c, "–")) for c in columns) + " |" for row in rows] + [""]
+    return (
+        head
+        + ["| " + " | ".join(_cell(row.get(c, "–")) for c in columns) + " |" for row in rows]
+        + [""]
+    )
 
 
 def _words(name: str) -> str:

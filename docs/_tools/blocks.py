@@ -1,4 +1,6 @@
-"""Python blocks of Markdown pages, and how they run: in order, one namespace a page, so what is printed is true."""
+"""Python blocks of Markdown pages, and how they run: in order, one namespace a page, so what is
+printed is true.
+"""
 
 from __future__ import annotations
 
@@ -62,5 +64,8 @@ def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Out
         os.chdir(before)
     words = FIGURE.findall(code)
     if len(words) != len(pictures):
-        raise ValueError(f"{where}: {len(pictures)} figures but {len(words)} lines '# figure: …' to describe them")
+        raise ValueError(
+            f"{where}: {len(pictures)} figures but {len(words)} lines '# figure: …' to describe "
+            "them"
+        )
     return Outcome(printed.getvalue(), tuple(zip(words, pictures, strict=True)))

@@ -1,8 +1,12 @@
-"""The gallery's chapters: examples in reading order, each with its Lagrangian (and what else defines it) in LaTeX."""
+"""The gallery's chapters: examples in reading order, each with its Lagrangian (and what else
+defines it) in LaTeX.
+"""
 
 PENDULUM = r"L = \tfrac12 m\ell^2\dot\theta^2 + m g \ell\cos\theta"
 KEPLER = r"L = \tfrac12 m\,|\dot{\mathbf r}|^2 + \frac{k}{|\mathbf r|}"
-CHARGE = r"L = \tfrac12 m\,|\dot{\mathbf r}|^2 - e\,\bigl(\varphi - \dot{\mathbf r}\cdot\mathbf A\bigr)"
+CHARGE = (
+    r"L = \tfrac12 m\,|\dot{\mathbf r}|^2 - e\,\bigl(\varphi - \dot{\mathbf r}\cdot\mathbf A\bigr)"
+)
 PAIRS = r"L = \tfrac12 \sum_i m_i\,|\dot{\mathbf r}_i|^2 - \sum_{i<j} V_{ij}\bigl(|\mathbf r_i - \mathbf r_j|\bigr)"
 CART_POLE = (
     r"L = \tfrac12 (M + m)\,\dot x^2 + m\ell\,\dot x\dot\theta\cos\theta"
@@ -50,7 +54,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
     "Frames and fields": {
         "rotating_frame": r"L = \tfrac12 m\,|\dot{\mathbf r} + \boldsymbol\Omega\times\mathbf r|^2",
         "charged_particle": CHARGE,
-        "magnetic_mirror": CHARGE + r",\qquad L_{\mathrm{gc}} = (e\mathbf A + m w\,\mathbf b)\cdot\dot{\mathbf r}"
+        "magnetic_mirror": CHARGE
+        + r",\qquad L_{\mathrm{gc}} = (e\mathbf A + m w\,\mathbf b)\cdot\dot{\mathbf r}"
         r" - \tfrac12 m w^2 - \mu B",
         "predator_prey": r"L = \eta\,\dot\xi - H(\xi, \eta)",
     },
@@ -101,6 +106,7 @@ CHAPTERS: dict[str, dict[str, str]] = {
         r"\qquad \frac{d}{dt}\frac{\partial L}{\partial\dot q} - \frac{\partial L}{\partial q}"
         r" = F(u) + G^{\mathsf T}\lambda",
         "control_films": r"\min \sum_k \int \ell(q, \dot q, u)\,dt,\qquad p^+_{k-1} = p^-_k",
-        "mpc_cart_pole": CART_POLE + r",\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{at every step}",
+        "mpc_cart_pole": CART_POLE
+        + r",\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{at every step}",
     },
 }

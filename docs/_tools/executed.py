@@ -1,4 +1,6 @@
-"""Sphinx extension: runs the Python blocks of every page and puts what they print and draw beneath them."""
+"""Sphinx extension: runs the Python blocks of every page and puts what they print and draw
+beneath them.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +9,23 @@ import os
 from logging import getLogger
 from pathlib import Path
 
-from blocks import FIGURE, outcome
+from blocks import FIGURE
 from docutils import nodes
+from page_runs import PageError, outcomes
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-getLogger("matplotlib").setLevel("WARNING")  # Sphinx shows the notes of all loggers, such as each film written
+getLogger("matplotlib").setLevel(
+    "WARNING"
+)  # Sphinx shows the notes of all loggers, such as each film written
 LOG = logging.getLogger(__name__)
 WIDE = 105  # characters
-NOT_HERE = {"still", "script", "illustration"}  # run by the tests, the first two in ways of their own; the last never
+NOT_HERE = {
+    "still",
+    "script",
+    "illustration",
+}  # run by the tests, the first two in ways of their own; the last never
 
 
 class Execute(SphinxTransform):
@@ -25,19 +34,20 @@ class Execute(SphinxTransform):
     default_priority = 210  # before Sphinx collects images
 
     def apply(self, **_: object) -> None:
-        namespace: dict = {"__name__": "page"}
-        for block in list(self.document.findall(nodes.literal_block)):
-            if block.get("language") != "python" or NOT_HERE & set(block.get("classes", ())):
-                continue
-            code = block.astext()
-            where = f"{self.env.docname}, line {block.line}"
-            try:
-                result = outcome(code, namespace, where)
-            except Exception as error:
-                LOG.warning(
-                    f"the block failed: {type(error).__name__}: {error}", location=(self.env.docname, block.line)
-                )
-                return
+        found = self.document.findall(nodes.literal_block)
+        runs = [
+            block
+            for block in found
+            if block.get("language") == "python" and not NOT_HERE & set(block.get("classes", ()))
+        ]
+        codes = [block.astext() for block in runs]
+        try:
+            results = outcomes(codes, self.env.docname, Path(self.env.srcdir) / "_build")
+        except PageError as failed:
+            where = (self.env.docname, runs[failed.block].line)
+            LOG.warning(f"the block failed: {failed}", location=where)
+            return
+        for block, code, result in zip(runs, codes, results, strict=True):
             shown = FIGURE.sub("", code).rstrip()
             block.rawsource = shown
             block.children = [nodes.Text(shown)]
@@ -47,7 +57,9 @@ class Execute(SphinxTransform):
         parent, at = block.parent, block.parent.index(block) + 1
         if result.text.strip():
             wide = any(len(line) > WIDE for line in result.text.splitlines())
-            kind = ["output", "wrapped"] if wide and "──" not in result.text else ["output"]  # tables stay in columns
+            kind = (
+                ["output", "wrapped"] if wide and "──" not in result.text else ["output"]
+            )  # tables stay in columns
             text = nodes.literal_block(result.text, result.text.rstrip(), classes=kind)
             text["language"] = "text"
             parent.insert(at, text)
@@ -57,7 +69,9 @@ class Execute(SphinxTransform):
             at += 1
 
     def _stored(self, png: bytes) -> str:
-        """Path of the picture in the source folder's scratch space, from the root of the documentation."""
+        """Path of the picture in the source folder's scratch space, from the root of the
+        documentation.
+        """
         folder = Path(self.env.srcdir) / "_build" / "figures"
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{hashlib.sha256(png).hexdigest()[:16]}.png"

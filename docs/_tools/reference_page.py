@@ -12,17 +12,41 @@ import varint as vi
 
 ORDER = [
     ("Scenes", ["coordinates", "time", "Parameters", "System"]),
-    ("Rules", ["midpoint", "trapezoidal", "gauss", "lobatto", "composition", "Rule", "plan", "Plan"]),
+    (
+        "Rules",
+        ["midpoint", "trapezoidal", "gauss", "lobatto", "composition", "Rule", "plan", "Plan"],
+    ),
     ("Motion", ["simulate", "project", "step_function", "scale_function"]),
     ("Many at once", ["ensemble", "Ensemble"]),
     ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
-    ("Optimal control", ["optimal_control", "optimal_phases", "Phase", "Link", "refine", "multistart"]),
-    ("Feedback", ["mpc", "closed_loop", "lqr"]),
+    (
+        "Optimal control",
+        ["optimal_control", "optimal_phases", "Phase", "Link", "refine", "multistart"],
+    ),
+    ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
     ("Results", ["Trajectory", "State", "load", "Sketch"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
-]  # fmt: skip
+]
 ERRORS = ["VarintError", "InputError", "ConvergenceError", "SolverError"]
 MODULES = ["diagnostics", "models"]
+
+# what other modules of the package use of a public class, and users need not know
+INTERNAL = {
+    "Ensemble": ("k",),
+    "Rule": (
+        "points",
+        "kicks",
+        "drifts",
+        "degree",
+        "basis",
+        "slopes",
+        "extrapolation",
+        "collocation",
+    ),
+    "Symmetry": ("size", "shared_by"),
+    "System": ("default_vector",),
+    "Trajectory": ("active_sets", "function_of", "evaluated", "sums"),
+}
 
 
 def write(path: Path) -> None:
@@ -33,16 +57,25 @@ def write(path: Path) -> None:
     for title, names in sections:
         there = [name for name in names if name in vi.__all__]
         if there:
-            parts.append(f"{title}\n{'-' * len(title)}\n\n" + "\n".join(_entry("varint", name) for name in there))
+            parts.append(
+                f"{title}\n{'-' * len(title)}\n\n"
+                + "\n".join(_entry("varint", name) for name in there)
+            )
     for module in MODULES:
         members = importlib.import_module(f"varint.{module}")
         parts.append(f"varint.{module}\n{'-' * (7 + len(module))}\n\n{inspect.getdoc(members)}\n\n")
-        parts += [_entry(f"varint.{module}", name) for name in members.__all__ if callable(getattr(members, name))]
+        parts += [
+            _entry(f"varint.{module}", name)
+            for name in members.__all__
+            if callable(getattr(members, name))
+        ]
     write_if_changed(path, "\n".join(parts))
 
 
 def _entry(module: str, name: str) -> str:
     what = getattr(importlib.import_module(module), name)
     if inspect.isclass(what):
-        return f".. autoclass:: {module}.{name}\n   :members:\n"
+        hidden = ", ".join(INTERNAL.get(name, ()))
+        options = "   :members:\n" + (f"   :exclude-members: {hidden}\n" if hidden else "")
+        return f".. autoclass:: {module}.{name}\n{options}"
     return f".. autofunction:: {module}.{name}\n"

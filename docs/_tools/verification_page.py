@@ -1,4 +1,6 @@
-"""The verification page: orders and invariants measured by `varint.diagnostics` with this version, and known limits."""
+"""The verification page: orders and invariants measured by `varint.diagnostics` with this
+version, and known limits.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ class Scene:
     rules: tuple[vi.Rule, ...]
 
 
-SCENES = (  # every family of rules on nonlinear scenes: linear ones super-converge; at steps where an order shows
+# every family of rules on nonlinear scenes: linear ones super-converge; at steps where an order
+# shows
+SCENES = (
     Scene(
         "Double pendulum",
         vi.models.double_pendulum(),
@@ -34,7 +38,9 @@ SCENES = (  # every family of rules on nonlinear scenes: linear ones super-conve
         "Hénon–Heiles",
         vi.models.henon_heiles(),
         0.4,
-        tuple(vi.composition(name) for name in ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")),
+        tuple(
+            vi.composition(name) for name in ("verlet", "blanes-moan4", "blanes-moan6", "kahan-li8")
+        ),
     ),
     Scene(
         "Charge in uniform fields",
@@ -70,8 +76,8 @@ quantity that the rule must keep exactly; reversibility runs there and back.
 
 {tables}
 
-The same properties, and their failure for explicit Euler and RK4, are tests: `tests/test_orders.py`,
-`tests/test_invariants.py`, `tests/test_noether_rules.py`, `tests/test_diagnostics.py`. Your own scene is measured by
+The same properties, and their failure for explicit Euler and RK4, are tests: `tests/integration/test_orders.py`,
+`tests/integration/test_invariants.py`, `tests/symmetry/test_noether_rules.py`, `tests/diagnostics/test_diagnostics.py`. Your own scene is measured by
 
 ```python
 import casadi as ca
@@ -96,8 +102,12 @@ def _table(scene: Scene) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for rule in scene.rules:
-        test = vi.diagnostics.self_test(model.system, rule, q0=model.q0, v0=model.v0, h=scene.h, steps=LONG)
-        kept = [m.drift for m in test.conserved if m.expected is not None and m.symmetry.tau.is_zero()]
+        test = vi.diagnostics.self_test(
+            model.system, rule, q0=model.q0, v0=model.v0, h=scene.h, steps=LONG
+        )
+        kept = [
+            m.drift for m in test.conserved if m.expected is not None and m.symmetry.tau.is_zero()
+        ]
         drifts = {True: "no drift", False: "**drifts**", None: "work is done"}[test.energy.passed]
         rows = test.constraints
         cells = [

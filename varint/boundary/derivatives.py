@@ -1,7 +1,9 @@
-"""Derivatives of the action and of the end momenta of a path: Hamilton's principal function and its second derivatives.
+"""Derivatives of the action and of the end momenta of a path: Hamilton's principal function and its
+second derivatives.
 
-S(q_start, q_end, T) of the discrete paths has ∂S/∂q_end = p_end, ∂S/∂q_start = −p_start, ∂S/∂T = −H exactly (the
-discrete path is stationary); the momenta follow from the path equations by the implicit function theorem.
+S(q_start, q_end, T) of the discrete paths has ∂S/∂q_end = p_end, ∂S/∂q_start = −p_start, ∂S/∂T = −H
+exactly (the discrete path is stationary); the momenta follow from the path equations by the
+implicit function theorem.
 """
 
 from __future__ import annotations
@@ -12,21 +14,22 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.between import step_controls
+from varint.boundary.iterate import Iterate
 from varint.boundary.newton import equilibrated_solver
-from varint.boundary.recovered import interval_paths, require_every_step
-from varint.boundary.result import interval_data
-from varint.boundary.stationary import Iterate, Problem, interval_rows
+from varint.boundary.recovered import interval_paths, require_every_step, step_sizes
+from varint.boundary.stationary import BoundaryValueProblem, interval_data, interval_rows
 from varint.errors import InputError
-from varint.rules import Rule
-from varint.system import System, per_system
-from varint.trajectory import Trajectory
+from varint.numerics.arrays import over_columns
+from varint.results.dense_output import step_controls
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System, per_system
 
 
 @dataclass(frozen=True, eq=False)
 class ActionDerivatives:
-    """Derivatives with respect to ``"q_start"``, ``"q_end"``, ``"duration"`` and each parameter by its name.
+    """Derivatives with respect to ``"q_start"``, ``"q_end"``, ``"duration"`` and each parameter by
+    its name.
 
     Attributes
     ----------
@@ -42,9 +45,11 @@ class ActionDerivatives:
 
 
 def action_derivatives(path: Trajectory) -> ActionDerivatives:
-    """How action and end momenta of a path between fixed ends change with the ends, the duration and the parameters.
+    """How action and end momenta of a path between fixed ends change with the ends, the duration
+    and the parameters.
 
-    ∂S/∂q_end = p_end, ∂S/∂q_start = −p_start, ∂S/∂T = −H (Hamilton and Jacobi; Arnold, Mathematical Methods, §46).
+    ∂S/∂q_end = p_end, ∂S/∂q_start = −p_start, ∂S/∂T = −H (Hamilton and Jacobi; Arnold, Mathematical
+    Methods, §46).
 
     Parameters
     ----------
@@ -70,24 +75,33 @@ def action_derivatives(path: Trajectory) -> ActionDerivatives:
     >>> round(float(change.action["duration"]), 9), round(float(change.p_end["q_end"][0, 0]), 9)
     (-1.125, 0.5)
     """
-    problem, iterate = _again(path)
+    problem, iterate = _restate(path)
     system, n = path.system, path.q.shape[1]
     _, slope = problem.equations.derivatives(problem, iterate)
     size = slope.shape[0]
     by_time, by_parameter, action_by = _partial(problem, iterate, size)
     ends = np.eye(size, 2 * n, 2 * n - size)  # rows q = q_start, q = q_end
-    answer = equilibrated_solver(slope)(np.hstack([ends, -by_time[:, None], -by_parameter]))[-2 * n :]
+    answer = equilibrated_solver(slope)(np.hstack([ends, -by_time[:, None], -by_parameter]))[
+        -2 * n :
+    ]
     if not np.isfinite(answer).all():
-        raise InputError("the end is conjugate to the start: there the momenta are no functions of the ends")
+        raise InputError(
+            "the end is conjugate to the start: there the momenta are no functions of the ends"
+        )
     if not system.structure.forced:
         action_by = np.concatenate([-path.p[0], path.p[-1], action_by])
-    shapes = {"q_start": (n,), "q_end": (n,), "duration": ()} | {k: x.shape for k, x in system.defaults.items()}
+    shapes = {"q_start": (n,), "q_end": (n,), "duration": ()} | {
+        k: x.shape for k, x in system.defaults.items()
+    }
     cuts = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])[:-1]
 
     def by_name(values: np.ndarray) -> dict[str, np.ndarray]:
         found = {}
-        for (name, shape), part in zip(shapes.items(), np.split(values, cuts, axis=-1), strict=True):
-            part = part.reshape((*values.shape[:-1], *shape[::-1]))  # matrices stand column after column
+        for (name, shape), part in zip(
+            shapes.items(), np.split(values, cuts, axis=-1), strict=True
+        ):
+            # matrices stand column after column
+            part = part.reshape((*values.shape[:-1], *shape[::-1]))
             found[name] = part.swapaxes(-1, -2) if len(shape) == 2 else part
         return found
 
@@ -98,30 +112,43 @@ def action_derivatives(path: Trajectory) -> ActionDerivatives:
     )
 
 
-def _again(path: Trajectory) -> tuple[Problem, Iterate]:
+def _restate(path: Trajectory) -> tuple[BoundaryValueProblem, Iterate]:
     """The boundary value problem between fixed ends that the trajectory solves."""
     system, steps = path.system, len(path) - 1
     if system.structure.constraints or system.structure.nonholonomic or system.structure.contacts:
-        raise InputError("derivatives of the action are for scenes without constraints: use independent coordinates")
+        raise InputError(
+            "derivatives of the action are for scenes without constraints: use independent "
+            "coordinates"
+        )
     if system.structure.degenerate:
         raise InputError("the Lagrangian is degenerate: the ends do not determine a path")
     require_every_step(path)
-    found = interval_paths(path, np.arange(steps), np.full(steps, path.h), None)
+    found = interval_paths(path, np.arange(steps), step_sizes(path), None)
     d = found.increments.shape[1]
     u = step_controls(path, path.k[:-1], np.ones(steps))
-    problem = Problem(system, path.rule, steps, float(path.t[0]), u, path.c, path.q[[0, -1]])
+    grid = np.arange(steps + 1.0)
+    if path.sizes is not None:
+        grid = np.append(0.0, np.cumsum(path.sizes)) * (steps / path.duration)
+    problem = BoundaryValueProblem(
+        system, path.rule, grid, float(path.t[0]), u, path.c, path.q[[0, -1]]
+    )
     lam = np.zeros((steps * d + 1, 0))
     return problem, Iterate(path.q[:-1], found.increments, lam, path.p[[0, -1]], path.duration)
 
 
-def _partial(problem: Problem, iterate: Iterate, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _partial(
+    problem: BoundaryValueProblem, iterate: Iterate, size: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """∂rows/∂T (size,), ∂rows/∂c (size, parameters), ∂S/∂(T, c) at fixed control points."""
     steps, d, n = iterate.increments.shape
-    _, slopes = over_columns(_partial_function(problem.system, problem.rule), *interval_data(problem, iterate))
+    _, slopes = over_columns(
+        _partial_function(problem.system, problem.rule), *interval_data(problem, iterate)
+    )
     count = (d + 1) * n
     slopes = slopes.reshape(steps, -1, count + 1).transpose(0, 2, 1)  # columns h, t, c
-    share, k = 1 / steps, np.arange(steps)[:, None]
-    by = np.concatenate([(share * (slopes[:, :, 0] + k * slopes[:, :, 1]))[:, :, None], slopes[:, :, 2:]], axis=2)
+    own, begin = problem.sizes[:, None], problem.grid[:-1, None]
+    by_time = (own * slopes[:, :, 0] + begin * slopes[:, :, 1]) / steps
+    by = np.concatenate([by_time[:, :, None], slopes[:, :, 2:]], axis=2)
     rows = np.zeros((size, by.shape[2]))
     np.add.at(rows, np.arange(steps)[:, None] * d * n + np.arange(count), by[:, :count])
     return rows[:, 0], rows[:, 1:], by[:, count].sum(axis=0)

@@ -1,55 +1,67 @@
-"""Several paths between the same end points: many starts, many winding numbers, each solution once."""
+"""Several paths between the same end points: many starts, many winding numbers, each solution
+once.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from varint.boundary.least_action import least_action
-from varint.errors import InputError, SolverError, converted
-from varint.horizon import Free
-from varint.parameters import finite_array, generator, guesses_of, whole
-from varint.rules import Rule
-from varint.stepping.initial import vector
-from varint.system import System, require_system
-from varint.trajectory import Trajectory
+from varint.boundary.problem import start_of
+from varint.errors import InputError, SolverError, parsed_or_refused
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.free import Free
+from varint.scene.inputs import finite_array, generator, guesses_of, positive_integer, vector
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System, require_system
 
 WAVES = 4  # sines in a trial path: half a period to two
 SAME = 1e-6  # of the range of a path: two solutions this close are one
-NODES = 33  # of a trial path
+NODES = 33  # of a trial path, for every turn
+WAVY = 0.3  # radians, or of the distance: a way round the origin keeps its number of turns
+ALIGNED = 1e-9  # sine of an angle: directions this close leave their plane open
 
 
 def paths(
     system: System,
     rule: Rule | None = None,
     *,
-    q_start: Any,
+    q0: Any = None,
+    q_start: Any = None,
     q_end: Any,
     duration: float | Free | None = None,
-    steps: int,
+    steps: int | None = None,
+    tol: float | None = None,
     starts: int | Sequence[Any] = 20,
-    winding: Mapping[str, Iterable[int]] | None = None,
+    winding: Mapping[Any, Iterable[int]] | None = None,
     spread: Any = None,
     seed: int = 0,
     t0: float = 0.0,
     u: Any = None,
-    params: Mapping[str, Any] | None = None,
+    params: ParameterValues | None = None,
     bounds: Sequence[tuple[Any, Any, Any]] | None = None,
     energy: float | None = None,
 ) -> list[Trajectory]:
-    """Paths of stationary action between the same end points, sorted by action: ∂S_d = 0 from many first paths.
+    """Paths of stationary action between the same end points, sorted by action: ∂S_d = 0 from many
+    first paths.
 
     Parameters
     ----------
-    system, rule, q_start, q_end, duration, steps, t0, u, params, bounds, energy
+    system, rule, q0, q_start, q_end, duration, steps, tol, t0, u, params, bounds, energy
         As for `least_action`.
     starts : int or sequence of guesses
-        Number of first paths (the straight line, then the line with random sines added), or the guesses themselves.
-    winding : dict of coordinate name and whole numbers, optional
-        Turns added to the end of angles: ``{"theta": range(-2, 3)}`` looks for paths to q_end + 2π k as well.
+        Number of first paths (the straight line, then the line with random sines added), or the
+        guesses themselves.
+    winding : dict of coordinate names and whole numbers, optional
+        Turns added to the end of angles: ``{"theta": range(-2, 3)}`` looks for paths to q_end + 2π
+        k as well. Of Cartesian coordinates of a place, two or three names: first paths go round the
+        origin, ``{("x", "y"): range(-2, 2)}`` to the end's direction plus 2π k, in the plane of
+        both ends and the origin; 0 is the first way forwards, −1 the first way backwards.
     spread : float or array (n,), optional
         Size of the sines. Default: the distance between the ends, at least 1.
     seed : int
@@ -73,23 +85,38 @@ def paths(
     >>> import varint as vi
     >>> q, v = vi.coordinates("theta")
     >>> pendulum = vi.System(q, v, v**2 / 2 + ca.cos(q))
-    >>> found = vi.paths(pendulum, vi.gauss(3), q_start=0.0, q_end=1.0, duration=5.0, steps=40, starts=10)
+    >>> found = vi.paths(
+    ...     pendulum, vi.gauss(3), q0=0.0, q_end=1.0, duration=5.0, steps=40, starts=10)
     >>> [path.morse_index for path in found]
     [0, 0, 1]
     """
     require_system(system)
     n, names = system.structure.n, system.names
-    start, end = vector("q_start", q_start, n, names), vector("q_end", q_end, n, names)
+    q0 = start_of(q0, q_start)
+    if q0 is None:
+        raise InputError("give q0, where the paths begin")
+    start, end = vector("q0", q0, n, names), vector("q_end", q_end, n, names)
     found: list[Trajectory] = []
     failure: SolverError | None = None
-    for turns in _turns(winding, names):
-        goal = end + 2 * np.pi * turns
-        for guess in _guesses(starts, start, goal, spread, seed):
+    for angles, rounds in _turns(winding, names):
+        goal = end + 2 * np.pi * angles
+        for guess in _guesses(starts, start, goal, rounds, spread, seed):
             try:
                 path = least_action(
-                    system, rule, q_start=start, q_end=goal, duration=duration, steps=steps, t0=t0, guess=guess, u=u,
-                    params=params, bounds=bounds, energy=energy,
-                )  # fmt: skip
+                    system,
+                    rule,
+                    q0=start,
+                    q_end=goal,
+                    duration=duration,
+                    steps=steps,
+                    tol=tol,
+                    t0=t0,
+                    guess=guess,
+                    u=u,
+                    params=params,
+                    bounds=bounds,
+                    energy=energy,
+                )
             except SolverError as error:
                 failure = error
                 continue
@@ -100,45 +127,122 @@ def paths(
     return sorted(found, key=lambda path: path.action)
 
 
-def _turns(winding: Mapping[str, Iterable[int]] | None, names: tuple[str, ...]) -> list[np.ndarray]:
-    """Whole turns of all coordinates, every combination."""
+class Round(NamedTuple):
+    """Turns of a place, `coordinates` of q, round the origin."""
+
+    coordinates: tuple[int, ...]
+    turns: int
+
+
+def _turns(
+    winding: Mapping[Any, Iterable[int]] | None, names: tuple[str, ...]
+) -> list[tuple[np.ndarray, list[Round]]]:
+    """Whole turns of all angles, and of all places, every combination."""
     winding = {} if winding is None else winding
     if not isinstance(winding, Mapping):
-        raise InputError(f"winding must be a dictionary such as {{{names[0]!r}: range(-2, 3)}}, got {winding!r}")
-    unknown = sorted(map(str, set(winding) - set(names)))
+        raise InputError(
+            f"winding must be a dictionary such as {{{names[0]!r}: range(-2, 3)}}, got {winding!r}"
+        )
+    keys = [key if isinstance(key, tuple) else (key,) for key in winding]
+    unknown = sorted({str(name) for key in keys for name in key} - set(names))
     if unknown:
         raise InputError(f"winding names {unknown}; the coordinates are {list(names)}")
-    choices = converted(
-        lambda: [list(winding.get(name, [0])) for name in names],
+    if any(len(key) not in (1, 2, 3) or len(set(key)) < len(key) for key in keys):
+        raise InputError(
+            "winding takes the name of an angle, or the two or three names of the Cartesian "
+            f"coordinates of a place, got {list(winding)}"
+        )
+    choices = parsed_or_refused(
+        lambda: [list(choice) for choice in winding.values()],
         lambda: f"winding takes a list of whole numbers for each coordinate, got {dict(winding)}",
     )
     if not all(isinstance(k, (int, np.integer)) for choice in choices for k in choice):
         raise InputError(f"winding numbers are whole numbers, got {dict(winding)}")
-    return [np.array(turns, dtype=float) for turns in itertools.product(*choices)]
+    every = []
+    for turns in itertools.product(*choices):
+        angles, rounds = np.zeros(len(names)), []
+        for key, count in zip(keys, turns, strict=True):
+            index = tuple(names.index(name) for name in key)
+            if len(key) == 1:
+                angles[index[0]] = count
+            else:
+                rounds.append(Round(index, int(count)))
+        every.append((angles, rounds))
+    return every
 
 
-def _guesses(starts: int | Sequence[Any], start: np.ndarray, end: np.ndarray, spread: Any, seed: int) -> list[Any]:
-    """First paths: the user's own, or the straight line with random sines that vanish at the ends."""
+def _guesses(
+    starts: int | Sequence[Any],
+    start: np.ndarray,
+    end: np.ndarray,
+    rounds: Sequence[Round],
+    spread: Any,
+    seed: int,
+) -> list[Any]:
+    """First paths: the user's own, or the straight line (round the origin where it winds) with
+    random sines that vanish at the ends.
+    """
     if not isinstance(starts, (int, np.integer)):
         return guesses_of(starts)
-    starts = whole("starts", starts)
+    starts = positive_integer("starts", starts)
     size = np.maximum(np.abs(end - start), 1.0) if spread is None else _sizes(spread, start.shape)
-    random, s = generator(seed), np.linspace(0, 1, NODES)
+    random = generator(seed)
+    turns = max((abs(one.turns) + 1 for one in rounds), default=1)
+    s, wave = np.linspace(0, 1, (NODES - 1) * turns + 1), np.arange(1, WAVES + 1)
     line = start + s[:, None] * (end - start)
-    wave = np.arange(1, WAVES + 1)
     sines = np.sin(np.pi * np.outer(s, wave)) / np.sqrt(wave)
-    return [line, *(line + sines @ (size * random.standard_normal((WAVES, len(start)))) for _ in range(starts - 1))]
+    guesses = []
+    for number in range(starts):
+        waves = sines @ random.standard_normal((WAVES, len(start))) if number else 0 * line
+        guess = line + waves * size
+        for one in rounds:
+            index = list(one.coordinates)
+            guess[:, index] = _round_path(start[index], end[index], one.turns, s, waves[:, index])
+        guesses.append(guess)
+    return guesses
+
+
+def _round_path(
+    start: np.ndarray, end: np.ndarray, turns: int, s: np.ndarray, waves: np.ndarray
+) -> np.ndarray:
+    """A way round the origin, (len(s), 2 or 3), its distance and direction wavy: a spiral whose
+    distance is multiplied by exp(wave) and whose angle is shifted by another wave.
+    """
+    first, last = np.linalg.norm(start), np.linalg.norm(end)
+    if not first * last > 0:
+        raise InputError("a path winds round the origin, so neither of its ends may lie there")
+    ahead = start / first
+    side = end - (end @ ahead) * ahead
+    if np.linalg.norm(side) <= ALIGNED * last:  # any plane through a line will do
+        side = np.eye(len(start))[np.argmin(np.abs(ahead))]
+        side = side - (side @ ahead) * ahead
+    side = side / np.linalg.norm(side)
+    if len(start) == 2:  # counterclockwise, from the first coordinate named to the second
+        side = np.array([-ahead[1], ahead[0]])
+    whole = np.arctan2(end @ side, end @ ahead) % (2 * np.pi) + 2 * np.pi * turns
+    angle = s * whole + WAVY * waves[:, 0]
+    distance = first ** (1 - s) * last**s * np.exp(WAVY * waves[:, 1])
+    return distance[:, None] * (np.outer(np.cos(angle), ahead) + np.outer(np.sin(angle), side))
 
 
 def _sizes(spread: Any, shape: tuple[int, ...]) -> np.ndarray:
-    return converted(
+    return parsed_or_refused(
         lambda: np.broadcast_to(finite_array("spread", spread), shape),
-        lambda: f"spread must be one number or one for each of {shape[0]} coordinates, got {spread!r}",
+        lambda: (
+            f"spread must be one number or one for each of {shape[0]} coordinates, got {spread!r}"
+        ),
     )
 
 
 def _same(a: Trajectory, b: Trajectory) -> bool:
-    """Whether two paths agree at all nodes (and last equally long)."""
-    size = max(float(np.ptp(a.q, axis=0).max()), np.finfo(float).tiny)
-    apart = max(float(np.abs(a.q - b.q).max()) / size, abs(a.duration / b.duration - 1))
-    return apart <= SAME
+    """Whether two paths from the same start are one, as far as their errors tell: with steps of
+    their own they agree where their start momenta and durations do, else where all nodes do.
+    """
+    if a.sizes is None and b.sizes is None and len(a) == len(b):
+        size = max(float(np.ptp(a.q, axis=0).max()), np.finfo(float).tiny)
+        apart, allowed = float(np.abs(a.q - b.q).max()) / size, SAME
+    else:
+        size = max(float(np.abs(a.p).max()), np.finfo(float).tiny)
+        apart = float(np.abs(a.p[0] - b.p[0]).max()) / size
+        allowed = max(SAME, *(2 * path.stats["error_estimate"] for path in (a, b)))
+    return max(apart, abs(a.duration / b.duration - 1)) <= allowed

@@ -1,7 +1,8 @@
 """Newton's method for a whole path, damped by the natural monotonicity test.
 
-A trial step is accepted where the simplified correction K⁻¹F(x + λδ) is shorter than the step itself: unlike the
-residual this measure does not depend on the units of the rows (Deuflhard, Newton Methods for Nonlinear Problems, §3.3).
+A trial step is accepted where the simplified correction K⁻¹F(x + λδ) is shorter than the step
+itself: unlike the residual this measure does not depend on the units of the rows (Deuflhard, Newton
+Methods for Nonlinear Problems, §3.3).
 """
 
 from __future__ import annotations
@@ -13,18 +14,22 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from varint.boundary.stationary import Iterate, Problem
+from varint.boundary.iterate import Iterate
+from varint.boundary.stationary import BoundaryValueProblem, momenta_and_action
+from varint.numerics.limits import PATH_ITERATIONS
 
+SOLVED = "solved"
 LAST_CORRECTION = 1e-8  # relative to the path; quadratic convergence makes the next one round-off
-MOST_ITERATIONS = 60
 SMALLEST_DAMPING = 1e-4
 RESIDUAL_LIMIT = 1e-9  # relative to the momenta
-SINGULAR = 1e-300  # CasADi compares it with entries of any unit; singular matrices show as huge corrections
-DAMPED = 1e-9  # relative to the equations: directions weaker than this are left alone (closed paths)
+# CasADi compares it with entries of any unit; singular matrices show as huge corrections
+SINGULAR = 1e-300
+# relative to the equations: directions weaker than this are left alone (closed paths)
+DAMPED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class NewtonResult:
     """Where Newton's method ended.
 
     Attributes
@@ -46,30 +51,36 @@ class Outcome:
     @property
     def solved(self) -> bool:
         """Whether the iterate is a solution."""
-        return self.status == "solved"
+        return self.status == SOLVED
 
 
-def newton(problem: Problem, iterate: Iterate) -> Outcome:
-    """Stationary path near `iterate`."""
+def newton(
+    problem: BoundaryValueProblem, iterate: Iterate, most: int = PATH_ITERATIONS
+) -> NewtonResult:
+    """Stationary path near `iterate`, by so many iterations at most."""
     equations, linear = problem.equations, problem.system.structure.linear
-    damping, polish, correction, residual = 1.0, False, np.inf, np.inf
-    for iteration in range(1, MOST_ITERATIONS + 1):
+    damping, polish, correction = 1.0, False, np.inf
+
+    def ended(iterate: Iterate, status: str, iteration: int, values: np.ndarray) -> NewtonResult:
+        residual = relative_residual(problem, iterate, values)
+        if status == SOLVED and not residual <= RESIDUAL_LIMIT:
+            status = "a residual that stagnates"
+        return NewtonResult(iterate, status, iteration, correction, residual)
+
+    for iteration in range(1, most + 1):
         size = Measure(problem, iterate)
         values, slope = equations.derivatives(problem, iterate)
-        solve = _solver(problem, slope)
+        solve = path_solver(problem, slope)
         if not np.isfinite(values).all():
-            return Outcome(iterate, "values that are not finite", iteration, correction, residual)
+            return ended(iterate, "values that are not finite", iteration, values)
         change = -solve(values)
         correction = size(change)
         if not np.isfinite(correction):
-            return Outcome(iterate, "singular equations", iteration, correction, residual)
+            return ended(iterate, "singular equations", iteration, values)
         if correction <= LAST_CORRECTION:
             trial = iterate.moved(change)
-            left = equations(problem, trial)
             if polish or correction == 0:
-                residual = size.residual(trial, left)
-                status = "solved" if residual <= RESIDUAL_LIMIT else "a residual that stagnates"
-                return Outcome(trial, status, iteration, correction, residual)
+                return ended(trial, SOLVED, iteration, equations(problem, trial))
             iterate, polish = trial, True
             continue
         damping = min(1.0, 4 * damping, 1.0 if linear else 1 / correction)
@@ -80,64 +91,81 @@ def newton(problem: Problem, iterate: Iterate) -> Outcome:
                 break
             damping /= 2
             if damping < SMALLEST_DAMPING:
-                return Outcome(iterate, "no further progress", iteration, correction, size.residual(iterate, values))
+                return ended(iterate, "no further progress", iteration, values)
         iterate = trial
-        residual = size.residual(iterate, left)
-    return Outcome(iterate, "too many iterations", MOST_ITERATIONS, correction, residual)
+    return ended(iterate, "too many iterations", most, left)
 
 
 class Measure:
-    """Sizes of changes and residuals relative to the path: coordinates by their range, momenta by their size."""
+    """Sizes of changes relative to the path: coordinates by their range, the duration by itself."""
 
-    def __init__(self, problem: Problem, iterate: Iterate):
+    def __init__(self, problem: BoundaryValueProblem, iterate: Iterate):
         points = iterate.points
         self.count, self.n = points.shape
         self.block = self.n + problem.system.structure.constraints
-        ranges = np.maximum(np.ptp(points, axis=0), np.abs(points[-1] - points[0]))
-        largest = max(float(ranges.max()), 1e-3 * float(np.abs(points).max()), np.finfo(float).tiny)
-        self.ranges = np.maximum(ranges, 1e-3 * largest)
+        self.ranges = coordinate_ranges(points)
         self.duration = iterate.duration
 
     def __call__(self, change: np.ndarray) -> float:
         """Largest change of a coordinate relative to its range, or of the duration."""
         inner = change[: self.count * self.block].reshape(self.count, self.block)[:, : self.n]
         rest = change[self.count * self.block + 2 * self.n :]
-        return max(float((np.abs(inner) / self.ranges).max()), float(np.abs(rest).sum()) / self.duration)
-
-    def residual(self, iterate: Iterate, values: np.ndarray) -> float:
-        """Largest unbalanced momentum relative to the momenta at the ends."""
-        inner = values[: self.count * self.block].reshape(self.count, self.block)[:, : self.n]
-        momenta = np.abs(iterate.momenta).max()
-        return float(np.abs(inner).max()) / momenta if momenta else float(np.abs(inner).max())
+        return max(
+            float((np.abs(inner) / self.ranges).max()), float(np.abs(rest).sum()) / self.duration
+        )
 
 
-def _solver(problem: Problem, slope: ca.DM) -> Callable[[np.ndarray], np.ndarray]:
-    """Solves slope · x = b.
+def coordinate_ranges(points: np.ndarray) -> np.ndarray:
+    """Range of every coordinate of a path, (n,), none less than a thousandth of the largest."""
+    ranges = np.maximum(np.ptp(points, axis=0), np.abs(points[-1] - points[0]))
+    largest = max(float(ranges.max()), 1e-3 * float(np.abs(points).max()), np.finfo(float).tiny)
+    return np.maximum(ranges, 1e-3 * largest)
 
-    Closed paths come in families (shifted in time, turned, moved): there the least-squares solution of least norm is
-    taken, by the quasi-definite system [μ K; Kᵀ −μ] of the equilibrated matrix.
+
+def relative_residual(problem: BoundaryValueProblem, iterate: Iterate, values: np.ndarray) -> float:
+    """Largest unbalanced momentum relative to the largest momentum at a node.
+
+    At the ends alone there may be none: a path may begin and end at rest.
+    """
+    count, n = iterate.points.shape
+    block = n + problem.system.structure.constraints
+    inner = np.abs(values[: count * block].reshape(count, block)[:, :n]).max()
+    largest = np.abs(momenta_and_action(problem, iterate)[0]).max()
+    return float(inner / largest) if largest else float(inner)
+
+
+def path_solver(problem: BoundaryValueProblem, slope: ca.DM) -> Callable[[np.ndarray], np.ndarray]:
+    """b ↦ x with slope · x = b.
+
+    Closed paths come in families (shifted in time, turned, moved): there the least-squares solution
+    of least norm is taken, by the quasi-definite system [μ K; Kᵀ −μ] of the equilibrated matrix.
     """
     free, size = int(problem.energy is not None), slope.shape[0]
     if problem.closure is None:
         return equilibrated_solver(slope, free)
-    scaled, by_row, by_column = _equilibrated(slope)
+    scaled, by_row, by_column = _equilibrate(slope)
     unit = DAMPED * ca.DM.eye(size)
     main, last = np.arange(size - free), np.arange(size - free, size)
-    order = np.concatenate([main, size + main, last, size + last])  # the duration and its row go last
+    # the duration and its row go last
+    order = np.concatenate([main, size + main, last, size + last])
     damped = ca.blockcat([[unit, scaled], [scaled.T, -unit]])[order.tolist(), order.tolist()]
     solve = sparse_solver(damped, 2 * free)
     back = np.argsort(order)[size:]
-    return lambda right: by_column * solve(np.concatenate([by_row * right, np.zeros(size)])[order])[back]
+    return lambda right: (
+        by_column * solve(np.concatenate([by_row * right, np.zeros(size)])[order])[back]
+    )
 
 
 def equilibrated_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.ndarray]:
-    """As `sparse_solver`, for rows and columns of different units: conditions of the ends hold to round-off too."""
-    scaled, by_row, by_column = _equilibrated(matrix)
+    """As `sparse_solver`, for rows and columns of different units: conditions of the ends hold
+    to round-off too.
+    """
+    scaled, by_row, by_column = _equilibrate(matrix)
     solve = sparse_solver(scaled, border)
     return lambda right: (by_column * solve((by_row * right.T).T).T).T
 
 
-def _equilibrated(matrix: ca.DM) -> tuple[ca.DM, np.ndarray, np.ndarray]:
+def _equilibrate(matrix: ca.DM) -> tuple[ca.DM, np.ndarray, np.ndarray]:
     """The matrix with columns and rows of size 1, and the factors of its rows and columns."""
     by_column = _inverse_sizes(ca.sum1(matrix**2))
     scaled = ca.mtimes(matrix, ca.diag(by_column))
@@ -151,13 +179,14 @@ def _inverse_sizes(squares: ca.DM) -> ca.DM:
 
 
 def sparse_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.ndarray]:
-    """b ↦ x with matrix · x = b by sparse QR; the last `border` rows and columns, which are dense, are split off.
+    """b ↦ x with matrix · x = b by sparse QR; the last `border` rows and columns, which are dense,
+    are split off.
 
     x is NaN where the matrix is singular. Columns of b are solved at once.
     """
     inner = matrix.shape[0] - border
     main = matrix[:inner, :inner] if border else matrix
-    solver = _analysed(main.sparsity())
+    solver = _analyse(main.sparsity())
 
     def solve(right: np.ndarray) -> np.ndarray:
         try:
@@ -167,7 +196,10 @@ def sparse_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.n
 
     if not border:
         return solve
-    beside, below = np.array(ca.densify(matrix[:inner, inner:])), np.array(ca.densify(matrix[inner:, :inner]))
+    beside, below = (
+        np.array(ca.densify(matrix[:inner, inner:])),
+        np.array(ca.densify(matrix[inner:, :inner])),
+    )
     ahead = solve(beside)
     corner = np.array(ca.densify(matrix[inner:, inner:])) - below @ ahead
 
@@ -183,8 +215,10 @@ def sparse_solver(matrix: ca.DM, border: int = 0) -> Callable[[np.ndarray], np.n
     return refined
 
 
-def _analysed(pattern: ca.Sparsity) -> ca.Linsol:
-    """The solver for a pattern; its symbolic analysis takes longer than a factorisation and is kept."""
+def _analyse(pattern: ca.Sparsity) -> ca.Linsol:
+    """The solver for a pattern; its symbolic analysis takes longer than a factorisation and is
+    kept.
+    """
     for known, solver in _SOLVERS:
         if known == pattern:
             return solver

@@ -1,4 +1,6 @@
-"""The path between the nodes of a trajectory: inner control points and multipliers, found again from q and p."""
+"""The path between the nodes of a trajectory: inner control points and multipliers, found again
+from q and p.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +9,25 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.between import step_controls
-from varint.boundary.stationary import interval_rows, point_times
+from varint.boundary.iterate import point_times
+from varint.boundary.stationary import interval_rows
 from varint.errors import InputError
-from varint.legendre import velocity_function
-from varint.rules import Rule
-from varint.system import System, per_system
-from varint.trajectory import Trajectory
+from varint.numerics.arrays import over_columns
+from varint.numerics.limits import RECOVERY_ITERATIONS
+from varint.results.dense_output import step_controls
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System, per_system
 
 LAST_CORRECTION = 1e-9
-MOST_ITERATIONS = 30
 ROUNDING = 1e-6  # of a step
 
 
 @dataclass(frozen=True, eq=False)
 class IntervalPaths:
-    """Increments (B, d, n), multipliers (B, d + 1, m) and curvature ∂(e_j, h b_j g_j)/∂(Q_i, λ_i), (B, L, L)."""
+    """Increments (B, d, n), multipliers (B, d + 1, m) and curvature ∂(e_j, h b_j g_j)/∂(Q_i,
+    λ_i), (B, L, L).
+    """
 
     increments: np.ndarray
     multipliers: np.ndarray
@@ -33,17 +37,37 @@ class IntervalPaths:
 def require_every_step(trajectory: Trajectory) -> None:
     """Refuse trajectories whose nodes are not all one step apart."""
     if len(trajectory) > 1 and (np.diff(trajectory.k) == 1).all():
-        steps = np.diff(trajectory.t) / trajectory.h
+        steps = np.diff(trajectory.t) / step_sizes(trajectory)
         if np.abs(steps - 1).max() <= ROUNDING and not trajectory.events:
             return
     raise InputError(
-        "this needs every step of the motion at its full length: save_every=1, no times of at(), no event in between"
+        "this needs every step of the motion at its full length: save_every=1, no times of at(), "
+        "no event in between"
     )
+
+
+def step_sizes(trajectory: Trajectory) -> np.ndarray:
+    """Size of the step after every node but the last, (N,)."""
+    k = trajectory.k[:-1]
+    return np.full(len(k), trajectory.h) if trajectory.sizes is None else trajectory.sizes[k]
+
+
+def _cubic(
+    trajectory: Trajectory, k: np.ndarray, whole: np.ndarray, share: np.ndarray
+) -> np.ndarray:
+    """Increments from the nodes k to shares (B, d) of the steps after them, on the cubic with both
+    nodes' places and velocities, (B, d, n).
+    """
+    along, v, s = trajectory.q[k + 1] - trajectory.q[k], trajectory.v, share[..., None]
+    begin, end = (whole[:, None] * x - along for x in (v[k], v[k + 1]))
+    return s * along[:, None] + s * (1 - s) * ((1 - s) * begin[:, None] - s * end[:, None])
 
 
 @per_system
 def curvature_function(system: System, rule: Rule) -> ca.Function:
-    """Arguments of `interval_rows` → (rows, ∂rows/∂(Q_j, λ_j)), symmetric where there are no forces."""
+    """Arguments of `interval_rows` → (rows, ∂rows/∂(Q_j, λ_j)), symmetric where there are no
+    forces.
+    """
     kernel = interval_rows(system, rule)
     inputs = [ca.SX.sym(f"a{i}", kernel.numel_in(i)) for i in range(kernel.n_in())]
     n, m = system.structure.n, system.structure.constraints
@@ -57,27 +81,36 @@ def curvature_function(system: System, rule: Rule) -> ca.Function:
     return ca.Function("curvature", inputs, [rows, ca.densify(ca.horzcat(*columns))], {"cse": True})
 
 
-def interval_paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.ndarray | None) -> IntervalPaths:
+def interval_paths(
+    trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.ndarray | None
+) -> IntervalPaths:
     """The paths that leave the nodes k and last for the times `size`.
 
-    `ends` are the nodes where they arrive, whose momenta give the last multipliers; None where these do not matter.
+    `ends` are the nodes where they arrive, whose momenta give the last multipliers; None where
+    these do not matter.
     """
     system, rule = trajectory.system, trajectory.rule
     kernel, tau = curvature_function(system, rule), point_times(rule)[1:]
     n, m, d, count = system.structure.n, system.structure.constraints, len(tau), len(k)
     block = n + m
     q, p, t, h = trajectory.q[k], trajectory.p[k], trajectory.t[k][:, None], size[:, None]
-    v = over_columns(velocity_function(system), q, p, t, trajectory.c)[0]
-    ahead, lam = (h * v)[:, None] * tau[:, None], np.zeros((count, d + 1, m))
-    u = step_controls(trajectory, trajectory.k[k], size / trajectory.h)
-    longest = np.abs(np.diff(trajectory.q, axis=0)).max()  # where a motion turns its own step is no measure
-    reach = (longest + np.finfo(float).tiny) * size / abs(trajectory.h)
+    whole = step_sizes(trajectory)[k]
+    ahead = _cubic(trajectory, k, whole, (size / whole)[:, None] * tau)
+    lam = np.zeros((count, d + 1, m))
+    u = step_controls(trajectory, trajectory.k[k], size / whole)
+    # where a motion turns its own step is no measure
+    longest = np.abs(np.diff(trajectory.q, axis=0)).max()
+    reach = (longest + np.finfo(float).tiny) * size / np.abs(whole)
     target = np.zeros((count, (d + 1) * block))
     target[:, :n] = -p
-    y = np.array([j * block + i for j in range(d + 1) for i in range(block) if (j > 0 if i < n else j < d)])
-    rows = np.array([j * block + i for j in range(d + 1) for i in range(block) if (j < d if i < n else j > 0)])
+    y = np.array(
+        [j * block + i for j in range(d + 1) for i in range(block) if (j > 0 if i < n else j < d)]
+    )
+    rows = np.array(
+        [j * block + i for j in range(d + 1) for i in range(block) if (j < d if i < n else j > 0)]
+    )
     polish = False
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(RECOVERY_ITERATIONS):
         flat = ahead.reshape(count, -1), lam.reshape(count, -1)
         values, slopes = over_columns(kernel, q, *flat, u, trajectory.c, t, h)
         slopes = slopes.reshape(count, (d + 1) * block, -1).transpose(0, 2, 1)
@@ -85,17 +118,28 @@ def interval_paths(trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends
             break
         step = np.zeros((count, (d + 1) * block))
         try:
-            step[:, y] = -np.linalg.solve(slopes[:, rows][:, :, y], (values - target)[:, rows, None])[..., 0]
+            step[:, y] = -np.linalg.solve(
+                slopes[:, rows][:, :, y], (values - target)[:, rows, None]
+            )[..., 0]
         except np.linalg.LinAlgError:
-            raise InputError("the steps' equations are singular: redundant constraints, or a singular mass") from None
+            raise InputError(
+                "the steps' equations are singular: redundant constraints, or a singular mass"
+            ) from None
         change = step.reshape(count, d + 1, block)
         ahead, lam = ahead + change[:, 1:, :n], lam + change[:, :, n:]
         polish = bool((np.abs(change[:, :, :n]).max(axis=(1, 2)) <= LAST_CORRECTION * reach).all())
     if not polish or not np.isfinite(slopes).all():
-        raise InputError("the steps are too long to find the path between their nodes; use more steps")
+        raise InputError(
+            "the steps are too long to find the path between their nodes; use more steps"
+        )
     if m and ends is not None:
-        push, gained = slopes[:, -block:-m, -m:], trajectory.p[ends] - values[:, -block:-m]
-        lam[:, -1] = (np.linalg.pinv(push) @ gained[..., None])[..., 0]
-        slopes = over_columns(kernel, q, ahead.reshape(count, -1), lam.reshape(count, -1), u, trajectory.c, t, h)[1]
+        impulse, gained = (
+            slopes[:, -block:-m, -m:],
+            trajectory.p[ends] - values[:, -block:-m],
+        )
+        lam[:, -1] = (np.linalg.pinv(impulse) @ gained[..., None])[..., 0]
+        slopes = over_columns(
+            kernel, q, ahead.reshape(count, -1), lam.reshape(count, -1), u, trajectory.c, t, h
+        )[1]
         slopes = slopes.reshape(count, (d + 1) * block, -1).transpose(0, 2, 1)
     return IntervalPaths(ahead, lam, slopes)

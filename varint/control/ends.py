@@ -1,7 +1,9 @@
-"""Conditions at the ends of a phase: given, free, bounded, periodic coordinates and velocities; any expressions.
+"""Conditions at the ends of a phase: given, free, bounded, periodic coordinates and velocities; any
+expressions.
 
-The end velocities are unknowns of the problem, tied to the path by the Legendre transforms ∂L/∂v(q_0, v_0) = p⁻_0 and
-∂L/∂v(q_N, v_N) = p⁺_{N−1}; so a condition on coordinates or velocities is a plain bound on unknowns.
+The end velocities are unknowns of the problem, tied to the path by the Legendre transforms
+∂L/∂v(q_0, v_0) = p⁻_0 and ∂L/∂v(q_N, v_N) = p⁺_{N−1}; so a condition on coordinates or velocities
+is a plain bound on unknowns.
 """
 
 from __future__ import annotations
@@ -13,10 +15,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.control.expressions import column, limits, triples
-from varint.errors import InputError, converted
-from varint.horizon import Free
-from varint.system import System
+from varint.errors import InputError, parsed_or_refused
+from varint.nlp.expressions import column, limits, triples
+from varint.scene.free import Free
+from varint.scene.system import System
 
 KEYS = ("q", "v", "p", "bounds", "periodic")
 
@@ -34,7 +36,8 @@ class End:
     low, high : ndarray (e,)
         Their bounds.
     periodic : ndarray (n,) or None
-        q and v at the end are those at the start plus this offset (NaN: this coordinate is not periodic).
+        q and v at the end are those at the start plus this offset (NaN: this coordinate is not
+        periodic).
     """
 
     q: np.ndarray
@@ -64,7 +67,12 @@ def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -
     low.append(p_low[bound])
     high.append(p_high[bound])
     for lower, expression, upper in triples(f"bounds of {what}", given.get("bounds", ())):
-        found = column(f"an expression in the bounds of {what}", expression, state, "q, v, t and the parameters")
+        found = column(
+            f"an expression in the bounds of {what}",
+            expression,
+            state,
+            "q, v, t and the parameters",
+        )
         sides = limits(f"{found} at the {what}", lower, upper, found.numel())
         rows.append(found)
         low.append(sides[0])
@@ -79,7 +87,9 @@ def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -
     )
 
 
-def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _component_bounds(
+    system: System, what: str, value: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Guess, lower and upper bound of each component; None leaves it free, `free(…)` bounds it."""
     n, names = system.structure.n, system.names
     if value is None:
@@ -89,7 +99,9 @@ def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray
     elif not isinstance(value, Sequence):
         value = [value]
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != n:
-        raise InputError(f"{what} takes entries, one for each of {list(names)} (None: free), got {value!r}")
+        raise InputError(
+            f"{what} takes entries, one for each of {list(names)} (None: free), got {value!r}"
+        )
     guess, low, high = np.full(n, np.nan), np.full(n, -np.inf), np.full(n, np.inf)
     for i, entry in enumerate(value):
         if entry is None:
@@ -106,7 +118,9 @@ def _component_bounds(system: System, what: str, value: Any) -> tuple[np.ndarray
 
 
 def _number(what: str, x: Any) -> float:
-    return converted(lambda: float(x), lambda: f"{what} must be a number, None or free(…), got {x!r}")
+    return parsed_or_refused(
+        lambda: float(x), lambda: f"{what} must be a number, None or free(…), got {x!r}"
+    )
 
 
 def _offset(value: Any, n: int, names: Sequence[str]) -> np.ndarray | None:
@@ -121,9 +135,13 @@ def offsets(what: str, value: Any, n: int, names: Sequence[str]) -> np.ndarray:
     """One number for each coordinate, NaN where the user gave None."""
     wanted = f"{what} takes one finite offset (or None) for each of {list(names)}, got {value!r}"
     entries = (
-        value if isinstance(value, Sequence) else converted(lambda: np.array(value, float).ravel(), lambda: wanted)
+        value
+        if isinstance(value, Sequence)
+        else parsed_or_refused(lambda: np.array(value, float).ravel(), lambda: wanted)
     )
-    found = converted(lambda: np.array([0.0 if x is None else float(x) for x in entries]), lambda: wanted)
+    found = parsed_or_refused(
+        lambda: np.array([0.0 if x is None else float(x) for x in entries]), lambda: wanted
+    )
     if found.shape != (n,) or not np.isfinite(found).all():  # a symbol is NaN
         raise InputError(wanted)
     return np.where([x is None for x in entries], np.nan, found)

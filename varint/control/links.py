@@ -1,4 +1,5 @@
-"""What ties the end of one phase to the start of another: continuity, periodicity, relabelling, impacts.
+"""What ties the end of one phase to the start of another: continuity, periodicity, relabelling,
+impacts.
 
 An impact on a contact φ(q) = 0 keeps q and makes the momentum jump along the contact's normal,
 p⁺ − p⁻ = (∂φ/∂q)ᵀ Λ, with ∂φ/∂q v⁺ = −e ∂φ/∂q v⁻ (Fetecau, Marsden, Ortiz, West 2003, §3).
@@ -12,31 +13,34 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.assembly import Element
 from varint.control.ends import offsets
-from varint.control.expressions import column
-from varint.control.leg import Leg, picked
+from varint.control.transcription import PhaseTranscription, pick
 from varint.errors import InputError
-from varint.parameters import number
+from varint.nlp.assembly import Element
+from varint.nlp.expressions import column
+from varint.scene.inputs import number
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """How the end of phase `before` becomes the start of phase `after` (numbers in the list of phases).
+    """How the end of phase `before` becomes the start of phase `after` (numbers in the list of
+    phases).
 
     Attributes
     ----------
     before, after : int
         Numbers of the phases.
     contact : SX (c,) or None
-        φ(q) of the first phase's coordinates: zero at the link, and the momentum jumps along its normal.
+        φ(q) of the first phase's coordinates: zero at the link, and the momentum jumps along its
+        normal.
     sticks : SX (f,) or None
-        Further expressions of q that stop moving at a contact (a foot that does not slip): the momentum jumps along
-        them too.
+        Further expressions of q that stop moving at a contact (a foot that does not slip): the
+        momentum jumps along them too.
     restitution : float
         e of the contact, 0 (no bounce) to 1.
     relabel : SX (n,) or None
-        New coordinates as expressions of the old ones (legs change names, a frame moves on); default: the same.
+        New coordinates as expressions of the old ones (legs change names, a frame moves on);
+        default: the same.
     offset : sequence or None
         Added to the new coordinates (None for a component: this coordinate is not linked).
     time : bool
@@ -54,7 +58,7 @@ class Link:
 
 
 @dataclass(frozen=True, eq=False)
-class Linked:
+class LinkTranscription:
     """A link in the program: its own unknowns (impulses Λ) and rows."""
 
     impulses: np.ndarray  # where Λ sits among the unknowns
@@ -63,17 +67,24 @@ class Linked:
     elements: list[Element]
 
 
-def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
+def transcribe_link(
+    link: Link, phases: list[PhaseTranscription], x: int, g: int
+) -> LinkTranscription:
     """Place a link behind x unknowns and g rows."""
-    one, two = legs[link.before], legs[link.after]
-    s, n = one.phase.system, one.phase.system.structure.n
-    if two.phase.system.structure.n != n:
+    before, after = phases[link.before], phases[link.after]
+    s, n = before.phase.system, before.phase.system.structure.n
+    if after.phase.system.structure.n != n:
         raise InputError(
-            f"phases {link.before} and {link.after} have {n} and {two.phase.system.structure.n} coordinates; "
-            "a link needs equally many"
+            f"phases {link.before} and {link.after} have {n} and {after.phase.system.structure.n} "
+            "coordinates; a link needs equally many"
         )
     words = "q and the parameters of the first phase"
-    contact = column("the contact of a link", ca.SX(0, 1) if link.contact is None else link.contact, _held(s), words)
+    contact = column(
+        "the contact of a link",
+        ca.SX(0, 1) if link.contact is None else link.contact,
+        _held(s),
+        words,
+    )
     stuck = column("sticks", ca.SX(0, 1) if link.sticks is None else link.sticks, _held(s), words)
     if stuck.numel() and not contact.numel():
         raise InputError("sticks= belongs to a contact: give contact= as well")
@@ -85,56 +96,73 @@ def linked(link: Link, legs: list[Leg], x: int, g: int) -> Linked:
         raise InputError(f"time of a link must be True or False, got {link.time!r}")
     if not 0 <= number("restitution", link.restitution) <= 1:
         raise InputError(f"restitution must lie between 0 and 1, got {link.restitution!r}")
-    offset = np.zeros(n) if link.offset is None else offsets("offset of a link", link.offset, n, s.names)
+    offset = (
+        np.zeros(n) if link.offset is None else offsets("offset of a link", link.offset, n, s.names)
+    )
     tied, offset_or_zero = np.flatnonzero(~np.isnan(offset)), np.nan_to_num(offset)
-    q0, v0, c0, q1, v1 = (ca.SX.sym(name, k) for name, k in zip("abcde", (n, n, s.c.numel(), n, n), strict=True))
+    q0, v0, c0, q1, v1 = (
+        ca.SX.sym(name, k) for name, k in zip("abcde", (n, n, s.c.numel(), n, n), strict=True)
+    )
     if stopped.numel() and ca.depends_on(s.momentum, s.t):
         raise InputError("impacts need momenta that do not depend on time explicitly")
     impulse = ca.SX.sym("impulse", stopped.numel())
     p_before = ca.Function("p", [s.q, s.v, s.c], [s.momentum])
-    old = ca.Function("old", [s.q, s.c], [contact, ca.jacobian(stopped, s.q), new, ca.jacobian(new, s.q)])
+    old = ca.Function(
+        "old", [s.q, s.c], [contact, ca.jacobian(stopped, s.q), new, ca.jacobian(new, s.q)]
+    )
     gap, normal, q_new, slope = old(q0, c0)
-    rows = [picked(q1 - q_new - offset_or_zero, tied)]
+    rows = [pick(q1 - q_new - offset_or_zero, tied)]
     extra, extra_x = [], np.zeros(0, dtype=int)
     if stopped.numel():
         bounce = ca.DM([link.restitution] * contact.numel() + [0.0] * stuck.numel())
         w = ca.SX.sym("w", n)  # velocity after the impact in the old coordinates
-        rows += [picked(v1 - ca.mtimes(slope, w), tied), gap, ca.mtimes(normal, w) + bounce * ca.mtimes(normal, v0)]
+        rows += [
+            pick(v1 - ca.mtimes(slope, w), tied),
+            gap,
+            ca.mtimes(normal, w) + bounce * ca.mtimes(normal, v0),
+        ]
         rows.append(p_before(q0, w, c0) - p_before(q0, v0, c0) - ca.mtimes(normal.T, impulse))
         extra, extra_x = [w, impulse], x + np.arange(n + stopped.numel())
     else:
-        rows.append(picked(v1 - ca.mtimes(slope, v0), tied))
+        rows.append(pick(v1 - ca.mtimes(slope, v0), tied))
     column_of_rows = ca.densify(ca.vertcat(*rows))
-    place_c, constant_c = one.slots.shared[2:], one.first_datum + 2 * one.phase.steps + 2
+    place_c, constant_c = before.slots.shared[2:], before.first_shared + 2
     free = np.flatnonzero(place_c >= 0)
     fixed = np.flatnonzero(place_c < 0)
     element = Element(
-        variables=ca.vertcat(q0, v0, q1, v1, *extra, picked(c0, free)),
-        constants=picked(c0, fixed),
+        variables=ca.vertcat(q0, v0, q1, v1, *extra, pick(c0, free)),
+        constants=pick(c0, fixed),
         cost=ca.SX(0),
         rows=column_of_rows,
         x=np.concatenate(
-            [one.slots.q[-1], one.slots.v[1], two.slots.q[0], two.slots.v[0], extra_x, place_c[free]]
+            [
+                before.slots.q[-1],
+                before.slots.v[1],
+                after.slots.q[0],
+                after.slots.v[0],
+                extra_x,
+                place_c[free],
+            ]
         ).astype(int)[None],
         p=(constant_c + fixed)[None],
         g=g + np.arange(column_of_rows.numel())[None],
     )
     elements, count = [element], column_of_rows.numel()
-    if link.time and link.after != link.before and two.slots.shared[0] >= 0:
-        elements.append(_clock(one, two, g + count))
+    if link.time and link.after != link.before and after.slots.shared[0] >= 0:
+        elements.append(_clock(before, after, g + count))
         count += 1
-    return Linked(extra_x[n:], len(extra_x), count, elements)
+    return LinkTranscription(extra_x[n:], len(extra_x), count, elements)
 
 
 def _held(system) -> ca.SX:
     return ca.vertcat(system.q, system.c)
 
 
-def _clock(one: Leg, two: Leg, row: int) -> Element:
+def _clock(before: PhaseTranscription, after: PhaseTranscription, row: int) -> Element:
     """t0 of the second phase = t0 + T of the first."""
     t0, T, t1 = ca.SX.sym("t0"), ca.SX.sym("T"), ca.SX.sym("t1")
-    base = one.first_datum + 2 * one.phase.steps
-    places, names = one.slots.shared[:2], [t0, T]
+    base = before.first_shared
+    places, names = before.slots.shared[:2], [t0, T]
     free = [i for i in (0, 1) if places[i] >= 0]
     fixed = [i for i in (0, 1) if places[i] < 0]
     return Element(
@@ -142,7 +170,7 @@ def _clock(one: Leg, two: Leg, row: int) -> Element:
         constants=ca.vertcat(ca.SX(0, 1), *(names[i] for i in fixed)),
         cost=ca.SX(0),
         rows=t1 - t0 - T,
-        x=np.array([[*(places[i] for i in free), two.slots.shared[0]]], dtype=int),
+        x=np.array([[*(places[i] for i in free), after.slots.shared[0]]], dtype=int),
         p=np.array([[base + i for i in fixed]], dtype=int).reshape(1, len(fixed)),
         g=np.array([[row]]),
     )

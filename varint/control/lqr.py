@@ -1,4 +1,6 @@
-"""Feedback about a motion: the discrete linear–quadratic regulator on the exact derivative of one step."""
+"""Feedback about a motion: the discrete linear–quadratic regulator on the exact derivative of
+one step.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +9,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
 from varint.errors import InputError
-from varint.rules import Rule
-from varint.stepping.step_function import step_function
-from varint.system import System, per_system
-from varint.trajectory import Trajectory
+from varint.integration.step_function import step_function
+from varint.numerics.arrays import over_columns
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System, per_system
 
 
 def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = None) -> np.ndarray:
-    """Gains K_k of δu_k = −K_k (δq_k, δp_k) that keep a motion at least cost Σ h (δxᵀQδx + δuᵀRδu) + δx_NᵀQ_N δx_N.
+    """Gains K_k of δu_k = −K_k (δq_k, δp_k) that keep a motion at least cost Σ h (δxᵀQδx + δuᵀRδu)
+    + δx_NᵀQ_N δx_N.
 
-    The linearisation is that of the discrete step itself, (A_k, B_k) = ∂(q1, p1)/∂(q0, p0) and ∂(q1, p1)/∂u, so the
-    gains belong to the simulation exactly; δu_k is added to all the values of u in step k.
+    The linearisation is that of the discrete step itself, (A_k, B_k) = ∂(q1, p1)/∂(q0, p0) and
+    ∂(q1, p1)/∂u, so the gains belong to the simulation exactly; δu_k is added to all the values of
+    u in step k.
 
     Parameters
     ----------
@@ -40,8 +44,8 @@ def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = 
         If the scene has no controls, nodes are several steps apart, or shapes do not match.
 
     Notes
-    -----
-    Riccati's recursion, for example Anderson & Moore, Optimal Control: Linear Quadratic Methods, §2.4.
+    ----- Riccati's recursion, for example Anderson & Moore, Optimal Control: Linear Quadratic
+    Methods, §2.4.
 
     Examples
     --------
@@ -50,7 +54,8 @@ def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = 
     >>> q, v = vi.coordinates("x")
     >>> force = ca.SX.sym("force")
     >>> cart = vi.System(q, v, v**2 / 2, force=force, control=force)
-    >>> rest = vi.simulate(cart, vi.gauss(2), q0=0, v0=0, h=0.001, steps=20000, u=np.zeros((20000, 1)))
+    >>> still = np.zeros((20000, 1))
+    >>> rest = vi.simulate(cart, vi.gauss(2), q0=0, v0=0, h=0.001, steps=20000, u=still)
     >>> np.round(vi.lqr(rest, np.eye(2), np.eye(1))[0], 2)
     array([[1.  , 1.73]])
     """
@@ -67,7 +72,7 @@ def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = 
     P = Q if end_cost is None else _symmetric("end_cost", end_cost, x)
     if np.linalg.eigvalsh(R).min() <= 0:
         raise InputError("control_cost must be positive definite")
-    A, B = linearised(motion)
+    A, B = linearise(motion)
     h = np.diff(motion.t)
     gains = np.empty((len(h), structure.controls, x))
     for k in range(len(h) - 1, -1, -1):
@@ -78,14 +83,20 @@ def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = 
     return gains
 
 
-def linearised(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+def linearise(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """A_k (N, 2n, 2n) and B_k (N, 2n, k) of every step of a motion, by exact derivatives."""
     n, controls, rule = motion.system.structure.n, motion.system.structure.controls, motion.rule
     count = len(motion) - 1
-    u = np.broadcast_to(motion.u[motion.k[:-1]], (count, len(rule.nodes), controls)).reshape(count, -1)
+    u = np.broadcast_to(motion.u[motion.k[:-1]], (count, len(rule.nodes), controls)).reshape(
+        count, -1
+    )
     t, h = motion.t[:-1, None], np.diff(motion.t)[:, None]
-    A, B = over_columns(_slopes(motion.system, rule), motion.q[:-1], motion.p[:-1], u, motion.c, t, h)
-    return A.reshape(count, 2 * n, 2 * n).transpose(0, 2, 1), B.reshape(count, controls, 2 * n).transpose(0, 2, 1)
+    A, B = over_columns(
+        _slopes(motion.system, rule), motion.q[:-1], motion.p[:-1], u, motion.c, t, h
+    )
+    return A.reshape(count, 2 * n, 2 * n).transpose(0, 2, 1), B.reshape(
+        count, controls, 2 * n
+    ).transpose(0, 2, 1)
 
 
 @per_system
@@ -107,5 +118,7 @@ def _symmetric(what: str, value: Any, size: int) -> np.ndarray:
     except (TypeError, ValueError):
         raise InputError(f"{what} must be a matrix of numbers, got {value!r}") from None
     if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T):
-        raise InputError(f"{what} must be a symmetric matrix ({size}, {size}), got shape {matrix.shape}")
+        raise InputError(
+            f"{what} must be a symmetric matrix ({size}, {size}), got shape {matrix.shape}"
+        )
     return matrix

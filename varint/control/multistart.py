@@ -9,16 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from varint.control import nlp
-from varint.control.guess import Guess, fill, phase_guess, start_values
-from varint.control.leg import Leg
+from varint.control.build import build_control_solver
+from varint.control.guess import Guess, build_start, read_guess, write_guess
 from varint.control.optimal import FEASIBLE
 from varint.control.phase import Phase
-from varint.control.problem import Problem, problem
-from varint.control.solution import trajectories
+from varint.control.problem import ControlProblem, transcribe
+from varint.control.trajectories import build_trajectories
+from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError, SolverError
-from varint.parameters import generator, guesses_of, number, whole
-from varint.trajectory import Trajectory
+from varint.nlp.solver import choose_backend
+from varint.results.trajectory import Trajectory
+from varint.scene.inputs import generator, guesses_of, number, positive_integer
 
 SAME = 1e-5  # relative to the cost and to the path's extent: closer solutions are one
 WAVES = 4  # sine waves of a random path
@@ -42,7 +43,8 @@ def multistart(
     phase : Phase
         The problem, as for `optimal_phases`.
     starts : int or sequence
-        Number of random paths about the phase's own guess (the first start is that guess itself), or the guesses.
+        Number of random paths about the phase's own guess (the first start is that guess itself),
+        or the guesses.
     spread : float
         Amplitude of the random paths, in units of each coordinate's range.
     seed : int
@@ -68,7 +70,8 @@ def multistart(
     >>> torque = ca.SX.sym("torque")
     >>> pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=torque, control=torque)
     >>> swing = vi.Phase(
-    ...     pendulum, vi.gauss(3), 3.0, 30, torque**2, start=dict(q=[0], v=[0]), end=dict(q=[np.pi], v=[0]))
+    ...     pendulum, vi.gauss(3), 3.0, 30, torque**2,
+    ...     start=dict(q=[0], v=[0]), end=dict(q=[np.pi], v=[0]))
     >>> found = vi.multistart(swing, 12)
     >>> round(found[0].cost, 2), len(found) > 1
     (36.64, True)
@@ -77,19 +80,19 @@ def multistart(
         raise InputError(f"multistart takes one varint.Phase, got {type(phase).__name__}")
     if not isinstance(starts, (int, np.integer)):
         starts = guesses_of(starts)
-    solves = len(starts) if isinstance(starts, list) else whole("starts", starts)
+    solves = len(starts) if isinstance(starts, list) else positive_integer("starts", starts)
     spread, random = number("spread", spread), generator(seed)
-    one = problem([phase], [], t0, nlp.backend_for(solver, backend), solves)
-    x = start_values(one)
-    run = nlp.solver(one, x, solver, options)
+    problem = transcribe([phase], [], t0, choose_backend(solver, backend), solves)
+    x = build_start(problem)
+    run = build_control_solver(problem, x, solver, options)
     kept: list[tuple[Trajectory, int]] = []
     worst = None
-    for start in _starts(one, starts, spread, random):
+    for start in _starts(problem, starts, spread, random):
         outcome = run(start, progress=False)
         if not outcome.success or outcome.violation > FEASIBLE:
             worst = outcome
             continue
-        found = trajectories(one, outcome)[0]
+        found = build_trajectories(problem, outcome)[0]
         twin = next((i for i, (other, _) in enumerate(kept) if _same(found, other)), None)
         if twin is None:
             kept.append((found, 1))
@@ -97,29 +100,35 @@ def multistart(
             kept[twin] = (kept[twin][0], kept[twin][1] + 1)
     if not kept:
         status = worst.status if worst else "no start"
-        raise SolverError(f"none of the starts led to a solution; the last one ended with {status}", status=status)
+        raise SolverError(
+            f"none of the starts led to a solution; the last one ended with {status}", status=status
+        )
     kept.sort(key=lambda pair: pair[0].cost)
     return [replace(m, stats=MappingProxyType({**m.stats, "found": count})) for m, count in kept]
 
 
-def _starts(one: Problem, starts: int | Sequence[Any], spread: float, rng: np.random.Generator):
+def _starts(
+    problem: ControlProblem, starts: int | Sequence[Any], spread: float, rng: np.random.Generator
+):
     """Start values, one after the other."""
-    leg = one.legs[0]
-    t0 = float(leg.data[2 * leg.phase.steps])
+    transcription = problem.phases[0]
+    t0 = transcription.t0
     if isinstance(starts, (int, np.integer)):
-        own = phase_guess(leg.phase, t0)
-        guesses = [own, *(_waved(own, leg, spread, rng) for _ in range(starts - 1))]
+        own = read_guess(transcription.phase, t0)
+        guesses = [own, *(_wave(own, transcription, spread, rng) for _ in range(starts - 1))]
     else:
-        guesses = [phase_guess(replace(leg.phase, guess=g), t0) for g in starts]
+        guesses = [read_guess(replace(transcription.phase, guess=g), t0) for g in starts]
     for guess in guesses:
-        x = start_values(one)
-        fill(x, leg, guess)
-        yield np.clip(x, one.x_low, one.x_high)
+        x = build_start(problem)
+        write_guess(x, transcription, guess)
+        yield np.clip(x, problem.nlp.x_low, problem.nlp.x_high)
 
 
-def _waved(own: Guess, leg: Leg, spread: float, rng: np.random.Generator) -> Guess:
+def _wave(
+    own: Guess, transcription: PhaseTranscription, spread: float, rng: np.random.Generator
+) -> Guess:
     """The path plus sine waves of random height that vanish at the ends."""
-    path = own.q(leg.phase.mesh)
+    path = own.q(transcription.phase.mesh)
     reach = np.maximum(np.ptp(path, axis=0), 1e-3 * np.abs(path).max(initial=0.0))
     reach = np.where(reach > 0, reach, 1.0)
     waves = np.arange(1, WAVES + 1)

@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
-from varint.control import nlp
-from varint.control.guess import start_values
+import numpy as np
+
+from varint.control.build import build_control_solver
 from varint.control.links import Link
-from varint.control.nlp import Outcome
 from varint.control.phase import Phase
-from varint.control.problem import Problem, problem
-from varint.control.solution import trajectories
-from varint.control.warm import start_multipliers
-from varint.errors import InputError, SolverError, converted
-from varint.horizon import Free
-from varint.parameters import number
-from varint.rules import Rule
-from varint.system import System
-from varint.trajectory import Trajectory
+from varint.control.problem import ControlProblem, transcribe
+from varint.control.replay import LARGE, error_estimate
+from varint.control.starts import default_starts
+from varint.control.trajectories import build_trajectories
+from varint.control.warm_start import carry_multipliers
+from varint.errors import InputError, SolverError, parsed_or_refused
+from varint.nlp.options import WORDS
+from varint.nlp.solver import SolverResult, choose_backend
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.free import Free
+from varint.scene.inputs import number
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System
 
 
 def optimal_control(
@@ -30,11 +37,14 @@ def optimal_control(
     steps: int = 0,
     cost: Any = 0,
     terminal_cost: Any = 0,
+    q0: Any = None,
+    v0: Any = None,
+    p0: Any = None,
     start: Mapping[str, Any] | None = None,
     end: Mapping[str, Any] | None = None,
     bounds: Sequence[tuple[Any, Any, Any]] = (),
     control: str = "nodes",
-    params: Mapping[str, Any] | None = None,
+    params: ParameterValues | None = None,
     guess: Any = None,
     mesh: Any = None,
     t0: float = 0.0,
@@ -43,7 +53,8 @@ def optimal_control(
     backend: str = "auto",
     progress: bool | None = None,
 ) -> Trajectory:
-    """Controls of least cost ∫ cost dt + terminal_cost under discrete mechanics, p⁺_{k−1} = p⁻_k (DMOC).
+    """Controls of least cost ∫ cost dt + terminal_cost under discrete mechanics, p⁺_{k−1} = p⁻_k
+    (DMOC).
 
     Parameters
     ----------
@@ -56,32 +67,39 @@ def optimal_control(
     steps : int
         Number of steps N.
     cost, terminal_cost : SX
-        Running cost, of q, v, u, t and the parameters, and cost at the end, of q, v, t; for a minimum time
-        ``terminal_cost=system.t`` or ``cost=1``.
+        Running cost, of q, v, u, t and the parameters, and cost at the end, of q, v, t; for a
+        minimum time ``terminal_cost=system.t`` or ``cost=1``.
+    q0, v0, p0 : array (n,), optional
+        Start coordinates, and velocities or momenta, as for `simulate`; an entry may also be None
+        (free) or ``free(guess, lower, upper)``. Short for ``start=dict(q=…, v=…, p=…)``.
     start, end : dict, optional
-        ``q=``, ``v=``, ``p=``: n entries each, a number, None (free) or ``free(guess, lower, upper)``; ``bounds=``:
-        list of (lower, expression of q, v, t, upper); at the end also ``periodic=True`` or offsets (n,): q and v end
-        as they began, plus the offset. Whatever is not given is free.
+        ``q=``, ``v=``, ``p=``: n entries each, a number, None (free) or ``free(guess, lower,
+        upper)``; ``bounds=``: list of (lower, expression of q, v, t, upper); at the end also
+        ``periodic=True`` or offsets (n,): q and v end as they began, plus the offset. Whatever is
+        not given is free.
     bounds : list of (lower, expression, upper), optional
-        Along the path. A coordinate or expression of q and t is held at all control points, an expression of
-        velocities or controls at the quadrature nodes. None is no bound.
+        Along the path. A coordinate or expression of q and t is held at all control points, an
+        expression of velocities or controls at the quadrature nodes. None is no bound.
     control : {"nodes", "constant"}
         A value of each control at every quadrature node (keeps the rule's order), or one a step.
     params : dict, optional
-        Parameter values; ``free(…)`` makes a parameter an unknown.
+        Parameter values by name or symbol; ``free(…)`` makes a parameter an unknown.
     guess : Trajectory or dict, optional
-        Where to start: any trajectory (a previous solution starts warm), or ``q=``, ``u=`` as samples (M, n) evenly
-        spaced or functions of t. Default: a straight line, with the controls that come closest to it.
+        Where to start: any trajectory (a previous solution starts warm), or ``q=``, ``u=`` as
+        samples (M, n) evenly spaced or functions of t. Default: a straight line, with the controls
+        that come closest to it.
     mesh : array (N + 1,), optional
         Ends of the steps as fractions of the duration, instead of `steps` equal ones.
     t0 : float
         Start time.
     solver : str
-        Name of a CasADi NLP solver. ``"fatrop"`` gets the problem as a chain of stages (one phase, not periodic).
+        Name of a CasADi NLP solver. ``"fatrop"`` gets the problem as a chain of stages (one phase,
+        not periodic).
     options : dict, optional
         Options for `casadi.nlpsol`, verbatim, for instance ``{"ipopt": {"max_iter": 100}}``.
     backend : {"auto", "compiled", "interpreted"}
-        How the kernels of the program run: ``"auto"`` compiles them where it pays and a compiler is there.
+        How the kernels of the program run: ``"auto"`` compiles them where it pays and a compiler is
+        there.
     progress : bool, optional
         Show the iterations. Default: in a terminal, when it takes longer than a second.
 
@@ -89,6 +107,9 @@ def optimal_control(
     -------
     Trajectory
         With ``u`` (N, r, k), ``cost``, ``costates``, ``replay()``, ``report()`` and ``solution``.
+        ``stats["error_estimate"]`` is how far the controls, replayed in quarter steps, lead away
+        from the path, relative to the range of each coordinate; a warning is given where that is
+        above 0.01.
 
     Raises
     ------
@@ -109,12 +130,31 @@ def optimal_control(
     >>> force = ca.SX.sym("force")
     >>> cart = vi.System(q, v, v**2 / 2, force=force, control=force)
     >>> move = vi.optimal_control(
-    ...     cart, vi.gauss(2), duration=1, steps=5, cost=force**2, start=dict(q=[0], v=[0]), end=dict(q=[1], v=[0]))
+    ...     cart, vi.gauss(2), duration=1, steps=5, cost=force**2,
+    ...     q0=0, v0=0, end=dict(q=[1], v=[0]))
     >>> round(move.cost, 9)
     12.0
     """
-    phase = Phase(system, rule, duration, steps, cost, terminal_cost, start, end, bounds, control, params, guess, mesh)
-    return optimal_phases([phase], t0=t0, solver=solver, options=options, backend=backend, progress=progress)[0]
+    phase = Phase(
+        system,
+        rule,
+        duration,
+        steps,
+        cost,
+        terminal_cost,
+        start,
+        end,
+        bounds,
+        control,
+        params,
+        guess,
+        mesh,
+        q0,
+        v0,
+        p0,
+    )
+    found = solve_phases([phase], None, t0, solver, options, backend, progress)
+    return assess(found, stacklevel=3)[0]
 
 
 def optimal_phases(
@@ -148,37 +188,101 @@ def optimal_phases(
     InputError, SolverError
         As in `optimal_control`.
     """
-    phases = converted(lambda: list(phases), lambda: f"optimal_phases takes a list of varint.Phase, got {phases!r}")
+    found = solve_phases(phases, links, t0, solver, options, backend, progress)
+    return assess(found, stacklevel=3)
+
+
+def solve_phases(
+    phases: Sequence[Phase],
+    links: Sequence[Link] | None,
+    t0: float,
+    solver: str,
+    options: Mapping[str, Any] | None,
+    backend: str,
+    progress: bool | None,
+) -> list[Trajectory]:
+    """`optimal_phases` without a judgement of its accuracy."""
+    phases = parsed_or_refused(
+        lambda: list(phases), lambda: f"optimal_phases takes a list of varint.Phase, got {phases!r}"
+    )
     if not phases or not all(isinstance(phase, Phase) for phase in phases):
         raise InputError("optimal_phases takes a list of varint.Phase, at least one")
     ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else links
-    return solved(problem(phases, ties, number("t0", t0), nlp.backend_for(solver, backend)), solver, options, progress)
+    return solve(
+        transcribe(phases, ties, number("t0", t0), choose_backend(solver, backend)),
+        solver,
+        options,
+        progress,
+    )
 
 
-def solved(one: Problem, name: str, options: Mapping[str, Any] | None, progress: bool | None) -> list[Trajectory]:
-    """Build the solver, solve from the guess, judge the end."""
-    x = start_values(one)
-    run = nlp.solver(one, x, name, options)
-    multipliers = start_multipliers(one)
-    outcome = run(x, multipliers, progress=progress)
-    if multipliers is not None and not outcome.success and not outcome.stopped:
-        outcome = run(x, progress=progress)  # multipliers of another problem can mislead
-    return judged(one, outcome)
+def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
+    """The trajectories with an estimate of their error in `stats`; a warning where it is large."""
+    errors = [error_estimate(x, x.solution.u) for x in found]
+    worst = max(errors)
+    if worst > LARGE and all(x.solution.success for x in found):
+        warnings.warn(
+            f"the solution is too coarse: its controls, replayed in quarter steps, lead "
+            f"{worst:.1g} of a coordinate's range away from its path; take more steps, "
+            "a higher rule, or vi.refine",
+            stacklevel=stacklevel,
+        )
+    return [
+        replace(x, stats=MappingProxyType({**x.stats, "error_estimate": error}))
+        for x, error in zip(found, errors, strict=True)
+    ]
 
 
+def solve(
+    problem: ControlProblem, name: str, options: Mapping[str, Any] | None, progress: bool | None
+) -> list[Trajectory]:
+    """Build the solver, solve from the guess or from one default guess after the other, judge the
+    end.
+    """
+    starts = default_starts(problem)
+    x = next(starts)
+    run = build_control_solver(problem, x, name, options)
+    multipliers = carry_multipliers(problem)
+    if multipliers is not None:
+        outcome = run(x, multipliers, progress=progress)
+        if outcome.success or outcome.stopped:
+            return raise_unless_converged(problem, outcome)
+        # multipliers of another problem can mislead
+    guessed = all(part.phase.guess is not None for part in problem.phases)
+    first = outcome = run(x, progress=progress, patience=np.inf if guessed else PATIENCE)
+    while not has_converged(outcome) and not outcome.stopped:
+        other = next(starts, None)
+        if other is None:  # a start that was given up may have needed more than that
+            outcome = run(x, progress=progress) if first.gave_up else first
+            break
+        outcome = run(other, progress=progress, patience=PATIENCE)
+    return raise_unless_converged(problem, outcome)
+
+
+# iterations without getting closer to what is asked for, as in a long restoration: another default
+# guess is tried
+PATIENCE = 50
 FEASIBLE = 1e-6  # a row or bound violated by more is violated
 
 
-def judged(one: Problem, outcome: Outcome) -> list[Trajectory]:
+def has_converged(outcome: SolverResult) -> bool:
+    """Did the solver succeed, and do all conditions hold?"""
+    return outcome.success and outcome.violation <= FEASIBLE
+
+
+def raise_unless_converged(problem: ControlProblem, outcome: SolverResult) -> list[Trajectory]:
     """The trajectories, or an error in words."""
-    found = trajectories(one, outcome)
+    found = build_trajectories(problem, outcome)
     if outcome.stopped:
-        warnings.warn(f"stopped on request after {len(outcome.history.get('cost', ()))} iterations", stacklevel=4)
+        warnings.warn(
+            f"stopped on request after {len(outcome.history.get('cost', ()))} iterations",
+            stacklevel=4,
+        )
         return found
-    if outcome.success and outcome.violation <= FEASIBLE:
+    if has_converged(outcome):
         return found
     status = outcome.status.removeprefix("EXIT: ")
-    words = nlp.WORDS.get(status, "no solution was found from this guess")
+    words = WORDS.get(status, "no solution was found from this guess")
     raise SolverError(
         f"{status}: {words}. Largest violation of a condition: {outcome.violation:.1e}; "
         "error.iterate is the last iterate",

@@ -1,4 +1,6 @@
-"""What the user wants of one phase of motion, checked: scene, rule, mesh, duration, cost, ends, bounds."""
+"""What the user wants of one phase of motion, checked: scene, rule, mesh, duration, cost, ends,
+bounds.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +11,25 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.control.bounds import PathBounds, path_bounds
 from varint.control.ends import End, end_conditions
-from varint.control.expressions import scalar
-from varint.errors import InputError, converted
-from varint.grid import affordable
-from varint.horizon import Free
-from varint.parameters import finite_array, whole
-from varint.rules import Rule, gauss, lobatto
-from varint.system import System, parameter_values
+from varint.errors import InputError, parsed_or_refused
+from varint.nlp.bounds import PathBounds, path_bounds
+from varint.nlp.expressions import scalar
+from varint.numerics.limits import check_memory
+from varint.rules.rule import Rule, gauss, lobatto
+from varint.scene.free import Free
+from varint.scene.inputs import finite_array, positive_integer
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System, given_parameters, parameter_values
 
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """One phase of an optimal control problem; the arguments of `optimal_control` that belong to one motion.
+    """One phase of an optimal control problem; the arguments of `optimal_control` that belong to
+    one motion.
 
-    See `optimal_control` for their meaning. `mesh` holds the ends of the steps as fractions of the duration,
-    (steps + 1,) from 0 to 1, where they are not equally long.
+    See `optimal_control` for their meaning. `mesh` holds the ends of the steps as fractions of the
+    duration, (steps + 1,) from 0 to 1, where they are not equally long.
     """
 
     system: System
@@ -38,13 +42,16 @@ class Phase:
     end: Mapping[str, Any] | None = None
     bounds: Sequence[tuple[Any, Any, Any]] = ()
     control: str = "nodes"
-    params: Mapping[str, Any] | None = None
+    params: ParameterValues | None = None
     guess: Any = None
     mesh: Any = None
+    q0: Any = None
+    v0: Any = None
+    p0: Any = None
 
 
 @dataclass(frozen=True, eq=False)
-class Checked:
+class CheckedPhase:
     """A phase after validation: arrays and column expressions, nothing optional.
 
     Attributes
@@ -83,6 +90,16 @@ class Checked:
         return len(self.mesh) - 1
 
     @property
+    def control_places(self) -> np.ndarray:
+        """Where in a step the controls have their values: at the nodes, or one in the middle."""
+        return np.array(self.rule.nodes) if self.samples > 1 else np.array([0.5])
+
+    @property
+    def control_weights(self) -> np.ndarray:
+        """The share of a step that belongs to each of them."""
+        return np.array(self.rule.weights) if self.samples > 1 else np.ones(1)
+
+    @property
     def shortest_step(self) -> float:
         """Duration of the shortest step."""
         return float(self.duration[0] * np.diff(self.mesh).min())
@@ -98,7 +115,7 @@ class Checked:
         return np.flatnonzero(self.c_low < self.c_high)
 
 
-def checked(phase: Phase) -> Checked:
+def check_phase(phase: Phase) -> CheckedPhase:
     """The phase with everything filled in, or a clear refusal."""
     system = phase.system
     if not isinstance(system, System):
@@ -108,14 +125,17 @@ def checked(phase: Phase) -> Checked:
     c, c_low, c_high = _parameters(system, phase.params)
     if not system.structure.controls and duration[1] == duration[2] and (c_low == c_high).all():
         raise InputError(
-            "nothing can be chosen: the scene has no control and neither duration nor parameters are free; give "
-            "control= to the System, or use least_action for a path between fixed ends"
+            "nothing can be chosen: the scene has no control and neither duration nor parameters "
+            "are free; give control= to the System, or use least_action for a path between fixed "
+            "ends"
         )
     if phase.control not in ("nodes", "constant"):
-        raise InputError(f"control={phase.control!r} is unknown; 'nodes' (a value at every node) or 'constant'")
+        raise InputError(
+            f"control={phase.control!r} is unknown; 'nodes' (a value at every node) or 'constant'"
+        )
     s = system
     state = ca.vertcat(s.q, s.v, s.t, s.c)
-    return Checked(
+    return CheckedPhase(
         system=system,
         rule=rule,
         duration=duration,
@@ -124,14 +144,32 @@ def checked(phase: Phase) -> Checked:
         c=c,
         c_low=c_low,
         c_high=c_high,
-        cost=scalar("cost", phase.cost, ca.vertcat(state, s.control), "q, v, the controls, t and the parameters"),
-        terminal=scalar("terminal_cost", phase.terminal_cost, state, "q, v, t and the parameters at the end"),
-        start=end_conditions(system, "start", phase.start),
+        cost=scalar(
+            "cost",
+            phase.cost,
+            ca.vertcat(state, s.control),
+            "q, v, the controls, t and the parameters",
+        ),
+        terminal=scalar(
+            "terminal_cost", phase.terminal_cost, state, "q, v, t and the parameters at the end"
+        ),
+        start=end_conditions(system, "start", start_of(phase)),
         end=end_conditions(system, "end", phase.end),
         bounds=path_bounds(system, phase.bounds),
         guess=phase.guess,
         given=phase,
     )
+
+
+def start_of(phase: Phase) -> Mapping[str, Any]:
+    """The conditions at the start, q0, v0 and p0 among them under the names of its dictionary."""
+    start = {} if phase.start is None else phase.start
+    given = {"q": phase.q0, "v": phase.v0, "p": phase.p0}
+    given = {name: x for name, x in given.items() if x is not None}
+    if isinstance(start, Mapping) and (twice := sorted(set(start) & set(given))):
+        name = twice[0]
+        raise InputError(f"the start is given twice: leave out {name}0 or start=dict({name}=…)")
+    return {**start, **given} if given and isinstance(start, Mapping) else start
 
 
 def _rule(system: System, rule: Rule | None) -> Rule:
@@ -142,13 +180,18 @@ def _rule(system: System, rule: Rule | None) -> Rule:
         remedy = "; describe impacts by phases and links" if structure.contacts else ""
         raise InputError(f"optimal control does not handle {' or '.join(found)}{remedy}")
     if structure.degenerate:
-        raise InputError("the Lagrangian is degenerate (∂²L/∂v² = 0): it has no end velocities to control")
+        raise InputError(
+            "the Lagrangian is degenerate (∂²L/∂v² = 0): it has no end velocities to control"
+        )
     if rule is None:
         return lobatto(3) if structure.constraints else gauss(2)
     if not isinstance(rule, Rule):
         raise InputError(f"rule must be a rule such as gauss(3), got {rule!r}")
     if not rule.points:
-        raise InputError(f"{rule} is a composition with weights of both signs; optimal control takes gauss or lobatto")
+        raise InputError(
+            f"{rule} is a composition with weights of both signs; optimal control takes gauss or "
+            "lobatto"
+        )
     return rule
 
 
@@ -161,8 +204,9 @@ def _duration(value: Any) -> tuple[float, float, float]:
         if not value.lower > 0:
             raise InputError(f"a free duration needs a positive lower bound, got {value}")
         return float(value.guess), float(value.lower), float(value.upper)
-    duration = converted(
-        lambda: float(value), lambda: f"the duration must be a number or free(guess, lower, upper), got {value!r}"
+    duration = parsed_or_refused(
+        lambda: float(value),
+        lambda: f"the duration must be a number or free(guess, lower, upper), got {value!r}",
     )
     if not (np.isfinite(duration) and duration > 0):
         raise InputError(f"the duration must be positive and finite, got {value!r}")
@@ -171,26 +215,36 @@ def _duration(value: Any) -> tuple[float, float, float]:
 
 def _mesh(steps: Any, mesh: Any) -> np.ndarray:
     if mesh is None:
-        affordable(f"a path of {whole('steps', steps)} steps", steps, "take fewer steps")
+        check_memory(
+            f"a path of {positive_integer('steps', steps)} steps", steps, "take fewer steps"
+        )
         return np.arange(steps + 1) / steps
     mesh = finite_array("mesh", mesh)
-    if mesh.ndim != 1 or len(mesh) < 2 or mesh[0] != 0 or mesh[-1] != 1 or not (np.diff(mesh) > 0).all():
+    if (
+        mesh.ndim != 1
+        or len(mesh) < 2
+        or mesh[0] != 0
+        or mesh[-1] != 1
+        or not (np.diff(mesh) > 0).all()
+    ):
         raise InputError("mesh must hold fractions of the duration that increase from 0 to 1")
-    if whole("steps", steps, 0) not in (0, len(mesh) - 1):
+    if positive_integer("steps", steps, 0) not in (0, len(mesh) - 1):
         raise InputError(f"steps={steps} but the mesh has {len(mesh) - 1}; give one of the two")
     return mesh
 
 
-def _parameters(system: System, params: Mapping[str, Any] | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _parameters(
+    system: System, params: ParameterValues | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Guess, lower and upper bound of the parameter vector."""
-    if params is not None and not isinstance(params, Mapping):
-        raise InputError(f"params must be a dictionary of names and values, got {type(params).__name__}")
-    given = dict(params or {})
+    given = given_parameters(system, params)
 
     def part(name: str) -> np.ndarray:
         shapes = {k: np.shape(v) for k, v in system.defaults.items()}
         values = {
-            k: np.broadcast_to(getattr(v, name), shapes.get(k, v.guess.shape)) if isinstance(v, Free) else v
+            k: np.broadcast_to(getattr(v, name), shapes.get(k, v.guess.shape))
+            if isinstance(v, Free)
+            else v
             for k, v in given.items()
         }
         return parameter_values(system, values)

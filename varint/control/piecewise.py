@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varint.polynomials import lagrange_values
+from varint.rules.polynomials import lagrange_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,3 +31,7 @@ class Piecewise:
         k = np.clip(np.searchsorted(self.mesh, at, side="right") - 1, 0, len(self.mesh) - 2)
         local = (at - self.mesh[k]) / (self.mesh[k + 1] - self.mesh[k])
         return np.einsum("md,mdn->mn", lagrange_values(self.points, local), self.values[k])
+
+    def within_steps(self, local: np.ndarray) -> np.ndarray:
+        """Values at the fractions `local` (m,) of every step, (N, m, n)."""
+        return np.einsum("md,kdn->kmn", lagrange_values(self.points, local), self.values)

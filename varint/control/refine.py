@@ -1,8 +1,9 @@
-"""Mesh refinement: solve with s and s + 1 stages, compare, then split the steps that differ or keep the higher order.
+"""Mesh refinement: solve with s and s + 1 stages, compare, then split the steps that differ or keep
+the higher order.
 
-The difference of the two costs estimates the error of the cheaper one; the result is the better one. Where the two
-controls differ in a few steps only (a switch, the entry to a bound), those steps are split; where they differ
-everywhere the path is smooth, and the order rises.
+The difference of the two costs estimates the error of the cheaper one; the result is the better
+one. Where the two controls differ in a few steps only (a switch, the entry to a bound), those steps
+are split; where they differ everywhere the path is smooth, and the order rises.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from typing import Any, overload
 
 import numpy as np
 
-from varint.control.optimal import optimal_phases
+from varint.control.optimal import assess, solve_phases
 from varint.control.solution import ControlSolution, Origin
-from varint.errors import InputError, SolverError, converted
-from varint.parameters import number, whole
-from varint.rules import Rule, gauss, lobatto
-from varint.trajectory import Trajectory
+from varint.errors import InputError, SolverError, parsed_or_refused
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule, gauss, lobatto
+from varint.scene.inputs import number, positive_integer
 
 MARKED = 0.3  # of the largest difference: such steps are split
 SMOOTH = 0.5  # of the steps marked: the order rises instead
@@ -58,12 +59,14 @@ def refine(
     options: Mapping[str, Any] | None = None,
     backend: str = "auto",
 ) -> Trajectory | list[Trajectory]:
-    """The same optimal control to a tolerance in its cost, by steps of different size and by higher order.
+    """The same optimal control to a tolerance in its cost, by steps of different size and by higher
+    order.
 
     Parameters
     ----------
     motion : Trajectory or list of Trajectory
-        From `optimal_control`, or all phases from `optimal_phases`: their meshes are refined together.
+        From `optimal_control`, or all phases from `optimal_phases`: their meshes are refined
+        together.
     tol : float
         Wanted error of the cost, relative to it (absolute where the cost is below 1e-8).
     rounds : int
@@ -74,7 +77,8 @@ def refine(
     Returns
     -------
     Trajectory or list of Trajectory
-        ``stats["error"]`` is the estimated error of the cost, ``stats["rounds"]`` lists (rule, steps, cost, error).
+        ``stats["error"]`` is the estimated error of the cost, ``stats["rounds"]`` lists (rule,
+        steps, cost, error).
 
     Raises
     ------
@@ -96,17 +100,19 @@ def refine(
     """
     if not number("tol", tol) > 0:
         raise InputError(f"tol must be a positive number, got {tol!r}")
-    rounds, single = whole("rounds", rounds), isinstance(motion, Trajectory)
+    rounds, single = positive_integer("rounds", rounds), isinstance(motion, Trajectory)
     low = _solved_together(_motions(motion))
     t0, links = float(low[0].t[0]), _origin(low[0]).problem.given_links
     history: list[tuple[str, int, float, float]] = []
 
-    def solve(rules: Sequence[Rule], meshes: Sequence[np.ndarray], guesses: Sequence[Trajectory]) -> list[Trajectory]:
+    def solve(
+        rules: Sequence[Rule], meshes: Sequence[np.ndarray], guesses: Sequence[Trajectory]
+    ) -> list[Trajectory]:
         phases = [
             replace(_origin(guess).phase.given, rule=rule, mesh=mesh, steps=0, guess=guess)
             for rule, mesh, guess in zip(rules, meshes, guesses, strict=True)
         ]
-        return optimal_phases(phases, links, t0=t0, solver=solver, options=options, backend=backend)
+        return solve_phases(phases, links, t0, solver, options, backend, None)
 
     for _ in range(rounds):
         rules, higher = [x.rule for x in low], [_next(x.rule) for x in low]
@@ -114,27 +120,31 @@ def refine(
         high = solve(higher, meshes, low)
         cost, before = _solution(high[0]).total_cost, _solution(low[0]).total_cost
         wanted = tol * (abs(cost) if abs(cost) > SMALL else 1.0)
-        different = [_differences(_solution(x), _solution(y)) for x, y in zip(low, high, strict=True)]
+        different = [
+            _differences(_solution(x), _solution(y)) for x, y in zip(low, high, strict=True)
+        ]
         marked = [x >= MARKED * max(y.max() for y in different) for x in different]
         smooth = bool(np.concatenate(marked).mean() > SMOOTH)
         error, best = abs(cost - before), high
         kinks = any(_solution(x).active for x in high) or not smooth
-        if error <= wanted and kinks:  # near a kink both rules can err alike: ask a mesh of half the steps
-            best = solve(higher, [_bisected(x) for x in meshes], high)
+        # near a kink both rules can err alike: ask a mesh of half the steps
+        if error <= wanted and kinks:
+            best = solve(higher, [_bisect(x) for x in meshes], high)
             error = max(error, abs(_solution(best[0]).total_cost - cost))
         words = ", ".join(dict.fromkeys(map(str, rules)))
         history.append((words, sum(len(x) - 1 for x in meshes), before, error))
         if error <= wanted:
             about = {"error": error, "rounds": tuple(history)}
             found = [replace(x, stats=MappingProxyType({**x.stats, **about})) for x in best]
+            found = assess(found, stacklevel=3)
             return found[0] if single else found
         if smooth and max(len(x.nodes) for x in higher) < MOST_STAGES:
             low = high
         else:
-            low = solve(rules, [_bisected(x, y) for x, y in zip(meshes, marked, strict=True)], high)
+            low = solve(rules, [_bisect(x, y) for x, y in zip(meshes, marked, strict=True)], high)
     raise SolverError(
-        f"after {rounds} rounds the cost is known to {history[-1][3]:.1e} only, wanted {tol:.1e} relative; "
-        "more rounds, or phases where the controls switch",
+        f"after {rounds} rounds the cost is known to {history[-1][3]:.1e} only, wanted {tol:.1e} "
+        "relative; more rounds, or phases where the controls switch",
         status="Tolerance_Not_Reached",
         iterate=low[0] if single else low,
     )
@@ -147,7 +157,7 @@ def _motions(given: Trajectory | Sequence[Trajectory]) -> list[Trajectory]:
     if isinstance(given, Trajectory):
         return [given]
     words = f"refine takes a Trajectory or all those of optimal_phases, got {given!r}"
-    motions = converted(lambda: list(given), lambda: words)
+    motions = parsed_or_refused(lambda: list(given), lambda: words)
     if not all(isinstance(motion, Trajectory) for motion in motions):
         raise InputError(words)
     return motions
@@ -163,7 +173,8 @@ def _origin(motion: Trajectory) -> Origin:
     origin = _solution(motion).origin
     if origin is None:
         raise InputError(
-            "this motion was loaded from a file, which does not hold its problem; solve it with guess=motion"
+            "this motion was loaded from a file, which does not hold its problem; solve it with "
+            "guess=motion"
         )
     return origin
 
@@ -171,11 +182,11 @@ def _origin(motion: Trajectory) -> Origin:
 def _solved_together(motions: list[Trajectory]) -> list[Trajectory]:
     """The phases of one problem, in its order."""
     origins = [_origin(x) for x in motions]
-    wanted = origins[0].problem.legs if origins else []
-    if not origins or [x.leg for x in origins] != wanted:
+    wanted = origins[0].problem.phases if origins else []
+    if not origins or [x.transcription for x in origins] != wanted:
         raise InputError(
-            f"refine() takes one trajectory, or all {len(wanted)} phases that optimal_phases returned, in their order; "
-            f"got {len(motions)}"
+            f"refine() takes one trajectory, or all {len(wanted)} phases that optimal_phases "
+            f"returned, in their order; got {len(motions)}"
         )
     return motions
 
@@ -186,21 +197,23 @@ def _next(rule: Rule) -> Rule:
     return lobatto(stages) if rule.points == rule.nodes else gauss(stages)
 
 
-def _bisected(mesh: np.ndarray, steps: np.ndarray | slice = slice(None)) -> np.ndarray:
+def _bisect(mesh: np.ndarray, steps: np.ndarray | slice = slice(None)) -> np.ndarray:
     """The mesh with some (all) steps halved."""
     return np.sort(np.concatenate([mesh, ((mesh[:-1] + mesh[1:]) / 2)[steps]]))
 
 
 def _differences(low: ControlSolution, high: ControlSolution) -> np.ndarray:
-    """How much controls and path of the two solutions differ in every step, relative to their ranges, (N,)."""
+    """How much controls and path of the two solutions differ in every step, relative to their
+    ranges, (N,).
+    """
     mesh = low.mesh
     at = (mesh[:-1, None] + np.diff(mesh)[:, None] * SAMPLES).ravel()
     total = np.zeros(len(mesh) - 1)
     for a, b in ((low.q, high.q), (low.u, high.u)):
         if not b.values.size:
             continue
-        one, two = a(at), b(at)
-        extent = np.maximum(np.ptp(two, axis=0), np.abs(two).max(axis=0) * 1e-3) + 1e-300
-        gap = (np.abs(one - two) / extent).max(axis=1).reshape(-1, len(SAMPLES)).max(axis=1)
+        coarse, fine = a(at), b(at)
+        extent = np.maximum(np.ptp(fine, axis=0), np.abs(fine).max(axis=0) * 1e-3) + 1e-300
+        gap = (np.abs(coarse - fine) / extent).max(axis=1).reshape(-1, len(SAMPLES)).max(axis=1)
         total = np.maximum(total, gap)
     return total * np.diff(mesh)

@@ -1,55 +1,42 @@
 """Units that suit a solver: unknowns, rows and cost of the order of one, by powers of ten.
 
-q is measured by its largest start value, v by that over the duration, p by M v, controls by the force that gains p in
-the duration, the cost by its order. Scenes in natural units are left alone: only sizes below 1/`NATURAL` or above
-`NATURAL` are scaled.
+q is measured by its largest start value, v by that over the duration, p by M v, controls by the
+force that gains p in the duration, the cost by its order. Scenes in natural units are left alone:
+only sizes below 1/`NATURAL` or above `NATURAL` are scaled.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from varint.control.leg import Leg
-from varint.control.problem import Problem
+from varint.control.problem import ControlProblem
+from varint.control.transcription import PhaseTranscription
+from varint.nlp.arrangement import Scales
 
 NATURAL = 30.0
 ROUNDING = 1e-12  # of the largest coordinate: smaller start values are zeros
 
 
-@dataclass(frozen=True, eq=False)
-class Scales:
-    """Sizes of the unknowns; factors of the cost and of the rows."""
-
-    x: np.ndarray
-    f: float
-    g: np.ndarray
-
-    @property
-    def natural(self) -> bool:
-        """Is there nothing to scale?"""
-        return bool((self.x == 1).all() and self.f == 1 and (self.g == 1).all())
-
-
-def scales(problem: Problem, x: np.ndarray) -> Scales:
+def choose_scales(problem: ControlProblem, x: np.ndarray) -> Scales:
     """Scales from the start values, the bounds and the derivatives at the start."""
-    size, factor = np.ones(problem.unknowns), np.ones(len(problem.g_low))
-    if not problem.legs:  # a program that is no optimal control: nothing is known of its units
-        return Scales(size, 1.0, factor)
-    rows, columns, values = _absolute(problem.program.jacobian(x, problem.p)[1])
-    for one in problem.legs:
-        _leg_scales(size, factor, one, problem, x, (rows, columns, values))
-    rows, columns, curvature = _absolute(problem.program.hessian(x, problem.p, 1, np.zeros(len(problem.g_low))))
+    size, factor = np.ones(problem.unknowns), np.ones(len(problem.nlp.g_low))
+    rows, columns, values = _absolute(problem.nlp.program.jacobian(x, problem.nlp.p)[1])
+    for transcription in problem.phases:
+        _scale_phase(size, factor, transcription, problem, x, (rows, columns, values))
+    rows, columns, curvature = _absolute(
+        problem.nlp.program.hessian(x, problem.nlp.p, 1, np.zeros(len(problem.nlp.g_low)))
+    )
     order = float((curvature * size[rows] ** 2)[rows == columns].sum())
-    slope = np.abs(np.array(problem.program.gradient(x, problem.p)[1]).ravel()) * size
+    slope = np.abs(np.array(problem.nlp.program.gradient(x, problem.nlp.p)[1]).ravel()) * size
     return Scales(size, 1 / _power(max(order, float(slope.max(initial=0.0)))), factor)
 
 
-def _leg_scales(size, factor, one: Leg, problem: Problem, x, jacobian) -> None:
+def _scale_phase(
+    size, factor, transcription: PhaseTranscription, problem: ControlProblem, x, jacobian
+) -> None:
     """Write the scales of one phase."""
-    slots, rows = one.slots, one.rows
-    free_t, duration = slots.shared[1], one.phase.duration[0]
+    slots, rows = transcription.slots, transcription.rows
+    free_t, duration = slots.shared[1], transcription.phase.duration[0]
     if free_t >= 0:
         size[free_t] = _power(duration)
     for i in slots.shared[2:][slots.shared[2:] >= 0]:
@@ -80,10 +67,12 @@ def _leg_scales(size, factor, one: Leg, problem: Problem, x, jacobian) -> None:
             size[group[..., i]] = _power(1 / strongest) if strongest > 0 else 1.0
 
 
-def _reach(problem: Problem, x: np.ndarray, index: np.ndarray) -> float:
-    """Size of a coordinate: its largest start value, or its smallest finite bound where that is 0."""
+def _reach(problem: ControlProblem, x: np.ndarray, index: np.ndarray) -> float:
+    """Size of a coordinate: its largest start value, or its smallest finite bound where that is
+    0.
+    """
     found = float(np.abs(x[index]).max(initial=0.0))
-    sides = np.abs(np.concatenate([problem.x_low[index], problem.x_high[index]]))
+    sides = np.abs(np.concatenate([problem.nlp.x_low[index], problem.nlp.x_high[index]]))
     sides = sides[np.isfinite(sides) & (sides > 0)]
     return found if found > 0 or not len(sides) else float(sides.min())
 

@@ -1,52 +1,46 @@
-"""From the solver's numbers back to mechanics: trajectories, costates, active bounds."""
+"""What belongs to an optimal control beside its trajectory: cost, costates, active bounds, the
+solver's way.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.control.leg import Leg
-from varint.control.nlp import Outcome
-from varint.control.phase import Checked
+from varint.control.balances import energy_balance, momentum_balance
+from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
-from varint.control.problem import Problem
-from varint.manifold import tangent_function
-from varint.stepping.step_function import action_function, step_function
-from varint.trajectory import Trajectory
+from varint.control.problem import ControlProblem
+from varint.control.replay import LARGE, defect, error_estimate, replay
+from varint.control.swings import CURE, swinging_controls
+from varint.control.transcription import PhaseTranscription, control_points
+from varint.errors import InputError
+from varint.nlp.solver import SolverResult
+from varint.numerics.plain import field_of, plain
+from varint.results.records import Costates
+from varint.results.trajectory import Trajectory
 
 ACTIVE = 1e-6  # of a range: this close to its bound a quantity is at it
-
-
-class Costates(NamedTuple):
-    """Derivatives of the optimal cost-to-go with respect to q (at constant p) and p, at every node, (N + 1, n) each.
-
-    `p` are the multipliers μ_k of the rows p⁺_{k−1} − p⁻_k = 0 (at the ends ∂L/∂v(q_0, v_0) − p⁻_0 and
-    p⁺_{N−1} − ∂L/∂v(q_N, v_N)) in the Lagrangian cost + μ·row.
-    """
-
-    q: np.ndarray
-    p: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Origin:
     """A phase, the program it is part of, and what the solver returned."""
 
-    leg: Leg
-    problem: Problem
-    outcome: Outcome
+    transcription: PhaseTranscription
+    problem: ControlProblem
+    outcome: SolverResult
 
     @property
-    def phase(self) -> Checked:
+    def phase(self) -> CheckedPhase:
         """The phase as the user gave it, checked."""
-        return self.leg.phase
+        return self.transcription.phase
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +62,11 @@ class ControlSolution:
     costates : Costates
         Costates at the nodes.
     status, success, violation, iterations, history, timings
-        How the solver ended and got there; the largest violation of any condition; cost, violation and optimality
-        after each iteration; seconds to build and to solve.
+        How the solver ended and got there; the largest violation of any condition; cost, violation
+        and optimality after each iteration; seconds to build and to solve.
     origin : Origin or None
-        The problem and the solver's own numbers, from which a further solve starts warm; None after loading a file.
+        The problem and the solver's own numbers, from which a further solve starts warm; None after
+        loading a file.
     kept : mapping
         What a file held of `active`.
     """
@@ -96,126 +91,140 @@ class ControlSolution:
     def __repr__(self) -> str:
         return f"ControlSolution(cost {self.cost:.9g}, {self.status}, {self.iterations} iterations)"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy, or what travels to another process, is what a file keeps: without the program
+        and its functions.
+        """
+        state = {f.name: getattr(self, f.name) for f in fields(self)}
+        return state | {
+            "history": dict(self.history),
+            "timings": dict(self.timings),
+            "origin": None,
+            "kept": self.active,
+        }
+
     @cached_property
     def active(self) -> dict[str, np.ndarray]:
         """Bounds along the path that are met with equality, and the times where they are."""
         return dict(self.kept) if self.origin is None else _active(self.origin)
 
+    def replay(self, motion: Trajectory) -> Trajectory:
+        """`simulate` from the optimal start with the optimal controls: the same motion to
+        round-off.
+        """
+        return replay(motion)
 
-def trajectories(problem: Problem, outcome: Outcome, data: np.ndarray | None = None) -> list[Trajectory]:
-    """One trajectory a phase; `data`: the program's constants where they are not the problem's own."""
-    constants = problem.p if data is None else data
-    return [_trajectory(problem, outcome, one, constants[one.first_datum :]) for one in problem.legs]
+    def report(self, motion: Trajectory) -> str:
+        """Status, cost, violation, replay defect, balance of energy and of momenta, active
+        bounds.
+        """
+        shared = (
+            f" of {self.total_cost:.12g}"
+            if abs(self.total_cost - self.cost) > 1e-12 * abs(self.cost)
+            else ""
+        )
+        lines = [
+            f"optimal control by {motion.rule}, {len(self.mesh) - 1} steps, duration "
+            f"{motion.duration:.12g}",
+            f"  status               {self.status} after {self.iterations} iterations",
+            f"  cost                 {self.cost:.12g}{shared}",
+            f"  constraint violation {self.violation:.1e}",
+            f"  replay defect        {defect(motion, replay(motion)):.1e}",
+            f"  error of the path    {error_in_words(motion, self.u)}",
+            f"  time                 {self.timings['build']:.3f} s to build, "
+            f"{self.timings['solve']:.3f} s to solve",
+        ]
+        gained, work = energy_balance(motion, self.q)
+        lines.append(f"  energy               gained {gained:.9g}, work of the forces {work:.9g}")
+        for name, change, impulse in momentum_balance(motion, self.q):
+            lines.append(
+                f"  {name}: momentum gained {change:.9g}, impulse of the force {impulse:.9g}"
+            )
+        for i, at in swinging_controls(self.u).items():
+            times = motion.t[0] + motion.duration * at
+            lines.append(
+                f"  swings               {motion.system.control_names[i]} goes up and down from "
+                f"node to node, {times[0]:.4g} … {times[-1]:.4g}: only its mean matters there; "
+                f"{CURE[len(self.u.points) > 1]} makes it smooth"
+            )
+        for bound, size in motion.stats.get("softened", {}).items():
+            lines.append(f"  softened             {bound} its bound, violated by {size:.3g}")
+        for bound, times in self.active.items():
+            lines.append(
+                f"  active               {bound}: {len(times)} times, {times[0]:.4g} … "
+                f"{times[-1]:.4g}"
+            )
+        return "\n".join(lines)
+
+    def to_arrays(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """What a file keeps: numbers and words, and arrays; `from_arrays` reads them."""
+        header: dict[str, Any] = {
+            name: plain(getattr(self, name)) for name in (*PLAIN, "history", "timings")
+        }
+        header["active"] = list(self.active)
+        arrays = {
+            "mesh": self.mesh,
+            "v_ends": self.v_ends,
+            "mu_q": self.costates.q,
+            "mu_p": self.costates.p,
+        }
+        for name in PIECES:
+            piece = getattr(self, name)
+            arrays |= {f"{name}_points": piece.points, f"{name}_values": piece.values}
+        return header, arrays | {
+            f"active_{i}": times for i, times in enumerate(self.active.values())
+        }
 
 
-def _trajectory(problem: Problem, outcome: Outcome, one: Leg, constants: np.ndarray) -> Trajectory:
-    phase, slots, x = one.phase, one.slots, outcome.x
-    count, rule, system = phase.steps, phase.rule, phase.system
-    shared = np.where(slots.shared >= 0, x[slots.shared], constants[2 * count : len(one.data)])
-    t0, duration, c = float(shared[0]), float(shared[1]), shared[2:]
-    uniform = np.array_equal(phase.mesh, np.arange(count + 1) / count)
-    k = np.arange(count + 1)
-    t = t0 + duration / count * k if uniform else t0 + duration * phase.mesh
-    points, u = control_points(x, one), x[slots.u]
-    p, terms = _momenta_and_terms(one, outcome, shared)
-    solution = ControlSolution(
-        cost=float(terms["cost"].sum() + terms["terminal"]),
-        total_cost=outcome.cost,
-        q=Piecewise(phase.mesh, np.array(rule.points), points),
-        u=Piecewise(phase.mesh, np.array(rule.nodes) if phase.samples > 1 else np.array([0.5]), u),
-        costate=Piecewise(phase.mesh, np.array(rule.points), _costate_points(one, outcome)),
-        mesh=phase.mesh,
-        v_ends=x[slots.v],
-        costates=Costates(terms["costate_q"], outcome.lam_g[one.rows.momentum]),
-        status=outcome.status,
-        success=outcome.success,
-        violation=outcome.violation,
-        iterations=outcome.iterations,
-        history=MappingProxyType(outcome.history),
-        timings=MappingProxyType({"build": problem.seconds, "solve": outcome.seconds}),
-        origin=Origin(one, problem, outcome),
-    )
-    return Trajectory(
-        system=system,
-        rule=rule,
-        t=t, q=x[slots.q], p=p, h=duration / count,
-        sizes=None if uniform else duration * np.diff(phase.mesh),
-        k=k, u=u, c=c,
-        functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
-        stats=MappingProxyType({"plan": f"optimal control by {rule}", "steps": count, "seconds": outcome.seconds}),
-        solution=solution,
-    )  # fmt: skip
-
-
-def control_points(x: np.ndarray, one: Leg) -> np.ndarray:
-    """Positions at the control points of every step, (N, d + 1, n)."""
-    slots = one.slots
-    return np.concatenate([x[slots.q[:-1]][:, None], x[slots.inner], x[slots.q[1:]][:, None]], axis=1)
-
-
-def _costate_points(one: Leg, outcome: Outcome) -> np.ndarray:
-    """μ at the control points: multipliers of momentum matching at nodes, of the inner rows between them."""
-    rows, count, n = one.rows, one.phase.steps, one.phase.system.structure.n
-    mu = outcome.lam_g[rows.momentum]
-    inner = outcome.lam_g[rows.inner].reshape(count, -1, n)
-    return np.concatenate([mu[:-1, None], inner, mu[1:, None]], axis=1)
-
-
-def _momenta_and_terms(one: Leg, outcome: Outcome, shared: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-    """Momenta at the nodes from the discrete Legendre transforms; cost of every interval; costates of q."""
-    phase, slots, rows, x = one.phase, one.slots, one.rows, outcome.x
-    term = one.interval
-    stages = x[slots.q[:-1, :1] + np.arange(term.stage.numel())]
-    mesh = np.column_stack([phase.mesh[:-1], np.diff(phase.mesh)])
-    index = np.hstack([rows.momentum[:-1], rows.inner, rows.gaps, rows.nodes, rows.points, rows.momentum[1:]])
-    lam = np.append(outcome.lam_g, 0.0)[index]
-    p_minus, p_plus, cost, at_start, at_end = over_columns(
-        one.values_function, stages, x[slots.q[1:]], mesh, shared, lam
-    )
-    at_end_of = one.terminal_function(x[slots.q[-1]], x[slots.v[1]], shared[0] + shared[1], shared[2:])
-    terminal, p_end = (np.array(y).ravel() for y in at_end_of)
-    p = np.vstack([p_minus, p_plus[-1:]])
-    if phase.system.structure.constraints:
-        t = shared[0] + shared[1] * phase.mesh
-        p = p + over_columns(tangent_function(phase.system), x[slots.q], p, t[:, None], shared[2:])[1]
-        p[-1] = p_end
-    return p, {
-        "cost": cost[:, 0],
-        "terminal": float(terminal[0]),
-        "costate_q": np.vstack([at_start, -at_end[-1:]]),
-    }
+def error_in_words(motion: Trajectory, controls: Piecewise) -> str:
+    """The estimate made when the problem was solved, or one made now; what to do if it is large."""
+    known = motion.stats.get("error_estimate")
+    error = error_estimate(motion, controls) if known is None else float(known)
+    cure = ": too coarse, take more steps, a higher rule, or vi.refine" if error > LARGE else ""
+    return f"{error:.1e} of its range, by a replay in quarter steps{cure}"
 
 
 def _active(origin: Origin) -> dict[str, np.ndarray]:
     """Times at which each bound along the path is met with equality."""
-    one, outcome, problem = origin.leg, origin.outcome, origin.problem
-    phase, slots, rule = one.phase, one.slots, one.phase.rule
+    transcription, outcome, problem = origin.transcription, origin.outcome, origin.problem
+    phase, slots, rule = transcription.phase, transcription.slots, transcription.phase.rule
     s, mesh, steps = phase.system, phase.mesh, np.diff(phase.mesh)
-    shared = np.where(slots.shared >= 0, outcome.x[slots.shared], one.data[2 * phase.steps :])
+    shared = transcription.shared_values(outcome.x)
     t0, duration = float(shared[0]), float(shared[1])
     points = mesh[:-1, None] + steps[:, None] * np.array(rule.points)
     nodes = mesh[:-1, None] + steps[:, None] * np.array(rule.nodes)
-    q = control_points(outcome.x, one)
+    q = control_points(outcome.x, transcription)
     found: dict[str, np.ndarray] = {}
     u = outcome.x[slots.u]
     at_u = nodes if phase.samples > 1 else mesh[:-1, None] + steps[:, None] / 2
-    g = np.array(problem.program.value(outcome.x, problem.p)[1]).ravel()
-    held_nodes = g[one.rows.nodes].reshape(phase.steps, len(rule.nodes), -1)
+    g = np.array(problem.nlp.program.value(outcome.x, problem.nlp.p)[1]).ravel()
+    values_at_nodes = g[transcription.rows.nodes].reshape(phase.steps, len(rule.nodes), -1)
     at_points = phase.bounds.at_points.numel()
-    rows = one.rows.points.reshape(phase.steps, rule.degree, -1) if at_points else np.zeros((phase.steps, 0, 0), int)
-    held_points = np.where(rows < 0, np.nan, g[rows]) if at_points else np.zeros((phase.steps, 0, 0))
-    kinds: list[tuple] = [
+    rows = (
+        transcription.rows.points.reshape(phase.steps, rule.degree, -1)
+        if at_points
+        else np.zeros((phase.steps, 0, 0), int)
+    )
+    values_at_points = (
+        np.where(rows < 0, np.nan, g[rows]) if at_points else np.zeros((phase.steps, 0, 0))
+    )
+    quantities: list[tuple] = [
         (s.names, q, points, phase.bounds.q),
         (s.control_names, u, at_u, phase.bounds.u),
-        (_texts(phase.bounds.at_nodes), held_nodes, nodes, (phase.bounds.nodes_low, phase.bounds.nodes_high)),
+        (
+            _texts(phase.bounds.at_nodes),
+            values_at_nodes,
+            nodes,
+            (phase.bounds.nodes_low, phase.bounds.nodes_high),
+        ),
         (
             _texts(phase.bounds.at_points),
-            held_points,
+            values_at_points,
             points[:, 1:],
             (phase.bounds.points_low, phase.bounds.points_high),
         ),
     ]
-    for names, values, at, (low, high) in kinds:
+    for names, values, at, (low, high) in quantities:
         for i, name in enumerate(names):
             for sign, bound in ((">=", low[i]), ("<=", high[i])):
                 if np.isfinite(bound):
@@ -230,38 +239,52 @@ def _texts(expressions: ca.SX) -> list[str]:
 
 
 PIECES = ("q", "u", "costate")
-PLAIN = ("cost", "total_cost", "status", "success", "violation", "iterations")
+PLAIN = {
+    "cost": float,
+    "total_cost": float,
+    "status": str,
+    "success": bool,
+    "violation": float,
+    "iterations": int,
+}
 
 
-def stored(solution: ControlSolution) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """What a file keeps of a solution: numbers and words, and arrays."""
-    header = {name: getattr(solution, name) for name in PLAIN}
-    header |= {"history": dict(solution.history), "timings": dict(solution.timings), "active": list(solution.active)}
-    arrays = {
-        "mesh": solution.mesh,
-        "v_ends": solution.v_ends,
-        "mu_q": solution.costates.q,
-        "mu_p": solution.costates.p,
-    }
-    for name in PIECES:
-        piece = getattr(solution, name)
-        arrays |= {f"{name}_points": piece.points, f"{name}_values": piece.values}
-    return header, arrays | {f"active_{i}": times for i, times in enumerate(solution.active.values())}
+def from_arrays(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> ControlSolution:
+    """A solution from what `ControlSolution.to_arrays` kept; a further solve can start from its
+    path and controls.
 
-
-def restored(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> ControlSolution:
-    """A solution from what `stored` kept; a further solve can start from its path and controls."""
-    mesh = arrays["mesh"]
+    Raises
+    ------
+    InputError
+        If something is missing or does not fit together.
+    """
+    active = field_of(header, "active", list[str])
+    mesh = _held(arrays, "mesh", 1)
+    if len(mesh) < 2:
+        raise InputError("the mesh of the control has no step")
     pieces: dict[str, Any] = {
-        name: Piecewise(mesh, arrays[f"{name}_points"], arrays[f"{name}_values"]) for name in PIECES
+        name: Piecewise(
+            mesh, _held(arrays, f"{name}_points", 1), _held(arrays, f"{name}_values", 3)
+        )
+        for name in PIECES
     }
+    for name, piece in pieces.items():
+        if piece.values.shape[:2] != (len(mesh) - 1, len(piece.points)):
+            raise InputError(f"{name} of the control has values of shape {piece.values.shape}")
     return ControlSolution(
-        **{name: header[name] for name in PLAIN},
+        **{name: field_of(header, name, kind) for name, kind in PLAIN.items()},
         **pieces,
         mesh=mesh,
-        v_ends=arrays["v_ends"],
-        costates=Costates(arrays["mu_q"], arrays["mu_p"]),
-        history=MappingProxyType(header["history"]),
-        timings=MappingProxyType(header["timings"]),
-        kept={name: arrays[f"active_{i}"] for i, name in enumerate(header["active"])},
+        v_ends=_held(arrays, "v_ends", 2),
+        costates=Costates(_held(arrays, "mu_q", 2), _held(arrays, "mu_p", 2)),
+        history=MappingProxyType(field_of(header, "history", dict[str, list[float]])),
+        timings=MappingProxyType(field_of(header, "timings", dict[str, float])),
+        kept={name: _held(arrays, f"active_{i}", 1) for i, name in enumerate(active)},
     )
+
+
+def _held(arrays: Mapping[str, np.ndarray], name: str, dimensions: int) -> np.ndarray:
+    array = arrays.get(name)
+    if array is None or array.ndim != dimensions or array.dtype.kind != "f":
+        raise InputError(f"{name} of the control is missing, or no {dimensions}-dimensional array")
+    return array

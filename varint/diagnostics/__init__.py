@@ -1,4 +1,5 @@
-"""Self-tests on the user's own scene: order, structure, long-time behaviour, run time against error.
+"""Self-tests on the user's own scene: order, structure, long-time behaviour, run time against
+error.
 
 Each takes a system and a rule, or any step function with the signature of `varint.step_function`.
 """
@@ -18,7 +19,22 @@ from varint.diagnostics.structure import (
 from varint.diagnostics.work import WorkPrecision, work_precision
 
 __all__ = [
-    "Conserved", "ConstraintDrift", "Convergence", "EnergySlope", "MomentumMap", "ReversibilityDefect", "RoundOff",
-    "SelfTest", "SymplecticDefect", "WorkPrecision", "constraint_drift", "convergence", "energy_slope",
-    "reversibility_defect", "round_off", "self_test", "symplectic_defect", "work_precision",
-]  # fmt: skip
+    "Conserved",
+    "ConstraintDrift",
+    "Convergence",
+    "EnergySlope",
+    "MomentumMap",
+    "ReversibilityDefect",
+    "RoundOff",
+    "SelfTest",
+    "SymplecticDefect",
+    "WorkPrecision",
+    "constraint_drift",
+    "convergence",
+    "energy_slope",
+    "reversibility_defect",
+    "round_off",
+    "self_test",
+    "symplectic_defect",
+    "work_precision",
+]

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from varint.diagnostics.runs import Scene, march, scene
+from varint.diagnostics.runs import Scene, march, mark, scene
 from varint.diagnostics.structure import EPS
-from varint.diagnostics.verdict import mark
-from varint.discrete import point_function
+from varint.discrete.lagrangian import point_function
 from varint.errors import ConvergenceError, InputError
-from varint.parameters import number, whole
-from varint.rules import Rule, gauss, lobatto
-from varint.stepping.plan import default_rule
-from varint.system import System
-from varint.trajectory import Trajectory
+from varint.integration.plan import default_rule
+from varint.integration.problem import Start
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule, gauss, lobatto
+from varint.scene.inputs import number, positive_integer
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,15 +74,21 @@ class Convergence:
             limits = f"{COARSE:g} and {ABOVE * self.floor:.0e}"
             return f"{mark(None)} order: fewer than three steps have errors between {limits}"
         return (
-            f"{mark(self.passed)} order {self.q_order:.2f} in q, {self.p_order:.2f} in p (expected {self.expected:g}); "
-            f"smallest error {self.plateau:.1e}"
+            f"{mark(self.passed)} order {self.q_order:.2f} in q, {self.p_order:.2f} in p (expected "
+            f"{self.expected:g}); smallest error {self.plateau:.1e}"
         )
 
     def plot(self) -> Figure:
         """Errors over the step, double logarithmic, with the expected slope."""
-        from varint import plot_diagnostics
+        from varint.drawing.diagnostic_figures import convergence_figure
 
-        return plot_diagnostics.convergence_figure(self)
+        return convergence_figure(
+            self.method,
+            self.h,
+            {"q": (self.q_error, self.q_order), "p": (self.p_error, self.p_order)},
+            self.expected,
+            self.floor,
+        )
 
 
 def convergence(
@@ -95,7 +102,7 @@ def convergence(
     steps: Sequence[int] = LEVELS,
     order: float | None = None,
     reference: Reference = None,
-    params: Any = None,
+    params: ParameterValues | None = None,
     t0: float = 0.0,
     u: Any = None,
 ) -> Convergence:
@@ -111,15 +118,16 @@ def convergence(
     order : float, optional
         Expected order; needed for a step function.
     reference : Trajectory, (q, p), or callable, optional
-        The solution at the end: a trajectory that ends there, its q and p, or ``q, v = exact(t)``. Default: made with
-        a rule of order 16, refined until nothing changes.
+        The solution at the end: a trajectory that ends there, its q and p, or ``q, v = exact(t)``.
+        Default: made with a rule of order 16, refined until nothing changes.
 
     Returns
     -------
     Convergence
-        Passed if both orders are at least the expected one less 0.2 (linear scenes may super-converge).
+        Passed if both orders are at least the expected one less 0.2 (linear scenes may
+        super-converge).
     """
-    start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    start = scene(system, method, Start(q0, v0, p0, t0, params, u))
     if order is None:
         if not isinstance(start.method, Rule):
             raise InputError("give order=, the order that this step function is expected to have")
@@ -132,14 +140,22 @@ def convergence(
     known = not np.isnan(orders).any()
     good = bool(min(orders) >= order - TOLERANCE) if known else None
     return Convergence(
-        start.name, duration / counts, errors[:, 0], errors[:, 1], orders[0], orders[1], order, floor, good
-    )  # fmt: skip
+        start.name,
+        duration / counts,
+        errors[:, 0],
+        errors[:, 1],
+        orders[0],
+        orders[1],
+        order,
+        floor,
+        good,
+    )
 
 
 def counts_of(steps: Sequence[int]) -> np.ndarray:
     """Numbers of steps in order, each once."""
     try:
-        counts = sorted({whole("every number of steps", k) for k in steps})
+        counts = sorted({positive_integer("every number of steps", k) for k in steps})
     except TypeError:
         counts = []
     if not counts:
@@ -154,19 +170,26 @@ def _order(h: np.ndarray, error: np.ndarray, floor: float) -> float:
     return float(np.polyfit(np.log(np.abs(h[usable])), np.log(error[usable]), 1)[0])
 
 
-def error_at_end(start: Scene, duration: float, steps: int, q: np.ndarray, p: np.ndarray) -> tuple[float, float]:
+def error_at_end(
+    start: Scene, duration: float, steps: int, q: np.ndarray, p: np.ndarray
+) -> tuple[float, float]:
     """Errors of q and p at the end, relative to their sizes."""
     try:
         found_q, found_p, _ = march(start, duration / steps, steps)
     except ConvergenceError:
         return float("nan"), float("nan")
     sizes = [
-        max(np.abs(x).max(), EPS) for x in (np.concatenate([found_q, q[None]]), np.concatenate([found_p, p[None]]))
+        max(np.abs(x).max(), EPS)
+        for x in (np.concatenate([found_q, q[None]]), np.concatenate([found_p, p[None]]))
     ]
-    return float(np.abs(found_q[-1] - q).max() / sizes[0]), float(np.abs(found_p[-1] - p).max() / sizes[1])
+    return float(np.abs(found_q[-1] - q).max() / sizes[0]), float(
+        np.abs(found_p[-1] - p).max() / sizes[1]
+    )
 
 
-def end_of(start: Scene, duration: float, reference: Reference) -> tuple[np.ndarray, np.ndarray, float]:
+def end_of(
+    start: Scene, duration: float, reference: Reference
+) -> tuple[np.ndarray, np.ndarray, float]:
     """q, p at the end and their relative accuracy."""
     n = len(start.q)
     if reference is None:
@@ -176,17 +199,22 @@ def end_of(start: Scene, duration: float, reference: Reference) -> tuple[np.ndar
         return end.q, end.p, EPS
     if callable(reference):
         q, v = (np.asarray(x, dtype=float).reshape(n) for x in reference(start.t + duration))
-        p = np.array(point_function(start.system)(q, v, start.u, start.t + duration, start.c)[1]).ravel()
+        p = np.array(
+            point_function(start.system)(q, v, start.u, start.t + duration, start.c)[1]
+        ).ravel()
         return q, p, EPS
     try:
         q, p = (np.asarray(x, dtype=float).reshape(n) for x in reference)
     except (TypeError, ValueError):
-        raise InputError(f"reference must be a Trajectory, (q, p), or q, v = exact(t); got {reference!r}") from None
+        raise InputError(
+            f"reference must be a Trajectory, (q, p), or q, v = exact(t); got {reference!r}"
+        ) from None
     return q, p, EPS
 
 
 def tight(start: Scene, duration: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """q and p at the end by a rule of order 16 (14 with constraints), doubled until nothing changes; last change.
+    """q and p at the end by a rule of order 16 (14 with constraints), doubled until nothing
+    changes; last change.
 
     Scenes that have rules of order 2 only take the scene's own.
     """
@@ -207,7 +235,8 @@ def tight(start: Scene, duration: float) -> tuple[np.ndarray, np.ndarray, float]
         if q is not None:
             sizes = np.abs(path_q).max(), np.abs(path_p).max()
             change = max(
-                np.abs(path_q[-1] - q).max() / max(sizes[0], EPS), np.abs(path_p[-1] - p).max() / max(sizes[1], EPS)
+                np.abs(path_q[-1] - q).max() / max(sizes[0], EPS),
+                np.abs(path_p[-1] - p).max() / max(sizes[1], EPS),
             )
             if best is not None and change >= best[2] / 2 and best[2] < 1e-9:
                 return best
@@ -217,5 +246,8 @@ def tight(start: Scene, duration: float) -> tuple[np.ndarray, np.ndarray, float]
         q, p = path_q[-1], path_p[-1]
         steps *= 2
     if best is None:
-        raise InputError("no reference solution was found: every step failed; give reference= or a shorter duration")
+        raise InputError(
+            "no reference solution was found: every step failed; give reference= or a shorter "
+            "duration"
+        )
     return best

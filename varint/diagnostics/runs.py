@@ -1,9 +1,10 @@
-"""Runs for diagnostics: by a rule, or by any step function with the signature of `varint.step_function`."""
+"""Runs for diagnostics: by a rule, or by any step function with the signature of
+`varint.step_function`.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,18 +12,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.arrays import LARGEST_BLOCK, blocks, call
-from varint.discrete import point_function
+from varint.discrete.lagrangian import point_function
+from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
-from varint.grid import affordable, checked_steps
-from varint.legendre import velocity_function
-from varint.parameters import finite_array
-from varint.rules import Rule
-from varint.stepping.initial import initial_task
-from varint.stepping.plan import plan
-from varint.stepping.simulate import simulate
-from varint.stepping.step_function import step_function
-from varint.system import System
+from varint.integration.plan import plan
+from varint.integration.problem import RunOptions, Start, initial_value_problem
+from varint.integration.simulate import simulate
+from varint.integration.step_function import step_function
+from varint.numerics.arrays import LARGEST_BLOCK, blocks, call
+from varint.numerics.limits import check_memory, check_steps
+from varint.rules.rule import Rule
+from varint.scene.inputs import finite_array
+from varint.scene.system import System, parameters_by_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,11 @@ class Scene:
     @property
     def step(self) -> ca.Function:
         """The step function."""
-        return step_function(self.system, self.method) if isinstance(self.method, Rule) else self.method
+        return (
+            step_function(self.system, self.method)
+            if isinstance(self.method, Rule)
+            else self.method
+        )
 
     @property
     def controls(self) -> np.ndarray:
@@ -93,29 +98,21 @@ class Scene:
         return np.array(f(q.T, p.T, t[None], self.c)).ravel()
 
 
-def scene(
-    system: System,
-    method: Rule | ca.Function | None,
-    *,
-    q0: Any,
-    v0: Any,
-    p0: Any = None,
-    u: Any = None,
-    params: Mapping[str, Any] | None = None,
-    t0: float = 0.0,
-) -> Scene:
+def scene(system: System, method: Rule | ca.Function | None, start: Start) -> Scene:
     """Checked input of a diagnostic; `method` None: the scene's own rule."""
     rule = plan(system, method if isinstance(method, Rule) else None).rule
     method = rule if method is None else method
     if not isinstance(method, (Rule, ca.Function)):
-        raise InputError(f"give a rule or a step function like that of step_function(system), got {method!r}")
-    arguments = dict(h=1.0, steps=1, duration=None, t0=t0, params=params, save_every=1)
+        raise InputError(
+            f"give a rule or a step function like that of step_function(system), got {method!r}"
+        )
     k = system.structure.controls
-    u = np.zeros(k) if u is None else finite_array("u", u).reshape(-1)
-    task = initial_task(system, rule, q0=q0, v0=v0, p0=p0, u=u if k else None, **arguments)  # type: ignore[arg-type]
+    u = np.zeros(k) if start.u is None else finite_array("u", start.u).reshape(-1)
+    start = start._replace(u=u if k else None)
+    problem = initial_value_problem(system, rule, start, RunOptions(h=1.0, steps=1))
     if isinstance(method, ca.Function):
         _check_signature(method, system)
-    return Scene(system, method, rule, task.q0, task.p0, task.t0, u, task.c)
+    return Scene(system, method, rule, problem.q0, problem.p0, problem.t0, u, problem.c)
 
 
 def _check_signature(step: ca.Function, system: System) -> None:
@@ -133,30 +130,44 @@ def _check_signature(step: ca.Function, system: System) -> None:
 
 
 def march(scene: Scene, h: float, steps: int, q: Any = None, p: Any = None, t: float | None = None):
-    """q (N + 1, n), p (N + 1, n) and times (N + 1,) of a run from the scene's start or from (q, p) at time t."""
+    """q (N + 1, n), p (N + 1, n) and times (N + 1,) of a run from the scene's start or from (q,
+    p) at time t.
+    """
     q, p = (scene.q if q is None else q), (scene.p if p is None else p)
     t = scene.t if t is None else t
     if isinstance(scene.method, Rule):
-        values, first = {}, 0
-        for name, default in scene.system.defaults.items():
-            values[name] = scene.c[first : first + default.size].reshape(default.shape, order="F")
-            first += default.size
         u = scene.u if scene.u.size else None
-        with warnings.catch_warnings():  # orders are measured from steps on that are too large: no news here
+        # orders are measured from steps on that are too large: no news here
+        with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "the energy (went|is not defined)")
             motion = simulate(
-                scene.system, scene.method, q0=q, p0=p, h=h, steps=steps, t0=t, params=values, u=u, progress=False
+                scene.system,
+                scene.method,
+                q0=q,
+                p0=p,
+                h=h,
+                steps=steps,
+                t0=t,
+                params=parameters_by_name(scene.system, scene.c),
+                u=u,
+                progress=False,
             )
-        grid = np.unique(motion.k, return_index=True)[1]  # impacts add nodes between those of the grid
+        # impacts add nodes between those of the grid
+        grid = np.unique(motion.k, return_index=True)[1]
         return motion.q[grid], motion.p[grid], motion.t[grid]
-    checked_steps(float(t), float(h), steps)
-    affordable(f"a run of {steps} steps", (steps + 1) * 2 * len(q), "take fewer steps")
+    check_steps(float(t), float(h), steps)
+    check_memory(f"a run of {steps} steps", (steps + 1) * 2 * len(q), "take fewer steps")
     times = t + h * np.arange(steps + 1)
     n, x, states, k = len(q), np.concatenate([q, p]), [np.concatenate([q, p])[None]], 0
     for count in blocks(steps, LARGEST_BLOCK // 10):
-        rolled = _rolled(scene.method, count)
+        rolled = _roll(scene.method, count)
         found = call(
-            rolled, x, np.tile(scene.controls, count), np.tile(scene.c, count), times[k : k + count], np.full(count, h)
+            rolled,
+            x,
+            np.tile(scene.controls, count),
+            np.tile(scene.c, count),
+            times[k : k + count],
+            np.full(count, h),
         )
         states.append(found[0].reshape(count, 2 * n))
         x, k = states[-1][-1].copy(), k + count
@@ -165,10 +176,22 @@ def march(scene: Scene, h: float, steps: int, q: Any = None, p: Any = None, t: f
 
 
 @lru_cache(maxsize=64)
-def _rolled(step: ca.Function, count: int) -> ca.Function:
+def _roll(step: ca.Function, count: int) -> ca.Function:
     n = step.numel_in(0)
-    x, u, c = ca.MX.sym("x", 2 * n), ca.MX.sym("u", step.numel_in(2)), ca.MX.sym("c", step.numel_in(3))
+    x, u, c = (
+        ca.MX.sym("x", 2 * n),
+        ca.MX.sym("u", step.numel_in(2)),
+        ca.MX.sym("c", step.numel_in(3)),
+    )
     t, h = ca.MX.sym("t"), ca.MX.sym("h")
     q1, p1, *_ = step.call([x[:n], x[n:], ca.reshape(u, *step.size_in(2)), c, t, h])
     one = ca.Function("one", [x, u, c, t, h], [ca.densify(ca.vertcat(q1, p1))])
     return one.mapaccum(count) if count > 1 else one
+
+
+PASS, FAIL, SKIP = "✓", "✗", "–"
+
+
+def mark(passed: bool | None) -> str:
+    """✓, ✗, or – where a property is not expected of the scene."""
+    return SKIP if passed is None else PASS if passed else FAIL

@@ -10,6 +10,7 @@ import casadi as ca
 from varint.diagnostics.accuracy import LEVELS, Convergence, convergence
 from varint.diagnostics.long_runs import EnergySlope, RoundOff, energy_slope, round_off
 from varint.diagnostics.momentum import DRIFT, Conserved
+from varint.diagnostics.runs import mark
 from varint.diagnostics.structure import (
     ConstraintDrift,
     ReversibilityDefect,
@@ -18,10 +19,11 @@ from varint.diagnostics.structure import (
     reversibility_defect,
     symplectic_defect,
 )
-from varint.diagnostics.verdict import mark
-from varint.rules import Rule
-from varint.stepping.simulate import simulate
-from varint.system import System
+from varint.integration.problem import Start
+from varint.integration.simulate import simulate
+from varint.rules.rule import Rule
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System
 
 CONVERGENCE_STEPS = 64  # of size h: the duration of the convergence test
 
@@ -50,7 +52,9 @@ class SelfTest:
 
     @property
     def momenta(self) -> bool | None:
-        """Whether all that the rule keeps exactly drifts less than 1e-11, forces and reactions taken into account."""
+        """Whether all that the rule keeps exactly drifts less than 1e-11, forces and reactions
+        taken into account.
+        """
         if self.conserved is None:
             return None
         kept = [m for m in self.conserved if m.expected is not None and m.exact]
@@ -59,15 +63,34 @@ class SelfTest:
     @property
     def passed(self) -> bool:
         """Whether nothing failed."""
-        parts = (self.convergence, self.symplectic, self.reversibility, self.energy, self.round_off, self.constraints)
+        parts = (
+            self.convergence,
+            self.symplectic,
+            self.reversibility,
+            self.energy,
+            self.round_off,
+            self.constraints,
+        )
         return all(x.passed is not False for x in parts) and self.momenta is not False
 
     def __str__(self) -> str:
-        parts = (self.convergence, self.symplectic, self.reversibility, self.energy, self.round_off, self.constraints)
-        lines = [f"{self.method}: {'all hold' if self.passed else 'NOT all hold'}", *(str(x) for x in parts)]
+        parts = (
+            self.convergence,
+            self.symplectic,
+            self.reversibility,
+            self.energy,
+            self.round_off,
+            self.constraints,
+        )
+        lines = [
+            f"{self.method}: {'all hold' if self.passed else 'NOT all hold'}",
+            *(str(x) for x in parts),
+        ]
         if self.conserved is not None:
             count = len(self.conserved)
-            lines.append(f"{mark(self.momenta)} momentum maps of {count} symmetries, each as theory says:")
+            lines.append(
+                f"{mark(self.momenta)} momentum maps of {count} symmetries, each as theory says:"
+            )
             lines += [f"    {m}" for m in self.conserved]
         return "\n".join(lines)
 
@@ -82,11 +105,12 @@ def self_test(
     h: float,
     steps: int = 2000,
     order: float | None = None,
-    params: Any = None,
+    params: ParameterValues | None = None,
     t0: float = 0.0,
     u: Any = None,
 ) -> SelfTest:
-    """All diagnostics on the user's scene: order, structure, energy, round-off, constraints, momentum maps.
+    """All diagnostics on the user's scene: order, structure, energy, round-off, constraints,
+    momentum maps.
 
     Parameters
     ----------
@@ -111,16 +135,20 @@ def self_test(
     >>> vi.diagnostics.self_test(pendulum, vi.gauss(2), q0=1.0, v0=0.0, h=0.1, steps=500).passed
     True
     """
-    start: dict[str, Any] = dict(q0=q0, v0=v0, p0=p0, params=params, t0=t0, u=u)
+    start: dict[str, Any] = Start(q0, v0, p0, t0, params, u)._asdict()
     conserved = None
     if not isinstance(method, ca.Function):
         motion = simulate(system, method, h=h, steps=steps, progress=False, **start)
         method, conserved = motion.rule, motion.conserved()
     return SelfTest(
         method=str(method) if isinstance(method, Rule) else method.name(),
-        convergence=convergence(system, method, duration=CONVERGENCE_STEPS * h, steps=LEVELS, order=order, **start),
+        convergence=convergence(
+            system, method, duration=CONVERGENCE_STEPS * h, steps=LEVELS, order=order, **start
+        ),
         symplectic=symplectic_defect(system, method, h=h, **start),
-        reversibility=reversibility_defect(system, method, h=h, steps=max(steps // 20, 10), **start),
+        reversibility=reversibility_defect(
+            system, method, h=h, steps=max(steps // 20, 10), **start
+        ),
         energy=energy_slope(system, method, h=h, steps=steps, **start),
         round_off=round_off(system, method, h=h, steps=steps, **start),
         constraints=constraint_drift(system, method, h=h, steps=steps, **start),

@@ -8,14 +8,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.diagnostics.runs import Scene, march, scene
-from varint.diagnostics.verdict import mark
-from varint.errors import InputError, converted
-from varint.legendre import velocity_function
-from varint.parameters import number, whole
-from varint.rules import Rule
-from varint.system import System, per_system
+from varint.diagnostics.runs import Scene, march, mark, scene
+from varint.discrete.legendre import velocity_function
+from varint.errors import InputError, parsed_or_refused
+from varint.integration.problem import Start
+from varint.numerics.arrays import over_columns
+from varint.rules.rule import Rule
+from varint.scene.inputs import number, positive_integer
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System, per_system
 
 SYMPLECTIC = 1e-12  # of ‖AᵀJA − J‖ for balanced A; exact derivatives leave some 1e-15
 CONSTRAINT, HIDDEN = 1e-12, 1e-10  # |g| and |G v|, relative to the sizes of q and v
@@ -35,7 +36,8 @@ class SymplecticDefect:
     values : ndarray
         One a state.
     passed : bool or None
-        None where forces or non-holonomic constraints make the flow itself not symplectic, and with contacts.
+        None where forces or non-holonomic constraints make the flow itself not symplectic, and with
+        contacts.
     """
 
     method: str
@@ -65,17 +67,19 @@ def symplectic_defect(
     h: float,
     states: int = 5,
     apart: int = 7,
-    params: Any = None,
+    params: ParameterValues | None = None,
     t0: float = 0.0,
     u: Any = None,
 ) -> SymplecticDefect:
-    """How far one step is from symplectic, AᵀJA = J with A = ∂(q1, p1)/∂(q0, p0) by exact derivatives.
+    """How far one step is from symplectic, AᵀJA = J with A = ∂(q1, p1)/∂(q0, p0) by exact
+    derivatives.
 
     Parameters
     ----------
     system : System
     method : Rule or Function, optional
-        A rule, or a step function with the signature of `step_function`. Default: the scene's own rule.
+        A rule, or a step function with the signature of `step_function`. Default: the scene's own
+        rule.
     q0, v0, p0, h, params, t0, u
         As in `simulate`; u is constant.
     states, apart : int
@@ -84,8 +88,8 @@ def symplectic_defect(
     Returns
     -------
     SymplecticDefect
-        With A scaled symplectically to momenta and positions of like size. With constraints the two-form is taken on
-        vectors tangent to g = 0, G v = 0.
+        With A scaled symplectically to momenta and positions of like size. With constraints the
+        two-form is taken on vectors tangent to g = 0, G v = 0.
 
     Examples
     --------
@@ -96,20 +100,30 @@ def symplectic_defect(
     >>> vi.diagnostics.symplectic_defect(pendulum, vi.gauss(2), q0=1.0, v0=0.0, h=0.1).passed
     True
     """
-    start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
-    states, apart = whole("states", states), whole("apart", apart)
+    start = scene(system, method, Start(q0, v0, p0, t0, params, u))
+    states, apart = positive_integer("states", states), positive_integer("apart", apart)
     if system.structure.contacts:
         return SymplecticDefect(start.name, h, np.empty(0), None)
     q, p, t = march(start, h, max(states - 1, 1) * apart)
-    values = np.array([_defect(start, q[i], p[i], t[i], h) for i in range(0, len(q), apart)][:states])
-    good, free = bool((values <= SYMPLECTIC).all()), system.structure.forced or system.structure.nonholonomic
+    values = np.array(
+        [_defect(start, q[i], p[i], t[i], h) for i in range(0, len(q), apart)][:states]
+    )
+    good, free = (
+        bool((values <= SYMPLECTIC).all()),
+        system.structure.forced or system.structure.nonholonomic,
+    )
     return SymplecticDefect(start.name, h, values, None if free and not good else good)
 
 
 def _defect(start: Scene, q: np.ndarray, p: np.ndarray, t: float, h: float) -> float:
     n = len(q)
-    where = f"the step from q={q}, p={p} at t={t:g} has no finite derivative: take a smaller h or other parameters"
-    blocks = converted(lambda: _slopes(start.step)(q, p, start.controls, start.c, t, h), lambda: where)
+    where = (
+        f"the step from q={q}, p={p} at t={t:g} has no finite derivative: take a smaller h or "
+        "other parameters"
+    )
+    blocks = parsed_or_refused(
+        lambda: _slopes(start.step)(q, p, start.controls, start.c, t, h), lambda: where
+    )
     a = np.array(ca.blockcat([blocks[:2], blocks[2:]]))
     j = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
     size = np.sqrt(np.maximum(np.abs(q).max(), EPS) / np.maximum(np.abs(p).max(), EPS))
@@ -168,7 +182,8 @@ class ReversibilityDefect:
     growth : float
         Amplification of a small perturbation over the run.
     flipped : bool
-        Whether velocities were flipped; otherwise h was (Lagrangians that are not even in v, or depend on t).
+        Whether velocities were flipped; otherwise h was (Lagrangians that are not even in v, or
+        depend on t).
     passed : bool or None
     """
 
@@ -186,8 +201,8 @@ class ReversibilityDefect:
         what = "reversible" if self.passed else "not reversible"
         what += ": impacts lose energy" if self.passed is None else ""
         return (
-            f"{mark(self.passed)} {what}: {self.error:.1e} after {self.steps} steps there and back, {how} "
-            f"(limit {self.limit:.1e}: round-off × growth {self.growth:.1e})"
+            f"{mark(self.passed)} {what}: {self.error:.1e} after {self.steps} steps there and "
+            f"back, {how} (limit {self.limit:.1e}: round-off × growth {self.growth:.1e})"
         )
 
 
@@ -200,13 +215,14 @@ def reversibility_defect(
     p0: Any = None,
     h: float,
     steps: int = 100,
-    params: Any = None,
+    params: ParameterValues | None = None,
     t0: float = 0.0,
     u: Any = None,
 ) -> ReversibilityDefect:
     """N steps, flip v, N steps: ρ Φ ρ Φ = id with ρ(q, p) = (q, −p), to round-off times growth.
 
-    Where L is not even in v or depends on time the way back takes −h: a self-adjoint method has Φ_{−h} Φ_h = id.
+    Where L is not even in v or depends on time the way back takes −h: a self-adjoint method has
+    Φ_{−h} Φ_h = id.
 
     Parameters
     ----------
@@ -218,15 +234,17 @@ def reversibility_defect(
     -------
     ReversibilityDefect
     """
-    start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    start = scene(system, method, Start(q0, v0, p0, t0, params, u))
     flip = is_even(system)
-    h, steps = number("h", h), whole("steps", steps)
+    h, steps = number("h", h), positive_integer("steps", steps)
     q, p, t = march(start, h, steps)
     back_q, back_p = _back(start, q[-1], p[-1], t[-1], h, steps, flip)
     size = np.abs(q).max(), np.abs(p).max()
     error = max(_relative(back_q - start.q, size[0]), _relative(back_p - start.p, size[1]))
     nudge = PROBE * np.where(np.abs(start.q) > 0, start.q, size[0])
-    near_q, near_p, _ = (q, p, t) if start.is_held else march(start, h, steps, start.q + nudge, start.p)
+    near_q, near_p, _ = (
+        (q, p, t) if start.is_held else march(start, h, steps, start.q + nudge, start.p)
+    )
     apart = max(_relative(near_q[-1] - q[-1], size[0]), _relative(near_p[-1] - p[-1], size[1]))
     growth = max(1.0, apart / PROBE)
     limit = MARGIN * EPS * steps * growth
@@ -235,7 +253,9 @@ def reversibility_defect(
 
 
 def is_even(system: System) -> bool:
-    """Whether flipping v runs time backwards: no forces, L free of t and even in v at random points."""
+    """Whether flipping v runs time backwards: no forces, L free of t and even in v at random
+    points.
+    """
     s = system.structure
     if not s.autonomous or s.forced:
         return False
@@ -252,7 +272,9 @@ def is_even(system: System) -> bool:
     return bool(np.allclose(one[good], other[good], rtol=1e-12, atol=1e-14))
 
 
-def _back(start: Scene, q, p, t: float, h: float, steps: int, flip: bool) -> tuple[np.ndarray, np.ndarray]:
+def _back(
+    start: Scene, q, p, t: float, h: float, steps: int, flip: bool
+) -> tuple[np.ndarray, np.ndarray]:
     if flip:
         back_q, back_p, _ = march(start, h, steps, q, -p, start.t)
         return back_q[-1], -back_p[-1]
@@ -302,7 +324,7 @@ def constraint_drift(
     p0: Any = None,
     h: float,
     steps: int = 1000,
-    params: Any = None,
+    params: ParameterValues | None = None,
     t0: float = 0.0,
     u: Any = None,
 ) -> ConstraintDrift:
@@ -318,7 +340,7 @@ def constraint_drift(
     -------
     ConstraintDrift
     """
-    start = scene(system, method, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0)
+    start = scene(system, method, Start(q0, v0, p0, t0, params, u))
     m = system.structure.constraints
     if not m:
         return ConstraintDrift(start.name, h, steps, 0.0, 0.0, None)

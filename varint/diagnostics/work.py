@@ -13,8 +13,10 @@ import numpy as np
 from varint.diagnostics.accuracy import Reference, counts_of, end_of, error_at_end
 from varint.diagnostics.runs import Scene, march, scene
 from varint.errors import InputError
-from varint.rules import Rule
-from varint.system import System
+from varint.integration.problem import Start
+from varint.rules.rule import Rule
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,7 +65,10 @@ class WorkPrecision:
         """
         costs = [self.cost(i, error) for i in range(len(self.methods))]
         if not np.isfinite(costs).any():
-            raise InputError(f"no method reached an error of {error:g}; the smallest is {np.nanmin(self.error):.1e}")
+            raise InputError(
+                f"no method reached an error of {error:g}; the smallest is "
+                f"{np.nanmin(self.error):.1e}"
+            )
         return self.methods[int(np.argmin(costs))]
 
     def __str__(self) -> str:
@@ -80,9 +85,9 @@ class WorkPrecision:
 
     def plot(self) -> Figure:
         """Run time over error, one line a method."""
-        from varint import plot_diagnostics
+        from varint.drawing.diagnostic_figures import work_precision_figure
 
-        return plot_diagnostics.work_precision_figure(self)
+        return work_precision_figure(self.methods, self.error, self.seconds)
 
 
 def work_precision(
@@ -96,7 +101,7 @@ def work_precision(
     steps: Sequence[int] = (32, 64, 128, 256, 512, 1024),
     repeats: int = 3,
     reference: Reference = None,
-    params: Any = None,
+    params: ParameterValues | None = None,
     t0: float = 0.0,
     u: Any = None,
 ) -> WorkPrecision:
@@ -117,15 +122,22 @@ def work_precision(
         Prints a table and the cheapest rule for round errors; ``.plot()``, ``.cheapest(error)``.
     """
     if isinstance(methods, (Rule, ca.Function)) or not methods:
-        raise InputError("methods must be a list of rules, such as [gauss(2), composition('blanes-moan4')]")
-    starts = [scene(system, m, q0=q0, v0=v0, p0=p0, u=u, params=params, t0=t0) for m in methods]
+        raise InputError(
+            "methods must be a list of rules, such as [gauss(2), composition('blanes-moan4')]"
+        )
+    given = Start(q0, v0, p0, t0, params, u)
+    starts = [scene(system, m, given) for m in methods]
     q, p, floor = end_of(starts[0], duration, reference)
     counts = counts_of(steps)
     seconds, errors = np.empty((len(starts), len(counts))), np.empty((len(starts), len(counts)))
     for i, start in enumerate(starts):
         for j, count in enumerate(counts):
             errors[i, j] = max(error_at_end(start, duration, int(count), q, p))
-            seconds[i, j] = _fastest(start, duration, int(count), repeats) if np.isfinite(errors[i, j]) else np.nan
+            seconds[i, j] = (
+                _fastest(start, duration, int(count), repeats)
+                if np.isfinite(errors[i, j])
+                else np.nan
+            )
     return WorkPrecision(tuple(s.name for s in starts), counts, seconds, errors, floor)
 
 

@@ -1,1 +1,3 @@
-"""Many motions of one system: broadcast starts and parameters, chunks for any executor, results on disk."""
+"""Many motions of one system: broadcast starts and parameters, chunks for any executor, results
+on disk.
+"""

@@ -6,16 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.ensembles.members import Members, arguments_of, is_plain, momenta
+from varint.ensembles.members import Members, is_plain, momenta, start_of
 from varint.errors import ConvergenceError, InputError
-from varint.rules import Rule
-from varint.stepping.initial import controls
-from varint.stepping.pace import steps_at_once
-from varint.stepping.run import Position, beginning_rows, good_nodes, is_saved, next_block, rescaled, rollout, size
-from varint.stepping.simulate import simulate
-from varint.system import System
-from varint.trajectory import Trajectory
+from varint.integration.cost import steps_at_once
+from varint.integration.interpreted_loop import (
+    count_good_nodes,
+    is_saved,
+    next_block,
+    renew_scales,
+    residual_of,
+    rollout,
+    start_states,
+)
+from varint.integration.problem import controls
+from varint.integration.simulate import simulate
+from varint.integration.state import RunState
+from varint.integration.steppers.stepper import RESIDUAL, state_layout
+from varint.numerics.arrays import over_columns
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
 
 MOST_NUMBERS = 4_000_000  # in the states of one block of nodes
 
@@ -37,7 +47,8 @@ class Chunk:
     residual : array (members,)
         Worst residual of the solved steps.
     failed : array (members,)
-        Residual of the step that failed (infinite where its values were not finite); −1 where none did.
+        Residual of the step that failed (infinite where its values were not finite); −1 where none
+        did.
     """
 
     first: int
@@ -52,50 +63,77 @@ class Chunk:
         return len(self.q)
 
 
-def stepped(system: System, rule: Rule, members: Members, backend: str) -> Chunk:
+def step_chunk(system: System, rule: Rule, members: Members, backend: str) -> Chunk:
     """All members of a chunk; interpreted, each is bit for bit what `simulate` makes of it."""
     if backend == "compiled":
-        return _compiled(system, rule, members)
-    s = system.structure
-    nodes = len(members.k)
-    shape = (len(members), nodes, s.n)
-    chunk = Chunk(
-        members.first, np.zeros(shape), np.zeros(shape), np.zeros(len(members), dtype=int),
-        np.zeros(len(members), dtype=int), np.zeros(len(members)), np.full(len(members), -1.0),
-    )  # fmt: skip
-    (_together if is_plain(system) else _one_by_one)(system, rule, members, chunk)
+        return _step_compiled(system, rule, members)
+    chunk = _empty(system, members)
+    if not is_plain(system):
+        _one_by_one(system, rule, members, chunk)
+        return chunk
+    _together(system, rule, members, chunk)
+    failed = np.flatnonzero(chunk.failed >= 0)
+    if len(failed):  # alone, a member is taken once more from there with sizes of its own
+        alone = members.picked(failed)
+        other = _empty(system, alone)
+        _one_by_one(system, rule, alone, other)
+        _replace(chunk, failed, other)
     return chunk
 
 
-def _compiled(system: System, rule: Rule, members: Members) -> Chunk:
-    """Members in the lanes of vectors; implicit rules do those that fail there again, by Newton's method."""
-    from varint.compiled.members import members_kernel, run_members
+def _empty(system: System, members: Members) -> Chunk:
+    count = len(members)
+    shape = (count, len(members.k), system.structure.n)
+    good, step = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+    q, p, residual, failed = np.zeros(shape), np.zeros(shape), np.zeros(count), np.full(count, -1.0)
+    return Chunk(members.first, q, p, good, step, residual, failed)
+
+
+def _replace(chunk: Chunk, members: np.ndarray, other: Chunk) -> None:
+    """Put the motions of another chunk in the place of those of these members."""
+    for name in ("q", "p", "good", "step", "residual", "failed"):
+        getattr(chunk, name)[members] = getattr(other, name)
+
+
+def _step_compiled(system: System, rule: Rule, members: Members) -> Chunk:
+    """Members in the lanes of vectors; implicit rules do those that fail there again, by
+    Newton's method.
+    """
+    from varint.codegen.members import members_kernel, run_members
 
     p0, k, kernel = momenta(system, members), members.k, members_kernel(system, rule)
     u = _tables(system, rule, members)
     u = np.broadcast_to(u, (*u.shape[:2], len(rule.nodes), u.shape[3]))
     q, p, good = run_members(
-        kernel, members.q0, p0, members.c, u, t0=members.t0, h=members.h, steps=members.steps,
-        save_every=members.save_every, nodes=len(k),
-    )  # fmt: skip
+        kernel,
+        members.q0,
+        p0,
+        members.c,
+        u,
+        t0=members.t0,
+        h=members.h,
+        steps=members.steps,
+        save_every=members.save_every,
+        nodes=len(k),
+    )
     failed = np.where(good < len(k), np.inf, -1.0)
     chunk = Chunk(members.first, q, p, good, k[good - 1], np.zeros(len(members)), failed)
     again = np.flatnonzero(failed >= 0)
     if len(again) and not rule.kicks:
-        other = stepped(system, rule, members.picked(again), "interpreted")
-        for name in ("q", "p", "good", "step", "residual", "failed"):
-            getattr(chunk, name)[again] = getattr(other, name)
+        _replace(chunk, again, step_chunk(system, rule, members.picked(again), "interpreted"))
     return chunk
 
 
 def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:
-    """Scenes whose start or phases differ from member to member."""
+    """Scenes whose start or active sets differ from member to member."""
     for i in range(len(members)):
         try:
-            given = arguments_of(system, members, i)
-            motion, failed = simulate(system, rule, progress=False, backend="interpreted", **given), -1.0
+            motion, failed = run_member(system, rule, members, i), -1.0
         except ConvergenceError as error:
-            motion, failed = error.trajectory, error.residual if np.isfinite(error.residual) else np.inf
+            motion, failed = (
+                error.trajectory,
+                error.residual if np.isfinite(error.residual) else np.inf,
+            )
             chunk.step[i] = error.step
         except InputError as error:
             raise InputError(f"member {members.first + i}: {error}") from None
@@ -107,19 +145,37 @@ def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> N
             chunk.step[i] = members.steps
 
 
+def run_member(system: System, rule: Rule, members: Members, i: int) -> Trajectory:
+    """One member alone."""
+    return simulate(
+        system,
+        rule,
+        h=members.h,
+        steps=members.steps,
+        save_every=members.save_every,
+        progress=False,
+        backend="interpreted",
+        **start_of(system, members, i)._asdict(),
+    )
+
+
 def on_grid(members: Members, motion: Trajectory) -> np.ndarray:
-    """Indices of the nodes on the grid of all members; nodes of events come after the one of their step's start."""
+    """Indices of the nodes on the grid of all members; nodes of events come after the one of
+    their step's start.
+    """
     return np.searchsorted(motion.k, members.k[members.k <= motion.k[-1]])
 
 
 def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> None:
-    n, every, k = system.structure.n, members.save_every, 0
+    layout, every, k = state_layout(system.structure.n), members.save_every, 0
     p0 = momenta(system, members)
     chunk.q[:, 0], chunk.p[:, 0], chunk.good[:] = members.q0, p0, 1
     u = _tables(system, rule, members)
     h, c = np.array([members.h]), members.c
     typical = np.abs(u).max(axis=(1, 2), initial=0.0)
-    at = beginning_rows(system, rule, members.q0, p0, _nodes(u, rule, 0, 1), typical, members.t0, h, c)
+    at = start_states(
+        system, rule, members.q0, p0, _nodes(u, rule, 0, 1), typical, members.t0, h, c
+    )
     going, node = np.arange(len(members)), 1
     while k < members.steps and len(going):
         count, apart = next_block(k, members.steps, every, at.largest, steps_at_once(system, rule))
@@ -133,31 +189,35 @@ def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> Non
             part = slice(a, a + most)
             rows = going[part]
             controls_now = _nodes(u if len(u) == 1 else u[rows], rule, k, total)
-            here = Position(at.x[part], at.scale[part], at.inertia[part], k, at.largest)
+            here = RunState(at.x[part], at.scale[part], at.inertia[part], k, at.largest)
             states = over_columns(function, here.x, controls_now, times, h, c[rows], here.scale)[0]
             states = states.reshape(len(rows), count, -1)
-            good[part] = good_nodes(states)
-            after[part], scale[part] = states[:, -1], rescaled(here, states, abs(members.h) * apart)
+            good[part] = count_good_nodes(states)
+            after[part], scale[part] = (
+                states[:, -1],
+                renew_scales(here, states, abs(members.h) * apart),
+            )
             last = k + apart * good[part]
             chunk.step[rows] = last
             solved = np.arange(count) < good[part, None]
             chunk.residual[rows] = np.maximum(
-                chunk.residual[rows], np.where(solved, states[:, :, -1], 0).max(axis=1, initial=0)
+                chunk.residual[rows],
+                np.where(solved, states[:, :, RESIDUAL], 0).max(axis=1, initial=0),
             )
             if is_saved(k + total, members.steps, every):
                 keep = np.where(solved[:, :, None], states, 0)
-                chunk.q[rows, node : node + count] = keep[:, :, :n]
-                chunk.p[rows, node : node + count] = keep[:, :, 2 * n : 3 * n]
+                chunk.q[rows, node : node + count] = keep[:, :, layout.q]
+                chunk.p[rows, node : node + count] = keep[:, :, layout.p]
                 chunk.good[rows] += good[part]
             for j in np.flatnonzero(good[part] < count):
-                left = size(states[j, good[part][j]])
+                left = residual_of(states[j, good[part][j]])
                 chunk.failed[rows[j]] = left if np.isfinite(left) else np.inf
         node += count if is_saved(k + total, members.steps, every) else 0
         k += total
         on = good == count
-        after[:, -1] = 0.0
+        after[:, RESIDUAL] = 0.0
         going = going[on]
-        at = Position(after[on], scale[on], at.inertia[on], k, at.largest)
+        at = RunState(after[on], scale[on], at.inertia[on], k, at.largest)
 
 
 def _tables(system: System, rule: Rule, members: Members) -> np.ndarray:

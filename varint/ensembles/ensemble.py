@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
 from typing import Any
 
-from varint.ensembles.alarm import astray, warn_of
 from varint.ensembles.batch import Chunk
-from varint.ensembles.executor import computed
+from varint.ensembles.energy_check import members_astray, warn_of
+from varint.ensembles.executor import compute
 from varint.ensembles.members import Members, members_of
 from varint.ensembles.result import Ensemble
-from varint.ensembles.store import loaded, opened
+from varint.ensembles.store import load_store, open_store
 from varint.errors import InputError
-from varint.progress import progress_bar
-from varint.rules import Rule
-from varint.stepping.backend import BACKENDS, repays
-from varint.stepping.linear import is_linear
-from varint.stepping.plan import plan
-from varint.system import System
+from varint.integration.backend import BACKENDS
+from varint.integration.cost import repays
+from varint.integration.plan import plan
+from varint.integration.problem import RunOptions, Start
+from varint.integration.steppers.linear import is_linear
+from varint.numerics.progress import progress_bar
+from varint.rules.rule import Rule
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System
 
 
 def ensemble(
@@ -34,17 +36,18 @@ def ensemble(
     duration: float | None = None,
     t0: float = 0.0,
     u: Any = None,
-    params: Mapping[str, Any] | None = None,
+    params: ParameterValues | None = None,
     save_every: int = 1,
     executor: Executor | None = None,
     store: Any = None,
     progress: bool | None = None,
     backend: str = "auto",
 ) -> Ensemble:
-    """Motions from many starts, parameters or controls: interpreted, each is what `simulate` makes of it to the bit.
+    """Motions from many starts, parameters or controls: interpreted, each is what `simulate` makes
+    of it to the bit.
 
-    D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 for every member. Starts, parameters and controls may have a leading
-    axis of members; what has none is the same for all.
+    D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 for every member. Starts, parameters and
+    controls may have a leading axis of members; what has none is the same for all.
 
     Parameters
     ----------
@@ -60,27 +63,29 @@ def ensemble(
     u : array, optional
         Controls as for `simulate`, or (members, steps, k), or (members, steps, r, k).
     params : dict, optional
-        Values of parameters, or one value a member along a leading axis.
+        Values of parameters by name or symbol, or one value a member along a leading axis.
     save_every : int
         Keep every so many steps.
     executor : concurrent.futures.Executor, optional
-        Where chunks of members run: threads, processes, ``dask.distributed.Client().get_executor()``, an MPI pool. The
-        system travels as data. Chunks of lost workers are done again.
+        Where chunks of members run: threads, processes,
+        ``dask.distributed.Client().get_executor()``, an MPI pool. The system travels as data.
+        Chunks of lost workers are done again.
     store : path or zarr.Group, optional
-        Folder in which finished chunks are kept, or a zarr group (a path that ends in .zarr is one; needs the extra
-        ``zarr``). The result reads them one by one, so that it may be larger than memory; the same call after an
-        interruption does what is missing.
+        Folder in which finished chunks are kept, or a zarr group (a path that ends in .zarr is one;
+        needs the extra ``zarr``). The result reads them one by one, so that it may be larger than
+        memory; the same call after an interruption does what is missing.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for work longer than a second.
     backend : {"auto", "compiled", "interpreted"}
-        Compiled, members fill the lanes of vectors: compositions of separable scenes with constant mass, and Gauss
-        rules of regular scenes without constraints and contacts. By default so where the work is large enough to repay
-        the compiler. Chunks do not show in either.
+        Compiled, members fill the lanes of vectors: compositions of separable scenes with constant
+        mass, and Gauss rules of regular scenes without constraints and contacts. By default so
+        where the work is large enough to repay the compiler. Chunks do not show in either.
 
     Returns
     -------
     Ensemble
-        A member that fails does not take the others along: `Ensemble.errors` has its error, its arrays end there.
+        A member that fails does not take the others along: `Ensemble.errors` has its error, its
+        arrays end there.
 
     Raises
     ------
@@ -98,29 +103,32 @@ def ensemble(
     >>> q, v = vi.coordinates("theta")
     >>> pendulum = vi.System(q, v, c.length**2 * v**2 / 2 + c.g * c.length * ca.cos(q), params=c)
     >>> lengths = np.linspace(0.5, 2, 200)
-    >>> sweep = vi.ensemble(pendulum, q0=0.05, v0=0.0, h=0.01, steps=100, params=dict(length=lengths))
+    >>> start = dict(q0=0.05, v0=0.0, h=0.01, steps=100)
+    >>> sweep = vi.ensemble(pendulum, **start, params=dict(length=lengths))
     >>> sweep.q.shape, len(sweep.failed), float(sweep[7].parameters["length"] - lengths[7])
     ((200, 101, 1), 0, 0.0)
     """
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise InputError(
-            f"executor must have a submit method as concurrent.futures.Executor has, got {type(executor).__name__}; "
-            "of a dask Client take client.get_executor()"
+            "executor must have a submit method as concurrent.futures.Executor has, got "
+            f"{type(executor).__name__}; of a dask Client take client.get_executor()"
         )
     rule = plan(system, rule).rule
     members = members_of(
-        system, rule,
-        q0=q0, v0=v0, p0=p0, h=h, steps=steps, duration=duration, t0=t0, u=u, params=params, save_every=save_every,
-    )  # fmt: skip
+        system,
+        rule,
+        Start(q0, v0, p0, t0, params, u),
+        RunOptions(h=h, steps=steps, duration=duration, save_every=save_every),
+    )
     loop = _backend(system, rule, members, backend)
-    kept = None if store is None else opened(store, system, rule, members, loop)
+    kept = None if store is None else open_store(store, system, rule, members, loop)
     done = kept.ranges if kept is not None else []
     chunks: list[Chunk] = []
     before = sum(count for _, count in done)
     strays: list[tuple[int, float, float]] = []
     with progress_bar(len(members), "member", progress, before) as move:
-        for chunk in computed(system, rule, members, _missing(done, len(members)), executor, loop):
-            strays += astray(system, members, chunk)
+        for chunk in compute(system, rule, members, _missing(done, len(members)), executor, loop):
+            strays += members_astray(system, members, chunk)
             if kept is None:
                 chunks.append(chunk)
             else:
@@ -132,16 +140,20 @@ def ensemble(
 
 
 def _backend(system: System, rule: Rule, members: Members, wanted: str) -> str:
-    """The loop that steps the members; it depends on the input alone, so the same input gives the same digits."""
+    """The loop that steps the members; it depends on the input alone, so the same input gives
+    the same digits.
+    """
     if wanted not in BACKENDS:
         raise InputError(f"unknown backend {wanted!r}; known: {list(BACKENDS)}")
     explicit = rule.kicks and system.structure.explicit
-    idle = (is_linear(system, rule) and not explicit) or not repays(system, rule, members.steps * len(members))
+    idle = (is_linear(system, rule) and not explicit) or not repays(
+        system, rule, members.steps * len(members)
+    )
     if wanted == "interpreted" or (wanted == "auto" and idle):
         return "interpreted"
-    from varint.compiled.cache import CompileError
-    from varint.compiled.graph import NotCompilable
-    from varint.compiled.members import members_kernel
+    from varint.codegen.cache import CompileError
+    from varint.codegen.graph import NotCompilable
+    from varint.codegen.members import members_kernel
 
     try:
         members_kernel(system, rule)
@@ -157,9 +169,11 @@ def _note(chunk: Chunk) -> str:
     return f"{failed} of the last {len(chunk)} failed" if failed else ""
 
 
-def load_ensemble(folder: Any) -> Ensemble:
-    """The complete ensemble that ``ensemble(…, store=folder)`` wrote; `varint.load` calls this for folders."""
-    system, rule, members, store = loaded(folder)
+def load_ensemble(folder: Any, *, trust: bool = False) -> Ensemble:
+    """The complete ensemble that ``ensemble(…, store=folder)`` wrote; `varint.load` calls this
+    for folders.
+    """
+    system, rule, members, store = load_store(folder, trust=trust)
     return Ensemble(system, rule, members, store)
 
 

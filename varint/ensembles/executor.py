@@ -1,26 +1,38 @@
-"""Chunks of members on any `concurrent.futures.Executor`: sized by measurement, each done once, lost ones again."""
+"""Chunks of members on any `concurrent.futures.Executor`: sized by measurement, each done once,
+lost ones again.
+"""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, wait
-from dataclasses import asdict
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    ProcessPoolExecutor,
+    wait,
+)
 from functools import lru_cache
 from typing import Any
 
-from varint.description import describe, revive, rule_of
-from varint.ensembles.batch import Chunk, stepped
+from varint.ensembles.batch import Chunk, step_chunk
 from varint.ensembles.members import Members
 from varint.errors import VarintError
-from varint.rules import Rule
-from varint.system import System
+from varint.numerics.plain import plain
+from varint.rules.rule import Rule
+from varint.scene.serialisation import describe, revive, rule_of
+from varint.scene.system import System
 
 SECONDS = 0.5  # of work a chunk: long against sending it, short against losing it
-GROUP = 8  # members that a compiled loop steps together: chunks hold whole groups, so that groups are always the same
+# members that a compiled loop steps together: chunks hold whole groups, so that groups are always
+# the same
+GROUP = 8
 SAMPLE = 16  # members that are timed
-MOST_NUMBERS = 2_000_000  # in the result of a chunk: 16 MB, and some times as much while it is worked on
+# in the result of a chunk: 16 MB, and some times as much while it is worked on
+MOST_NUMBERS = 2_000_000
 ROUNDS = 4  # chunks a worker has at least, so that fast ones help slow ones
 UNKNOWN_WORKERS = 16
 MOST_TRIES = 4  # of a chunk whose worker is lost
@@ -28,15 +40,23 @@ MOST_TRIES = 4  # of a chunk whose worker is lost
 Range = tuple[int, int]
 
 
-def computed(
-    system: System, rule: Rule, members: Members, todo: list[Range], executor: Executor | None, backend: str
+def compute(
+    system: System,
+    rule: Rule,
+    members: Members,
+    todo: list[Range],
+    executor: Executor | None,
+    backend: str,
 ) -> Iterator[Chunk]:
-    """The chunks of the ranges (first, number) that are to be done, in the order in which they come."""
+    """The chunks of the ranges (first, number) that are to be done, in the order in which they
+    come.
+    """
     queue = _cut(todo, [GROUP, SAMPLE])
     began, done = time.perf_counter(), 0
-    for first, count in queue[:2]:  # the first builds the functions, the second tells what a member costs
+    # the first builds the functions, the second tells what a member costs
+    for first, count in queue[:2]:
         began, done = time.perf_counter(), count
-        yield stepped(system, rule, members[first : first + count], backend)
+        yield step_chunk(system, rule, members[first : first + count], backend)
     left = sum(count for _, count in queue[2:])
     if not left:
         return
@@ -45,10 +65,10 @@ def computed(
     size = max(min(int(SECONDS / per_member), MOST_NUMBERS // numbers), 1)
     if executor is None:
         for first, count in _cut(queue[2:], [_whole_groups(size)] * left):
-            yield stepped(system, rule, members[first : first + count], backend)
+            yield step_chunk(system, rule, members[first : first + count], backend)
         return
     size = _whole_groups(min(size, -(-left // (ROUNDS * _workers(executor)))))
-    yield from _distributed(system, rule, members, _cut(queue[2:], [size] * left), executor, backend)
+    yield from _distribute(system, rule, members, _cut(queue[2:], [size] * left), executor, backend)
 
 
 def _whole_groups(size: int) -> int:
@@ -56,7 +76,9 @@ def _whole_groups(size: int) -> int:
 
 
 def _cut(ranges: list[Range], sizes: list[int]) -> list[Range]:
-    """The ranges in pieces of at most these sizes, one after the other; what is left when the sizes end stays whole."""
+    """The ranges in pieces of at most these sizes, one after the other; what is left when the
+    sizes end stays whole.
+    """
     pieces, sizes = [], list(reversed(sizes))
     for first, count in ranges:
         while count:
@@ -66,11 +88,18 @@ def _cut(ranges: list[Range], sizes: list[int]) -> list[Range]:
     return pieces
 
 
-def _distributed(
-    system: System, rule: Rule, members: Members, queue: list[Range], executor: Executor, backend: str
+def _distribute(
+    system: System,
+    rule: Rule,
+    members: Members,
+    queue: list[Range],
+    executor: Executor,
+    backend: str,
 ) -> Iterator[Chunk]:
-    """Chunks from the workers; never more of them under way than the workers need, so that memory stays bounded."""
-    what = json.dumps({"system": describe(system), "rule": asdict(rule), "backend": backend})
+    """Chunks from the workers; never more of them under way than the workers need, so that
+    memory stays bounded.
+    """
+    what = json.dumps({"system": describe(system), "rule": plain(rule), "backend": backend})
     window, own = ROUNDS * _workers(executor), None
     waiting, tries = list(reversed(queue)), dict.fromkeys(queue, 0)
     running: dict[Any, Range] = {}
@@ -98,8 +127,9 @@ def _distributed(
                 tries[piece] += 1
                 if tries[piece] >= MOST_TRIES:
                     raise VarintError(
-                        f"members {piece[0]} to {sum(piece) - 1} were lost with their workers {MOST_TRIES} times "
-                        f"({type(cause).__name__}); is there enough memory? With store= all other members are kept"
+                        f"members {piece[0]} to {sum(piece) - 1} were lost with their workers "
+                        f"{MOST_TRIES} times ({type(cause).__name__}); is there enough memory? "
+                        "With store= all other members are kept"
                     ) from cause
                 waiting.append(piece)
             if any(isinstance(cause, BrokenExecutor) for _, cause in lost) and not running:
@@ -116,12 +146,14 @@ def _distributed(
 def work(what: str, members: Members) -> Chunk:
     """A chunk in a worker: plain data in, plain data out."""
     system, rule, backend = _scene(what)
-    return stepped(system, rule, members, backend)
+    return step_chunk(system, rule, members, backend)
 
 
 @lru_cache(maxsize=8)
 def _scene(what: str) -> tuple[System, Rule, str]:
-    """System, rule and backend of a description; kept, so that a worker builds its functions once."""
+    """System, rule and backend of a description; kept, so that a worker builds its functions
+    once.
+    """
     data = json.loads(what)
     return revive(data["system"]), rule_of(data["rule"]), data["backend"]
 
@@ -147,5 +179,9 @@ def _replacement(executor: Executor) -> Executor:
 
         return loky.ProcessPoolExecutor(_workers(executor))
     if not isinstance(executor, ProcessPoolExecutor):
-        raise VarintError(f"the executor {type(executor).__name__} broke and cannot be replaced; give a new one")
-    return ProcessPoolExecutor(_workers(executor), mp_context=getattr(executor, "_mp_context", None))
+        raise VarintError(
+            f"the executor {type(executor).__name__} broke and cannot be replaced; give a new one"
+        )
+    return ProcessPoolExecutor(
+        _workers(executor), mp_context=getattr(executor, "_mp_context", None)
+    )

@@ -1,33 +1,34 @@
-"""The result of `ensemble`: arrays with a leading axis of members, single trajectories, statistics."""
+"""The result of `ensemble`: arrays with a leading axis of members, single trajectories,
+statistics.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.ensembles.batch import Chunk, on_grid
+from varint.discrete.constraints import ActiveSet
+from varint.discrete.legendre import velocity_function
+from varint.ensembles.batch import Chunk, on_grid, run_member
 from varint.ensembles.executor import MOST_NUMBERS
-from varint.ensembles.members import Members, arguments_of
+from varint.ensembles.members import Members, options_of, start_of
 from varint.errors import ConvergenceError, InputError
-from varint.legendre import velocity_function
-from varint.manifold import Phase
-from varint.parameters import finite_array
-from varint.rules import Rule
-from varint.stepping.diagnosis import failure
-from varint.stepping.initial import controls, initial_task
-from varint.stepping.plan import plan
-from varint.stepping.simulate import simulate
-from varint.stepping.step_function import action_function, step_function
-from varint.system import System
-from varint.trajectory import Trajectory
+from varint.integration.failures import failure
+from varint.integration.plan import plan
+from varint.integration.problem import controls, initial_value_problem
+from varint.integration.trajectories import step_functions
+from varint.numerics.arrays import over_columns
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.inputs import finite_array
+from varint.scene.system import System, parameters_by_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,8 +41,8 @@ ALL = slice(None)
 class Ensemble:
     """Many motions on one time grid; arrays have members first, then time.
 
-    A member that failed has only the nodes before its failure: arrays are masked behind them, and `errors` keeps its
-    error. Statistics are over the members that completed.
+    A member that failed has only the nodes before its failure: arrays are masked behind them, and
+    `errors` keeps its error. Statistics are over the members that completed.
 
     Attributes
     ----------
@@ -65,8 +66,14 @@ class Ensemble:
         failed = f", {len(self.failed)} failed" if len(self.failed) else ""
         return f"Ensemble({len(self)} members × {len(self.k)} nodes, {self.rule}{failed})"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What travels to another process: the fields, not what follows from them."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
     def __getitem__(self, i: int) -> Trajectory:
-        """The trajectory of one member, up to its failure if it failed; one with contacts is run again."""
+        """The trajectory of one member, up to its failure if it failed; one with contacts is run
+        again.
+        """
         i = range(len(self))[i]
         at = int(np.searchsorted(self._firsts, i, side="right")) - 1
         return self._motion(self.chunks[at], i - int(self._firsts[at]))
@@ -82,14 +89,15 @@ class Ensemble:
             motion = self._again(i)[0]
             return replace(motion, stats=MappingProxyType({**motion.stats, "member": i}))
         good = int(chunk.good[j])
-        phases: tuple[Phase, ...] = ()
-        phase = None
+        active_sets: tuple[ActiveSet, ...] = ()
+        active_set = None
         if s.constraints or s.nonholonomic:
             with warnings.catch_warnings():  # of redundant rows: said when the ensemble was made
                 warnings.simplefilter("ignore", UserWarning)
-                held = initial_task(system, rule, **arguments_of(system, m, i)).phase
+                start, options = start_of(system, m, i), options_of(m)
+                held = initial_value_problem(system, rule, start, options).active_set
             if held is not None and held.scene(system) is not system:
-                phases, phase = (held,), np.zeros(good, dtype=int)
+                active_sets, active_set = (held,), np.zeros(good, dtype=int)
         return Trajectory(
             system=system,
             rule=rule,
@@ -100,9 +108,9 @@ class Ensemble:
             k=self.k[:good],
             u=controls(system, rule, m.of("u", i), m.steps),
             c=m.of("c", i),
-            functions=lambda scene=system: (step_function(scene, rule), action_function(scene, rule)),
-            phases=phases,
-            phase=phase,
+            functions=partial(step_functions, rule, system),
+            active_sets=active_sets,
+            active_set=active_set,
             stats=MappingProxyType(
                 {
                     "plan": self._plan,
@@ -115,9 +123,8 @@ class Ensemble:
 
     def _again(self, i: int) -> tuple[Trajectory, ConvergenceError | None]:
         """A member run once more, and its error if it failed."""
-        given = arguments_of(self.system, self.members, i)
         try:
-            return simulate(self.system, self.rule, progress=False, backend="interpreted", **given), None
+            return run_member(self.system, self.rule, self.members, i), None
         except ConvergenceError as error:
             return error.trajectory, error
 
@@ -139,7 +146,7 @@ class Ensemble:
     @property
     def parameters(self) -> dict[str, np.ndarray]:
         """Parameter values by name, members first."""
-        rows = [arguments_of(self.system, self.members, i)["params"] for i in range(len(self))]
+        rows = [parameters_by_name(self.system, self.members.of("c", i)) for i in range(len(self))]
         return {name: np.array([row[name] for row in rows]) for name in self.system.defaults}
 
     @cached_property
@@ -175,7 +182,9 @@ class Ensemble:
                 i, left = chunk.first + j, float(chunk.failed[j])
                 error = self._again(i)[1] if self.system.structure.contacts else None
                 left = left if np.isfinite(left) else float("nan")
-                found[i] = error or failure(self._motion(chunk, j), int(chunk.step[j]), left, "raise")
+                found[i] = error or failure(
+                    self._motion(chunk, j), int(chunk.step[j]), left, "raise"
+                )
         return found
 
     @cached_property
@@ -199,7 +208,8 @@ class Ensemble:
         return self.value(self.system.energy)
 
     def value(self, expression: Any) -> np.ndarray:
-        """Value of an expression at every node of every member, as `Trajectory.value`: (members, N + 1, …).
+        """Value of an expression at every node of every member, as `Trajectory.value`: (members, N
+        + 1, …).
 
         Raises
         ------
@@ -212,8 +222,12 @@ class Ensemble:
         """Values of an expression along each member, one array a member, as long as it got."""
         return [part for _, parts in self._by_chunk(expression) for part in parts]
 
-    def _by_chunk(self, expression: Any, part: slice = ALL) -> Iterator[tuple[Chunk, list[np.ndarray]]]:
-        """Values along the members of each chunk at some nodes: never more than one chunk is in memory."""
+    def _by_chunk(
+        self, expression: Any, part: slice = ALL
+    ) -> Iterator[tuple[Chunk, list[np.ndarray]]]:
+        """Values along the members of each chunk at some nodes: never more than one chunk is in
+        memory.
+        """
         function = self[0].function_of(expression)
         s = self.system.structure
         rows, columns = function.size_out(0)
@@ -221,11 +235,19 @@ class Ensemble:
         for chunk in self.chunks:
             if s.controls or s.constraints or s.nonholonomic or s.contacts:
                 motions = (self._motion(chunk, j) for j in range(len(chunk)))
-                yield chunk, [motion.evaluated(function)[on_grid(self.members, motion)[part]] for motion in motions]
+                yield (
+                    chunk,
+                    [
+                        motion.evaluated(function)[on_grid(self.members, motion)[part]]
+                        for motion in motions
+                    ],
+                )
             else:
                 yield chunk, list(self._along(chunk, function, shape, part))
 
-    def _along(self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...], part: slice) -> Iterator[np.ndarray]:
+    def _along(
+        self, chunk: Chunk, function: ca.Function, shape: tuple[int, ...], part: slice
+    ) -> Iterator[np.ndarray]:
         """Values for all members of a chunk at once."""
         have = np.arange(len(self.k))[part] < chunk.good[:, None]
         member, node = np.nonzero(have)
@@ -237,7 +259,9 @@ class Ensemble:
         return iter(np.split(flat, np.cumsum(have.sum(axis=1))[:-1]))
 
     def mean(self, expression: Any) -> np.ndarray:
-        """Mean over the completed members at every node, (N + 1, …); chunk by chunk, whatever they are."""
+        """Mean over the completed members at every node, (N + 1, …); chunk by chunk, whatever
+        they are.
+        """
         total, count = np.zeros(()), 0
         for rows in self._completed(expression):
             for row in rows:
@@ -246,7 +270,9 @@ class Ensemble:
         return total / count
 
     def std(self, expression: Any) -> np.ndarray:
-        """Standard deviation (of the sample) over the completed members at every node, (N + 1, …)."""
+        """Standard deviation (of the sample) over the completed members at every node, (N + 1,
+        …).
+        """
         if len(self.completed) == 1:
             raise InputError("a standard deviation needs two members that completed; there is one")
         middle, total = self.mean(expression), np.zeros(())
@@ -261,7 +287,8 @@ class Ensemble:
         if not wanted.size or wanted.min() < 0 or wanted.max() > 1:
             raise InputError(f"levels must lie between 0 and 1, got {levels!r}")
         size = self[0].function_of(expression).numel_out(0)
-        width = max(MOST_NUMBERS // max(len(self.completed) * size, 1), 1)  # nodes of all members held at once
+        # nodes of all members held at once
+        width = max(MOST_NUMBERS // max(len(self.completed) * size, 1), 1)
         parts = []
         for a in range(0, len(self.k), width):
             rows = np.concatenate(list(self._completed(expression, slice(a, a + width))))
@@ -269,13 +296,18 @@ class Ensemble:
         return np.concatenate(parts, axis=1)
 
     def plot(self, *expressions: Any) -> Figure:
-        """Figure of the spread over time: median, quartiles and the middle 90 %, of the coordinates by default."""
-        from varint.plot import ensemble_figure
+        """Figure of the spread over time: median, quartiles and the middle 90 %, of the
+        coordinates by default.
+        """
+        from varint.drawing.ensemble_figures import ensemble_figure
 
-        return ensemble_figure(self, *expressions)
+        title = f"{len(self.completed)} members, {self.rule}, h = {self.h:.4g}"
+        return ensemble_figure(self.system, self.t, self.quantiles, title, *expressions)
 
     def _completed(self, expression: Any, part: slice = ALL) -> Iterator[np.ndarray]:
-        """Values of the members that completed at some nodes, (members, nodes, …), chunk by chunk."""
+        """Values of the members that completed at some nodes, (members, nodes, …), chunk by
+        chunk.
+        """
         if not len(self.completed):
             raise InputError("no member completed; Ensemble.errors says why")
         for chunk, parts in self._by_chunk(expression, part):

@@ -1,8 +1,11 @@
-"""An ensemble in a zarr group: one array of all members for each quantity, on any storage that zarr can write."""
+"""An ensemble in a zarr group: one array of all members for each quantity, on any storage that
+zarr can write.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,10 +15,13 @@ import numpy as np
 from varint.ensembles.batch import Chunk
 from varint.ensembles.executor import GROUP, MOST_NUMBERS
 from varint.errors import InputError
+from varint.numerics.limits import check_memory
 
 SUFFIX = ".zarr"
 GIVEN = "given"  # group with the starts, parameters and controls
 ATTRIBUTE = "varint"  # of the group: what the ensemble is, as JSON
+# ways to pack numbers that only unpack them again, by the names of both versions of the format
+CODECS = frozenset({"bytes", "transpose", "zstd", "blosc", "gzip", "zlib", "lz4", "crc32c"})
 SHAPES = dict.fromkeys(("q", "p"), ("nodes", "n"))  # of one member; the rest are numbers
 
 
@@ -36,8 +42,8 @@ def group_of(where: Any, mode: Any) -> Any:
         import zarr
     except ImportError:
         raise InputError(
-            "store= a zarr group needs zarr (pip install varint-mechanics[zarr]); a path without .zarr makes a folder "
-            "of npz files, which needs nothing"
+            "store= a zarr group needs zarr (pip install varint-mechanics[zarr]); a path without "
+            ".zarr makes a folder of npz files, which needs nothing"
         ) from None
     if isinstance(where, zarr.Group):
         return where
@@ -46,12 +52,16 @@ def group_of(where: Any, mode: Any) -> Any:
     try:
         return zarr.open_group(str(where), mode=mode)
     except Exception as error:  # storages fail in many ways; all mean the same
-        raise InputError(f"cannot open the zarr group {where}: {type(error).__name__}: {error}") from None
+        raise InputError(
+            f"cannot open the zarr group {where}: {type(error).__name__}: {error}"
+        ) from None
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """The members in a group that are done: those whose number of good nodes is written, which comes last."""
+    """The members in a group that are done: those whose number of good nodes is written, which
+    comes last.
+    """
 
     group: Any
 
@@ -80,7 +90,9 @@ class Group:
             try:
                 self.group[name][part] = getattr(chunk, name)
             except OSError as error:
-                raise InputError(f"cannot write to the zarr group: {error.strerror or error}") from None
+                raise InputError(
+                    f"cannot write to the zarr group: {error.strerror or error}"
+                ) from None
 
 
 def header_of(group: Any) -> dict[str, Any] | None:
@@ -88,17 +100,41 @@ def header_of(group: Any) -> dict[str, Any] | None:
     text = group.attrs.get(ATTRIBUTE)
     if text is None:
         if list(group):
-            raise InputError("the zarr group is not empty and holds no ensemble; give a new or an empty one")
+            raise InputError(
+                "the zarr group is not empty and holds no ensemble; give a new or an empty one"
+            )
         return None
-    return json.loads(text)
+    try:
+        header = json.loads(text)
+    except (TypeError, ValueError, RecursionError):
+        header = None
+    if not isinstance(header, dict):
+        raise InputError("the zarr group holds no ensemble of varint: its header cannot be read")
+    return header
 
 
-def begun(group: Any, header: dict[str, Any], rows: dict[str, np.ndarray], members: int, nodes: int) -> None:
-    """Make the arrays of a new ensemble; whole groups of members are chunks, so that none is written twice."""
+def refuse_misshapen(group: Any, shape: tuple[int, int, int]) -> None:
+    """Refuse a group whose arrays are not those of so many members, nodes and coordinates."""
+    for f in fields(Chunk)[1:]:
+        found, wanted = _array(group, f.name).shape, shape if f.name in SHAPES else shape[:1]
+        if found != wanted:
+            raise InputError(
+                f"the zarr array {f.name!r} has shape {found}, not {wanted}; delete the group"
+            )
+
+
+def begin_group(
+    group: Any, header: dict[str, Any], rows: dict[str, np.ndarray], members: int, nodes: int
+) -> None:
+    """Make the arrays of a new ensemble; whole groups of members are chunks, so that none is
+    written twice.
+    """
     sizes = {"nodes": nodes, "n": rows["q0"].shape[1]}
-    checked = _checked(group)
+    checked = _check(group)
     for name, value in rows.items():
-        place = group.create_array(f"{GIVEN}/{name}", shape=value.shape, dtype=value.dtype, chunks="auto", **checked)
+        place = group.create_array(
+            f"{GIVEN}/{name}", shape=value.shape, dtype=value.dtype, chunks="auto", **checked
+        )
         place[...] = value
     for f in fields(Chunk)[1:]:
         shape = tuple(sizes[size] for size in SHAPES.get(f.name, ()))
@@ -108,8 +144,10 @@ def begun(group: Any, header: dict[str, Any], rows: dict[str, np.ndarray], membe
     group.attrs[ATTRIBUTE] = json.dumps(header)
 
 
-def _checked(group: Any) -> dict[str, Any]:
-    """Compression with a checksum, without which a torn bit would pass for data; version 2 of the format has none."""
+def _check(group: Any) -> dict[str, Any]:
+    """Compression with a checksum, without which a torn bit would pass for data; version 2 of
+    the format has none.
+    """
     if group.metadata.zarr_format < 3:
         return {}
     from zarr.codecs import ZstdCodec
@@ -117,15 +155,52 @@ def _checked(group: Any) -> dict[str, Any]:
     return {"compressors": [ZstdCodec(level=0, checksum=True)]}
 
 
-def given(group: Any) -> dict[str, np.ndarray]:
+def read_arguments(group: Any) -> dict[str, np.ndarray]:
     """Starts, parameters and controls."""
-    return {name: _read(group, f"{GIVEN}/{name}", ...) for name in group[GIVEN].keys()}  # noqa: SIM118
+    try:
+        names = list(group[GIVEN])
+    except Exception as error:  # a foreign group fails in many ways; all mean the same
+        raise _torn(GIVEN, error) from None
+    return {name: _read(group, f"{GIVEN}/{name}", ...) for name in names}
 
 
 def _read(group: Any, name: str, part: Any) -> np.ndarray:
+    array = _array(group, name)
+    rows = len(range(*part.indices(array.shape[0]))) if isinstance(part, slice) else None
+    size = math.prod(array.shape if rows is None else (rows, *array.shape[1:]))
+    check_memory(f"the zarr array {name!r}", size, "read it on a larger one")
     try:
-        return np.asarray(group[name][part])
-    except Exception as error:  # torn and foreign chunks fail in many ways; all mean the same
+        return np.asarray(array[part])
+    except Exception as error:  # torn chunks fail in many ways; all mean the same
+        raise _torn(name, error) from None
+
+
+def _array(group: Any, name: str) -> Any:
+    """An array of the group, of numbers, packed in ways that only unpack.
+
+    Zarr unpacks by whatever codec the group names, and one of them is Python's pickle, which runs
+    programs.
+    """
+    try:
+        array = group[name]
+        about = array.metadata.to_dict()
+        packed = [*(about.get("codecs") or ()), *(about.get("filters") or ())]
+        packed += [about["compressor"]] if about.get("compressor") else []
+        codecs = {str(one.get("name", one.get("id"))) for one in packed}
+        kind, chunk = array.dtype.kind, math.prod(array.chunks)
+    except Exception as error:  # a foreign group fails in many ways; all mean the same
+        raise _torn(name, error) from None
+    if kind not in "fi" or not codecs <= CODECS:
         raise InputError(
-            f"the zarr array {name!r} is torn or not from varint ({type(error).__name__}: {error}); delete the group"
-        ) from None
+            f"the zarr array {name!r} is not from varint: numbers of kind {kind!r} packed by "
+            f"{sorted(codecs)}"
+        )
+    check_memory(f"a chunk of the zarr array {name!r}", chunk, "read it on a larger one")
+    return array
+
+
+def _torn(name: str, error: Exception) -> InputError:
+    return InputError(
+        f"the zarr array {name!r} is torn or not from varint ({type(error).__name__}: {error}); "
+        "delete the group"
+    )

@@ -1,10 +1,17 @@
 """Ready scenes with initial data, invariants and exact or reference solutions.
 
-Every factory can be called without arguments and returns a `Model`; its arguments set the default parameters and the
-start. ``catalogue`` holds all of them by name.
+Every factory can be called without arguments and returns a `Model`; its arguments set the default
+parameters and the start. ``catalogue`` holds all of them by name.
 """
 
-from varint.models.central import apsidal_angle, central_force, kepler, radial_motion, radial_period, rosette
+from varint.models.central import (
+    apsidal_angle,
+    central_force,
+    kepler,
+    radial_motion,
+    radial_period,
+    rosette,
+)
 from varint.models.chains import fpu_chain, fpu_stiff_energies, toda_chain
 from varint.models.constrained import (
     atwood,
@@ -17,20 +24,26 @@ from varint.models.constrained import (
 from varint.models.contacts import bouncing_ball, falling_ladder, slack_string, slide_off_sphere
 from varint.models.control import (
     ControlModel,
-    falling_cat,
     fastest_transfer,
     fastest_wire,
-    free_floating_robot,
     orbit_transfer,
     overhead_crane,
     rest_to_rest,
+)
+from varint.models.control_bodies import (
+    carried_load,
+    carried_load_reduced,
+    falling_cat,
+    free_floating_robot,
+    hovercraft,
+    walker,
+)
+from varint.models.control_swings import (
     swing_up_acrobot,
     swing_up_cart_pole,
     swing_up_pendulum,
     swing_up_rod,
-    walker,
 )
-from varint.models.control_bodies import carried_load, carried_load_reduced, hovercraft
 from varint.models.degenerate import guiding_centre, lotka_volterra
 from varint.models.driven import (
     accelerated_pivot,
@@ -65,7 +78,14 @@ from varint.models.particles import (
     spring_cluster,
     two_body,
 )
-from varint.models.paths import brachistochrone, catenary, cycloid, great_circle, spheroid_geodesic, torus_geodesic
+from varint.models.paths import (
+    brachistochrone,
+    catenary,
+    cycloid,
+    great_circle,
+    spheroid_geodesic,
+    torus_geodesic,
+)
 from varint.models.pendulums import (
     chain_pendulum,
     double_pendulum,
@@ -76,49 +96,154 @@ from varint.models.pendulums import (
     sliding_support_period,
     spherical_pendulum,
 )
-from varint.models.quaternions import body_omega, free_body_quaternion, heavy_top_quaternion, quaternion_rate, rotation
+from varint.models.quaternions import (
+    body_omega,
+    free_body_quaternion,
+    heavy_top_quaternion,
+    quaternion_rate,
+    rotation,
+)
 from varint.models.robots import acrobot, cart_pole, two_link_arm
 from varint.models.rolling import chaplygin_sleigh, knife_edge, rolling_disc
 from varint.models.rotating import foucault_pendulum, rotating_frame, turntable
 from varint.models.sketches import sketch
-from varint.models.sliding import block_on_wedge, rotating_hoop, rotating_hoop_period, rotating_wire, swinging_atwood
-from varint.models.tops import body_rates, euler_rates, free_rigid_body, heavy_rigid_body, heavy_top
+from varint.models.sliding import (
+    block_on_wedge,
+    rotating_hoop,
+    rotating_hoop_period,
+    rotating_wire,
+    swinging_atwood,
+)
+from varint.models.tops import (
+    body_rates,
+    euler_rates,
+    free_rigid_body,
+    heavy_rigid_body,
+    heavy_top,
+)
 
 catalogue = {
     factory.__name__: factory
     for factory in (
-        pendulum, inclined_axis, sliding_support, spherical_pendulum, double_pendulum, chain_pendulum,
-        driven_pendulum, horizontal_pivot, kapitza_pendulum, accelerated_pivot, lengthening_pendulum,
-        forced_oscillator, caldirola_kanai, linear_drag,
-        rotating_hoop, rotating_wire, block_on_wedge, swinging_atwood,
-        isotropic_oscillator, coupled_oscillators, henon_heiles, fpu_chain, toda_chain,
-        kepler, central_force, radial_motion, rosette,
-        two_body, lagrange_triangle, figure_eight, spring_cluster, lennard_jones, outer_solar_system,
-        rotating_frame, turntable, foucault_pendulum,
-        uniform_fields, magnetic_mirror, inverse_distance_field, oscillating_field, growing_field,
-        free_rigid_body, heavy_rigid_body, heavy_top,
-        cart_pole, acrobot, two_link_arm,
-        great_circle, torus_geodesic, spheroid_geodesic, brachistochrone, catenary,
-        lotka_volterra, guiding_centre,
-        pendulum_cartesian, spherical_pendulum_cartesian, atwood, double_atwood, chain_rods, turning_wire,
-        free_body_quaternion, heavy_top_quaternion, slider_crank, four_bar, andrews_mechanism,
-        falling_ladder, bouncing_ball, slide_off_sphere, slack_string,
-        knife_edge, chaplygin_sleigh, rolling_disc,
+        pendulum,
+        inclined_axis,
+        sliding_support,
+        spherical_pendulum,
+        double_pendulum,
+        chain_pendulum,
+        driven_pendulum,
+        horizontal_pivot,
+        kapitza_pendulum,
+        accelerated_pivot,
+        lengthening_pendulum,
+        forced_oscillator,
+        caldirola_kanai,
+        linear_drag,
+        rotating_hoop,
+        rotating_wire,
+        block_on_wedge,
+        swinging_atwood,
+        isotropic_oscillator,
+        coupled_oscillators,
+        henon_heiles,
+        fpu_chain,
+        toda_chain,
+        kepler,
+        central_force,
+        radial_motion,
+        rosette,
+        two_body,
+        lagrange_triangle,
+        figure_eight,
+        spring_cluster,
+        lennard_jones,
+        outer_solar_system,
+        rotating_frame,
+        turntable,
+        foucault_pendulum,
+        uniform_fields,
+        magnetic_mirror,
+        inverse_distance_field,
+        oscillating_field,
+        growing_field,
+        free_rigid_body,
+        heavy_rigid_body,
+        heavy_top,
+        cart_pole,
+        acrobot,
+        two_link_arm,
+        great_circle,
+        torus_geodesic,
+        spheroid_geodesic,
+        brachistochrone,
+        catenary,
+        lotka_volterra,
+        guiding_centre,
+        pendulum_cartesian,
+        spherical_pendulum_cartesian,
+        atwood,
+        double_atwood,
+        chain_rods,
+        turning_wire,
+        free_body_quaternion,
+        heavy_top_quaternion,
+        slider_crank,
+        four_bar,
+        andrews_mechanism,
+        falling_ladder,
+        bouncing_ball,
+        slide_off_sphere,
+        slack_string,
+        knife_edge,
+        chaplygin_sleigh,
+        rolling_disc,
     )
-}  # fmt: skip
+}
 
 control_catalogue = {
     factory.__name__: factory
     for factory in (
-        rest_to_rest, fastest_transfer, swing_up_cart_pole, swing_up_pendulum, swing_up_acrobot, overhead_crane,
-        fastest_wire, orbit_transfer, free_floating_robot, swing_up_rod, walker, falling_cat,
-        hovercraft, carried_load, carried_load_reduced,
+        rest_to_rest,
+        fastest_transfer,
+        swing_up_cart_pole,
+        swing_up_pendulum,
+        swing_up_acrobot,
+        overhead_crane,
+        fastest_wire,
+        orbit_transfer,
+        free_floating_robot,
+        swing_up_rod,
+        walker,
+        falling_cat,
+        hovercraft,
+        carried_load,
+        carried_load_reduced,
     )
-}  # fmt: skip
+}
 
 __all__ = [
-    "FIGURE_EIGHT_PERIOD", "ControlModel", "Model", "apsidal_angle", "body_omega", "body_rates", "catalogue",
-    "charged_particle", "control_catalogue", "cycloid", "euler_rates", "fpu_stiff_energies", "inverse_distance_period",
-    "kapitza_frequency", "pairs", "pendulum_period", "quaternion_rate", "radial_period", "rotating_hoop_period",
-    "rotation", "sketch", "sliding_support_period", *catalogue, *control_catalogue,
-]  # fmt: skip
+    "FIGURE_EIGHT_PERIOD",
+    "ControlModel",
+    "Model",
+    "apsidal_angle",
+    "body_omega",
+    "body_rates",
+    "catalogue",
+    "charged_particle",
+    "control_catalogue",
+    "cycloid",
+    "euler_rates",
+    "fpu_stiff_energies",
+    "inverse_distance_period",
+    "kapitza_frequency",
+    "pairs",
+    "pendulum_period",
+    "quaternion_rate",
+    "radial_period",
+    "rotating_hoop_period",
+    "rotation",
+    "sketch",
+    "sliding_support_period",
+    *catalogue,
+    *control_catalogue,
+]

@@ -1,4 +1,6 @@
-"""Central forces in the plane: any potential, Kepler's, its perturbation by b/r², and the reduced radial motion."""
+"""Central forces in the plane: any potential, Kepler's, its perturbation by b/r², and the
+reduced radial motion.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +11,18 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.models.model import Model, energy
-from varint.parameters import Parameters
-from varint.system import System, coordinates
+from varint.scene.parameters import Parameters
+from varint.scene.system import System, coordinates
 
 Potential = Callable[[ca.SX, Parameters], ca.SX]
 KEPLER_STEPS = 12  # Newton steps; 6 to 8 reach round-off at e = 0.99
 
 
-def kepler_motion(t: np.ndarray, mu: float, r0: np.ndarray, v0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Elliptic motion r̈ = −μ r/|r|³ from r(0), v(0), in the plane or in space: r and v, each (N, d).
+def kepler_motion(
+    t: np.ndarray, mu: float, r0: np.ndarray, v0: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Elliptic motion r̈ = −μ r/|r|³ from r(0), v(0), in the plane or in space: r and v, each (N,
+    d).
 
     ``r = a (cos E − e) P + b sin E Q`` with Kepler's equation ``E − e sin E = n (t − t₀)``.
 
@@ -30,7 +35,10 @@ def kepler_motion(t: np.ndarray, mu: float, r0: np.ndarray, v0: np.ndarray) -> t
     distance, speed2, radial = np.linalg.norm(r0), v0 @ v0, r0 @ v0
     inverse_a, swept2 = 2 / distance - speed2 / mu, distance**2 * speed2 - radial**2
     if inverse_a <= 0 or swept2 <= 0:
-        raise InputError("this start has no ellipse: its energy must be negative and its angular momentum not zero")
+        raise InputError(
+            "this start has no ellipse: its energy must be negative and its angular momentum not "
+            "zero"
+        )
     a = 1 / inverse_a
     cosine, sine = 1 - distance / a, radial / np.sqrt(mu * a)
     e, E0 = np.hypot(cosine, sine), np.arctan2(sine, cosine)
@@ -68,7 +76,9 @@ def require_ellipse(e: float) -> None:
 
 
 def kepler(e: float = 0.6, a: float = 1.0, m: float = 1.0, k: float = 1.0) -> Model:
-    """Kepler's problem in Cartesian coordinates, L = ½ m |v|² + k/|q|, started at the pericentre."""
+    """Kepler's problem in Cartesian coordinates, L = ½ m |v|² + k/|q|, started at the
+    pericentre.
+    """
     require_ellipse(e)
     c = Parameters(m=m, k=k)
     q, v = coordinates("x", "y")
@@ -78,18 +88,30 @@ def kepler(e: float = 0.6, a: float = 1.0, m: float = 1.0, k: float = 1.0) -> Mo
     spin = q[0] * p[1] - q[1] * p[0]
     runge = ca.vertcat(p[1], -p[0]) * spin / (c.m * c.k) - q / ca.norm_2(q)
     return Model(
-        name="kepler", system=system, q0=q0, v0=v0, duration=100.0, h=0.01,
+        name="kepler",
+        system=system,
+        q0=q0,
+        v0=v0,
+        duration=100.0,
+        h=0.01,
         exact=lambda t: kepler_motion(t, k / m, q0, v0),
         invariants=energy(system) | {"angular momentum": spin, "Laplace–Runge–Lenz": runge},
-        claim="The orbit is a closed ellipse; its axis (the Laplace–Runge–Lenz vector) stands still.",
+        claim=(
+            "The orbit is a closed ellipse; its axis (the Laplace–Runge–Lenz vector) stands still."
+        ),
         source="Landau & Lifshitz, Mechanics, §15",
-    )  # fmt: skip
+    )
 
 
 def central_force(
-    potential: Potential = lambda r, c: -c.k / r, constants: Mapping[str, float] | None = None, m: float = 1.0,
-    r0: float = 0.8, theta0: float = 0.0, rdot0: float = 0.0, thetadot0: float = 1.5,
-) -> Model:  # fmt: skip
+    potential: Potential = lambda r, c: -c.k / r,
+    constants: Mapping[str, float] | None = None,
+    m: float = 1.0,
+    r0: float = 0.8,
+    theta0: float = 0.0,
+    rdot0: float = 0.0,
+    thetadot0: float = 1.5,
+) -> Model:
     """Any central force in polar coordinates, L = ½ m (ṙ² + r² θ̇²) − V(r).
 
     Parameters
@@ -113,39 +135,69 @@ def central_force(
     kinetic = c.m * (v[0] ** 2 + q[0] ** 2 * v[1] ** 2) / 2
     system = System(q, v, kinetic - potential(q[0], c), params=c)
     return Model(
-        name="central_force", system=system, q0=[r0, theta0], v0=[rdot0, thetadot0], duration=20.0, h=0.01,
+        name="central_force",
+        system=system,
+        q0=[r0, theta0],
+        v0=[rdot0, thetadot0],
+        duration=20.0,
+        h=0.01,
         invariants=energy(system) | {"p_theta": system.momentum[1]},
         claim="θ is cyclic, p_θ = m r² θ̇ is conserved whatever V(r).",
         source="Landau & Lifshitz, Mechanics, §14",
-    )  # fmt: skip
+    )
 
 
 def radial_motion(
-    p_theta: float = 0.96, potential: Potential = lambda r, c: -c.k / r, constants: Mapping[str, float] | None = None,
-    m: float = 1.0, r0: float = 0.8, rdot0: float = 0.0,
-) -> Model:  # fmt: skip
+    p_theta: float = 0.96,
+    potential: Potential = lambda r, c: -c.k / r,
+    constants: Mapping[str, float] | None = None,
+    m: float = 1.0,
+    r0: float = 0.8,
+    rdot0: float = 0.0,
+) -> Model:
     """The reduced problem of `central_force`, L = ½ m ṙ² − V(r) − p_θ²/(2 m r²)."""
     c = Parameters(m=m, p_theta=p_theta, **({"k": 1.0} if constants is None else constants))
     q, v = coordinates("r")
-    system = System(q, v, c.m * v**2 / 2 - potential(q, c) - c.p_theta**2 / (2 * c.m * q**2), params=c)
+    system = System(
+        q, v, c.m * v**2 / 2 - potential(q, c) - c.p_theta**2 / (2 * c.m * q**2), params=c
+    )
     return Model(
-        name="radial_motion", system=system, q0=r0, v0=rdot0, duration=20.0, h=0.01, invariants=energy(system),
-        claim="The effective potential V + p_θ²/2mr² gives the same r(t) as the motion in the plane.",
+        name="radial_motion",
+        system=system,
+        q0=r0,
+        v0=rdot0,
+        duration=20.0,
+        h=0.01,
+        invariants=energy(system),
+        claim=(
+            "The effective potential V + p_θ²/2mr² gives the same r(t) as the motion in the plane."
+        ),
         source="Landau & Lifshitz, Mechanics, §14",
-    )  # fmt: skip
+    )
 
 
 def rosette(
-    r0: float = 0.48, theta0: float = 0.0, rdot0: float = 0.0, thetadot0: float = 0.8 / 0.48**2, m: float = 1.0,
-    k: float = 1.0, b: float = 0.04,
-) -> Model:  # fmt: skip
-    """V = −k/r + b/r² in polar coordinates: r(t) is Kepler's with p_θ² + 2mb, its angle runs γ times slower."""
-    general = central_force(lambda r, c: -c.k / r + c.b / r**2, {"k": k, "b": b}, m, r0, theta0, rdot0, thetadot0)
+    r0: float = 0.48,
+    theta0: float = 0.0,
+    rdot0: float = 0.0,
+    thetadot0: float = 0.8 / 0.48**2,
+    m: float = 1.0,
+    k: float = 1.0,
+    b: float = 0.04,
+) -> Model:
+    """V = −k/r + b/r² in polar coordinates: r(t) is Kepler's with p_θ² + 2mb, its angle runs γ
+    times slower.
+    """
+    general = central_force(
+        lambda r, c: -c.k / r + c.b / r**2, {"k": k, "b": b}, m, r0, theta0, rdot0, thetadot0
+    )
     gamma = np.sqrt(1 + 2 * b / (m * r0**4 * thetadot0**2))
     spin = r0**2 * thetadot0
 
     def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        place, speed = kepler_motion(t, k / m, np.array([r0, 0.0]), np.array([rdot0, r0 * gamma * thetadot0]))
+        place, speed = kepler_motion(
+            t, k / m, np.array([r0, 0.0]), np.array([rdot0, r0 * gamma * thetadot0])
+        )
         (x, y), (vx, vy) = place.T, speed.T
         r, angle = np.hypot(x, y), np.arctan2(y, x)
         rate, quarter = _mean_motion(k / m, r0, rdot0, gamma * r0 * thetadot0)
@@ -155,11 +207,17 @@ def rosette(
         return np.stack([r, theta], -1), np.stack([(x * vx + y * vy) / r, spin / r**2], -1)
 
     return Model(
-        name="rosette", system=general.system, q0=general.q0, v0=general.v0, duration=60.0, h=0.01,
-        invariants=general.invariants, exact=exact,
+        name="rosette",
+        system=general.system,
+        q0=general.q0,
+        v0=general.v0,
+        duration=60.0,
+        h=0.01,
+        invariants=general.invariants,
+        exact=exact,
         claim="The pericentre turns by 2π (1/γ − 1) per radial period, γ² = 1 + 2mb/p_θ².",
         source="Landau & Lifshitz, Mechanics, §15, problem 3",
-    )  # fmt: skip
+    )
 
 
 def _mean_motion(mu: float, r: float, rdot: float, across: float) -> tuple[float, float]:

@@ -6,12 +6,13 @@ import casadi as ca
 import numpy as np
 
 from varint.models.model import Model, energy
-from varint.parameters import Parameters
-from varint.system import System, coordinates
+from varint.scene.parameters import Parameters
+from varint.scene.system import System, coordinates
 
 
 def fpu_chain(pairs: int = 3, omega: float = 50.0) -> Model:
-    """Stiff linear springs alternating with soft quartic ones (Fermi–Pasta–Ulam–Tsingou after Galgani).
+    """Stiff linear springs alternating with soft quartic ones (Fermi–Pasta–Ulam–Tsingou after
+    Galgani).
 
     In the coordinates x₀ (displacement of a stiff spring) and x₁ (its stretch)
     ``L = ½ |v|² − ½ ω² Σ x₁ᵢ² − ¼ [(x₀₁ − x₁₁)⁴ + Σ (x₀ᵢ₊₁ − x₁ᵢ₊₁ − x₀ᵢ − x₁ᵢ)⁴ + (x₀ₘ + x₁ₘ)⁴]``.
@@ -25,21 +26,30 @@ def fpu_chain(pairs: int = 3, omega: float = 50.0) -> Model:
     q0, v0 = np.zeros(2 * pairs), np.zeros(2 * pairs)
     q0[[0, pairs]], v0[[0, pairs]] = [1, 1 / omega], 1
     return Model(
-        name="fpu_chain", system=system, q0=q0, v0=v0, duration=200.0, h=0.002, invariants=energy(system),
+        name="fpu_chain",
+        system=system,
+        q0=q0,
+        v0=v0,
+        duration=200.0,
+        h=0.002,
+        invariants=energy(system),
         claim="The stiff springs exchange energy slowly; its sum is an adiabatic invariant.",
         source="Hairer, Lubich & Wanner, Geometric Numerical Integration, I.5.1",
-    )  # fmt: skip
+    )
 
 
 def fpu_stiff_energies(model: Model) -> ca.SX:
-    """Energies I_j = ½ (v₁ⱼ² + ω² x₁ⱼ²) of the stiff springs of `fpu_chain`, as expressions (m,)."""
+    """Energies I_j = ½ (v₁ⱼ² + ω² x₁ⱼ²) of the stiff springs of `fpu_chain`, as expressions
+    (m,).
+    """
     system = model.system
     m = system.q.numel() // 2
     return (system.v[m:] ** 2 + system.c**2 * system.q[m:] ** 2) / 2
 
 
 def toda_chain(sites: int = 200, kappa: float = 1.0) -> Model:
-    """Ring of particles with exponential springs, L = ½ Σ vᵢ² − Σ [e^{−rᵢ} + rᵢ − 1], rᵢ = qᵢ₊₁ − qᵢ.
+    """Ring of particles with exponential springs, L = ½ Σ vᵢ² − Σ [e^{−rᵢ} + rᵢ − 1], rᵢ = qᵢ₊₁ −
+    qᵢ.
 
     Started as one soliton of strength κ, which shortens the ring by 2κ (parameter ``shift``).
     """
@@ -50,7 +60,8 @@ def toda_chain(sites: int = 200, kappa: float = 1.0) -> Model:
     n, speed = np.arange(sites), 2 * np.sinh(kappa)
 
     def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # q = log((1 + e^{2κ(n−1) − βt})/(1 + e^{2κn − βt})), continued periodically for one turn of the ring
+        # q = log((1 + e^{2κ(n−1) − βt})/(1 + e^{2κn − βt})), continued periodically for one turn of
+        # the ring
         phase = 2 * kappa * (n - sites // 2) - speed * t[:, None]
         turn = 2 * kappa * sites
         laps = np.floor((phase + turn / 2) / turn)
@@ -62,11 +73,19 @@ def toda_chain(sites: int = 200, kappa: float = 1.0) -> Model:
     third = ca.sum1(v**3 / 3 + v * (springs + ca.vertcat(springs[-1], springs[:-1])))
     q0, v0 = exact(np.zeros(1))
     return Model(
-        name="toda_chain", system=system, q0=q0[0], v0=v0[0], duration=50.0, h=0.05, exact=exact,
+        name="toda_chain",
+        system=system,
+        q0=q0[0],
+        v0=v0[0],
+        duration=50.0,
+        h=0.05,
+        exact=exact,
         invariants=energy(system) | {"momentum": ca.sum1(v), "third integral": third},
-        claim="A soliton travels at the speed sinh κ / κ sites per unit of time and keeps its shape.",
+        claim=(
+            "A soliton travels at the speed sinh κ / κ sites per unit of time and keeps its shape."
+        ),
         source="Toda, Journal of the Physical Society of Japan 22 (1967) 431; Flaschka 1974",
-    )  # fmt: skip
+    )
 
 
 def _logistic(x: np.ndarray) -> np.ndarray:

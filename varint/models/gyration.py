@@ -16,7 +16,8 @@ def gyration(
     """Motion of L = ½ (θ̇² + φ̇² sin² θ) + s φ̇ cos θ − w cos θ.
 
     Here ``u = cos θ`` runs between two roots of a cubic, ``u̇² = (u − u₁)(u₂ − u) Q(u)``, and with
-    ``u = ½(u₁ + u₂) + ½(u₂ − u₁) cos χ`` the phase advances by ``χ̇ = √Q`` (Landau & Lifshitz, Mechanics, §35).
+    ``u = ½(u₁ + u₂) + ½(u₂ − u₁) cos χ`` the phase advances by ``χ̇ = √Q`` (Landau & Lifshitz,
+    Mechanics, §35).
 
     Parameters
     ----------
@@ -32,7 +33,8 @@ def gyration(
     Returns
     -------
     theta, thetadot, phi, phidot, slip : array (N,)
-        With φ(0) = 0 and slip = ∫₀ᵗ φ̇ cos θ dt, by which the body's own turning angle falls behind.
+        With φ(0) = 0 and slip = ∫₀ᵗ φ̇ cos θ dt, by which the body's own turning angle falls
+        behind.
     """
     u0, sine2 = np.cos(theta0), np.sin(theta0) ** 2
     turn = phidot0 * sine2 + spin * u0  # p_φ
@@ -55,19 +57,30 @@ def gyration(
 
     clock = PeriodicIntegral(lambda chi: 1 / pace(height(chi)))
     swept = PeriodicIntegral(lambda chi: precession(height(chi)) / pace(height(chi)))
-    slipped = PeriodicIntegral(lambda chi: precession(height(chi)) * height(chi) / pace(height(chi)))
+    slipped = PeriodicIntegral(
+        lambda chi: precession(height(chi)) * height(chi) / pace(height(chi))
+    )
     chi0 = np.arctan2(np.sin(theta0) * thetadot0 / pace(u0), u0 - middle)
     chi = clock.inverse(clock(chi0) + t)
     theta = np.arccos(height(chi))
     thetadot = reach * np.sin(chi) * pace(height(chi)) / np.sin(theta)
-    return theta, thetadot, swept(chi) - swept(chi0), precession(height(chi)), slipped(chi) - slipped(chi0)
+    return (
+        theta,
+        thetadot,
+        swept(chi) - swept(chi0),
+        precession(height(chi)),
+        slipped(chi) - slipped(chi0),
+    )
 
 
-def euler_top(t: np.ndarray, inertia: np.ndarray, omega0: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Free rigid body: angular velocity along its axes, and its Euler angles φ, ψ about the angular momentum.
+def euler_top(
+    t: np.ndarray, inertia: np.ndarray, omega0: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Free rigid body: angular velocity along its axes, and its Euler angles φ, ψ about the angular
+    momentum.
 
-    With the axes named so that L² − 2 E I₂ has the sign of I₃ − I₂, ``ω = (A₁ cn, A₂ sn, A₃ dn)`` (Landau & Lifshitz,
-    Mechanics, §37); ``φ̇ = L (I₁ω₁² + I₂ω₂²)/(I₁²ω₁² + I₂²ω₂²)``.
+    With the axes named so that L² − 2 E I₂ has the sign of I₃ − I₂, ``ω = (A₁ cn, A₂ sn, A₃ dn)``
+    (Landau & Lifshitz, Mechanics, §37); ``φ̇ = L (I₁ω₁² + I₂ω₂²)/(I₁²ω₁² + I₂²ω₂²)``.
 
     Parameters
     ----------
@@ -90,7 +103,8 @@ def euler_top(t: np.ndarray, inertia: np.ndarray, omega0: np.ndarray) -> tuple[n
         order = order[::-1]
     parity = np.linalg.det(np.eye(3)[order])
     (I1, I2, I3), (w1, w2, w3) = inertia[order], parity * omega0[order]
-    flip = -1.0 if w3 < 0 else 1.0  # turning the signs of two components leaves Euler's equations as they are
+    # turning the signs of two components leaves Euler's equations as they are
+    flip = -1.0 if w3 < 0 else 1.0
     inner = I2 * (I2 - I1) * w2**2 + I3 * (I3 - I1) * w3**2  # L² − 2 E I₁
     outer = I1 * (I3 - I1) * w1**2 + I2 * (I3 - I2) * w2**2  # 2 E I₃ − L²
     k2, rate = 0.0, 1.0
@@ -98,7 +112,9 @@ def euler_top(t: np.ndarray, inertia: np.ndarray, omega0: np.ndarray) -> tuple[n
     if inner != 0:  # no sphere
         k2 = (I2 - I1) * outer / ((I3 - I2) * inner)
         rate = np.sqrt((I3 - I2) * inner / (I1 * I2 * I3))
-        sizes = np.sqrt([outer / (I1 * (I3 - I1)), outer / (I2 * (I3 - I2)), inner / (I3 * (I3 - I1))])
+        sizes = np.sqrt(
+            [outer / (I1 * (I3 - I1)), outer / (I2 * (I3 - I2)), inner / (I3 * (I3 - I1))]
+        )
         sizes[1] *= np.sign(I3 - I2)
 
     def dn(chi: np.ndarray) -> np.ndarray:
@@ -116,7 +132,9 @@ def euler_top(t: np.ndarray, inertia: np.ndarray, omega0: np.ndarray) -> tuple[n
 
     def precession(chi: np.ndarray) -> np.ndarray:
         w = omega(chi)
-        return total * (inertia[:2] * w[:, :2] ** 2).sum(-1) / ((inertia[:2] * w[:, :2]) ** 2).sum(-1)
+        return (
+            total * (inertia[:2] * w[:, :2] ** 2).sum(-1) / ((inertia[:2] * w[:, :2]) ** 2).sum(-1)
+        )
 
     def spinning(chi: np.ndarray) -> np.ndarray:
         return omega(chi)[:, 2] * (1 - precession(chi) * inertia[2] / total)
@@ -125,6 +143,8 @@ def euler_top(t: np.ndarray, inertia: np.ndarray, omega0: np.ndarray) -> tuple[n
         return f(chi) / (rate * dn(chi))
 
     chi0 = np.arctan2(w2 / sizes[1], flip * w1 / sizes[0]) if sizes[0] != 0 else 0.0
-    clock, swept, spun = (PeriodicIntegral(partial(per_phase, f)) for f in (np.ones_like, precession, spinning))
+    clock, swept, spun = (
+        PeriodicIntegral(partial(per_phase, f)) for f in (np.ones_like, precession, spinning)
+    )
     chi = clock.inverse(clock(chi0) + t)
     return omega(chi), swept(chi) - swept(chi0), spun(chi) - spun(chi0)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.system import System
+from varint.scene.system import System
 
 Motion = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -34,9 +34,11 @@ class Model:
     source : str
         Where the scene and its claim come from.
     invariants : mapping of str to SX
-        Expressions of q, v, t and the parameters, scalar or vector, that stay constant along every motion.
+        Expressions of q, v, t and the parameters, scalar or vector, that stay constant along every
+        motion.
     exact : callable or None
-        ``q, v = exact(times)``, arrays (N, n), of the motion from (q0, v0) at t = 0 with the default parameters.
+        ``q, v = exact(times)``, arrays (N, n), of the motion from (q0, v0) at t = 0 with the
+        default parameters.
 
     Examples
     --------
@@ -62,7 +64,9 @@ class Model:
         for name in ("q0", "v0"):
             value = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
             if value.shape != (n,) or not np.isfinite(value).all():
-                raise InputError(f"{name} of the model {self.name} must be {n} finite numbers, got {value}")
+                raise InputError(
+                    f"{name} of the model {self.name} must be {n} finite numbers, got {value}"
+                )
             object.__setattr__(self, name, value)
         if self.exact is not None:
             object.__setattr__(self, "exact", _time_first(self.exact, n))

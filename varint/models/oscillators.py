@@ -8,14 +8,16 @@ import casadi as ca
 import numpy as np
 
 from varint.models.model import Model, energy
-from varint.parameters import Parameters
-from varint.system import System, coordinates
+from varint.scene.parameters import Parameters
+from varint.scene.system import System, coordinates
 
 
 def isotropic_oscillator(
-    q0: Sequence[float] = (1.0, -0.5, 0.2), v0: Sequence[float] = (0.3, 0.8, -0.4), m: float = 1.0,
+    q0: Sequence[float] = (1.0, -0.5, 0.2),
+    v0: Sequence[float] = (0.3, 0.8, -0.4),
+    m: float = 1.0,
     omega: float = 1.3,
-) -> Model:  # fmt: skip
+) -> Model:
     """Oscillator in space, L = ½ m |v|² − ½ m ω² |q|²."""
     c = Parameters(m=m, omega=omega)
     q, v = coordinates("x", "y", "z")
@@ -29,19 +31,30 @@ def isotropic_oscillator(
 
     tensor = c.m * (v @ v.T + c.omega**2 * (q @ q.T)) / 2
     return Model(
-        name="isotropic_oscillator", system=system, q0=q0, v0=v0, duration=50.0, h=0.05, exact=exact,
+        name="isotropic_oscillator",
+        system=system,
+        q0=q0,
+        v0=v0,
+        duration=50.0,
+        h=0.05,
+        exact=exact,
         invariants=energy(system)
         | {"angular momentum": ca.cross(q, system.momentum), "Fradkin's tensor": ca.vec(tensor)},
         claim="Every orbit is an ellipse about the centre with one period, 2π/ω.",
         source="Landau & Lifshitz, Mechanics, §23, problem 3",
-    )  # fmt: skip
+    )
 
 
 def coupled_oscillators(
-    q0: Sequence[float] = (1.0, 0.0), v0: Sequence[float] = (0.0, 0.0), m: float = 1.0, k: float = 1.0,
+    q0: Sequence[float] = (1.0, 0.0),
+    v0: Sequence[float] = (0.0, 0.0),
+    m: float = 1.0,
+    k: float = 1.0,
     coupling: float = 0.1,
-) -> Model:  # fmt: skip
-    """Two equal oscillators and a spring between them, L = ½ m |v|² − ½ k |x|² − ½ k_c (x₁ − x₂)²."""
+) -> Model:
+    """Two equal oscillators and a spring between them, L = ½ m |v|² − ½ k |x|² − ½ k_c (x₁ −
+    x₂)².
+    """
     c = Parameters(m=m, k=k, coupling=coupling)
     q, v = coordinates("x1", "x2")
     potential = c.k * ca.sumsqr(q) / 2 + c.coupling * (q[0] - q[1]) ** 2 / 2
@@ -55,15 +68,24 @@ def coupled_oscillators(
         return (a * cosine + b / omega * sine) @ modes, (b * cosine - a * omega * sine) @ modes
 
     return Model(
-        name="coupled_oscillators", system=system, q0=q0, v0=v0, duration=70.0, h=0.1,
-        invariants=energy(system), exact=exact,
+        name="coupled_oscillators",
+        system=system,
+        q0=q0,
+        v0=v0,
+        duration=70.0,
+        h=0.1,
+        invariants=energy(system),
+        exact=exact,
         claim="The energy passes to and fro with the beat of the two normal frequencies.",
         source="Landau & Lifshitz, Mechanics, §23, problem 1",
-    )  # fmt: skip
+    )
 
 
 def henon_heiles(
-    q0: Sequence[float] = (0.0, 0.1), v0: Sequence[float] | None = None, total: float = 1 / 12, strength: float = 1.0
+    q0: Sequence[float] = (0.0, 0.1),
+    v0: Sequence[float] | None = None,
+    total: float = 1 / 12,
+    strength: float = 1.0,
 ) -> Model:
     """Hénon–Heiles, L = ½ |v|² − ½ |q|² − λ (x² y − ⅓ y³).
 
@@ -79,13 +101,22 @@ def henon_heiles(
     c = Parameters(strength=strength)
     q, v = coordinates("x", "y")
     system = System(
-        q, v, ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2 - c.strength * (q[0] ** 2 * q[1] - q[1] ** 3 / 3), params=c
+        q,
+        v,
+        ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2 - c.strength * (q[0] ** 2 * q[1] - q[1] ** 3 / 3),
+        params=c,
     )
     if v0 is None:
         x, y = q0
         v0 = (np.sqrt(2 * total - x**2 - y**2 - 2 * strength * (x**2 * y - y**3 / 3)), 0.0)
     return Model(
-        name="henon_heiles", system=system, q0=q0, v0=v0, duration=300.0, h=0.05, invariants=energy(system),
+        name="henon_heiles",
+        system=system,
+        q0=q0,
+        v0=v0,
+        duration=300.0,
+        h=0.05,
+        invariants=energy(system),
         claim="Regular at E = 1/12, mostly chaotic at E = 1/8, unbounded above E = 1/6.",
         source="Hénon & Heiles, Astronomical Journal 69 (1964) 73",
-    )  # fmt: skip
+    )

@@ -1,8 +1,9 @@
 """Integrals of smooth periodic functions to round-off, and motions that a quadrature solves.
 
-The trapezoidal rule converges geometrically on periodic functions: a Fourier series of the integrand, integrated term
-by term, gives t(φ) of a one-dimensional motion in its phase φ, turning points included, and Newton's method φ(t).
-Elliptic functions are the case dφ/du = √(1 − k² sin² φ), so none need to be imported.
+The trapezoidal rule converges geometrically on periodic functions: a Fourier series of the
+integrand, integrated term by term, gives t(φ) of a one-dimensional motion in its phase φ, turning
+points included, and Newton's method φ(t). Elliptic functions are the case dφ/du = √(1 − k² sin² φ),
+so none need to be imported.
 """
 
 from __future__ import annotations
@@ -48,7 +49,10 @@ class PeriodicIntegral:
                 break
             n *= 2
             if n > MOST:
-                raise InputError("this motion has no closed form to round-off: too close to a separatrix or collision")
+                raise InputError(
+                    "this motion has no closed form to round-off: too close to a separatrix or "
+                    "collision"
+                )
         kept = np.flatnonzero(size > 1e-17 * size.max())[-1] + 1
         harmonics = np.arange(1, kept)
         self._f = f

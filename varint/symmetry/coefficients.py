@@ -1,4 +1,6 @@
-"""Coefficients of generators as functions of the parameters: numbers, monomials, sums, ratios, or exact solutions."""
+"""Coefficients of generators as functions of the parameters: numbers, monomials, sums, ratios,
+or exact solutions.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,16 @@ from itertools import combinations, combinations_with_replacement
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.symmetry.sampling import Points, Region, random_parameters, sampled
+from varint.numerics.arrays import over_columns
+from varint.scene.system import System
+from varint.symmetry.sampling import Points, Region, random_parameters, sample
 from varint.symmetry.search import Pairs, euler_function, euler_rows
-from varint.system import System
 
-SIMPLE = ((6, 1e-7), (1000, 1e-9))  # denominators, and how close to such a fraction a coefficient is that fraction
+# denominators, and how close to such a fraction a coefficient is that fraction
+SIMPLE = (
+    (6, 1e-7),
+    (1000, 1e-9),
+)
 CLOSE = 1e-8  # values this close are the same; what is made of them is verified afterwards
 MOST_IN_PRODUCTS = 12  # parameters, for sums of products of two
 MOST_IN_RATIOS = 5  # parameters of one coefficient
@@ -26,7 +32,9 @@ Fit = Callable[[np.ndarray, np.ndarray, ca.SX], "ca.SX | float | None"]
 
 
 def simple(x: float) -> float:
-    """x, or the simple fraction that it is up to rounding: the simpler, the more rounding is allowed."""
+    """x, or the simple fraction that it is up to rounding: the simpler, the more rounding is
+    allowed.
+    """
     for denominator, close in SIMPLE:
         fraction = float(Fraction(float(x)).limit_denominator(denominator))
         if abs(fraction - x) <= close * abs(x):
@@ -35,7 +43,9 @@ def simple(x: float) -> float:
 
 
 def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float | None:
-    """The function f c_1^{e_1} c_2^{e_2} … with values y at the parameters c, exponents multiples of ½; or None."""
+    """The function f c_1^{e_1} c_2^{e_2} … with values y at the parameters c, exponents
+    multiples of ½; or None.
+    """
     if np.ptp(y) <= CLOSE * np.abs(y).max():
         return simple(float(y.mean()))
     used = np.ptp(c, axis=0) > 0
@@ -51,7 +61,9 @@ def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float |
     if not np.ptp(ratio) <= CLOSE * np.abs(ratio).max():
         return None
     product = ca.SX(simple(float(ratio.mean())))
-    for symbol, e in zip(np.array(ca.vertsplit(symbols), dtype=object)[used], exponents, strict=True):
+    for symbol, e in zip(
+        np.array(ca.vertsplit(symbols), dtype=object)[used], exponents, strict=True
+    ):
         if e:
             product *= symbol ** (int(e) if e == int(e) else float(e))
     return product
@@ -60,11 +72,15 @@ def as_monomial(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float |
 def products(symbols: ca.SX) -> list[tuple[int, ...]]:
     """Parameters and products of two, by number; none where there are too many."""
     n = symbols.numel()
-    return [(i,) for i in range(n)] + list(combinations(range(n), 2)) if n <= MOST_IN_PRODUCTS else []
+    return (
+        [(i,) for i in range(n)] + list(combinations(range(n), 2)) if n <= MOST_IN_PRODUCTS else []
+    )
 
 
 def as_products(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | None:
-    """The sum of parameters and products of two with simple coefficients that has the values y; or None."""
+    """The sum of parameters and products of two with simple coefficients that has the values y;
+    or None.
+    """
     terms = products(symbols)
     if len(y) <= len(terms) or not terms:
         return None
@@ -80,7 +96,9 @@ def as_products(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | None:
 
 
 def as_ratio(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | None:
-    """P/Q or ±√(P/Q) with P and Q sums of parameters, or of products of two, that has the values y; or None."""
+    """P/Q or ±√(P/Q) with P and Q sums of parameters, or of products of two, that has the values
+    y; or None.
+    """
     used = [i for i in range(c.shape[1]) if np.ptp(c[:, i]) > 0]
     if not 0 < len(used) <= MOST_IN_RATIOS or not np.isfinite(y).all():
         return None
@@ -99,7 +117,9 @@ def as_ratio(y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | None:
     return None
 
 
-def _quotient(y: np.ndarray, c: np.ndarray, top: list, bottom: list, symbols: ca.SX) -> ca.SX | None:
+def _quotient(
+    y: np.ndarray, c: np.ndarray, top: list, bottom: list, symbols: ca.SX
+) -> ca.SX | None:
     if len(y) < len(top) + len(bottom) + SPARE:
         return None
     above, below = _values(top, c), _values(bottom, c)
@@ -151,8 +171,12 @@ def parameter_samples(system: System, rng: np.random.Generator) -> np.ndarray:
 
 
 def readable(expression: ca.SX, y: np.ndarray, c: np.ndarray, symbols: ca.SX) -> ca.SX | float:
-    """A function of the parameters, with values y at c, in a readable form; as it is where none is found."""
-    matters = np.array([ca.depends_on(expression, symbol) for symbol in ca.vertsplit(symbols)], dtype=bool)
+    """A function of the parameters, with values y at c, in a readable form; as it is where none
+    is found.
+    """
+    matters = np.array(
+        [ca.depends_on(expression, symbol) for symbol in ca.vertsplit(symbols)], dtype=bool
+    )
     fits: Sequence[Fit] = (as_monomial, as_products, as_ratio)
     for fit in fits:
         found = fit(y, np.where(matters, c, c[:1]), symbols)
@@ -161,20 +185,26 @@ def readable(expression: ca.SX, y: np.ndarray, c: np.ndarray, symbols: ca.SX) ->
     return expression
 
 
-def solved(region: Region, groups: Sequence[Pairs], row: np.ndarray, size: np.ndarray, pivot: int, rng) -> list:
-    """The generator `row` (its pivot 1, known at one set of parameters) with coefficients exact for all of them.
+def solve_coefficients(
+    region: Region, groups: Sequence[Pairs], row: np.ndarray, size: np.ndarray, pivot: int, rng
+) -> list:
+    """The generator `row` (its pivot 1, known at one set of parameters) with coefficients exact for
+    all of them.
 
-    What is not zero beside the pivot solves as many of the equations, at fixed points, as there are such coefficients:
-    a linear system with the parameters as symbols. The equations are those that are least dependent.
+    What is not zero beside the pivot solves as many of the equations, at fixed points, as there are
+    such coefficients: a linear system with the parameters as symbols. The equations are those that
+    are least dependent.
     """
     others = [int(i) for i in np.flatnonzero(row) if i != pivot]
     if not others:
         return [float(x) for x in row]
     s, n = region.system, region.system.structure.n
     count = min(max(2 * len(others) // n + 4, 6), MOST_POINTS)
-    points, values = sampled(region, euler_function(s), count, rng)
+    points, values = sample(region, euler_function(s), count, rng)
     table = (euler_rows(groups, points, values) * size)[:, others]
-    chosen = _independent(table / np.maximum(np.abs(table).max(axis=1, keepdims=True), 1e-300), len(others))
+    chosen = _independent(
+        table / np.maximum(np.abs(table).max(axis=1, keepdims=True), 1e-300), len(others)
+    )
     lines = {k: _equations(region, groups, points, k // n, k % n, [pivot, *others]) for k in chosen}
     left = ca.vertcat(*(lines[k] for k in chosen))
     found = ca.solve(left[:, 1:] @ ca.diag(ca.DM(size[others])), -left[:, 0]) * ca.DM(size[others])
@@ -198,8 +228,12 @@ def _independent(rows: np.ndarray, count: int) -> list[int]:
     return chosen
 
 
-def _equations(region: Region, groups: Sequence[Pairs], points: Points, at: int, k: int, columns: list[int]) -> ca.SX:
-    """Row k of the equations at one point, for some of the unknowns, as a function of the parameters, (1, columns)."""
+def _equations(
+    region: Region, groups: Sequence[Pairs], points: Points, at: int, k: int, columns: list[int]
+) -> ca.SX:
+    """Row k of the equations at one point, for some of the unknowns, as a function of the
+    parameters, (1, columns).
+    """
     s, n = region.system, region.system.structure.n
     here = [ca.DM(x[at]) for x in points.columns]
     q, v, a, _, t, _ = here
@@ -213,7 +247,10 @@ def _equations(region: Region, groups: Sequence[Pairs], points: Points, at: int,
             pairs = zip(i.tolist(), j.tolist(), strict=True)
             entries.append(
                 sum(
-                    by_q[k, x] * q[y] + by_v[k, x] * v[y] + by_a[k, x] * a[y] + (e[x] if k == y else 0)
+                    by_q[k, x] * q[y]
+                    + by_v[k, x] * v[y]
+                    + by_a[k, x] * a[y]
+                    + (e[x] if k == y else 0)
                     for x, y in pairs
                 )
             )

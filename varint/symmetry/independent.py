@@ -1,7 +1,9 @@
-"""Which generators to list: rotations of all particles first, without those that follow from momenta and boosts.
+"""Which generators to list: rotations of all particles first, without those that follow from
+momenta and boosts.
 
-Where total momentum P and boost G = P t − M X are conserved, so is X × P: the motion of the centre of mass turns on
-its own. Its generator is a point symmetry, but its quantity (G × P)/M is a function of the others and says nothing new.
+Where total momentum P and boost G = P t − M X are conserved, so is X × P: the motion of the centre
+of mass turns on its own. Its generator is a point symmetry, but its quantity (G × P)/M is a
+function of the others and says nothing new.
 """
 
 from __future__ import annotations
@@ -12,16 +14,23 @@ from itertools import combinations
 import numpy as np
 
 from varint.symmetry.naming import Particles
-from varint.symmetry.sampling import Region, sampled
+from varint.symmetry.sampling import Region, sample
 from varint.symmetry.search import Pairs, euler_function
 
-SAME = 1e-5  # relative: a vector this close to the null space, which has rounding errors, lies in it
+# relative: a vector this close to the null space, which has rounding errors, lies in it
+SAME = 1e-5
 
 
-def listed(
-    region: Region, groups: Sequence[Pairs], rows: np.ndarray, size: np.ndarray, bodies: Particles, rng
+def list_independent(
+    region: Region,
+    groups: Sequence[Pairs],
+    rows: np.ndarray,
+    size: np.ndarray,
+    bodies: Particles,
+    rng,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """(rotations of all particles alike, numbers of the other rows to list, how many rows follow from the others).
+    """(rotations of all particles alike, numbers of the other rows to list, how many rows follow
+    from the others).
 
     Subspaces are compared in the units `size` of the unknowns, in which they are of like size.
     """
@@ -29,6 +38,7 @@ def listed(
     linear = np.abs(rows[:, 1 : -2 * n]).max(axis=1, initial=0.0) > 0
     several = len(bodies.index) > 1 and len(groups) == n * n
     follow = products(region, rows[~linear], n, rng) if several else []
+    follow = [x / np.linalg.norm(x / size) for x in follow]
     rows = rows / size
     turns = inside(rows, [x / size for x in _rotations(groups, n, bodies)])
     known = [*turns, *inside(rows, [x / size for x in follow])]
@@ -47,7 +57,11 @@ def _rotations(groups: Sequence[Pairs], n: int, bodies: Particles) -> list[np.nd
     """Rotations of all particles about x, y and z through the origin."""
     if {i for body in bodies.index for i in body.values()} != set(range(n)):
         return []
-    column = {(i, j): k for k, (rows, cols) in enumerate(groups, 1) for i, j in zip(rows, cols, strict=True)}
+    column = {
+        (i, j): k
+        for k, (rows, cols) in enumerate(groups, 1)
+        for i, j in zip(rows, cols, strict=True)
+    }
     vectors = []
     for a, b in (("y", "z"), ("z", "x"), ("x", "y")):
         vector = np.zeros(1 + len(groups) + 2 * n)
@@ -61,12 +75,18 @@ def _rotations(groups: Sequence[Pairs], n: int, bodies: Particles) -> list[np.nd
 
 def products(region: Region, rows: np.ndarray, n: int, rng) -> list[np.ndarray]:
     """Generators β₁ k₂ᵀ − β₂ k₁ᵀ of P₁ G₂ − P₂ G₁ for boosts along β with K = k·q."""
-    only_boost = (np.abs(rows[:, :-n]).max(axis=1, initial=0.0) == 0) if len(rows) else np.zeros(0, dtype=bool)
+    only_boost = (
+        (np.abs(rows[:, :-n]).max(axis=1, initial=0.0) == 0)
+        if len(rows)
+        else np.zeros(0, dtype=bool)
+    )
     boosts = rows[only_boost, -n:]
-    points, values = sampled(region, euler_function(region.system), 4, rng)
+    points, values = sample(region, euler_function(region.system), 4, rng)
     mass = values[3].reshape(len(points), n, n)
     slopes = mass @ boosts.T
-    constant = np.ptp(slopes, axis=0).max(axis=0, initial=0.0) <= SAME * np.abs(slopes).max(initial=1e-300)
+    constant = np.ptp(slopes, axis=0).max(axis=0, initial=0.0) <= SAME * np.abs(slopes).max(
+        initial=1e-300
+    )
     pairs = [(beta, k) for beta, k, same in zip(boosts, slopes[0].T, constant, strict=True) if same]
     return [
         np.concatenate([[0.0], (np.outer(b1, k2) - np.outer(b2, k1)).ravel(), np.zeros(2 * n)])
@@ -77,7 +97,9 @@ def products(region: Region, rows: np.ndarray, n: int, rng) -> list[np.ndarray]:
 def inside(rows: np.ndarray, vectors: list[np.ndarray]) -> np.ndarray:
     """Those of the vectors that lie in the span of the rows."""
     span = orthonormal(rows)
-    found = [x for x in vectors if np.linalg.norm(x - span.T @ (span @ x)) <= SAME * np.linalg.norm(x)]
+    found = [
+        x for x in vectors if np.linalg.norm(x - span.T @ (span @ x)) <= SAME * np.linalg.norm(x)
+    ]
     return np.array(found).reshape(len(found), rows.shape[1])
 
 

@@ -1,4 +1,6 @@
-"""Readable names of generators: translations, rotations, boosts, cyclic coordinates, shifts of time."""
+"""Readable names of generators: translations, rotations, boosts, cyclic coordinates, shifts of
+time.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +10,22 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from varint.scene.system import System
 from varint.symmetry.search import Pairs
-from varint.system import System
 
 AXES = "xyz"
 AXIS_IN_NAME = r"(?P<axis>[xyz])_?(?P<rest>\d*|_\w+)|(?P<body>\w*?)_?(?P<last>[xyz])"
 SMALL_BLOCK = 6  # coordinates
-MOST_ENTRIES = 700  # of matrices within particles: the null space of that many unknowns takes seconds
+# of matrices within particles: the null space of that many unknowns takes seconds
+MOST_ENTRIES = 700
 ALIKE = 1e-9  # relative: coefficients this close are the same
 
 
 @dataclass(frozen=True)
 class Particles:
-    """Coordinates read as positions of particles: `index[particle][axis]` is the coordinate's number."""
+    """Coordinates read as positions of particles: `index[particle][axis]` is the coordinate's
+    number.
+    """
 
     index: tuple[dict[str, int], ...]
 
@@ -30,7 +35,9 @@ class Particles:
 
 
 def particles(names: tuple[str, ...]) -> Particles:
-    """Particles by the names of their coordinates, as in x1, y1, x2, y2 or sun_x, sun_y; other names are left out."""
+    """Particles by the names of their coordinates, as in x1, y1, x2, y2 or sun_x, sun_y; other
+    names are left out.
+    """
     found: dict[str, dict[str, int]] = {}
     for i, name in enumerate(names):
         match = re.fullmatch(AXIS_IN_NAME, name, re.IGNORECASE)
@@ -43,8 +50,9 @@ def particles(names: tuple[str, ...]) -> Particles:
 def groups_of(system: System, largest: int) -> list[Pairs]:
     """Entries of A that get an unknown of their own.
 
-    Every entry, up to `largest` coordinates. Beyond, those within single particles and within small groups of
-    coordinates that nothing couples to others; where these are too many, one matrix that is the same for all particles.
+    Every entry, up to `largest` coordinates. Beyond, those within single particles and within small
+    groups of coordinates that nothing couples to others; where these are too many, one matrix that
+    is the same for all particles.
     """
     n = system.structure.n
     if n <= largest:
@@ -69,8 +77,14 @@ def reach(system: System, groups: list[Pairs]) -> str:
     if len(groups) == system.structure.n**2:
         return ""
     alike = any(len(i) > 1 for i, _ in groups)
-    which = "that act alike on all particles" if alike else "within single particles and uncoupled groups"
-    return f"{system.structure.n} coordinates: of linear generators only those {which} were looked for"
+    which = (
+        "that act alike on all particles"
+        if alike
+        else "within single particles and uncoupled groups"
+    )
+    return (
+        f"{system.structure.n} coordinates: of linear generators only those {which} were looked for"
+    )
 
 
 def name_of(system: System, xi: ca.SX, tau: ca.SX, gauge: ca.SX) -> str:
@@ -88,10 +102,10 @@ def name_of(system: System, xi: ca.SX, tau: ca.SX, gauge: ca.SX) -> str:
     if slope.is_zero() and boost.is_zero():
         return _shift_name(system, shift, gauge)
     if slope.is_zero() and shift.is_zero():
-        return _along(system, boost, "Galilean boost") or "boost of " + _listed(system, boost)
+        return _along(system, boost, "Galilean boost") or "boost of " + _list_names(system, boost)
     turn = _rotation(system, slope, shift)
     if boost.is_zero():
-        return turn or "linear symmetry of " + _listed(system, ca.sum2(ca.fabs(slope)))
+        return turn or "linear symmetry of " + _list_names(system, ca.sum2(ca.fabs(slope)))
     return f"{turn} in a moving frame" if turn else "affine symmetry"
 
 
@@ -103,10 +117,10 @@ def _shift_name(system: System, shift: ca.SX, gauge: ca.SX) -> str:
     moved = [i for i in range(system.structure.n) if not shift[i].is_zero()]
     if len(moved) == 1 and gauge.is_zero():
         return f"cyclic coordinate {system.names[moved[0]]}"
-    return f"{magnetic}translation of {_listed(system, shift)}"
+    return f"{magnetic}translation of {_list_names(system, shift)}"
 
 
-def _listed(system: System, vector: ca.SX) -> str:
+def _list_names(system: System, vector: ca.SX) -> str:
     moved = [name for i, name in enumerate(system.names) if not ca.densify(vector)[i].is_zero()]
     return ", ".join(moved[:6]) + (", …" if len(moved) > 6 else "")
 
@@ -122,7 +136,7 @@ def _along(system: System, vector: ca.SX, what: str) -> str | None:
     if any(not ca.is_equal(x, part[0], 2) for part in parts.values() for x in part[1:]):
         return None
     if len(moving) < len(bodies.index):
-        return f"{what} of {_listed(system, vector)}"
+        return f"{what} of {_list_names(system, vector)}"
     direction = {a: part[0] for a, part in parts.items() if part and not part[0].is_zero()}
     if len(direction) == 1:
         axis = next(iter(direction))
@@ -138,7 +152,10 @@ def _rotation(system: System, slope: ca.SX, shift: ca.SX) -> str | None:
     bodies = particles(system.names)
     turned = [p for p in bodies.index if any(i in p.values() for i, _ in entries)]
     spins = [
-        tuple(entries.get((p.get(b, -1), p.get(a, -1)), 0.0) for a, b in (("y", "z"), ("z", "x"), ("x", "y")))
+        tuple(
+            entries.get((p.get(b, -1), p.get(a, -1)), 0.0)
+            for a, b in (("y", "z"), ("z", "x"), ("x", "y"))
+        )
         for p in turned
     ]
     inside = sum(np.count_nonzero(s) for s in spins) * 2 == len(entries)
@@ -148,7 +165,7 @@ def _rotation(system: System, slope: ca.SX, shift: ca.SX) -> str | None:
     single = np.count_nonzero(axis) == 1
     about = "xyz"[int(np.argmax(np.abs(axis)))] if single else _axis(slope, turned[0])
     if len(turned) < len(bodies.index):
-        about += f" of {_listed(system, ca.sum2(ca.fabs(slope)))}"
+        about += f" of {_list_names(system, ca.sum2(ca.fabs(slope)))}"
     if not shift.is_zero():
         centre = _centre(slope, shift, turned[0], bodies.axes)
         about += f" through {centre}" if centre else " with a shift"

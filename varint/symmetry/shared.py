@@ -1,6 +1,8 @@
-"""Which combinations of generators forces, constraints and contacts share: what must vanish for that, and its kernel.
+"""Which combinations of generators forces, constraints and contacts share: what must vanish for
+that, and its kernel.
 
-A combination of symmetries that are each broken may be kept: a bead on a slope keeps the translation along it.
+A combination of symmetries that are each broken may be kept: a bead on a slope keeps the
+translation along it.
 """
 
 from __future__ import annotations
@@ -10,17 +12,21 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from varint.arrays import over_columns
-from varint.symmetry.sampling import Points, Region, at_points, sampled
+from varint.numerics.arrays import over_columns
+from varint.symmetry.sampling import Points, Region, at_points, sample
 from varint.symmetry.search import Pairs
-from varint.symmetry.verify import projected
+from varint.symmetry.verify import project_onto_surface
 
 SHARED = 1e-9  # relative: what is left of the conditions by a combination that is shared
 POINTS = 30  # more than combinations
 
 
-def conditions_kernel(region: Region, groups: Sequence[Pairs], vectors: np.ndarray, rng) -> np.ndarray:
-    """Combinations (columns) of the generators `vectors` (unknowns, r) that all of the scene shares, (r, k)."""
+def conditions_kernel(
+    region: Region, groups: Sequence[Pairs], vectors: np.ndarray, rng
+) -> np.ndarray:
+    """Combinations (columns) of the generators `vectors` (unknowns, r) that all of the scene
+    shares, (r, k).
+    """
     rows = conditions(region, groups, vectors, rng)
     if not len(rows):
         return np.eye(vectors.shape[1])
@@ -30,29 +36,34 @@ def conditions_kernel(region: Region, groups: Sequence[Pairs], vectors: np.ndarr
 
 
 def conditions(region: Region, groups: Sequence[Pairs], vectors: np.ndarray, rng) -> np.ndarray:
-    """What vanishes for generators that are shared, at random points, relative to its terms; one column a generator.
+    """What vanishes for generators that are shared, at random points, relative to its terms; one
+    column a generator.
 
-    Work F·(ξ + τ v) of forces, A ξ of non-holonomic rows, ∂g/∂q ξ − τ ∂g/∂t of constraints and contacts where they
-    hold; τ where impacts lose energy.
+    Work F·(ξ + τ v) of forces, A ξ of non-holonomic rows, ∂g/∂q ξ − τ ∂g/∂t of constraints and
+    contacts where they hold; τ where impacts lose energy.
     """
     s, structure = region.system, region.system.structure
     count = vectors.shape[1] + POINTS
     parts = [np.empty((0, vectors.shape[1]))]
     if structure.forced:
-        points, (force,) = sampled(region, at_points(s, "force", [s.force]), count, rng)
+        points, (force,) = sample(region, at_points(s, "force", [s.force]), count, rng)
         xi = _fields(groups, points, vectors) + vectors[0] * points.v[:, :, None]
         parts.append(_relative(force[:, None, :], xi))
     if structure.nonholonomic:
-        points, (flat,) = sampled(region, at_points(s, "rows", [s.nonholonomic]), count, rng)
+        points, (flat,) = sample(region, at_points(s, "rows", [s.nonholonomic]), count, rng)
         parts.append(_relative(_matrices(flat, s.structure.n), _fields(groups, points, vectors)))
-    surfaces = ([s.constraint] if structure.constraints else []) + ca.vertsplit(s.contact)[: structure.contacts]
+    surfaces = ([s.constraint] if structure.constraints else []) + ca.vertsplit(s.contact)[
+        : structure.contacts
+    ]
     for surface in surfaces:
         slopes = [surface, ca.jacobian(surface, s.q), ca.jacobian(surface, s.t)]
         function = at_points(s, "surface", slopes)
-        points, _ = sampled(region, function, count, rng)
-        held = projected(points, function, surface.numel())
+        points, _ = sample(region, function, count, rng)
+        held = project_onto_surface(points, function, surface.numel())
         _, slope, by_t = over_columns(function, *held.columns)
-        xi = np.concatenate([_fields(groups, held, vectors), np.tile(-vectors[0], (len(held), 1, 1))], axis=1)
+        xi = np.concatenate(
+            [_fields(groups, held, vectors), np.tile(-vectors[0], (len(held), 1, 1))], axis=1
+        )
         rows = np.concatenate([_matrices(slope, s.structure.n), by_t[:, :, None]], axis=2)
         parts.append(_relative(rows, xi))
     if structure.contacts and (s.restitution < 1).any():

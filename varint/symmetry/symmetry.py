@@ -1,4 +1,6 @@
-"""The record of one symmetry: generator, gauge term, conserved quantity, what breaks it and which rules keep it."""
+"""The record of one symmetry: generator, gauge term, conserved quantity, what breaks it and
+which rules keep it.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from varint.rules import Rule
-from varint.system import System
+from varint.rules.rule import Rule
+from varint.scene.system import System
 
 HIGHEST_DEGREE = 10  # in time, of a polynomial that a rule can still integrate exactly
 ROUNDING = 1e-13
@@ -21,7 +23,8 @@ LONGEST_TEXT = 120  # characters of a coefficient
 class Symmetry:
     """A symmetry q(t) → q(t) + s (ξ(q, t) + τ q̇(t)) of the Lagrangian, δL = d/dt (K + τ L).
 
-    The conserved quantity is ``J = p·ξ + τ H − K`` (Noether's theorem); a shift of time is ξ = 0, τ = 1, J = H.
+    The conserved quantity is ``J = p·ξ + τ H − K`` (Noether's theorem); a shift of time is ξ = 0, τ
+    = 1, J = H.
 
     Attributes
     ----------
@@ -35,9 +38,13 @@ class Symmetry:
     gauge : SX
         Gauge term K(q, t); 0 where L itself does not change.
     broken_by : tuple of str
-        What else is in the scene and does not share the symmetry: "constraint", "nonholonomic", "force", "contact".
+        What else is in the scene and does not share the symmetry: "constraint", "nonholonomic",
+        "force", "contact".
     params : ndarray or None
         Parameter values for which the symmetry holds; None if it does for all values.
+    tested : str
+        How it is known: "identically", by the rules of algebra; or to which size of what is left,
+        at how many points and how far from the origin.
     """
 
     system: System
@@ -47,6 +54,7 @@ class Symmetry:
     gauge: ca.SX
     broken_by: tuple[str, ...]
     params: np.ndarray | None = None
+    tested: str = "identically"
 
     def __repr__(self) -> str:
         return f"Symmetry({self.name}: {self.generator})"
@@ -55,7 +63,11 @@ class Symmetry:
     def quantity(self) -> ca.SX:
         """Conserved expression J = p·ξ + τ H − K of q, v, t and the parameters."""
         s = self.system
-        return ca.dot(s.momentum, self.xi) + (0 if self.tau.is_zero() else self.tau * s.energy) - self.gauge
+        return (
+            ca.dot(s.momentum, self.xi)
+            + (0 if self.tau.is_zero() else self.tau * s.energy)
+            - self.gauge
+        )
 
     @cached_property
     def size(self) -> ca.SX:
@@ -92,25 +104,38 @@ class Symmetry:
             return f"broken by {', '.join(self.broken_by)}"
         if not self.tau.is_zero():
             return "to the rule's order, bounded"
-        return "exactly" if self._is_affine(1) and self._gauge_degree(1) <= 1 else "to the rule's order"
+        return (
+            "exactly"
+            if self._is_affine(1) and self._gauge_degree(1) <= 1
+            else "to the rule's order"
+        )
 
     def kept_by(self, rule: Rule) -> str:
         """How `rule` keeps J: "exactly" (to round-off), "to order …" or "broken by …".
 
-        A rule keeps J exactly if its polynomials map to such under the symmetry, i.e. ξ = A q + b(t) with b of at most
-        their degree, and if its quadrature integrates dK/dt exactly along them. Shifts of time are no symmetry of a
-        fixed grid: energy errors stay bounded (Ge & Marsden 1988), but for quadratic Lagrangians with Gauss rules,
-        which conserve quadratic invariants (Hairer, Lubich & Wanner IV.2).
+        A rule keeps J exactly if its polynomials map to such under the symmetry, i.e. ξ = A q +
+        b(t) with b of at most their degree, and if its quadrature integrates dK/dt exactly along
+        them. Shifts of time are no symmetry of a fixed grid: energy errors stay bounded (Ge &
+        Marsden 1988), but for quadratic Lagrangians with Gauss rules, which conserve quadratic
+        invariants (Hairer, Lubich & Wanner IV.2).
         """
         if self.broken_by:
             return f"broken by {', '.join(self.broken_by)}"
         return "exactly" if self.shared_by(rule) else f"to order {rule.order}"
 
     def shared_by(self, rule: Rule) -> bool:
-        """Whether the discrete Lagrangian of `rule` has the symmetry too: J, or its balance, is exact to round-off."""
+        """Whether the discrete Lagrangian of `rule` has the symmetry too: J, or its balance, is
+        exact to round-off.
+        """
         if not self.tau.is_zero():
             s = self.system.structure
-            return self.gauge.is_zero() and self.xi.is_zero() and s.linear and s.autonomous and is_gauss(rule)
+            return (
+                self.gauge.is_zero()
+                and self.xi.is_zero()
+                and s.linear
+                and s.autonomous
+                and is_gauss(rule)
+            )
         degree = max(rule.degree, 1)  # a composition's path is straight between kicks
         return self._is_affine(degree) and self._gauge_degree(degree) <= exactness(rule)
 
@@ -122,7 +147,9 @@ class Symmetry:
         )
 
     def _gauge_degree(self, degree: int) -> float:
-        """Degree in t of dK/dt along a path of the given degree; infinite unless K is a quadratic polynomial of q."""
+        """Degree in t of dK/dt along a path of the given degree; infinite unless K is a
+        quadratic polynomial of q.
+        """
         q, t = self.system.q, self.system.t
         if self.gauge.is_zero():
             return 0
@@ -132,8 +159,10 @@ class Symmetry:
             return np.inf
         rest = [ca.substitute(x, q, ca.SX.zeros(q.shape)) for x in (self.gauge, slope, curvature)]
         return max(
-            i * degree + degree_in(part, t) - 1 for i, part in enumerate(rest) if not ca.SX(part).is_zero()
-        )  # fmt: skip
+            i * degree + degree_in(part, t) - 1
+            for i, part in enumerate(rest)
+            if not ca.SX(part).is_zero()
+        )
 
 
 def _sum(terms: list[tuple[ca.SX, str]]) -> str:
@@ -145,7 +174,11 @@ def _sum(terms: list[tuple[ca.SX, str]]) -> str:
         sign, factor = _signed(factor)
         texts.append((sign, symbol if factor.is_one() else f"{_plain(factor)} {symbol}"))
     text = " ".join(f"{sign} {term}" for sign, term in texts)
-    return text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith("- ") else text.removeprefix("+ ") or "0"
+    return (
+        text.removeprefix("+ ").replace("- ", "-", 1)
+        if text.startswith("- ")
+        else text.removeprefix("+ ") or "0"
+    )
 
 
 def _signed(factor: ca.SX) -> tuple[str, ca.SX]:
@@ -154,7 +187,9 @@ def _signed(factor: ca.SX) -> tuple[str, ca.SX]:
 
 
 def _plain(expression: ca.SX) -> str:
-    """CasADi's text, without the parentheses around a whole product; long ones as a function of what they depend on."""
+    """CasADi's text, without the parentheses around a whole product; long ones as a function of
+    what they depend on.
+    """
     text = str(expression)
     if "@" in text or len(text) > LONGEST_TEXT:
         return f"f({', '.join(sorted(x.name() for x in ca.symvar(expression)))})"
@@ -162,7 +197,9 @@ def _plain(expression: ca.SX) -> str:
 
 
 def degree_in(expression: ca.SX, t: ca.SX) -> float:
-    """Degree of the expression as a polynomial of t, infinite if it is none of degree up to `HIGHEST_DEGREE`."""
+    """Degree of the expression as a polynomial of t, infinite if it is none of degree up to
+    `HIGHEST_DEGREE`.
+    """
     for degree in range(HIGHEST_DEGREE + 1):
         if not ca.depends_on(expression, t):
             return degree
@@ -174,11 +211,19 @@ def exactness(rule: Rule) -> int:
     """Highest degree of the polynomials that the rule's quadrature integrates exactly."""
     nodes, weights = np.array(rule.nodes), np.array(rule.weights)
     degree = 0
-    while abs(weights @ nodes ** (degree + 1) - 1 / (degree + 2)) < ROUNDING and degree < 2 * len(nodes):
+    while abs(weights @ nodes ** (degree + 1) - 1 / (degree + 2)) < ROUNDING and degree < 2 * len(
+        nodes
+    ):
         degree += 1
     return degree
 
 
 def is_gauss(rule: Rule) -> bool:
-    """Whether the rule is Gauss collocation: r nodes on paths of degree r, exact to degree 2r − 1."""
-    return bool(rule.points) and rule.degree == len(rule.nodes) and exactness(rule) == 2 * len(rule.nodes) - 1
+    """Whether the rule is Gauss collocation: r nodes on paths of degree r, exact to degree 2r −
+    1.
+    """
+    return (
+        bool(rule.points)
+        and rule.degree == len(rule.nodes)
+        and exactness(rule) == 2 * len(rule.nodes) - 1
+    )

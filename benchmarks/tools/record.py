@@ -1,0 +1,66 @@
+"""Where benchmarks leave their numbers: benchmarks/results/<name>.json, with when and on what
+they were measured.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+import varint as vi
+
+FOLDER = Path(__file__).parents[1] / "results"
+
+
+def save(name: str, rows: list[dict[str, Any]]) -> None:
+    """Write the rows of a benchmark and say where they are."""
+    FOLDER.mkdir(exist_ok=True)
+    path = FOLDER / f"{name}.json"
+    path.write_text(json.dumps({"measured_with": measured_with(), "rows": rows}, indent=1) + "\n")
+    print(f"written to {path.relative_to(FOLDER.parents[1])}")
+
+
+def measured_with() -> dict[str, Any]:
+    """Date, machine and versions."""
+    return {
+        "date": datetime.now(timezone.utc).date().isoformat(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "varint": vi.__version__,
+        "casadi": ca.__version__,
+        "numpy": np.__version__,
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    return next(
+        (x.split(":")[1].strip() for x in lines if x.startswith("model name")), platform.machine()
+    )
+
+
+def table(rows: list[dict[str, Any]]) -> None:
+    """Print rows as a table; numbers with three digits."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    cells = [names] + [[_text(row.get(name)) for name in names] for row in rows]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(names))]
+    for line in cells:
+        print("  ".join(x.rjust(w) for x, w in zip(line, widths, strict=True)))
+
+
+def _text(x: Any) -> str:
+    if x is None:
+        return ""
+    return f"{x:.3g}" if isinstance(x, float) else str(x)

@@ -1,0 +1,119 @@
+"""The scenes of the work–precision benchmark: a system, its start, how long, and what the peers
+should know of it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+import varint as vi
+from varint.models.model import Model
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene of the benchmark.
+
+    Attributes
+    ----------
+    model : Model
+        System and start.
+    duration : float
+    steps : int
+        Steps of gauss(8) that reach about 1e-9.
+    scale : SX or None
+        A time scale to try as well.
+    bodies : tuple or None
+        (masses, G) where REBOUND can run it.
+    slow : bool
+        Leave out the tools that need minutes for it.
+    """
+
+    model: Model
+    duration: float
+    steps: int
+    scale: ca.SX | None = None
+    bodies: tuple | None = None
+    slow: bool = False
+    # repeats another one for longer: the slowest tools need not show what they do again
+    long: bool = False
+
+
+def kepler(e: float, steps: int) -> Scene:
+    model = vi.models.kepler(e=e)
+    return Scene(
+        model, 200 * np.pi, steps, vi.close_encounters(ca.norm_2(model.system.q)), ([1.0, 0.0], 1.0)
+    )
+
+
+def solar_system() -> Scene:
+    model = vi.models.outer_solar_system()
+    defaults = model.system.defaults
+    return Scene(model, 2e5, 150, bodies=(defaults["m"], float(defaults["G"])))
+
+
+def chain(links: int, steps: int) -> Scene:
+    """Links of unit mass and length as angles, released from rest: a slight zigzag half a radian
+    off the vertical.
+    """
+    q, v = vi.coordinates(*(f"a{i}" for i in range(links)))
+    speed, height, energy = ca.SX.zeros(2), ca.SX(0), ca.SX(0)
+    for i in range(links):
+        speed += v[i] * ca.vertcat(ca.cos(q[i]), ca.sin(q[i]))
+        height -= ca.cos(q[i])
+        energy += ca.sumsqr(speed) / 2 - 9.81 * height
+    system = vi.System(q, v, energy)
+    start = 0.5 + 0.1 * (-1.0) ** np.arange(links)
+    model = Model(
+        name=f"chain_{links}",
+        system=system,
+        q0=start,
+        v0=np.zeros(links),
+        duration=1.0,
+        h=0.01,
+        claim="A hanging chain of links of unit length and mass.",
+        source="",
+    )
+    return Scene(model, 1.0, steps, slow=True)
+
+
+def longer(scene: Scene, factor: int) -> Scene:
+    """The same motion for longer, so that a run takes milliseconds and what a call costs besides
+    does not count.
+    """
+    return replace(scene, duration=scene.duration * factor, steps=scene.steps * factor, long=True)
+
+
+SCENES: dict[str, Callable[[], Scene]] = {
+    "pendulum": lambda: Scene(vi.models.pendulum(2.0, g=1.0), 100.0, 70),
+    "kepler 0.6": lambda: kepler(0.6, 2000),
+    "kepler 0.9": lambda: kepler(0.9, 10_000),
+    "henon-heiles": lambda: Scene(vi.models.henon_heiles(), 1000.0, 500),
+    "double pendulum": lambda: Scene(vi.models.double_pendulum(), 10.0, 40),
+    "solar system": solar_system,
+    "spherical pendulum": lambda: Scene(vi.models.spherical_pendulum(), 100.0, 150),
+    "pendulum on a cart": lambda: Scene(vi.models.sliding_support(), 100.0, 250),
+    "charged particle": lambda: Scene(vi.models.inverse_distance_field(), 200.0, 150),
+    "fpu": lambda: Scene(vi.models.fpu_chain(), 200.0, 3000),
+    "chain of 10": lambda: chain(10, 13),
+    "chain of 30": lambda: chain(30, 24),
+    "chain of 50": lambda: chain(50, 32),
+}
+LONGER = {
+    "pendulum": 200,
+    "kepler 0.6": 10,
+    "kepler 0.9": 5,
+    "henon-heiles": 20,
+    "double pendulum": 100,
+    "solar system": 10,
+    "spherical pendulum": 20,
+    "pendulum on a cart": 30,
+    "charged particle": 100,
+    "chain of 10": 5,
+    "chain of 30": 5,
+}
+SCENES = {
+    f"{name} ×{by}": (lambda f=SCENES[name], by=by: longer(f(), by)) for name, by in LONGER.items()
+} | SCENES

@@ -1,0 +1,195 @@
+"""Compiled Gauss steps of scenes with a large full inertia matrix, whose velocities conjugate
+gradients find.
+"""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.codegen import gauss
+from varint.codegen.arguments import DONE, NOT_CONVERGED
+from varint.codegen.cache import compiler
+from varint.codegen.gauss import gauss_kernel
+from varint.codegen.kernel import run_loop
+from varint.discrete.legendre import full_inertia, velocity_function
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+LINKS = 22
+CONTROLS = np.random.default_rng(3).uniform(-1, 1, (12, 3, 1))
+
+
+def kinetic(q, v, masses):
+    """Links of unit length, as angles."""
+    speed, energy = ca.SX.zeros(2), ca.SX(0)
+    for i in range(q.numel()):
+        speed += v[i] * ca.vertcat(ca.cos(q[i]), ca.sin(q[i]))
+        energy += masses[i] * ca.sumsqr(speed) / 2
+    return energy
+
+
+def chain(links=LINKS, g=9.81):
+    q, v = vi.coordinates(*(f"a{i}" for i in range(links)))
+    weights = np.arange(links, 0, -1)
+    return vi.System(q, v, kinetic(q, v, np.ones(links)) + g * ca.dot(ca.SX(weights), ca.cos(q)))
+
+
+def driven():
+    """With time, parameters, a control, damping, and terms of the momentum that do not depend on
+    the velocity.
+    """
+    q, v = vi.coordinates(*(f"a{i}" for i in range(LINKS)))
+    t, c, u = vi.time(), vi.Parameters(m=np.linspace(1, 2, LINKS), k=1.3), ca.SX.sym("u")
+    swept = c.k * v[0] * ca.sin(q[1]) + v[2] * ca.cos(t) * q[3]
+    stretch = ca.sumsqr(q[1:] - q[:-1])
+    force = ca.vertcat(u * ca.cos(q[0]), -0.3 * v[1:])
+    return vi.System(
+        q, v, kinetic(q, v, c.m) + swept - c.k * stretch, force=force, control=u, params=c, t=t
+    )
+
+
+def start(links=LINKS):
+    return 0.5 + 0.1 * (-1.0) ** np.arange(links), np.zeros(links)
+
+
+@pytest.fixture(scope="module")
+def hanging():
+    return chain()
+
+
+@pytest.mark.parametrize("stages", (1, 2, 3))
+def test_a_chain_moves_as_with_the_interpreted_backend(hanging, stages):
+    q0, v0 = start()
+    options = {"q0": q0, "v0": v0, "h": 0.02, "steps": 12, "progress": False}
+    found, wanted = (
+        vi.simulate(hanging, vi.gauss(stages), backend=backend, **options)
+        for backend in ("compiled", "interpreted")
+    )
+    assert full_inertia(hanging) and "velocities and forces" in found.stats["backend"]
+    assert np.abs(found.q - wanted.q).max() < 1e-13
+    assert np.abs(found.p - wanted.p).max() < 1e-13 * np.abs(wanted.p).max()
+
+
+def test_time_controls_parameters_damping_and_a_momentum_at_rest_enter_as_they_should():
+    system = driven()
+    q0, v0 = start()
+    options = {
+        "q0": q0,
+        "v0": v0 + 0.3,
+        "h": 0.02,
+        "steps": 12,
+        "t0": 0.7,
+        "u": CONTROLS,
+        "progress": False,
+    }
+    found, wanted = (
+        vi.simulate(system, vi.gauss(3), backend=backend, **options)
+        for backend in ("compiled", "interpreted")
+    )
+    assert np.abs(found.q - wanted.q).max() < 1e-13
+    assert np.abs(found.p - wanted.p).max() < 1e-13 * np.abs(wanted.p).max()
+
+
+def test_the_velocity_belongs_to_the_momentum():
+    system = driven()
+    rng = np.random.default_rng(5)
+    q, v = rng.uniform(-1, 1, (2, LINKS))
+    momentum = ca.Function("momentum", [system.q, system.v, system.t, system.c], [system.momentum])
+    p, c = np.array(momentum(q, v, 0.4, system.default_vector)).ravel(), system.default_vector
+    assert np.abs(np.array(velocity_function(system)(q, p, 0.4, c)).ravel() - v).max() < 1e-12
+    kernel = gauss_kernel(system, vi.gauss(3))
+    found = run_loop(kernel, q, p, c, t0=0.4, h=1e-3, steps=1, u=CONTROLS[:1])
+    assert np.abs(found.rows[0] - [q, p, v]).max() < 1e-12
+
+
+def test_energy_and_angular_momentum_of_a_free_chain_stay_at_round_off():
+    free = chain(g=0.0)
+    q0 = start()[0]
+    motion = vi.simulate(
+        free,
+        vi.gauss(8),
+        q0=q0,
+        v0=np.linspace(0.5, 1, LINKS),
+        h=0.01,
+        steps=2000,
+        save_every=20,
+        progress=False,
+    )
+    energy, turning = motion.energy, motion.p.sum(axis=1)
+    assert motion.stats["backend"].startswith("compiled")
+    assert np.abs(motion.q[-1] - q0).max() > 10
+    assert np.abs(energy / energy[0] - 1).max() < 2e-14
+    assert np.abs(turning / turning[0] - 1).max() < 2e-15
+
+
+@pytest.mark.parametrize("lanes", (4, 2, 1))
+def test_shorter_vectors_give_the_same_motion(lanes, hanging, monkeypatch):
+    q0, p0 = start()
+    rows = []
+    for stages in (3, 5):
+        wide = run_loop(
+            gauss_kernel(hanging, vi.gauss(stages)), q0, p0, np.zeros(0), t0=0.0, h=0.02, steps=12
+        )
+        with monkeypatch.context() as patch:
+            patch.setattr(gauss, "vector_length", lambda: lanes)
+            narrow = run_loop(
+                gauss_kernel(chain(), vi.gauss(stages)),
+                q0,
+                p0,
+                np.zeros(0),
+                t0=0.0,
+                h=0.02,
+                steps=12,
+            )
+        rows.append(
+            np.abs(narrow.rows - wide.rows).max(axis=(0, 2)) / np.abs(wide.rows).max(axis=(0, 2))
+        )
+    assert np.max(rows) < 2e-13
+
+
+@pytest.mark.parametrize("level", (0.0, 1e-7))
+def test_a_run_in_pieces_is_bitwise_the_run_in_one(level, hanging):
+    kernel, (q0, p0) = gauss_kernel(hanging, vi.gauss(3)), start()
+    options = {"t0": 0.3, "h": 0.02, "level": level}
+    whole = run_loop(kernel, q0, p0, np.zeros(0), steps=30, **options)
+    rows, carry = [whole.rows[:1]], None
+    for first in (0, 10, 20):
+        piece = run_loop(kernel, q0, p0, np.zeros(0), steps=10, first=first, carry=carry, **options)
+        carry = piece.carry
+        rows.append(piece.rows[1:])
+    assert np.array_equal(np.concatenate(rows), whole.rows)
+
+
+def test_looser_levels_save_iterations_and_keep_what_is_wanted(hanging):
+    kernel, (q0, p0) = gauss_kernel(hanging, vi.gauss(8)), start()
+    runs = [
+        run_loop(kernel, q0, p0, np.zeros(0), t0=0.0, h=0.03, steps=40, save_every=40, level=level)
+        for level in (0, 1e-9, 1e-5)
+    ]
+    assert runs[0].iterations > 1.3 * runs[1].iterations > 1.6 * runs[2].iterations
+    errors = [np.abs(x.rows[-1, 0] - runs[0].rows[-1, 0]).max() for x in runs[1:]]
+    assert errors[0] < 1e-6 and errors[0] < errors[1] < 1e-2
+
+
+def test_steps_too_large_for_the_iteration_are_left_to_newton():
+    """Stiff springs between the links: the iteration diverges, Newton's method does not."""
+    q, v = vi.coordinates(*(f"a{i}" for i in range(LINKS)))
+    system = vi.System(q, v, kinetic(q, v, np.ones(LINKS)) - 1e5 * ca.sumsqr(q[1:] - q[:-1]))
+    options = {
+        "q0": np.linspace(0, 0.1, LINKS),
+        "v0": np.full(LINKS, 0.1),
+        "h": 0.05,
+        "steps": 3,
+        "progress": False,
+    }
+    kernel, motion = (
+        gauss_kernel(system, vi.gauss(2)),
+        vi.simulate(system, vi.gauss(2), backend="interpreted", **options),
+    )
+    assert (
+        run_loop(kernel, motion.q[0], motion.p[0], np.zeros(0), t0=0.0, h=0.05, steps=3).status
+        == NOT_CONVERGED
+    )
+    small = run_loop(kernel, motion.q[0], motion.p[0], np.zeros(0), t0=0.0, h=1e-4, steps=3)
+    found = vi.simulate(system, vi.gauss(2), backend="compiled", **options)
+    assert small.status == DONE and np.abs(found.q - motion.q).max() < 1e-9

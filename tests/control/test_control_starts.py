@@ -1,0 +1,147 @@
+"""Where the solver starts when nobody says where: problems that a straight line does not solve."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from control_scenes import U, coarse, move, pendulum, swing
+
+import varint as vi
+from varint.control.guess import build_start
+from varint.control.problem import transcribe
+from varint.control.starts import default_starts
+from varint.errors import SolverError
+
+THRUST, BURN, DURATION = 0.1405, 0.0749, 3.3207  # Bryson & Ho, Applied Optimal Control, §2.5
+HIGHEST = 1.525527  # radius reached; gauss(3) × 40 and gauss(4) × 80 agree to these digits
+
+
+def orbit_raising(coordinates: str, mu: float = 1.0, r0: float = 1.0, steps: int = 40) -> vi.Phase:
+    """The highest circular orbit within a given time, from the circular orbit of radius r0; no
+    guess.
+    """
+    t, unit = vi.time(), np.sqrt(r0**3 / mu)
+    push = THRUST * mu / r0**2 / (1 - BURN * t / unit)
+    if coordinates == "polar":
+        q, v = vi.coordinates("r", "phi")
+        u = ca.SX.sym("u", 2)
+        lagrangian = (v[0] ** 2 + q[0] ** 2 * v[1] ** 2) / 2 + mu / q[0]
+        force, radius = push * ca.vertcat(u[0], q[0] * u[1]), q[0]
+        start = dict(q=[r0, 0], v=[0, 1 / unit])
+        circular = [(0, v[0] * unit / r0, 0), (1, v[1] ** 2 * q[0] ** 3 / mu, 1)]
+        bounds = [(None, ca.sumsqr(u), 1)]
+    elif coordinates == "angle":
+        q, v = vi.coordinates("r", "phi")
+        u = ca.SX.sym("beta")
+        lagrangian = (v[0] ** 2 + q[0] ** 2 * v[1] ** 2) / 2 + mu / q[0]
+        force, radius = push * ca.vertcat(ca.sin(u), q[0] * ca.cos(u)), q[0]
+        start = dict(q=[r0, 0], v=[0, 1 / unit])
+        circular, bounds = [(0, v[0], 0), (1, v[1] ** 2 * q[0] ** 3 / mu, 1)], []
+    else:
+        q, v = vi.coordinates("x", "y")
+        u, radius = ca.SX.sym("u", 2), ca.norm_2(q)
+        lagrangian, force = ca.sumsqr(v) / 2 + mu / radius, push * u
+        start = dict(q=[r0, 0], v=[0, r0 / unit])
+        circular = [(0, ca.dot(q, v) * unit / r0**2, 0), (1, ca.sumsqr(v) * radius / mu, 1)]
+        bounds = [(None, ca.sumsqr(u), 1)]
+    system = vi.System(q, v, lagrangian, force=force, control=u, t=t)
+    return vi.Phase(
+        system,
+        vi.gauss(3),
+        DURATION * unit,
+        steps,
+        terminal_cost=-radius,
+        start=start,
+        end=dict(bounds=circular),
+        bounds=bounds,
+    )
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("polar",),
+        pytest.param(("angle",), marks=coarse),  # the angle jumps by full turns
+        ("cartesian",),
+        ("polar", 3.986e14, 7e6),
+        ("cartesian", 3.986e5, 7000.0),
+    ],
+    ids=str,
+)
+def test_orbit_is_raised_from_the_default_guess(given):
+    [motion] = vi.optimal_phases([orbit_raising(*given)])
+    r0 = given[2] if len(given) > 2 else 1.0
+    assert -motion.cost / r0 == pytest.approx(HIGHEST, abs=2e-6)
+    assert motion.solution.iterations <= 100
+
+
+def test_highest_orbit_is_that_of_a_finer_mesh():
+    phase = orbit_raising("polar", steps=80)
+    [motion] = vi.optimal_phases([phase])
+    assert -motion.cost == pytest.approx(HIGHEST, abs=1e-6)
+
+
+def test_a_scene_in_motion_starts_from_its_own_motion():
+    """The first start obeys the equations of motion; only conditions at the end are left."""
+    problem = transcribe([orbit_raising("polar")], [], 0.0)
+    part, x = problem.phases[0], next(default_starts(problem))
+    g = np.array(problem.nlp.program.value(x, problem.nlp.p)[1]).ravel()
+    assert np.abs(g[part.rows.momentum]).max() < 1e-6
+    assert x[part.slots.v[0]] == pytest.approx([0, 1], abs=1e-6)
+    coasting = vi.simulate(
+        part.phase.system, q0=[1, 0], v0=[0, 1], duration=DURATION, steps=40, u=np.zeros((40, 2))
+    )
+    assert x[part.slots.q[-1]] == pytest.approx(coasting.q[-1], abs=1e-4)
+
+
+def test_start_in_motion_is_bent_to_the_end_that_is_wanted():
+    phase = vi.Phase(
+        pendulum(), vi.gauss(3), 2.0, 20, U**2, start=dict(q=[0], v=[2]), end=dict(q=[3], v=[None])
+    )
+    problem = transcribe([phase], [], 0.0)
+    part, x = problem.phases[0], next(default_starts(problem))
+    assert x[part.slots.q[[0, -1], 0]] == pytest.approx([0, 3], abs=1e-9)
+    assert x[part.slots.q[1, 0]] == pytest.approx(2 * 0.1, rel=0.1)
+
+
+def test_guessed_controls_keep_to_all_bounds_along_the_path():
+    q, v = vi.coordinates("x", "y")
+    u = ca.SX.sym("u", 2)
+    heavy = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], force=u, control=u)
+    bounds = [(None, ca.sumsqr(u), 4), (None, u[0] + u[1] * (1 + q[0] ** 2), 1), (-1, u[1], 50)]
+    ends = dict(start=dict(q=[0, 0], v=[0, 0]), end=dict(q=[1, 2], v=[0, 0]))
+    phase = vi.Phase(heavy, vi.gauss(3), 2.0, 10, ca.sumsqr(u), bounds=bounds, **ends)
+    problem = transcribe([phase], [], 0.0)
+    part, x = problem.phases[0], build_start(problem)
+    found = x[part.slots.u]
+    at = np.array(problem.nlp.program.value(x, problem.nlp.p)[1]).ravel()[part.rows.nodes]
+    assert (at.reshape(10, 3, 2) <= np.array([4, 1]) + 1e-6).all()
+    assert (found[..., 1] >= -1).all()
+    # as much lift as the bounds allow, not none
+    closest = np.minimum(4 - (found**2).sum(axis=2), 1 - at.reshape(10, 3, 2)[..., 1])
+    assert np.abs(closest).max() < 1e-6
+
+
+@pytest.mark.parametrize(("limit", "cost"), [(2.5, 18.695873), (3.5, None)])
+def test_a_weak_motor_swings_the_pendulum_up_without_a_guess(limit, cost):
+    motion = swing(pendulum(9.81), 6.0, 60, rule=vi.gauss(3), bounds=[(-limit, U, limit)])
+    assert motion.solution.violation < 1e-9
+    assert np.abs(motion.u).max() <= limit + 1e-9
+    assert np.abs(motion.replay().q - motion.q).max() < 1e-8
+    if cost is not None:
+        assert motion.cost <= cost * (1 + 1e-6)
+
+
+def test_a_guess_of_the_user_is_the_only_start():
+    phase = orbit_raising("polar")
+    own = dict(q=lambda t: [1.0, t], u=np.zeros((1, 2)))
+    problem = transcribe([vi.Phase(**{**vars(phase), "guess": own})], [], 0.0)
+    [x] = default_starts(problem)
+    part = problem.phases[0]
+    assert x[part.slots.q[:, 1]] == pytest.approx(DURATION * part.phase.mesh)
+
+
+def test_what_cannot_be_done_is_refused_after_all_starts():
+    with pytest.raises(SolverError, match="violation"):
+        move(vi.gauss(2), 10, 1.0, start=dict(q=[0], v=[1]), bounds=[(-1, U, 1)])

@@ -1,0 +1,91 @@
+"""Compiled and interpreted runs answer alike: the same motion, or an error at the same step."""
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.codegen.cache import compiler
+
+pytestmark = [
+    pytest.mark.skipif(compiler() is None, reason="no C compiler"),
+    pytest.mark.filterwarnings("ignore:the energy"),
+]
+
+STIFF = [
+    (a, b, h)
+    for a, b in ((50, 10), (500, 100), (5000, 1000), (5000, 0), (0, 1e5))
+    for h in (0.02, 0.05, 0.2)
+]
+STEPS = 40
+
+
+@cache
+def duffing(n):
+    """L = v²/2 − a q² − b q⁴, in two coordinates coupled."""
+    q, v = vi.coordinates(*"xy"[:n])
+    c = vi.Parameters(a=1.0, b=1.0)
+    potential = c.a * ca.sumsqr(q) + c.b * ca.sumsqr(q) ** 2
+    if n == 2:
+        potential += 0.3 * c.a * q[0] * q[1]
+    return vi.System(q, v, ca.sumsqr(v) / 2 - potential, params=c)
+
+
+def outcome(n, rule, a, b, h, backend, **options):
+    """The motion, or the step at which there is none and the nodes before it."""
+    start = {"q0": [1.0, 0.4][:n], "v0": np.zeros(n), "params": {"a": a, "b": b}}
+    options = {"steps": STEPS} | options
+    try:
+        motion = vi.simulate(duffing(n), rule, **start, h=h, backend=backend, **options)
+    except vi.ConvergenceError as error:
+        return error.step, error.trajectory
+    return None, motion
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("stages", (2, 4, 8))
+@pytest.mark.parametrize("n", (1, 2))
+def test_stiff_oscillators_move_or_fail_alike_in_both_gears(n, stages):
+    """Where fixed-point iteration overflows Newton's method takes over; hω reaches 100 here."""
+    solved = 0
+    for a, b, h in STIFF:
+        (failed, motion), (failed_too, other) = (
+            outcome(n, vi.gauss(stages), a, b, h, backend)
+            for backend in ("interpreted", "compiled")
+        )
+        assert failed == failed_too, (a, b, h)
+        assert len(motion) == len(other)
+        solved += failed is None
+        few = slice(0, 6)  # later, what round-off makes of the two shows where the steps are huge
+        np.testing.assert_allclose(other.q[few], motion.q[few], rtol=0, atol=1e-6)
+    assert solved >= 10
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("backend", ("interpreted", "compiled"))
+def test_a_step_that_fails_between_two_saved_nodes_is_named(backend):
+    """And what lies before it is the same however many nodes are kept."""
+    case = 1, vi.gauss(4), 0, 1e5, 0.05, backend
+    step, motion = outcome(*case, steps=200)
+    assert step is not None and step % 10
+    seldom, kept = outcome(*case, steps=200, save_every=10)
+    assert seldom == step
+    assert kept.k.tolist() == list(range(0, step, 10))
+    np.testing.assert_allclose(kept.q[:3], motion.q[:21:10], rtol=0, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_where_no_step_is_possible_both_gears_raise_the_same_error():
+    """The force is not a number left of x = 0, which the motion reaches in the third step."""
+    q, v = vi.coordinates("x")
+    scene = vi.System(q, v, v**2 / 2 - q + ca.sqrt(q))
+    errors = []
+    for backend in ("interpreted", "compiled"):
+        with pytest.raises(vi.ConvergenceError) as caught:
+            vi.simulate(scene, vi.gauss(4), q0=0.3, v0=-2.0, h=0.06, steps=50, backend=backend)
+        errors.append(caught.value)
+    assert errors[0].step == errors[1].step > 0
+    assert np.isnan(errors[0].residual) == np.isnan(errors[1].residual)
+    np.testing.assert_allclose(errors[0].trajectory.q, errors[1].trajectory.q, rtol=0, atol=1e-12)

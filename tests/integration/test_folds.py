@@ -1,0 +1,199 @@
+"""Runs through configurations in which constraint rows are dependent: over them, never on them in
+silence.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import varint as vi
+from varint import models
+
+GRAVITY = 9.81
+CONSTRAINED = [
+    "pendulum_cartesian",
+    "spherical_pendulum_cartesian",
+    "atwood",
+    "double_atwood",
+    "chain_rods",
+    "turning_wire",
+    "free_body_quaternion",
+    "heavy_top_quaternion",
+    "slider_crank",
+    "four_bar",
+    "andrews_mechanism",
+]
+WITHIN = {3: 0.5, 4: (1 - np.sqrt(0.2)) / 2, 5: (1 - np.sqrt(3 / 7)) / 2}  # nodes of Lobatto rules
+
+
+@cache
+def time_of_fold(loops: int) -> float:
+    """When the cranks of the four-bar model lie level, from the claim of the model."""
+    inertia, weight = (loops + 1) / 3 + loops, ((loops + 1) / 2 + loops) * GRAVITY
+
+    def level(_t, y):
+        return y[0] - np.pi / 2
+
+    level.terminal = True
+    solution = solve_ivp(
+        lambda _t, y: [y[1], weight / inertia * np.sin(y[0])],
+        [0, 5],
+        [0.0, 1.0],
+        events=level,
+        rtol=1e-13,
+        atol=1e-14,
+    )
+    return float(solution.t_events[0][0])
+
+
+def folded_at(loops: int, rule: vi.Rule, node: float, **options) -> tuple[vi.Trajectory, str]:
+    """100 steps of the four-bar linkage that folds after so many of them, and what was said."""
+    model = models.four_bar(loops)
+    start = dict(q0=model.q0, v0=model.v0, h=time_of_fold(loops) / node, steps=100)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            motion = vi.simulate(model.system, rule, **start, **options)
+        except vi.ConvergenceError as error:
+            return error.trajectory, str(error)
+    return motion, "; ".join(str(each.message) for each in said)
+
+
+def energy_error(motion: vi.Trajectory) -> float:
+    return float(np.abs(motion.energy - motion.energy[0]).max() / motion.energy[0])
+
+
+@pytest.mark.parametrize("loops", [1, 2, 4, 8])
+@pytest.mark.parametrize("stages", [3, 4, 5])
+@pytest.mark.parametrize("beyond", [0, 1e-12, -1e-8, 1e-6])
+def test_a_node_on_a_fold_ends_the_run_with_the_nodes_before_it(loops, stages, beyond):
+    motion, said = folded_at(loops, vi.lobatto(stages), 64 + beyond, backend="interpreted")
+    assert "constraint rows [" in said or "no solution" in said or "not finite" in said
+    assert 60 <= len(motion) <= 64
+    assert energy_error(motion) < 1e-6
+
+
+@pytest.mark.parametrize("loops", [1, 2])
+@pytest.mark.parametrize("stages", [3, 4, 5])
+def test_both_gears_end_at_the_same_node(loops, stages):
+    ends = [
+        folded_at(loops, vi.lobatto(stages), 64, backend=backend)
+        for backend in ("interpreted", "compiled")
+    ]
+    assert all("(step 64) lies on a fold" in said for _, said in ends)
+    assert [len(motion) for motion, _ in ends] == [64, 64]
+
+
+@pytest.mark.parametrize("loops", [1, 2, 4, 8])
+@pytest.mark.parametrize("stages", [3, 4, 5])
+@pytest.mark.parametrize("where", ["between saved nodes", "within a step"])
+@pytest.mark.parametrize("every", [1, 10])
+def test_a_fold_that_no_saved_node_shows_does_no_harm_or_is_told_of(loops, stages, where, every):
+    node = 64 + (WITHIN[stages] if where == "within a step" else 0)
+    motion, said = folded_at(loops, vi.lobatto(stages), node, save_every=every)
+    assert said or energy_error(motion) < 1e-7 * 10 ** (5 - stages)
+
+
+@pytest.mark.parametrize("loops", [1, 2, 4, 8])
+@pytest.mark.parametrize("stages", [2, 3, 4, 5])
+@pytest.mark.parametrize("beyond", [1e-3, 0.3, 0.7])
+def test_a_step_over_the_fold_stays_on_the_branch_without_a_word(loops, stages, beyond):
+    motion, said = folded_at(loops, vi.lobatto(stages), 64 + beyond, backend="interpreted")
+    assert not said
+    assert energy_error(motion) < {2: 1e-2, 3: 1e-6, 4: 1e-9, 5: 1e-11}[stages]
+    np.testing.assert_allclose(motion.q[:, 2] - motion.q[:, 0], 1, atol=1e-9)
+
+
+def slider_crank(crank: float, rod: float) -> vi.System:
+    """A massive crank pin and a slider; with rod = crank it may fold on to its bearing."""
+    q, v = vi.coordinates("x", "y", "s")
+    rows = ca.vertcat(ca.sumsqr(q[:2]) - crank**2, (q[2] - q[0]) ** 2 + q[1] ** 2 - rod**2)
+    return vi.System(q, v, ca.sumsqr(v) / 2, constraint=rows)
+
+
+def test_a_slider_crank_with_equal_arms_is_stopped_where_it_folds_and_others_pass_dead_points():
+    long = vi.simulate(
+        slider_crank(1.0, 2.0), vi.lobatto(4), q0=[0, 1, 3**0.5], v0=[-1, 0, -1], h=0.01, steps=2000
+    )
+    assert energy_error(long) < 1e-10 and long.q[:, 0].min() < -0.99 and long.q[:, 0].max() > 0.99
+    # from 45°, s = 2 x, energy (1 + 4 sin²θ)/2 · θ̇²; folded at 90°
+    root = np.sqrt(0.5)
+    start = dict(q0=[root, root, 2 * root], v0=[-root, root, -2 * root])
+
+    def level(_t, y):
+        return y[0] - np.pi / 2
+
+    level.terminal = True
+    solution = solve_ivp(
+        lambda _t, y: [np.sqrt(3 / (1 + 4 * np.sin(y[0]) ** 2))],
+        [0, 9],
+        [np.pi / 4],
+        events=level,
+        rtol=1e-13,
+        atol=1e-14,
+    )
+    time = float(solution.t_events[0][0])
+    with pytest.raises(vi.ConvergenceError, match=r"rows \[0, 1\]") as caught:
+        vi.simulate(slider_crank(1.0, 1.0), vi.lobatto(4), **start, h=time / 40, steps=80)
+    assert len(caught.value.trajectory) == 40
+    assert energy_error(caught.value.trajectory) < 1e-8
+
+
+def test_a_curve_that_crosses_itself_is_refused_at_the_crossing_and_passed_beside_it():
+    """Gerono's lemniscate x⁴ = x² − y², run through by symmetry from its right end."""
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2, constraint=q[0] ** 4 - q[0] ** 2 + q[1] ** 2)
+
+    def speed(s):
+        return np.hypot(np.sin(s), np.cos(2 * s))  # of (cos s, sin 2s / 2)
+
+    angles = np.linspace(0, np.pi / 2, 200_001)
+    mid = (angles[1:] + angles[:-1]) / 2
+    length = float(speed(mid).sum() * (angles[1] - angles[0]))
+    start = dict(q0=[1, 0], v0=[0, 1])
+    with pytest.raises(vi.ConvergenceError, match=r"rows \[0\]") as caught:
+        vi.simulate(system, vi.lobatto(5), **start, h=length / 40, steps=80)
+    assert len(caught.value.trajectory) == 40
+    beside = vi.simulate(system, vi.lobatto(5), **start, h=length / 40.4, steps=80)
+    assert energy_error(beside) < 1e-5
+
+
+@pytest.mark.parametrize("every", [1, 10])
+@pytest.mark.parametrize("name", CONSTRAINED)
+def test_models_with_constraints_raise_no_false_alarm(name, every):
+    model = models.catalogue[name]()
+    steps = min(round(2 * model.duration / model.h), 500)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for rule in (None, vi.lobatto(2), vi.lobatto(5)):
+            motion = vi.simulate(
+                model.system,
+                rule,
+                q0=model.q0,
+                v0=model.v0,
+                h=model.h,
+                steps=steps,
+                save_every=every,
+                backend="interpreted",
+            )
+            assert motion.k[-1] == steps
+
+
+def test_a_scene_without_constraints_is_not_watched(monkeypatch):
+    from varint.integration import fold_watch
+
+    def never(*_arguments):
+        raise AssertionError("rows were looked at")
+
+    monkeypatch.setattr(fold_watch, "_independence", never)
+    q, v = vi.coordinates("x")
+    vi.simulate(vi.System(q, v, v**2 / 2 - q**2 / 2), q0=1, v0=0, h=0.1, steps=10)
+    x, w = vi.coordinates("a", "b")  # rows that are the same everywhere have the same rank
+    flat = vi.System(x, w, ca.sumsqr(w) / 2, constraint=x[0] - x[1])
+    vi.simulate(flat, q0=[1, 1], v0=[0, 0], h=0.1, steps=10)

@@ -1,0 +1,155 @@
+"""How many iterations a run took: counted truly, inside CasADi's own loops."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scenes import double_pendulum, pendulum
+
+import varint as vi
+from varint.discrete.equations import implicit_equations
+from varint.discrete.tolerances import LAST_CORRECTION
+from varint.integration.steppers.implicit import implicit_stepper
+from varint.numerics.limits import STEP_ITERATIONS
+
+LONG = dict(backend="interpreted", progress=False)
+
+
+def plain_counts(system, rule, q, p, h, steps):
+    """Iterations of every step as CasADi's root finder tells them, one call a step, without a
+    counter.
+    """
+    n, e, stepper = (
+        system.structure.n,
+        implicit_equations(system, rule),
+        implicit_stepper(system, rule),
+    )
+    arguments = [e.q, e.p, e.u, e.t, e.h, e.c, e.scale]
+    options = {"abstol": 0.0, "abstolStep": LAST_CORRECTION, "max_iter": STEP_ITERATIONS}
+    solve = ca.rootfinder(
+        "plain", "fast_newton", ca.Function("left", [e.y, *arguments], [e.scaled]), options
+    )
+    scale = np.ones(2 * n)
+    x = np.array(stepper.start(q, p, [], 0, h, [])).ravel()
+    counts = []
+    for k in range(steps):
+        solve(x[4 * n : -2], x[:n], x[2 * n : 3 * n], [], k * h, h, [], scale)
+        counts.append(solve.stats()["iter_count"] + 1)  # CasADi numbers the last one, from zero
+        x = np.array(stepper.step(x, [], k * h, h, [], scale)).ravel()
+    return counts, x
+
+
+@pytest.mark.parametrize("h", [0.05, 0.4])
+@pytest.mark.parametrize("rule", [vi.midpoint(), vi.gauss(3)], ids=str)
+@pytest.mark.parametrize(
+    "system", [pendulum(), double_pendulum()], ids=["pendulum", "double pendulum"]
+)
+def test_the_counter_agrees_with_the_root_finders_own_count(system, rule, h):
+    n = system.structure.n
+    counts, end = plain_counts(
+        system, rule, 0.5 * np.ones(n), np.zeros(n), h / (1 if n == 1 else 5), 60
+    )
+    assert end[-2] == sum(counts) > 0
+
+
+@pytest.mark.parametrize("every", [1, 7, 1000])
+def test_a_linear_scene_takes_two_iterations_a_step(every):
+    """One that solves it and one that finds nothing left; with many coordinates no constant
+    inverse is kept.
+    """
+    n = 20
+    q, v = vi.coordinates(*(f"x{i}" for i in range(n)))
+    chain = vi.System(q, v, (ca.sumsqr(v) - ca.sumsqr(ca.diff(q)) - q[0] ** 2) / 2)
+    q0 = np.random.default_rng(0).normal(size=n)
+    motion = vi.simulate(
+        chain, vi.gauss(2), q0=q0, v0=0 * q0, h=0.5, steps=333, save_every=every, **LONG
+    )
+    assert motion.stats["iterations"] == 2 * 333
+
+
+def test_explicit_and_linear_runs_have_none():
+    for rule in (vi.trapezoidal(), vi.composition("yoshida4")):
+        assert (
+            vi.simulate(pendulum(), rule, q0=1, v0=0, h=0.1, steps=50, **LONG).stats["iterations"]
+            == 0
+        )
+    q, v = vi.coordinates("x")
+    spring = vi.System(q, v, (v**2 - q**2) / 2)
+    assert (
+        vi.simulate(spring, vi.gauss(2), q0=1, v0=0, h=0.1, steps=50, **LONG).stats["iterations"]
+        == 0
+    )
+
+
+@pytest.mark.parametrize("rule", [vi.lobatto(2), vi.lobatto(3)], ids=str)
+@pytest.mark.parametrize("count", [3, 70], ids=["few links", "many links"])
+def test_constrained_runs_count_too_and_larger_steps_need_more(rule, count):
+    chain = vi.models.chain_rods(count)
+    found = [
+        vi.simulate(chain.system, rule, q0=chain.q0, v0=chain.v0, h=h, steps=30, **LONG).stats[
+            "iterations"
+        ]
+        for h in (1e-4, 2e-2)
+    ]
+    assert 30 <= found[0] < found[1] <= 12 * 30
+
+
+def test_a_run_taken_up_again_has_counted_what_the_whole_one_does(tmp_path):
+    start = dict(q0=[0.4, 0.2], v0=[0, 0], h=0.05, **LONG)
+    whole = vi.simulate(double_pendulum(), vi.gauss(2), steps=500, **start)
+    again = vi.simulate(
+        double_pendulum(), vi.gauss(2), steps=500, checkpoint=tmp_path / "run.npz", **start
+    )
+    assert again.stats["iterations"] == whole.stats["iterations"] > 500
+    halves = vi.simulate(double_pendulum(), vi.gauss(2), steps=250, **start)
+    rest = vi.simulate(
+        double_pendulum(), vi.gauss(2), q0=halves.q[-1], p0=halves.p[-1], h=0.05, steps=250, **LONG
+    )
+    assert (
+        abs(halves.stats["iterations"] + rest.stats["iterations"] - whole.stats["iterations"]) <= 5
+    )
+
+
+def test_runs_with_contacts_and_with_a_time_scale_count():
+    q, v = vi.coordinates("x", "z")
+    ball = vi.System(
+        q, v, ca.sumsqr(v) * (1 + q[0] ** 2) / 2 - 9.81 * q[1], contact=q[1], restitution=0.8
+    )
+    runs = [
+        vi.simulate(
+            ball, vi.lobatto(3), q0=[0, 1], v0=[0.3, 0], h=0.01, steps=150, save_every=every, **LONG
+        )
+        for every in (1, 10)
+    ]
+    assert runs[0].events and runs[0].stats["iterations"] == runs[1].stats["iterations"] >= 150
+    kepler = vi.models.kepler(0.6)
+    r = ca.norm_2(kepler.system.q)
+    motion = vi.simulate(
+        kepler.system,
+        vi.gauss(4),
+        q0=kepler.q0,
+        v0=kepler.v0,
+        h=0.1,
+        steps=40,
+        time_scale=r**1.5,
+        **LONG,
+    )
+    assert motion.stats["iterations"] >= 40
+
+
+def test_a_divided_step_counts_its_parts():
+    q, v = vi.coordinates("x", "y")
+    kepler = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    motion = vi.simulate(
+        kepler,
+        vi.gauss(4),
+        q0=[1, 0],
+        v0=[0, 0.1],
+        h=0.02,
+        steps=200,
+        on_failure="subdivide",
+        **LONG,
+    )
+    parts = [int(event.kind.removeprefix("divided in ")) for event in motion.events]
+    assert parts and motion.stats["iterations"] >= 200 - len(parts) + sum(parts)

@@ -1,0 +1,170 @@
+"""The promise of `tol`: errors stay below tol times each coordinate's scale, or the run says so."""
+
+from __future__ import annotations
+
+import warnings
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import varint as vi
+from varint.integration.error_scale import angles, error_scales
+
+
+def exact(system, q0, v0, times, longest=np.inf):
+    """The motion by an explicit method of order 8 at round-off, from the equations of motion."""
+    s, n = system, system.q.numel()
+    push = ca.gradient(s.lagrangian, s.q) + s.force - ca.jtimes(s.momentum, s.q, s.v)
+    rate = ca.solve(s.mass_matrix, push - ca.jacobian(s.momentum, s.t))
+    f = ca.Function("rate", [s.q, s.v, s.t, s.c], [rate])
+
+    def derivative(t, y):
+        return np.concatenate([y[n:], np.array(f(y[:n], y[n:], t, s.default_vector)).ravel()])
+
+    start = np.concatenate([np.atleast_1d(q0), np.atleast_1d(v0)]).astype(float)
+    times = np.clip(times, 0, times[-1])
+    options = dict(method="DOP853", rtol=1e-13, atol=1e-14, max_step=longest)
+    return solve_ivp(derivative, (0, times[-1]), start, t_eval=times, **options).y[:n].T
+
+
+def error(motion, q):
+    return float((np.abs(motion.q - q) / error_scales(motion.system, motion)).max())
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("e", [0.5, 0.8, 0.9, 0.95])
+def test_an_orbit_from_apocentre_is_as_accurate_as_one_from_pericentre(e, tol):
+    model = vi.models.kepler(e=e)
+    far = dict(q0=[-(1 + e), 0.0], v0=[0.0, -np.sqrt((1 - e) / (1 + e))])
+    motion = vi.simulate(model.system, duration=4 * np.pi, tol=tol, **far)
+    assert error(motion, model.exact(motion.t + np.pi)[0]) <= tol
+    assert motion.stats["error_estimate"] <= tol
+
+
+def ramp(q, v, t):
+    return vi.System(q, v, v**2 / 2 - q**2 / 2, force=ca.fmax(t - 3, 0), t=t)
+
+
+def switched(q, v, t):
+    return vi.System(q, v, v**2 / 2 - q**2 / 2, force=ca.if_else(t > 3.3, 1.0, 0.0), t=t)
+
+
+def friction(q, v, t):
+    return vi.System(q, v, v**2 / 2 - q**2 / 2, force=-0.1 * ca.sign(v))
+
+
+def pulse(q, v, t):
+    return vi.System(q, v, v**2 / 2 - q**2 / 2, force=ca.exp(-(((t - 5) / 0.02) ** 2)) / 0.02, t=t)
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-4])
+@pytest.mark.parametrize("scene", [ramp, switched, friction, pulse])
+def test_forces_that_jump_or_last_for_less_than_a_step_are_met_by_the_order_that_shows(scene, tol):
+    system = scene(*vi.coordinates("x"), vi.time())
+    motion = vi.simulate(system, q0=1.0, v0=0.0, duration=9.0, tol=tol)
+    assert error(motion, exact(system, 1.0, 0.0, motion.t, longest=2e-3)) <= tol
+    assert motion.stats["error_estimate"] <= tol
+
+
+def test_what_no_number_of_steps_reaches_comes_back_with_its_estimate_and_a_warning():
+    model = vi.models.double_pendulum(theta=(2.0, 2.5))
+    with pytest.warns(UserWarning, match="out of reach"):
+        motion = vi.simulate(
+            model.system, q0=model.q0, v0=model.v0, duration=40.0, tol=1e-8, backend="compiled"
+        )
+    assert motion.t[-1] == pytest.approx(40.0) and motion.stats["error_estimate"] > 1e-8
+
+
+def test_the_estimate_of_a_stiff_scene_is_no_smaller_than_its_error():
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - 50 * q**2, force=-1e3 * v)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        motion = vi.simulate(system, q0=1.0, v0=0.0, duration=1.0, tol=1e-9)
+    r = np.roots([1, 1e3, 100])
+    a = np.linalg.solve([[1, 1], r], [1, 0])
+    true = (a * np.exp(np.outer(motion.t, r))).sum(axis=1)[:, None]
+    assert error(motion, true) <= motion.stats["error_estimate"]
+
+
+def test_a_coordinate_that_grows_does_not_loosen_the_others():
+    q, v = vi.coordinates("x", "spin")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - q[0] ** 2 / 2 - q[0] ** 4 / 4)
+    start = dict(q0=[0.3, 0.0], v0=[0.0, 1000.0])
+    motion = vi.simulate(system, duration=10.0, tol=1e-6, **start)
+    true = exact(system, start["q0"], start["v0"], motion.t)
+    assert np.abs(motion.q - true)[:, 0].max() <= 1e-6 * 0.6
+    own = vi.simulate(system, duration=10.0, tol=1e-6, scale=[1e-3, 1.0], **start)
+    assert np.abs(own.q - true[-1])[-1, 0] <= 1e-9
+
+
+def test_angles_are_told_from_lengths():
+    q, v = vi.coordinates("theta", "x", "phi")
+    kinetic = ca.sumsqr(v) / 2 + v[0] * v[1] * ca.cos(q[0])
+    assert angles(vi.System(q, v, kinetic - q[1] ** 2 / 2)) == (True, False, False)
+
+
+def test_a_scale_that_is_none_is_refused():
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2)
+    start = dict(q0=[1, 0], v0=[0, 1], duration=1.0, tol=1e-3)
+    for scale in (-1.0, [1, 2, 3], [1.0, 0.0], "x"):
+        with pytest.raises(vi.InputError, match="scale"):
+            vi.simulate(system, scale=scale, **start)
+
+
+def test_tol_works_with_until_events_saved_nodes_checkpoints_and_tables(tmp_path):
+    q, v = vi.coordinates("theta")
+    u = ca.SX.sym("u")
+    free = vi.System(q, v, v**2 / 2 + ca.cos(q))
+    tight = vi.simulate(free, vi.gauss(8), q0=1.0, v0=0.0, duration=20.0, steps=2000, until=(q, 1))
+    motion = vi.simulate(free, q0=1.0, v0=0.0, duration=20.0, tol=1e-9, until=(q, 1))
+    assert motion.t[-1] == pytest.approx(tight.t[-1], abs=1e-8)
+    motion = vi.simulate(
+        free,
+        q0=1.0,
+        v0=0.0,
+        duration=20.0,
+        tol=1e-9,
+        events={"down": (q, -1)},
+        save_every=7,
+        checkpoint=tmp_path / "run",
+    )
+    tight = vi.simulate(
+        free, vi.gauss(8), q0=1.0, v0=0.0, duration=20.0, steps=2000, events={"down": (q, -1)}
+    )
+    times = [event.time for event in tight.events]
+    assert [event.time for event in motion.events] == pytest.approx(times, abs=1e-8)
+    assert len(motion) < motion.stats["steps"] and motion.stats["error_estimate"] <= 1e-9
+    pushed = vi.System(q, v, v**2 / 2 + ca.cos(q), force=u, control=u)
+    table = np.sin(np.arange(20.0))[:, None]
+    motion = vi.simulate(pushed, q0=0.3, v0=0.0, duration=10.0, tol=1e-9, u=table)
+    fine = np.repeat(table, 100, axis=0)
+    tight = vi.simulate(pushed, vi.gauss(8), q0=0.3, v0=0.0, duration=10.0, steps=2000, u=fine)
+    assert abs(motion.q[-1, 0] - tight.q[-1, 0]) <= 1e-8
+
+
+def test_tol_works_with_contacts():
+    q, v = vi.coordinates("y")
+    fall = v**2 / 2 - 9.81 * q - 0.1 * q**4
+    ball = vi.System(q, v, fall, contact=q, restitution=0.8)
+    motion = vi.simulate(ball, q0=1.0, v0=0.0, duration=3.0, tol=1e-8)
+    tight = vi.simulate(ball, vi.lobatto(4), q0=1.0, v0=0.0, duration=3.0, steps=3000)
+    assert abs(motion.q[-1, 0] - tight.q[-1, 0]) <= 1e-8
+    assert [e.kind for e in motion.events] == [e.kind for e in tight.events]
+
+
+def test_a_time_scale_that_grows_without_bound_ends_at_the_duration():
+    model = vi.models.kepler(e=0.5)
+    r, e = ca.norm_2(model.system.q), 1.5
+    start = dict(q0=[e - 1, 0], v0=[0, np.sqrt((1 + e) / (e - 1))], duration=10.0)
+    ends = []
+    for power, h in ((1.0, 0.1), (1.5, 0.1), (1.5, 0.01), (2.0, 0.01)):
+        motion = vi.simulate(model.system, vi.gauss(6), h=h, time_scale=r**power, **start)
+        assert motion.t[-1] == pytest.approx(10.0, abs=1e-12)
+        ends.append(motion.q[-1])
+    np.testing.assert_allclose(ends, np.broadcast_to(ends[2], (4, 2)), atol=1e-7)
+    with pytest.raises(vi.VarintError, match=r"smaller (h|one)"):
+        vi.simulate(model.system, vi.gauss(6), h=0.1, time_scale=r**2, **start)

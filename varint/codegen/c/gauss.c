@@ -1,0 +1,514 @@
+/* Gauss collocation with all stages in vectors, by fixed-point iteration.
+
+   Defined before this file: N coordinates, NU controls, STAGES, FORM, ON_VELOCITY, the tableau, the scene's functions,
+   NEEDS_Q, NEEDS_P: whose values at the stages are needed, and AHEAD: is the next step begun while this one is iterated?
+   Evaluations of two steps side by side take little longer than of one where they are so short that latency counts.
+   FORM 2: unknown L_i = h^2 b_i G_i with accelerations G = g(Q, V, t, u);
+           Q_i = q + c_i w + sum_j M_ij L_j,  h V_i = w + sum_j m_ij L_j;  q += w + sum (1 - c_j) L_j, w += sum L_j
+           with w = h v, which leaves constants only that need no rounding.
+   FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike. Where
+           the right-hand side has two halves, V may come from the momenta that the new F make (Gauss-Seidel order).
+   m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
+   rounding error (tableau.py): no drift comes from the coefficients however long the run. */
+
+#define VECTORS ((STAGES + LANES - 1) / LANES)
+#if VECTORS * LANES != PADDED
+#error "the tableau is padded for another vector length"
+#endif
+#if FORM == 2
+#define ROWS N
+#else
+#define ROWS (2 * N)
+#endif
+#ifdef GEOMETRY /* dense.c: a look costs nothing beside an evaluation */
+#define ALWAYS_LOOK 1
+#else
+#define ALWAYS_LOOK 0
+#endif
+#if FORM == 1 && defined(KICK_W)
+#define HALVES 1
+#define RHS_W (KICK_W + DRIFT_W)
+#else
+#define HALVES 0
+#endif
+#define UNROLL _Pragma("GCC unroll 16")
+#define EPS 0x1p-53
+#define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+#define LOOSE (FORM == 1 ? 1e-8 : INFINITY) /* errors of the stages of this size a start of high degree amplifies too much */
+#define CAREFUL 200 /* steps that start from a low degree after a start of high degree has failed */
+#define DIVERGED 2 /* times the first change: the start was too far off */
+#define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
+#define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
+#define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
+
+#if N > FEW
+#define LARGE static __attribute__((noinline, noclone))
+#else
+#define LARGE INLINE
+#endif
+
+typedef double Block[VECTORS * LANES] __attribute__((aligned(64)));
+typedef V Unknowns[ROWS][VECTORS];
+
+/* What a run needs to go on as if it had not stopped. */
+typedef struct {
+    double steps_known, expected, h, rate, low, count, tried, counts[2]; /* of the steps tried in either order */
+    double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
+    double x[3][ROWS][PADDED]; /* of the last two steps, and of the one that is begun */
+} Carry;
+const int64_t carry_size = sizeof(Carry) / sizeof(double);
+
+INLINE V entry(const double *m, int index) { V y; memcpy(&y, m + index * LANES, sizeof y); return y; }
+
+/* y_i += sum_j m_ij x_j. By diagonals, m holds for every turn r of the lanes what multiplies x turned by r: no lane need
+   be spread over a register. By columns, m holds its columns one after the other. */
+INLINE void add_product(const double *m, const V *x, V *y) {
+    V parts[VECTORS][4];
+    for (int k = 0; k < VECTORS; k++) parts[k][0] = y[k], parts[k][1] = parts[k][2] = parts[k][3] = splat(0.0);
+#if DIAGONALS
+    for (int l = 0; l < VECTORS; l++) {
+        V turned[LANES];
+        turned_lanes(x[l], turned);
+        UNROLL for (int r = 0; r < LANES; r++)
+            for (int k = 0; k < VECTORS; k++) parts[k][r & 3] += entry(m, (l * LANES + r) * VECTORS + k) * turned[r];
+    }
+#else
+    UNROLL for (int j = 0; j < STAGES; j++) {
+#if N > FEW
+        V xj = splat(((const double *)x)[j]);
+#else
+        V xj = SPREAD(x[j / LANES], j % LANES);
+#endif
+        for (int k = 0; k < VECTORS; k++) parts[k][j & 1] += entry(m, j * VECTORS + k) * xj;
+    }
+#endif
+    for (int k = 0; k < VECTORS; k++) y[k] = (parts[k][0] + parts[k][1]) + (parts[k][2] + parts[k][3]);
+}
+
+INLINE V folded(const V *x) {
+    V s = x[0];
+    for (int k = 1; k < VECTORS; k++) s += x[k];
+    return s;
+}
+
+INLINE V size_of(const V *x) {
+    V s = v_fabs(x[0]);
+    for (int k = 1; k < VECTORS; k++) s += v_fabs(x[k]);
+    return s;
+}
+
+typedef struct { V u[NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* controls, h c, h b or h^2 b */
+
+/* A step on its way: times of the stages, where they are when all unknowns are zero, the unknowns after so many
+   evaluations, and the momenta that these make. */
+typedef struct { V t[VECTORS], base[2 * N][VECTORS], p[N][VECTORS]; Unknowns x; int64_t count; } Step;
+
+/* The largest relative change of an iteration; row by row only where it no longer shrinks. */
+typedef struct { double scale[ROWS], inverse[ROWS], noise[ROWS], now, first, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
+
+INLINE void set_base(Step *s, const double *y, const double *rest, double t, const Nodes *at) {
+    for (int k = 0; k < VECTORS; k++) s->t[k] = t + at->c[k];
+    for (int d = 0; d < N; d++)
+        for (int k = 0; k < VECTORS; k++) {
+#if FORM == 2
+            s->base[d][k] = y[d] + (entry(STAGE_C, k) * y[N + d] + rest[d]);
+#else
+            s->base[d][k] = splat(y[d] + rest[d]);
+#endif
+            s->base[N + d][k] = splat(y[N + d] + rest[N + d]);
+        }
+}
+
+/* The same for the step after `now`, from where its unknowns are at present. */
+INLINE void set_base_after(Step *s, const Step *now, double t, const Nodes *at) {
+    for (int k = 0; k < VECTORS; k++) s->t[k] = t + at->c[k];
+    for (int d = 0; d < N; d++) {
+#if FORM == 2
+        V moved[VECTORS];
+        for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * now->x[d][k];
+        V faster = in_all_lanes(folded(now->x[d])), further = in_all_lanes(folded(moved)) + now->base[N + d][0];
+        for (int k = 0; k < VECTORS; k++) {
+            s->base[d][k] = now->base[d][k] + (further + entry(STAGE_C, k) * faster);
+            s->base[N + d][k] = now->base[N + d][k] + faster;
+        }
+#else
+        for (int r = d; r < 2 * N; r += N) {
+            V moved = in_all_lanes(folded(now->x[r]));
+            for (int k = 0; k < VECTORS; k++) s->base[r][k] = now->base[r][k] + moved;
+        }
+#endif
+    }
+}
+
+#if HALVES
+INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_prepare(c, w + KICK_W); }
+
+#endif
+
+/* The momenta at the stages, made of x by the columns m; older adds to x. Constant ones stay what they are at the start. */
+LARGE void set_momenta(Step *s, const double *m, const Unknowns x, const double *m_older, const Unknowns older) {
+#if HALVES
+    UNROLL for (int d = 0; d < N; d++) {
+        for (int k = 0; k < VECTORS; k++) s->p[d][k] = s->base[N + d][k];
+        if (NEEDS_P[d]) {
+            add_product(m, x[N + d], s->p[d]);
+            if (older) add_product(m_older, older[N + d], s->p[d]);
+        }
+    }
+#endif
+}
+
+/* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
+   With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
+   stay the same. In halves the step's momenta are those of x and become those of fresh; in Gauss-Seidel order, before the
+   velocities are made of them. */
+LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
+                    const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older, int seidel,
+                    Unknowns fresh) {
+    V first[N][VECTORS], second[N][VECTORS];
+    UNROLL for (int d = 0; d < N; d++) {
+        for (int k = 0; k < VECTORS; k++) first[d][k] = s->base[d][k], second[d][k] = s->base[N + d][k];
+#if FORM == 2
+        if (NEEDS_Q[d]) {
+            add_product(m2, x[d], first[d]);
+            if (older) add_product(m2_older, older[d], first[d]);
+        }
+#if ON_VELOCITY
+        add_product(m1, x[d], second[d]);
+        if (older) add_product(m1_older, older[d], second[d]);
+        for (int k = 0; k < VECTORS; k++) second[d][k] *= 1 / h;
+#endif
+#else
+        if (NEEDS_Q[d]) {
+            add_product(m1, x[d], first[d]);
+            if (older) add_product(m1_older, older[d], first[d]);
+        }
+#if !HALVES
+        if (NEEDS_P[d]) {
+            add_product(m1, x[N + d], second[d]);
+            if (older) add_product(m1_older, older[N + d], second[d]);
+        }
+#endif
+#endif
+    }
+#if HALVES
+    V taken[TAKEN + 1][VECTORS];
+    for (int k = 0; k < VECTORS; k++) {
+        kick(&first[0][k], &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &taken[0][k]);
+        for (int d = 0; d < N; d++) fresh[N + d][k] *= at->b[k];
+    }
+    if (seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
+    for (int k = 0; k < VECTORS; k++) {
+        drift(&s->p[0][k], &taken[0][k], w + KICK_W, &fresh[0][k]);
+        for (int d = 0; d < N; d++) fresh[d][k] *= at->b[k];
+    }
+    if (!seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
+#else
+#ifdef GEOMETRY /* dense.c */
+    renew(&first[0][0], &s->t[0], w);
+    for (int k = 0; k < VECTORS; k++) guess(&x[0][k], at->b[k], &fresh[0][k]);
+#endif
+    for (int k = 0; k < VECTORS; k++) {
+#if FORM == 2
+        rhs(&first[0][k], &second[0][k], &s->t[k], &at->u[0][k], w, &fresh[0][k]);
+#else
+        rhs(&first[0][k], &second[0][k], &s->t[k], &at->u[0][k], w, &fresh[0][k], &fresh[N][k]);
+#endif
+        for (int r = 0; r < ROWS; r++) fresh[r][k] *= at->b[k];
+    }
+#endif
+}
+
+/* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
+INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
+                  const Unknowns older, int low, int seidel) {
+    static const Unknowns none;
+    Unknowns fresh;
+#ifdef GEOMETRY
+    renewals = known ? 1 : 2;
+#endif
+    if (known > 1 && low) {
+        set_momenta(s, LOW_M1, last, LOW_OLDER_M1, older);
+        evaluate(s, at, h, w, LOW_M2, LOW_M1, last, LOW_OLDER_M2, LOW_OLDER_M1, older, seidel, fresh);
+    } else if (known > 1) {
+        set_momenta(s, START_M1, last, START_OLDER_M1, older);
+        evaluate(s, at, h, w, START_M2, START_M1, last, START_OLDER_M2, START_OLDER_M1, older, seidel, fresh);
+    } else {
+        const double *m2 = low ? LOW_ONE_M2 : START_ONE_M2, *m1 = low ? LOW_ONE_M1 : START_ONE_M1;
+        set_momenta(s, m1, known ? last : none, 0, 0);
+        evaluate(s, at, h, w, m2, m1, known ? last : none, 0, 0, 0, seidel, fresh);
+    }
+    memcpy(s->x, fresh, sizeof fresh);
+    s->count = 1;
+}
+
+INLINE void iterate(Step *s, const Nodes *at, double h, const double *w, int seidel, Unknowns fresh) {
+    evaluate(s, at, h, w, STAGE_M2, STAGE_M1, s->x, 0, 0, 0, seidel, fresh);
+    s->count++;
+}
+
+INLINE V change_of(const V *fresh, const V *x) {
+    V d = v_fabs(fresh[0] - x[0]);
+    for (int k = 1; k < VECTORS; k++) d = v_fmax(d, v_fabs(fresh[k] - x[k]));
+    return d;
+}
+
+/* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
+   2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
+static __attribute__((noinline)) int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double level) {
+    int all = 1;
+    for (int r = 0; r < ROWS; r++) {
+        double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
+        if (now < 0.5 * c->best[r]) c->best[r] = now, c->idle[r] = now > NEAR * size ? 0 : c->idle[r];
+        else c->idle[r] += 1;
+        for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
+        int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size) ||
+                      (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most));
+        all &= settled;
+    }
+    if (all)
+        for (int r = 0; r < ROWS; r++) {
+            double last = largest(change_of(fresh[r], x[r]));
+            if (last > EPS * c->scale[r] && last > level * c->scale[r] && last > c->noise[r]) c->noise[r] = last;
+        }
+    return all;
+}
+
+/* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
+   level, or is there stagnation? Changes are relative to the size of their row. Where the start of the step has moved, the
+   change says nothing about contraction. */
+INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double level, int moved) {
+    V worst = change_of(fresh[0], x[0]) * c->inverse[0];
+    for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
+    double now = largest(worst), before = c->now;
+    int done = now <= EPS;
+    if (moved) return done | (now * c->rate <= level);
+    if (!c->checks++) {
+        c->first = now;
+        for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
+        done |= now * c->rate <= level; /* the rate of the last step */
+    } else {
+        done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(fresh, x, c, level));
+        if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0;
+    }
+    c->now = now;
+    return done;
+}
+
+/* Never a denormal number, which would be slow for the rest of the run. */
+INLINE double fading(double x, double fade) { return x > 1e-290 ? x * fade : 0; }
+
+INLINE void set_scale(Change *c, const double *size, double fade) {
+    for (int r = 0; r < ROWS; r++) { /* an oscillating row keeps its size where it passes zero */
+        double faded = fading(c->scale[r], fade);
+        c->scale[r] = size[r] > faded ? size[r] : faded;
+        double least = c->noise[r] * (2 / EPS); /* a change of twice the noise counts as one at round-off */
+        c->inverse[r] = 1 / ((c->scale[r] > least ? c->scale[r] : least) + 1e-300);
+    }
+}
+
+INLINE void save(double *row, const double *y, double t, double h, const double *w) {
+    V q[N], z[N], out[N], time = splat(t);
+    for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(FORM == 2 ? y[N + d] / h : y[N + d]);
+#if FORM == 2
+    momentum(q, z, &time, w + RHS_W + VELOCITY_W, out);
+    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = lane(out[d], 0), row[2 * N + d] = lane(z[d], 0);
+#else
+    velocity(q, z, &time, w + RHS_W, out);
+    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = y[N + d], row[2 * N + d] = lane(out[d], 0);
+#endif
+}
+
+/* A run on its way. */
+typedef struct {
+    double t0, h, level, w[RHS_W + VELOCITY_W + MOMENTUM_W + 1];
+    int64_t first, most;
+    Nodes at;
+    double y[2 * N], rest[2 * N]; /* the state at the last node, compensated */
+    Unknowns last, older;         /* of the last two steps; `known` of them are there */
+    Step now, next;               /* the step that is solved; the one after it, begun where that costs little time */
+    Change change;
+    int64_t known, expected, iterations, most_iterations;
+    int64_t low;                  /* so many steps start from a low degree */
+    double tried, counts[2], slowest;
+    int seidel;
+} Run;
+
+/* Where the run stands: as it was left, or at a fresh start. */
+INLINE void restore(Run *r, const RunArguments *a) {
+    const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
+    const Carry *carry = (const Carry *)a->carry;
+    r->t0 = a->t0, r->first = a->first, r->most = a->most, r->level = a->level > 0x1p-56 ? a->level : 0x1p-56;
+    rhs_prepare(a->c, r->w);
+    velocity_prepare(a->c, r->w + RHS_W), momentum_prepare(a->c, r->w + RHS_W + VELOCITY_W);
+    for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
+    r->known = r->expected = r->iterations = r->most_iterations = 0;
+    r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
+    r->tried = HALVES ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = 0;
+    r->now.count = r->next.count = 0;
+    if (carry->steps_known > 0 && carry->h == h) {
+        r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
+        memcpy(r->y, carry->y, sizeof r->y), memcpy(r->rest, carry->rest, sizeof r->rest);
+        memcpy(r->last, carry->x[0], sizeof r->last), memcpy(r->older, carry->x[1], sizeof r->older);
+        memcpy(r->now.x, carry->x[2], sizeof r->now.x), r->now.count = (int64_t)carry->count;
+        for (int i = 0; i < ROWS; i++) r->change.scale[i] = 0, r->change.noise[i] = carry->noise[i];
+        set_scale(&r->change, carry->scale, 0);
+        r->change.rate = carry->rate, r->low = r->low ? r->low : (int64_t)carry->low;
+        r->tried = carry->tried, memcpy(r->counts, carry->counts, sizeof r->counts);
+        r->seidel = LONGER * r->counts[1] <= r->counts[0];
+    } else {
+        for (int d = 0; d < N; d++) r->y[d] = a->start[d], r->y[N + d] = a->start[N + d], r->rest[d] = r->rest[N + d] = 0;
+#if FORM == 2
+        V q[N], z[N], out[N], time = splat(r->t0 + h * (double)r->first);
+        for (int d = 0; d < N; d++) q[d] = splat(r->y[d]), z[d] = splat(r->y[N + d]);
+        velocity(q, z, &time, r->w + RHS_W, out);
+        for (int d = 0; d < N; d++) r->y[N + d] = h * lane(out[d], 0);
+#endif
+        for (int i = 0; i < ROWS; i++) r->change.scale[i] = r->change.noise[i] = 0;
+        r->change.rate = 1;
+        for (int i = 0; i < ROWS; i++)
+            for (int k = 0; k < VECTORS; k++) r->last[i][k] = r->older[i][k] = splat(0.0);
+    }
+}
+
+/* One more evaluation of the step at hand, and where its unknowns are known well enough, of the next one beside it: has
+   the iteration come to its end? */
+INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
+    Unknowns fresh;
+    int end = 0;
+    iterate(&r->now, &r->at, r->h, r->w, r->seidel, fresh);
+#if AHEAD
+    if (r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
+        set_base_after(&r->next, &r->now, t_next, &r->at);
+        if (!r->next.count) begin(&r->next, &r->at, r->h, r->w, 2, r->now.x, r->last, r->low > 0, r->seidel);
+        else {
+            Unknowns after;
+            iterate(&r->next, &r->at, r->h, r->w, r->seidel, after);
+            memcpy(r->next.x, after, sizeof after);
+        }
+    }
+#endif
+    (void)t_next;
+    if (r->now.count + 1 >= r->expected || ALWAYS_LOOK) { /* before, the last step needed more: no look at the change */
+        if (!r->known) {
+            V sizes[ROWS];
+            double size[ROWS];
+            for (int i = 0; i < ROWS; i++) sizes[i] = size_of(fresh[i]);
+            row_sums(sizes, ROWS, size), set_scale(&r->change, size, 0);
+        }
+        end = settled(fresh, r->now.x, &r->change, r->level, r->now.count == first_count);
+    }
+    memcpy(r->now.x, fresh, sizeof fresh);
+    return end;
+}
+
+/* The unknowns of step k: from the extrapolated start; where that fails, once more from a constant right-hand side. */
+INLINE int solve(Run *r, int64_t k) {
+    Change *const c = &r->change;
+    set_base(&r->now, r->y, r->rest, r->t0 + r->h * (double)k, &r->at);
+    const int begun = r->now.count > 0;
+    if (r->tried < 2 * TRIAL) {
+        r->seidel = r->tried < TRIAL;
+        if (r->tried == TRIAL) r->expected = 0, c->rate = 1;
+    }
+    if (begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
+    for (;;) {
+        if (!r->now.count) begin(&r->now, &r->at, r->h, r->w, r->known, r->last, r->older, r->low > 0, r->seidel);
+        int end = 0;
+        const int64_t first_count = begun ? r->now.count + 1 : 0; /* its change is that of the start of the step, too */
+        c->checks = 0;
+        while (r->now.count < r->most && !end && !(r->known && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
+            end = improve_step(r, r->t0 + r->h * (double)(k + 1), first_count);
+        r->iterations += r->now.count;
+        if (end) return 1;
+        if (!r->known) return 0;
+        r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;
+    }
+}
+
+/* The solved step becomes the last one: the state at its end, and what the next one starts from; nothing of it where that
+   is not finite. */
+INLINE int accept(Run *r) {
+    Change *const c = &r->change;
+    double *const y = r->y, *const rest = r->rest, old[2 * N], lost[2 * N], sums[3 * ROWS];
+    /* where already the first look saw nothing but round-off, the next step looks earlier */
+    r->expected = c->checks > 1 && c->first <= 4 * c->now ? r->now.count - c->checks : r->now.count;
+    r->most_iterations = r->now.count > r->most_iterations ? r->now.count : r->most_iterations;
+    if (r->tried < 2 * TRIAL && r->known > 1) {
+        r->tried += 1, r->counts[r->seidel] += (double)r->now.count;
+        if (r->tried == 2 * TRIAL) r->seidel = LONGER * r->counts[1] <= r->counts[0], r->expected = 0, c->rate = 1;
+    }
+    memcpy(r->older, r->last, sizeof r->last), memcpy(r->last, r->now.x, sizeof r->last);
+    r->known += r->known < 2, r->low -= r->low > 0;
+    memcpy(old, y, sizeof old), memcpy(lost, rest, sizeof lost);
+    V rows_of[3 * ROWS];
+    for (int i = 0; i < ROWS; i++) rows_of[i] = folded(r->last[i]), rows_of[ROWS + i] = size_of(r->last[i]);
+#if FORM == 2
+    for (int d = 0; d < N; d++) {
+        V moved[VECTORS];
+        for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * r->last[d][k];
+        rows_of[2 * N + d] = folded(moved);
+    }
+    row_sums(rows_of, 3 * N, sums);
+    for (int d = 0; d < N; d++) compensated(&y[d], &rest[d], y[N + d] + (sums[2 * N + d] + rest[N + d]));
+    for (int d = 0; d < N; d++) compensated(&y[N + d], &rest[N + d], sums[d]);
+    for (int d = 0; d < N; d++) {
+        double path = fabs(y[N + d]);
+        sums[N + d] = path > sums[N + d] ? path : sums[N + d];
+    }
+#else
+    row_sums(rows_of, 2 * ROWS, sums);
+    for (int i = 0; i < ROWS; i++) compensated(&y[i], &rest[i], sums[i]);
+#endif
+    if (!(unsound(y, 2 * N) == 0)) {
+        memcpy(y, old, sizeof old), memcpy(rest, lost, sizeof lost);
+        return 0;
+    }
+    for (int i = 0; i < ROWS; i++) c->noise[i] = fading(c->noise[i], KEPT_NOISE);
+    set_scale(c, sums + ROWS, 0.9);
+    r->slowest = c->rate > r->slowest ? c->rate : r->slowest;
+    r->now = r->next, r->next.count = 0;
+    return 1;
+}
+
+/* What the next call needs, and what the caller is told. */
+INLINE void store(const Run *r, const RunArguments *a, int status, int64_t done) {
+    Carry *carry = (Carry *)a->carry;
+    carry->steps_known = status ? 0 : (double)r->known, carry->expected = (double)r->expected, carry->h = r->h;
+    memcpy(carry->y, r->y, sizeof r->y), memcpy(carry->rest, r->rest, sizeof r->rest);
+    memcpy(carry->x[0], r->last, sizeof r->last), memcpy(carry->x[1], r->older, sizeof r->older);
+    memcpy(carry->x[2], r->now.x, sizeof r->now.x), carry->count = (double)r->now.count;
+    carry->tried = r->tried, memcpy(carry->counts, r->counts, sizeof r->counts);
+    memcpy(carry->scale, r->change.scale, sizeof carry->scale), memcpy(carry->noise, r->change.noise, sizeof carry->noise);
+    carry->rate = r->change.rate, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
+    a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)r->iterations;
+    a->stats->most_iterations = (double)r->most_iterations, a->stats->contraction = r->slowest;
+    a->stats->residual = status ? r->change.now : 0;
+}
+
+int run(const RunArguments *a) {
+    Run r;
+    restore(&r, a);
+    double *rows = a->rows, t = r.t0 + r.h * (double)r.first;
+    save(rows, r.y, t, r.h, r.w);
+    if (!r.known) memcpy(rows, a->start, 2 * N * sizeof(double));
+    const double *u = a->u;
+    int status = DONE;
+    int64_t done = 0, unsaved = 0;
+    for (; done < a->steps; done++) {
+#if NU
+        for (int m = 0; m < NU; m++)
+            for (int i = 0; i < PADDED; i++) set_lane(&r.at.u[m][i / LANES], i % LANES, u[(i < STAGES ? i : STAGES - 1) * NU + m]);
+        u += STAGES * NU;
+#endif
+        status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
+        if (status) break;
+        t = r.t0 + r.h * (double)(r.first + done + 1);
+        if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(rows, r.y, t, r.h, r.w);
+    }
+    (void)u;
+    if (done && !unsaved) memcpy(a->stats->last, rows, 3 * N * sizeof(double));
+    else save(a->stats->last, r.y, t, r.h, r.w);
+    store(&r, a, status, done);
+    return status;
+}

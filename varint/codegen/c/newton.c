@@ -1,0 +1,351 @@
+/* Newton's method on the equations of a step, from extrapolated start values, with compensated updates of q and p.
+
+   Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
+   tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
+   nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
+   equations are linear, the matrix is factorised once and `equations` is their residual at y = 0; MAP: they are few, and
+   `finish` is a constant affine map of q and p that needs no unknowns. KICKED: half kicks stand
+   before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
+   velocities too where HIDDEN_SPEED is set. */
+#include <stdlib.h>
+
+#define WINDOW 1024 /* steps between two looks at the typical sizes */
+#define RESIZED 16  /* steps between two looks at the sizes that change with the place */
+
+/* What a run needs to go on as if it had not stopped; at a fresh start the caller fills scale and speed. */
+typedef struct {
+    double started, scale[2 * N], speed[N], sizes[SIZES + 1], h, known, age, q[N], p[N], rest_q[N], rest_p[N];
+    double force[N], seen[2 * N], y[HISTORY][Y];
+} Carry;
+const int64_t carry_size = sizeof(Carry) / sizeof(double);
+
+#define LARGE static __attribute__((noinline))
+#define EQUATIONS_AT 0
+#define FINISH_AT (EQUATIONS_AT + EQUATIONS_W)
+#define UNITS_AT (FINISH_AT + FINISH_W)
+#define SPEED_AT (UNITS_AT + UNITS_W)
+#define KICK_AT (SPEED_AT + SPEED_W)
+#define SIZED_AT (KICK_AT + KICK_W)
+#define HIDDEN_AT (SIZED_AT + SIZED_W)
+#define PULLED_AT (HIDDEN_AT + HIDDEN_W)
+#define SLOPE_AT (PULLED_AT + PULLED_W)
+#define ALL_W (SLOPE_AT + SLOPE_W + 1)
+
+/* Band matrices: element (i, j) at i (below + reach) + below + j, where row exchanges need a reach of below + above; it is
+   rounded up to whole chunks, whose zeros stay zeros. Rows of zeros follow the last one. */
+typedef double Chunk __attribute__((vector_size(64), aligned(8), may_alias));
+#define IN_CHUNKS(reach) ((reach) % 8 == 0)
+#define AT_CHUNK(x, j) (*(Chunk *)((x) + (j)))
+
+INLINE int least(int a, int b) { return a < b ? a : b; }
+
+/* LU with row exchanges, in place; multipliers stay below the diagonal, reciprocals on it. */
+INLINE void factorise(const int n, const int below, const int reach, double *a, int *pivots) {
+    const int width = below + reach;
+    for (int c = 0; c < n; c++) {
+        double *const row = a + c * (width + 1) + below;
+        const int down = least(below, n - 1 - c), right = least(reach, n - 1 - c);
+        int best = 0;
+        double most = fabs(row[0]);
+        for (int r = 1; r <= down; r++) {
+            const double size = fabs(row[r * width]);
+            if (size > most) most = size, best = r;
+        }
+        pivots[c] = c + best;
+        if (best)
+            for (int j = 0; j <= right; j++) {
+                double *const other = row + best * width + j, x = row[j];
+                row[j] = *other, *other = x;
+            }
+        const double inverse = row[0] = 1 / row[0];
+        for (int r = 1; r <= down; r++) {
+            double *const other = row + r * width;
+            if (other[0] != 0) {
+                const double f = other[0] *= inverse;
+                if (IN_CHUNKS(reach))
+                    for (int j = 1; j <= right; j += 8) AT_CHUNK(other, j) -= f * AT_CHUNK(row, j);
+                else
+                    for (int j = 1; j <= reach; j++) other[j] -= f * row[j];
+            }
+        }
+    }
+}
+
+/* b has room for `reach` zeros behind its end. */
+INLINE void substitute(const int n, const int below, const int reach, const double *a, const int *pivots, double *b) {
+    const int width = below + reach;
+    for (int c = 0; c < n; c++) {
+        const double *const row = a + c * (width + 1) + below, x = b[pivots[c]];
+        const int down = least(below, n - 1 - c);
+        b[pivots[c]] = b[c], b[c] = x;
+        for (int r = 1; r <= down; r++) b[c + r] -= row[r * width] * x;
+    }
+    for (int c = n - 1; c >= 0; c--) {
+        const double *const row = a + c * (width + 1) + below;
+        const int right = least(reach, n - 1 - c);
+        double x = b[c];
+        if (IN_CHUNKS(reach)) {
+            Chunk parts = {0};
+            for (int j = 1; j <= right; j += 8) parts += AT_CHUNK(row, j) * AT_CHUNK(b + c, j);
+            x -= ((parts[0] + parts[1]) + (parts[2] + parts[3])) + ((parts[4] + parts[5]) + (parts[6] + parts[7]));
+        } else {
+            for (int j = 1; j <= reach; j++) x -= row[j] * b[c + j];
+        }
+        b[c] = x * row[0];
+    }
+}
+
+#if !CLOSED
+/* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
+LARGE void correct(const double *jacobian, double *matrix, double *b) {
+    int pivots[Y];
+    memset(matrix, 0, BAND_SIZE * sizeof(double));
+    for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
+    factorise(Y, BELOW, REACH, matrix, pivots);
+    substitute(Y, BELOW, REACH, matrix, pivots, b);
+}
+#endif
+
+#if !MAP
+/* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. */
+INLINE int solve(double *y, const double *q, const double *p, const double *u, double t, const double *w,
+                  const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
+    for (int i = 0; i < most; i++) {
+        double b[Y + REACH] = {0}, worst = 0;
+        *count += 1;
+#if LINEAR
+        equations(q, p, &t, u, w + EQUATIONS_AT, b);
+        substitute(Y, BELOW, REACH, matrix, pivots, b);
+        for (int k = 0; k < Y; k++) y[PERM[k]] = -b[k];
+        return 1;
+#elif CLOSED
+        equations(y, q, p, &t, u, w + EQUATIONS_AT, b);
+#else
+        double jacobian[NONZEROS];
+        equations(y, q, p, &t, u, w + EQUATIONS_AT, b, jacobian);
+        correct(jacobian, matrix, b);
+#endif
+        for (int k = 0; k < Y; k++) {
+            const double size = fabs(b[k]) * inverse[k];
+            worst = size > worst ? size : worst;
+            y[PERM[k]] -= b[k];
+        }
+        if (worst <= LAST_CORRECTION) return 1; /* a correction that is not a number ends it too, and shows in the residual */
+    }
+    return 0;
+}
+#endif
+
+#if HELD
+/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
+LARGE void project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
+    double jacobian[HIDDEN_NONZEROS], b[H + HIDDEN_REACH] = {0};
+    int pivots[H];
+    hidden(q, p, &t, w + HIDDEN_AT, b, jacobian);
+    memset(matrix, 0, HIDDEN_SIZE * sizeof(double));
+    for (int i = 0; i < HIDDEN_NONZEROS; i++) matrix[HIDDEN_PLACES[i]] = jacobian[i];
+    factorise(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots);
+    substitute(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots, b);
+    for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
+}
+#endif
+
+/* Start values of `rows` × `columns` unknowns of a step, from `offset` on: continued from `known` steps by the table. */
+INLINE void extend(const double *table, int known, int rows, int columns, int offset, double *const *y, double *next) {
+    table += columns * columns * (known * (known - 1) / 2);
+    for (int j = 0; j < columns; j++) {
+        double *const to = next + offset + j * rows;
+        for (int i = 0; i < rows; i++) to[i] = 0;
+        for (int s = 0; s < known; s++)
+            for (int k = 0; k < columns; k++) {
+                const double factor = table[(j * known + s) * columns + k], *const from = y[s] + offset + k * rows;
+                for (int i = 0; i < rows; i++) to[i] += factor * from[i];
+            }
+    }
+}
+
+/* Velocities, multipliers and those of non-holonomic rows continued; without a step behind, the velocity at the start. */
+INLINE void guess(int known, double *const *y, const double *speed, double *next) {
+    if (known) {
+        extend(AHEAD_VELOCITIES, known, PATH, DEGREE, 0, y, next);
+        extend(AHEAD_MULTIPLIERS, known, MULTIPLIERS, DEGREE, PATH * DEGREE, y, next);
+        extend(AHEAD_ROWS, known, ROWS, 1, (PATH + MULTIPLIERS) * DEGREE, y, next);
+    } else {
+        for (int i = 0; i < Y; i++) next[i] = i < PATH * DEGREE ? POINTS[i / N] * speed[i % N] : 0;
+    }
+}
+
+LARGE void save(double *row, const double *q, const double *p, double t, const double *w, double *matrix) {
+    memcpy(row, q, N * sizeof(double)), memcpy(row + N, p, N * sizeof(double));
+#if HELD && HIDDEN_SPEED
+    double x[H];
+    project(q, p, t, w, matrix, x);
+    speed(x, q, &t, w + SPEED_AT, row + 2 * N);
+#else
+    speed(q, p, &t, w + SPEED_AT, row + 2 * N);
+#endif
+}
+
+/* What depends on parameters, step and sizes alone. */
+LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
+    finish_prepare(k, w + FINISH_AT), speed_prepare(k, w + SPEED_AT);
+#if !MAP
+    equations_prepare(k, w + EQUATIONS_AT), units_prepare(k, w + UNITS_AT);
+    double size[Y];
+    units(w + UNITS_AT, size);
+    for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
+#endif
+#if KICKED
+    kick_prepare(k, w + KICK_AT);
+#endif
+#if HELD
+    sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT), pulled_prepare(k, w + PULLED_AT);
+#endif
+#if LINEAR && !MAP
+    double jacobian[NONZEROS];
+    slope_prepare(k, w + SLOPE_AT), slope(w + SLOPE_AT, jacobian);
+    memset(matrix, 0, BAND_SIZE * sizeof(double));
+    for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
+    factorise(Y, BELOW, REACH, matrix, pivots);
+#endif
+}
+
+/* New typical sizes from what the last steps showed. */
+LARGE void rescale(double *scale, double *seen) {
+    double root[N], most = 0;
+    for (int d = 0; d < N; d++) {
+        root[d] = sqrt(scale[N + d] / scale[d]); /* of the inertia */
+        scale[d] = fmax(seen[d], 0.1 * scale[d]), scale[N + d] = fmax(seen[N + d], 0.1 * scale[N + d]);
+        most = fmax(most, scale[d] * root[d]);
+        seen[d] = seen[N + d] = 0;
+    }
+    for (int d = 0; d < N; d++) {
+        scale[d] = fmax(scale[d], SMALLEST * most / root[d]);
+        scale[N + d] = fmax(scale[N + d], SMALLEST * most * root[d]);
+    }
+}
+
+int run(const RunArguments *a) {
+    const int64_t steps = a->steps, first = a->first;
+    const int most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
+    const double t0 = a->t0, h = a->h, per_h = 1 / h;
+    const double *u = a->u;
+    double *rows = a->rows, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
+    double *const scale = k + C + 1, *const sizes = scale + 2 * N;
+    int pivots[Y];
+    Carry *const state = (Carry *)a->carry;
+    double *const q = state->q, *const p = state->p, *const seen = state->seen;
+    int64_t iterations = 0, largest_count = 0, done = 0, unsaved = 0;
+    int status = DONE;
+    double left = 0;
+#if MATRIX_SIZE
+    matrix = malloc(MATRIX_SIZE * sizeof(double));
+    if (!matrix) return NOT_FINITE;
+#endif
+    memcpy(k, a->c, C * sizeof(double)), k[C] = h;
+    if (!(state->started == 1 && state->h == h)) {
+        memcpy(q, a->start, N * sizeof(double)), memcpy(p, a->start + N, N * sizeof(double));
+        memset(state->rest_q, 0, sizeof state->rest_q), memset(state->rest_p, 0, sizeof state->rest_p);
+        memset(seen, 0, sizeof state->seen), state->known = state->age = 0;
+    }
+    memcpy(scale, state->scale, sizeof state->scale), memcpy(sizes, state->sizes, SIZES * sizeof(double));
+    prepare(k, w, inverse, matrix, pivots);
+#if KICKED
+    if (!(state->started == 1 && state->h == h)) {
+        const double t = t0 + h * (double)first;
+        kick(q, &t, u, w + KICK_AT, state->force);
+    }
+#endif
+    double *y[HISTORY + 1], unknowns[HISTORY + 1][Y]; /* y[0] is the step at hand, y[s] that of s steps ago */
+    for (int s = 0; s <= HISTORY; s++) y[s] = unknowns[s];
+    for (int s = 0; s < HISTORY; s++) memcpy(y[s + 1], state->y[s], sizeof state->y[s]);
+    save(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
+
+    for (; done < steps; done++) {
+        const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
+        const double *p_start = p;
+        double increment[N], gain[N], remains[Y];
+#if HELD
+        if ((int64_t)state->age % RESIZED == 0) {
+            sized(q, &t, w + SIZED_AT, sizes);
+            prepare(k, w, inverse, matrix, pivots);
+        }
+#endif
+#if KICKED
+        double kicked[N], force[N];
+        if (NU) kick(q, &t, u, w + KICK_AT, force);
+        else memcpy(force, state->force, sizeof force);
+        for (int d = 0; d < N; d++) kicked[d] = p[d] + 0.5 * h * force[d];
+        p_start = kicked;
+#endif
+        int64_t count = 0;
+#if MAP
+        finish(q, p, &t, u, w + FINISH_AT, increment, gain);
+        count = 1;
+#else
+        for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
+            const int known = (int)state->known;
+            guess(known, y + 1, state->speed, y[0]);
+            const int converged = solve(y[0], q, p_start, u, t, w, inverse, most, matrix, pivots, &count);
+            finish(y[0], q, p_start, &t, u, w + FINISH_AT, increment, gain, remains);
+            left = 0;
+            for (int i = 0; i < Y; i++) left = fabs(remains[i]) <= left ? left : fabs(remains[i]);
+            status = converged && left <= RESIDUAL_LIMIT ? DONE : left == left && left < INFINITY ? NOT_CONVERGED : NOT_FINITE;
+            if (!status || !known) break;
+            state->known = known > 1;
+            if (known == 1) {
+                double row[3 * N];
+                save(row, q, p, t, w, matrix), memcpy(state->speed, row + 2 * N, sizeof state->speed);
+            }
+        }
+#endif
+        iterations += count;
+        largest_count = count > largest_count ? count : largest_count;
+        if (status) break;
+        double q1[N], p1[N], rest_q[N], rest_p[N], zero = 0;
+        for (int d = 0; d < N; d++) q1[d] = q[d], rest_q[d] = state->rest_q[d], compensated(&q1[d], &rest_q[d], increment[d]);
+#if KICKED
+        double after[N];
+        kick(q1, &end, u + (NODES - 1) * NU, w + KICK_AT, after);
+        for (int d = 0; d < N; d++) gain[d] += 0.5 * h * (force[d] + after[d]);
+#endif
+#if HELD
+        double reached[N], x[H], pull[N];
+        for (int d = 0; d < N; d++) reached[d] = p[d] + gain[d];
+        project(q1, reached, end, w, matrix, x);
+        pulled(x, q1, reached, &end, w + PULLED_AT, pull);
+        for (int d = 0; d < N; d++) gain[d] += pull[d];
+#endif
+        for (int d = 0; d < N; d++) {
+            p1[d] = p[d], rest_p[d] = state->rest_p[d], compensated(&p1[d], &rest_p[d], gain[d]);
+            zero += q1[d] * 0.0 + p1[d] * 0.0; /* not zero as soon as one of them is not finite */
+        }
+        if (!(zero == 0)) { status = NOT_FINITE; break; }
+        for (int d = 0; d < N; d++) {
+            const double v = fabs(increment[d] * per_h), m = fabs(p1[d]);
+            seen[d] = v > seen[d] ? v : seen[d], seen[N + d] = m > seen[N + d] ? m : seen[N + d];
+            q[d] = q1[d], p[d] = p1[d], state->rest_q[d] = rest_q[d], state->rest_p[d] = rest_p[d];
+        }
+#if KICKED
+        memcpy(state->force, after, sizeof after);
+#endif
+#if !MAP
+        double *const oldest = y[HISTORY];
+        for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
+        y[0] = oldest;
+        state->known += state->known < HISTORY;
+#endif
+        state->age += 1;
+        if ((int64_t)state->age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);
+        u += NODES * NU;
+        if (++unsaved == a->save_every) unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
+    }
+    save(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
+    state->started = !status, state->h = h;
+    memcpy(state->scale, scale, sizeof state->scale), memcpy(state->sizes, sizes, SIZES * sizeof(double));
+    for (int s = 0; s < HISTORY; s++) memcpy(state->y[s], y[s + 1], sizeof state->y[s]);
+    free(matrix);
+    a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)iterations;
+    a->stats->most_iterations = (double)largest_count, a->stats->residual = status ? left : 0, a->stats->contraction = 0;
+    return status;
+}

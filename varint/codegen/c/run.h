@@ -1,0 +1,44 @@
+/* What every run loop shares: how it is called, how it ends, and sums that keep their rounding error.
+
+   lanes.h stands before this file. varint/codegen/arguments.py has the same layouts and reads the names of Status here. */
+
+enum Status { DONE, NOT_CONVERGED, NOT_FINITE };
+
+/* What a run tells of itself; last: (q, p, v) of the node where it ended, saved or not. */
+typedef struct { double status, steps, iterations, most_iterations, residual, contraction, last[3 * N]; } RunStats;
+
+/* One motion. */
+typedef struct {
+    int64_t steps, save_every, first, most; /* steps to take; index of the first; largest number of iterations a step */
+    double t0, h, level;                    /* level: wanted relative error of the stages, 0 for round-off */
+    const double *start, *c, *u;            /* q and p at a fresh start; parameters; controls of every step's nodes */
+    double *rows, *carry;                   /* (q, p, v) of every saved node; carry[0] = 0: a fresh start */
+    RunStats *stats;
+} RunArguments;
+
+/* Many motions of one scene, one in each lane. */
+typedef struct {
+    int64_t members, steps, save_every, nodes; /* nodes: rows of a member, its start included */
+    int64_t apart;                             /* numbers between the controls of two members: 0 where all have the same */
+    double t0, h;
+    const double *q0, *p0, *c, *u; /* (members, N), (members, N), (members, parameters), (members or 1, steps, nodes, NU) */
+    double *q, *p;                 /* (members, nodes, N); row 0 is not written */
+    int64_t *good;                 /* (members): rows that are solved and finite, the start included */
+} MembersArguments;
+
+/* value += increment, with the rounding error kept in rest */
+#define DEFINE_COMPENSATED(name, Number) \
+    INLINE void name(Number *value, Number *rest, Number increment) { \
+        Number y = increment + *rest, old = *value, s = old + y, part = s - old; \
+        *rest = (old - (s - part)) + (y - part); \
+        *value = s; \
+    }
+DEFINE_COMPENSATED(compensated, double)
+DEFINE_COMPENSATED(v_compensated, V)
+
+/* 0 where all numbers are finite, else no number at all */
+INLINE double unsound(const double *x, int count) {
+    double zero = 0;
+    for (int i = 0; i < count; i++) zero += x[i] * 0.0;
+    return zero;
+}

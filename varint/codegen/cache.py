@@ -1,0 +1,211 @@
+"""Compiles C source to a shared object once and keeps it in the user's cache folder.
+
+A file is named by its source, the compiler, the flags and the processor, and by a digest of its own
+bytes; it is written under a temporary name, brought to the disk and moved into place, so that
+processes running at the same time are safe. Nothing is loaded that others could have written, or
+that a crash or a full disk has spoilt.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import importlib.util
+import os
+import platform
+import shutil
+import stat
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from time import time
+
+from varint.errors import VarintError
+
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
+SHARED = ("-std=gnu11", "-shared", "-fPIC", "-w")
+# with the C library's vector functions, or without
+LIBRARIES = (
+    ("-lmvec", "-lm"),
+    ("-DNO_LIBMVEC", "-lm"),
+)
+SLOWEST_COMPILATION = 600  # seconds
+PART = "part-"  # what names of unfinished files begin with
+ABANDONED = 60  # seconds after which such a file belongs to nobody; writing one takes less than one
+
+
+class CompileError(VarintError, RuntimeError):
+    """No C compiler, or it refused, or the cache folder is not safe; the interpreted backend
+    needs none of them.
+    """
+
+
+@lru_cache(maxsize=1)
+def compiler() -> tuple[str, ...] | None:
+    """The command of a C compiler: $CC, cc, gcc, clang, or the wheel of the `jit` extra; None
+    where there is none.
+    """
+    named = os.environ.get("CC", "").split()
+    for command in ([named] if named else []) + [["cc"], ["gcc"], ["clang"]]:
+        found = shutil.which(command[0])
+        if found:
+            return (found, *command[1:])
+    if importlib.util.find_spec("ziglang"):
+        return (sys.executable, "-m", "ziglang", "cc")
+    return None
+
+
+@lru_cache(maxsize=1)
+def machine() -> str:
+    """What decides the machine code: compiler, processor, flags. No subprocess is started for
+    it.
+    """
+    command = compiler()
+    if command is None:
+        raise CompileError(
+            "no C compiler was found (cc, gcc, clang); install one, or `pip install "
+            "varint-mechanics[jit]`, or use "
+            'backend="interpreted"'
+        )
+    program = os.path.realpath(command[0])
+    about = os.stat(program)
+    return "\n".join(
+        [
+            *command,
+            program,
+            str(about.st_size),
+            str(about.st_mtime_ns),
+            _processor(),
+            *FLAGS,
+            *SHARED,
+        ]
+    )
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
+    except OSError:
+        return f"{platform.machine()} {platform.processor()} {platform.platform()}"
+    wanted = ("model name", "flags", "Features")
+    return platform.machine() + "".join(x for x in lines if x.split(":")[0].strip() in wanted)
+
+
+def vector_length() -> int:
+    """Doubles in a vector register of this machine: 8, 4 or 2."""
+    names = _processor().split()
+    return 8 if "avx512f" in names else 4 if "avx2" in names else 2
+
+
+def cache_folder() -> Path:
+    """The user's own folder for compiled code; made with mode 0700, refused when others could
+    write to it.
+    """
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = root / "varint"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise CompileError(
+            f"the cache folder {folder} cannot be made ({error.strerror}); set XDG_CACHE_HOME"
+        ) from None
+    _refuse_foreign(folder)
+    return folder
+
+
+def _refuse_foreign(path: Path) -> None:
+    if not hasattr(os, "geteuid"):
+        return
+    about = path.lstat()
+    if stat.S_ISLNK(about.st_mode) or about.st_uid != os.geteuid() or about.st_mode & 0o022:
+        raise CompileError(
+            f"{path} is a link, belongs to another user or is writable by others, so compiled code "
+            "in it is not trusted; remove it or set XDG_CACHE_HOME to a folder of your own"
+        )
+
+
+@lru_cache(maxsize=512)
+def library(source: str) -> ctypes.CDLL:
+    """The compiled source, from memory, from the cache folder, or compiled now.
+
+    Raises
+    ------
+    CompileError
+        If there is no compiler, or it refuses, or the cache folder is not safe or full.
+    """
+    key = hashlib.sha256(f"{machine()}\n{source}".encode()).hexdigest()[:40]
+    folder = cache_folder()
+    try:
+        for path in folder.glob(f"{key}-*.so"):
+            _refuse_foreign(path)
+            if path.name == _file_name(key, path.read_bytes()):
+                with suppress(OSError):  # made for another C library: compiled again
+                    return ctypes.CDLL(str(path))
+            path.unlink(missing_ok=True)  # cut short or changed, for example by a full disk
+        return _compile(source, folder, key)
+    except OSError as error:
+        raise CompileError(
+            f"compiled code cannot be kept in {folder} ({error.strerror or error}); make room "
+            "there or set XDG_CACHE_HOME"
+        ) from None
+
+
+def _file_name(key: str, content: bytes) -> str:
+    """The digest of a library is part of its name: bytes that are not its own are never loaded."""
+    return f"{key}-{hashlib.sha256(content).hexdigest()[:24]}.so"
+
+
+def _compile(source: str, folder: Path, key: str) -> ctypes.CDLL:
+    """Compile outside the cache folder: what is interrupted leaves nothing in it."""
+    command = compiler()
+    assert command is not None
+    with tempfile.TemporaryDirectory(prefix="varint-") as place:
+        text, result = Path(place) / "kernel.c", Path(place) / "kernel.so"
+        text.write_text(source)
+        for libraries in LIBRARIES:
+            line = [*command, *FLAGS, *SHARED, str(text), "-o", str(result), *libraries]
+            try:
+                done = subprocess.run(
+                    line, capture_output=True, text=True, timeout=SLOWEST_COMPILATION
+                )
+            except (OSError, subprocess.TimeoutExpired) as error:
+                raise CompileError(
+                    f"the C compiler {command[0]} could not be run: {error}"
+                ) from None
+            if done.returncode == 0:
+                path = _store(result.read_bytes(), folder, key)
+                try:
+                    return ctypes.CDLL(str(path))  # under its last name: it may not be renamed now
+                except OSError as error:
+                    path.unlink(missing_ok=True)
+                    done.stderr += f"\nerror: {error}"
+    errors = "\n".join(x for x in done.stderr.splitlines() if "error" in x)[:500]
+    raise CompileError(
+        f"the C compiler {' '.join(command)} refused the generated code; use "
+        f'backend="interpreted"\n{errors}'
+    )
+
+
+def _store(content: bytes, folder: Path, key: str) -> Path:
+    """Write under a name of one's own, bring it to the disk, rename: a crash leaves the whole
+    file or none.
+    """
+    for old in folder.glob(f"{PART}*"):
+        if time() - old.stat().st_mtime > ABANDONED:
+            old.unlink(missing_ok=True)
+    number, name = tempfile.mkstemp(dir=folder, prefix=PART)
+    try:
+        with os.fdopen(number, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(name, 0o700)
+        path = folder / _file_name(key, content)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    return path

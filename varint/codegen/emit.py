@@ -1,0 +1,197 @@
+"""C source of an SX function over lanes: every value that varies is a vector `V` of lanes.h."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+
+from varint.codegen.algebra import graph_of
+from varint.codegen.graph import Graph, needed, uniform_nodes
+from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
+from varint.codegen.rolled import INFIX, c_expression, c_loops, group_by_form
+
+# operations from which on a function is not written into its callers: the compiler takes longer, no
+# gain
+LONG = 300
+APART = "static __attribute__((noinline, noclone, unused))"
+WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
+ROLLED = 0.5  # forms for an operation at most: more are not worth loops
+
+
+@dataclass(frozen=True)
+class Emitted:
+    """C source of a function and what the loop around it must know.
+
+    Attributes
+    ----------
+    source : str
+        ``name(inputs…, w, outputs…)`` over lanes, and ``name_prepare(c, w)``, to be called once a
+        run.
+    uniforms : int
+        Length of w: values that depend on the parameters alone.
+    operations, roots : int
+        Operations a call, and the square roots among them.
+    length, largest : int
+        Statements of the source, fewer than operations where they are loops, and most of them in
+        one C function.
+    """
+
+    source: str
+    uniforms: int
+    operations: int
+    roots: int
+    length: int
+    largest: int
+
+
+def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTEN_OUT) -> Emitted:
+    """C source of the SX function f(x0, …, c), whose last argument c, the parameters, is the same
+    in all lanes.
+
+    Sparse outputs are written densely; see `emit_graph`.
+    """
+    return emit_graph(name, graph_of(f), f.n_in() - 1, stride, written_out)
+
+
+def emit_graph(
+    name: str, graph: Graph, last: int, stride: str = "1", written_out: int = WRITTEN_OUT
+) -> Emitted:
+    """C source of operations on inputs 0 to `last`, the last of which is the same in all lanes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the C function ``name(const V *x0, …, const double *w, V *y0, …)``.
+    graph : Graph
+    last : int
+    stride : str
+        C expression: component i of an argument is found at ``x[i * stride]``.
+    written_out : int
+        Operations from which on the source has loops over operations of the same form.
+    """
+    uniform = uniform_nodes(graph, last)
+    live = sorted(needed(graph))
+    names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}
+    kept: dict[int, int] = {}  # uniform node: its place in w
+
+    def place(i: int) -> int:
+        return kept.setdefault(i, len(kept))
+
+    def constant(i: int) -> str:
+        return _number(graph.nodes[i][1]) if graph.nodes[i][0] == "const" else f"w[{place(i)}]"
+
+    def once(i: int) -> str:
+        return names.get(i) or constant(i)
+
+    prepare = [
+        f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names
+    ]
+    operations = sum(not uniform[i] for i in live)
+    forms = group_by_form(graph, live, uniform) if operations > written_out else None
+    statements: list[Statement] = []
+    rolled = forms is not None and len(forms.members) < ROLLED * operations
+    if forms is not None and rolled:
+        body, places = c_loops(forms, stride, constant, place)
+    else:
+        statements = _statements(graph, live, uniform, stride, constant)
+        body, places = [x.text for x in statements], {}
+    stores: list[Statement] = []
+    for k, output in enumerate(graph.outputs):
+        for r, i in enumerate(output):
+            if uniform[i]:
+                text = f"splat({constant(i)})"
+            elif rolled and graph.nodes[i][0] == "input":
+                text = f"i{graph.nodes[i][1]}[{graph.nodes[i][2]} * ({stride})]"
+            else:
+                text = places.get(i, f"x{i}")
+            store = f"o{k}[{r} * ({stride})] = {text};"
+            stores.append(Statement(store, (), () if uniform[i] else (i,)))
+    body += [store.text for store in stores]
+    prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
+    arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
+    arguments += [f"V *restrict o{k}" for k in range(len(graph.outputs))]
+    parts = [] if rolled or len(body) <= LARGEST else c_parts(name, statements, stores)
+    kind = "INLINE" if len(prepare) <= LARGEST else APART
+    source = _function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
+    largest = max((len(part.body) for part in parts), default=len(body))
+    for part in parts:
+        source += _function(APART, part.name, [*arguments, "V *m"], part.body)
+    source += _function(
+        "INLINE" if len(body) <= LONG else APART,
+        name,
+        arguments,
+        calls_of(parts, arguments) or body,
+    )
+    roots = sum(1 for i in live if graph.nodes[i][0] in ("rsqrt", "sqrt") and not uniform[i])
+    return Emitted(source, len(kept), operations, roots, len(body), largest)
+
+
+def _statements(
+    graph: Graph, live: list[int], uniform: list[bool], stride: str, constant: Callable[[int], str]
+) -> list[Statement]:
+    """One C statement for each value that varies, which is called x and its number."""
+    sincos = _sine_and_cosine(graph, live, uniform)
+    result = []
+
+    def value(i: int) -> str:
+        return constant(i) if uniform[i] else f"x{i}"
+
+    for i in live:
+        name, *rest = graph.nodes[i]
+        if uniform[i]:
+            continue
+        if name == "input":
+            text = f"const V x{i} = i{rest[0]}[{rest[1]} * ({stride})];"
+            result.append(Statement(text, (i,), (), is_input=True))
+        elif i not in sincos:
+            text = c_expression(name, [value(j) for j in rest], [uniform[j] for j in rest])
+            taken = tuple(dict.fromkeys(j for j in rest if not uniform[j]))
+            result.append(Statement(f"const V x{i} = {text};", (i,), taken))
+        elif sincos[i][0]:
+            sine, cosine = sincos[i]
+            text = f"V x{sine}, x{cosine}; v_sincos({value(rest[0])}, &x{sine}, &x{cosine});"
+            result.append(Statement(text, (sine, cosine), (rest[0],)))
+    return result
+
+
+def _sine_and_cosine(
+    graph: Graph, live: list[int], uniform: list[bool]
+) -> dict[int, tuple[int, int]]:
+    """For each node that belongs to a sine and cosine of one angle: the pair at the first, (0,
+    0) at the second.
+    """
+    found: dict[int, dict[str, int]] = {}
+    for i in live:
+        if graph.nodes[i][0] in ("sin", "cos") and not uniform[i]:
+            found.setdefault(graph.nodes[i][1], {})[graph.nodes[i][0]] = i
+    pairs = {}
+    for both in found.values():
+        if len(both) == 2:
+            pairs[min(both.values())] = (both["sin"], both["cos"])
+            pairs[max(both.values())] = (0, 0)
+    return pairs
+
+
+def _function(kind: str, name: str, arguments: list[str], body: list[str]) -> str:
+    """A C function that may leave arguments unused."""
+    unused = " ".join(f"(void){x.split('*')[-1].split()[-1]};" for x in arguments)
+    head = f"{kind} void {name}({', '.join(arguments)}) {{"
+    return "\n    ".join([head, unused, *body]) + "\n}\n"
+
+
+def _once(node: tuple, value: Callable[[int], str]) -> str:
+    """C expression of an operation on plain numbers."""
+    if node[0] == "input":
+        return f"c[{node[2]}]"
+    if node[0] in INFIX or node[0] == "neg":
+        return c_expression(node[0], [value(j) for j in node[1:]], [True] * (len(node) - 1))
+    return f"s_{node[0]}({', '.join(value(j) for j in node[1:])})"
+
+
+def _number(x: float) -> str:
+    if math.isfinite(x):
+        return f"({float(x)!r})" if x < 0 else repr(float(x))
+    return "(0.0 / 0.0)" if math.isnan(x) else ("(1.0 / 0.0)" if x > 0 else "(-1.0 / 0.0)")

@@ -1,0 +1,268 @@
+"""A compiled run loop and how it is called: one entry for every method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from ctypes import addressof, c_char, c_char_p, c_int, c_int64
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.algebra import graph_of
+from varint.codegen.arguments import DONE, RunArguments, RunStats, c_source, packing
+from varint.codegen.cache import library
+from varint.codegen.emit import WRITTEN_OUT, Emitted, emit_graph
+from varint.codegen.graph import Graph, NotCompilable, halves
+from varint.numerics.limits import FIXED_POINT_ITERATIONS
+from varint.scene.system import System
+
+FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
+MOST_OPERATIONS = 1_000_000  # of a right-hand side: more takes too long to arrange
+MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
+# statements from which on the compiler's time matters more than the last tenth of the run's
+LARGE_SOURCE = 20_000
+FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
+AT_STAGES = ("rhs",)
+_ARGUMENTS = packing(RunArguments)
+_STATS = len(RunStats._fields_)
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """A compiled run loop of one system and one rule.
+
+    Attributes
+    ----------
+    about : str
+        What runs, in words.
+    n, controls, nodes : int
+        Coordinates, controls, and control values (quadrature nodes or kicks) a step.
+    operations : int
+        Operations of one right-hand side, or of the equations of a step.
+    opening : callable or None
+        (q0, p0, u, t, h, c) → what the loop must be told besides at a fresh start.
+    """
+
+    about: str
+    n: int
+    controls: int
+    nodes: int
+    operations: int
+    entry: Callable[[bytes], int]
+    carry_size: int
+    opening: Callable[..., np.ndarray] | None = None
+
+
+class LoopResult(NamedTuple):
+    """What a kernel computed.
+
+    Attributes
+    ----------
+    rows : array (rows, 3, n)
+        q, p, v at the start and at every `save_every`-th node after it, up to where the run ended.
+    status : int
+        DONE, NOT_CONVERGED or NOT_FINITE; a failed run ends at node ``steps``, whose step was not
+        possible.
+    steps, iterations, most_iterations : int
+        Steps done, right-hand sides of all stages, and most of them in one step (0 for explicit
+        methods).
+    residual : float
+        Relative change of the unknowns where the iteration of a failed step ended.
+    contraction : float
+        Slowest ratio of two changes seen: near 1 the iteration hardly contracts and Newton's method
+        is better.
+    last : array (3n,)
+        q, p, v of the node where the run ended, saved or not.
+    carry : array
+        Hand it to the next call to go on as if the run had not stopped.
+    """
+
+    rows: np.ndarray
+    status: int
+    steps: int
+    iterations: int
+    most_iterations: int
+    residual: float
+    contraction: float
+    last: np.ndarray
+    carry: np.ndarray
+
+
+def run_loop(
+    kernel: Kernel,
+    q0: np.ndarray,
+    p0: np.ndarray,
+    c: np.ndarray,
+    *,
+    t0: float,
+    h: float,
+    steps: int,
+    save_every: int = 1,
+    u: np.ndarray | None = None,
+    first: int = 0,
+    level: float = 0.0,
+    most: int = FIXED_POINT_ITERATIONS,
+    carry: np.ndarray | None = None,
+) -> LoopResult:
+    """Take `steps` steps from node `first` at the time t0 + first·h.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    q0, p0 : array (n,)
+        State at node `first`; not read when `carry` is given.
+    c : array
+        Parameter values in the order of `system.c`, float64 and contiguous.
+    t0, h : float
+        Time of node 0 and step.
+    steps, save_every, first : int
+        Steps to take, distance of the saved nodes, index of the first node.
+    u : array (steps, nodes, controls), optional
+        Controls at the nodes of these steps, float64 and contiguous.
+    level : float
+        Relative error of the stages at which iterations stop; 0: round-off.
+    most : int
+        Largest number of iterations a step.
+    carry : array, optional
+        `Run.carry` of the call that ended at node `first`.
+
+    Returns
+    -------
+    Run
+    """
+    n, many = kernel.n, c.size
+    stats = 2 * n + many
+    last = stats + _STATS
+    rows = last + 3 * n
+    kept = rows + 3 * n * (steps // save_every + 1)
+    block = np.empty(kept + kernel.carry_size)  # one block, so that its address is asked for once
+    block[:n] = q0
+    block[n : 2 * n] = p0
+    if many:
+        block[2 * n : stats] = c
+    if carry is None:
+        block[kept] = 0.0
+        if kernel.opening:
+            told = kernel.opening(q0, p0, u, t0 + h * first, h, c)
+            block[kept + 1 : kept + 1 + told.size] = told
+    else:
+        block[kept:] = carry
+    at = _address(block)
+    controls = 0 if u is None else _address(u)
+    results = at + 8 * rows, at + 8 * kept, at + 8 * stats
+    status = kernel.entry(
+        _ARGUMENTS.pack(
+            steps, save_every, first, most, t0, h, level, at, at + 16 * n, controls, *results
+        )
+    )
+    _, done, iterations, largest, residual, contraction = block[stats:last].tolist()
+    end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
+    table = block[rows:end].reshape(-1, 3, n)
+    counts = int(done), int(iterations), int(largest)
+    return LoopResult(table, status, *counts, residual, contraction, block[last:rows], block[kept:])
+
+
+def _address(array: np.ndarray) -> int:
+    if not array.flags.writeable:
+        return array.ctypes.data
+    return addressof(c_char.from_buffer(array.data))  # a third of the time of ndarray.ctypes
+
+
+def build(
+    about: str,
+    system: System,
+    nodes: int,
+    functions: dict[str, Emitted],
+    defines: dict,
+    data: str,
+    *loop: str,
+    opening: Callable[..., np.ndarray] | None = None,
+) -> Kernel:
+    """Compile the loop (C files) around the emitted functions, the right-hand side first."""
+    heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
+    heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
+    if sum(f.roots for f in functions.values()) > FEW_ROOTS:
+        heads["MANY_ROOTS"] = 1
+    source = FAST_COMPILATION if sum(f.length for f in functions.values()) > LARGE_SOURCE else ""
+    source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
+    source += "".join(map(c_source, ("lanes.h", "run.h"))) + data
+    source += "\n".join(f.source for f in functions.values()) + "".join(map(c_source, loop))
+    compiled = library(source)
+    entry = compiled.run
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    size = c_int64.in_dll(compiled, "carry_size").value
+    operations = next(iter(functions.values())).operations
+    return Kernel(
+        about, system.q.numel(), system.control.numel(), nodes, operations, entry, size, opening
+    )
+
+
+def emit_functions(
+    constants: ca.SX,
+    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
+    stride: str = "1",
+    written_out: int = WRITTEN_OUT,
+) -> dict[str, Emitted]:
+    """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended
+    to the inputs.
+
+    Those that are evaluated at the stages, not at nodes, have components so many vectors apart.
+    """
+    result = {}
+    for name, (inputs, outputs) in expressions.items():
+        graph = _graph(name, [*inputs, constants], len(inputs), outputs)
+        result[name] = emit_graph(
+            name, graph, len(inputs), stride if name in AT_STAGES else "1", written_out
+        )
+    _require_compilable(result)
+    return result
+
+
+def emit_halves(
+    constants: ca.SX,
+    names: tuple[str, str],
+    inputs: list[ca.SX],
+    late: ca.SX,
+    outputs: list[ca.SX],
+    stride: str,
+) -> dict[str, Emitted]:
+    """Two C functions for values at the stages: the outputs but the last, and what the second takes
+    from the first; then the last output, once `late` is known: ``second(late, taken, w, output)``.
+    TAKEN counts what is taken.
+    """
+    last = len(inputs)  # of the first half: what it has besides the inputs are the constants
+    first, second = halves(
+        _graph(names[0], [*inputs, constants, late], last, outputs), last + 1, last
+    )
+    result = {
+        names[0]: emit_graph(names[0], first, last, stride),
+        names[1]: emit_graph(names[1], second, 2, stride),
+    }
+    _require_compilable(result)
+    head = f"#define TAKEN {len(first.outputs[-1])}\n"
+    return result | {names[0]: replace(result[names[0]], source=head + result[names[0]].source)}
+
+
+def _graph(name: str, inputs: list[ca.SX], constants: int, outputs: list[ca.SX]) -> Graph:
+    """The operations arranged for speed; the input with the index `constants` is the same all
+    the time.
+    """
+    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
+    if f.n_instructions() > MOST_OPERATIONS:
+        raise NotCompilable(
+            f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
+            'backend="interpreted", or fewer coordinates'
+        )
+    return graph_of(f, constants)
+
+
+def _require_compilable(functions: Mapping[str, Emitted]) -> None:
+    for name, f in functions.items():
+        if f.length > MOST_STATEMENTS:
+            raise NotCompilable(
+                f"{name} has {f.length} statements; {MOST_STATEMENTS} compile in reasonable time; "
+                "use "
+                'backend="interpreted", or fewer coordinates'
+            )

@@ -1,0 +1,269 @@
+"""Newton's method on the equations of one step in a compiled loop: implicit rules, constraints,
+linear scenes.
+
+The equations are those of the interpreted steppers, as C. Where many scenes differ the loop does
+too: few unknowns are solved for in closed form, many in a band ordered once; a linear scene is
+factorised once for the whole run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.band import Band, band
+from varint.codegen.graph import NotCompilable, kernel_per_system
+from varint.codegen.kernel import Kernel, build, emit_functions
+from varint.codegen.mechanics import velocity
+from varint.codegen.solution import Functions, Solution, solution_of
+from varint.discrete.constrained_equations import constrained_equations, size_expressions
+from varint.discrete.constraints import hidden_functions as tangent_parts
+from varint.discrete.equations import Equations, implicit_equations
+from varint.discrete.kick_drift import kick_function
+from varint.discrete.legendre import velocity_function
+from varint.discrete.scales import SMALLEST, scale_function
+from varint.discrete.shake_equations import eliminates_path, shake_equations
+from varint.discrete.shake_equations import hidden_functions as multiplier_parts
+from varint.discrete.tolerances import LAST_CORRECTION, RESIDUAL_LIMIT
+from varint.numerics.arrays import call
+from varint.numerics.limits import STEP_ITERATIONS
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+# steps that start values are continued from, by degree; else 1: more amplifies round-off
+HISTORY = {
+    1: 3,
+    2: 2,
+    3: 2,
+}
+
+
+@kernel_per_system
+def newton_kernel(system: System, rule: Rule) -> Kernel:
+    """The compiled loop of Newton's method for any rule and scene whose momentum is linear in the
+    velocities.
+
+    Parameters
+    ----------
+    system : System
+        Without contacts.
+    rule : Rule
+        With control points (not a bare composition).
+
+    Returns
+    -------
+    Kernel
+
+    Raises
+    ------
+    NotCompilable
+        If the scene has contacts, or its momentum is not linear in the velocities, or it is too
+        large.
+    CompileError
+        If there is no compiler or no safe cache folder.
+    """
+    s = system.structure
+    if s.contacts or s.degenerate or not s.quadratic_kinetic or not rule.points:
+        raise NotCompilable(
+            "the compiled Newton method needs a rule with control points, and a scene without "
+            "contacts, quadratic in "
+            'velocities; use backend="interpreted"'
+        )
+    held = bool(s.constraints or s.nonholonomic)
+    eliminates = held and eliminates_path(system, rule)
+    if eliminates:
+        e = shake_equations(system)
+    else:
+        e = constrained_equations(system, rule) if held else implicit_equations(system, rule)
+    constants = ca.vertcat(e.c, e.h, e.scale, e.sizes)
+    solve = solution_of(system, rule, e, held)
+    functions = solve.functions
+    projection = _projection(system, e, eliminates) if held else None
+    if projection:
+        functions |= projection.functions
+    if not projection or not projection.speed:
+        p = ca.SX.sym("p", s.n)
+        functions["speed"] = [system.q, p, system.t], [velocity(system, p)]
+    if eliminates:
+        functions["kick"] = (
+            [e.q, e.t, system.control],
+            [kick_function(system)(e.q, system.control, e.t, e.c)],
+        )
+    defines, data = _definitions(system, rule, e, solve, projection, eliminates)
+    about = f"Newton's method, {e.y.numel()} unknowns" + (
+        " in closed form"
+        if solve.closed
+        else f" in a band of {solve.band.below} and {solve.band.above} diagonals"
+    )
+    if solve.linear:
+        about = about.replace("Newton's method", "one linear solve a step, factorised once")
+    if solve.map:
+        about = "one constant linear map a step"
+    return build(
+        about,
+        system,
+        len(rule.nodes),
+        emit_functions(constants, functions),
+        defines,
+        data,
+        *(("nodes.c", "newton.c") if solve.tables else ("newton.c",)),
+        opening=_opening_values(system),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Projection:
+    """How the momentum is projected; `speed`: the velocity comes with it."""
+
+    functions: Functions
+    band: Band
+    speed: bool
+
+
+def _projection(system: System, e: Equations, eliminates: bool) -> _Projection:
+    s, n = system, system.structure.n
+    p = ca.SX.sym("p", n)
+    parts, pull = multiplier_parts(s) if eliminates else tangent_parts(s)
+    matrix, right, size = parts(s.q, p, s.t, s.c)
+    order = band(matrix.sparsity())
+    x = ca.SX.sym("x", right.numel())
+    scaled = size * x
+    sized = size_expressions(s)(s.q, s.t, e.h, s.c, e.scale)
+    functions: Functions = {
+        "hidden": ([s.q, p, s.t], [right[order.order.tolist()], matrix.nz[:]]),
+        "sized": ([s.q, s.t], [sized]),
+    }
+    if eliminates:
+        functions["pulled"] = [x, s.q, p, s.t], [pull(s.q, s.t, s.c, scaled)]
+    else:
+        functions["pulled"] = [x, s.q, p, s.t], [-pull(s.q, s.t, s.c, scaled[n:])]
+        functions["speed"] = [x, s.q, s.t], [ca.substitute(scaled[:n], p, ca.SX.zeros(n))]
+    return _Projection(functions, order, not eliminates)
+
+
+def _definitions(
+    system: System,
+    rule: Rule,
+    e: Equations,
+    solve: Solution,
+    projection: _Projection | None,
+    eliminates: bool,
+) -> tuple[dict, str]:
+    """Numbers and tables that newton.c expects."""
+    s, degree = system.structure, rule.degree
+    history = HISTORY.get(degree, 1)
+    size = 0 if solve.closed else solve.band.size
+    defines = {
+        "LANES": 1,
+        "NODES": len(rule.nodes),
+        "Y": e.y.numel(),
+        "C": e.c.numel(),
+        "SIZES": e.sizes.numel(),
+        "HISTORY": history,
+        "DEGREE": degree,
+        "PATH": 0 if eliminates else s.n,
+        "MULTIPLIERS": s.constraints,
+        "ROWS": s.nonholonomic,
+        "CLOSED": int(solve.closed),
+        "LINEAR": int(solve.linear),
+        "MAP": int(solve.map),
+        "KICKED": int(eliminates),
+        "HELD": int(projection is not None),
+        "BELOW": solve.band.below,
+        "REACH": solve.band.reach,
+        "BAND_SIZE": size,
+        "NONZEROS": len(solve.band.places),
+        "LAST_CORRECTION": LAST_CORRECTION,
+        "MOST_ITERATIONS": STEP_ITERATIONS,
+        "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
+        "SMALLEST": SMALLEST,
+    }
+    for name in ("units", "kick", "sized", "hidden", "pulled", "slope"):
+        defines[f"{name.upper()}_W"] = 0
+    if solve.tables:
+        defines["COUPLED"] = len(solve.tables["COUPLED_ROW"])
+    elif solve.map:
+        defines["EQUATIONS_W"] = 0
+    tables = {"PERM": solve.band.order, "AT": solve.band.places}
+    if projection:
+        order = projection.band
+        defines |= {"H": len(order.order), "HIDDEN_BELOW": order.below, "HIDDEN_REACH": order.reach}
+        defines |= {
+            "HIDDEN_NONZEROS": len(order.places),
+            "HIDDEN_SPEED": int(projection.speed),
+            "HIDDEN_SIZE": order.size,
+        }
+        tables |= {"HIDDEN_PERM": order.order, "HIDDEN_PLACES": order.places}
+        size = max(size, order.size)
+    defines["MATRIX_SIZE"] = size
+    tables |= {name: x for name, x in solve.tables.items() if x.dtype.kind == "i"}
+    numbers = {"POINTS": np.array(rule.points[1:]), **_continuation_tables(rule, history)}
+    numbers |= {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}
+    data = "".join(
+        _table("int", name, map(str, values.tolist())) for name, values in tables.items()
+    )
+    return defines, data + "".join(
+        _table("double", name, map(float.hex, x.tolist())) for name, x in numbers.items()
+    )
+
+
+def _table(kind: str, name: str, values) -> str:
+    values = list(values) or ["0"]
+    return f"static const {kind} {name}[] __attribute__((unused)) = {{{', '.join(values)}}};\n"
+
+
+def _continuation_tables(rule: Rule, history: int) -> dict[str, np.ndarray]:
+    """Coefficients that continue the unknowns of the last 1, 2 … `history` steps over the next one.
+
+    The polynomial through all control points of those steps, in mean velocities (Q_j − q0)/h; the
+    one through all multipliers. Start values only: they need no last digits.
+    """
+    points, degree = np.array(rule.points), rule.degree
+    velocities, multipliers, rows = [], [], []
+    for known in range(1, history + 1):
+        at = np.array([points[j] - s for s in range(1, known + 1) for j in range(degree)])
+        path = _lagrange(np.append(at, 0.0), points[1:])
+        table = np.zeros((degree, known, degree))
+        for s in range(known):
+            for j in range(degree):
+                weight = path[:, s * degree + j]
+                if j:
+                    table[:, s, j - 1] += weight
+                # where the step begins: behind by the steps in between
+                table[:, : s + 1, -1] -= weight[:, None]
+        velocities.append(table.ravel())
+        multipliers.append(_lagrange(at, points[:-1]).ravel())
+        rows.append(_lagrange(-1.0 - np.arange(known), np.zeros(1)).ravel())
+    return {
+        "AHEAD_VELOCITIES": np.concatenate(velocities),
+        "AHEAD_MULTIPLIERS": np.concatenate(multipliers),
+        "AHEAD_ROWS": np.concatenate(rows),
+    }
+
+
+def _lagrange(at: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """ℓ_k(x_j) of the points `at`, (j, k)."""
+    result = np.ones((len(x), len(at)))
+    for k, a in enumerate(at):
+        for i, b in enumerate(at):
+            if i != k:
+                result[:, k] *= (x - b) / (a - b)
+    return result
+
+
+def _opening_values(system: System):
+    """(q0, p0, u, t, h, c) → typical sizes and velocity at a fresh start; u of all steps."""
+    controls = system.control.numel()
+
+    def told(
+        q0: np.ndarray, p0: np.ndarray, u: np.ndarray | None, t: float, h: float, c: np.ndarray
+    ) -> np.ndarray:
+        at, size = np.array([t]), np.array([h])
+        q, p = np.ascontiguousarray(q0, dtype=float), np.ascontiguousarray(p0, dtype=float)
+        typical = np.zeros(controls) if u is None else np.abs(u).reshape(-1, controls).max(axis=0)
+        scale = call(scale_function(system), q, p, typical, at, size, c)[0]
+        return np.concatenate([scale, call(velocity_function(system), q, p, at, c)[0]])
+
+    return told

@@ -1,0 +1,136 @@
+"""How the unknowns of a step are found: by a map, in closed form, in a band, or with equations that
+are a loop over the nodes of the rule.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.band import Band, band
+from varint.discrete.equations import Equations
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+MAPPED = 12  # so many unknowns of a linear scene: a full matrix times (q, p) is the cheapest step
+CLOSED = 3  # so many unknowns are solved for by the adjugate matrix, which is straight-line code
+# operations of the equations from which on they are a loop over the nodes: below, written out they
+# are as fast; above, they run slower and compile far slower (a top in gauss(4): 97 s against 2 s)
+LOOPED = 2_500
+# operations of a node's derivatives from which on they are taken direction by direction: a row of
+# statements so long takes the compiler a time that grows with the square of its length
+BY_DIRECTIONS = 12_000
+Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """How the unknowns are found: the functions for it, the order of the band, what makes it
+    simpler; tables of the rule where the equations are a loop over its nodes.
+    """
+
+    functions: Functions
+    band: Band
+    closed: bool
+    linear: bool
+    map: bool
+    tables: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def solution_of(system: System, rule: Rule, e: Equations, held: bool) -> Solution:
+    """The cheapest way to the unknowns of the equations; `held`: there are constraints."""
+    at_nodes = None if held else _at_nodes(system, rule, e)
+    return at_nodes or _written_out(e, system.structure.linear and not held)
+
+
+def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
+    """The equations as a loop over the nodes of the rule, where they are long if written out."""
+    s, n, d, nodes = system, system.structure.n, rule.degree, len(rule.nodes)
+    if s.structure.linear or d == 1 or e.y.numel() <= CLOSED:
+        return None
+    state, push = [s.q, s.v, s.t, s.control], ca.gradient(s.lagrangian, s.q) + s.force
+    slopes = [ca.jacobian(x, y) for x in (s.momentum, push) for y in (s.q, s.v)]
+    pattern = slopes[0].sparsity()
+    for slope in slopes[1:]:
+        pattern = pattern + slope.sparsity()
+    values = [s.momentum, push]
+    every = [*values, *(ca.project(slope, pattern).nz[:] for slope in slopes)]
+    size = ca.Function("node", [*state, s.c], every, {"cse": True}).n_instructions()
+    if size * nodes < LOOPED:
+        return None
+    if size > BY_DIRECTIONS:
+        q_turn, v_turn = ca.SX.sym("dq", n), ca.SX.sym("dv", n)
+        turns = [ca.jtimes(x, s.q, q_turn) + ca.jtimes(x, s.v, v_turn) for x in values]
+        slopes_of: Functions = {"node_turn": ([*state, q_turn, v_turn], turns)}
+    else:
+        slopes_of = {"node_slopes": (state, every)}
+    functions: Functions = slopes_of | {
+        "node_values": (state, values),
+        "row_units": ([], [ca.vertcat(e.h, e.row_size[:n])]),
+        "judged": ([e.y, e.q, e.p, e.t], [e.judged[:n]]),
+        "units": ([], [e.y_size]),
+    }
+    order = band(ca.repmat(pattern, d, d))
+    rows, columns = np.array(pattern.row()), np.array(pattern.get_triplet()[1])
+    place = np.empty_like(order.order)
+    place[order.order] = np.arange(n * d)
+    blocks = [
+        place[j * n + rows] * (order.below + order.reach) + order.below + place[k * n + columns]
+        for j in range(d)
+        for k in range(d)
+    ]
+    tables = {
+        "BASIS": rule.basis[:, 1:].ravel(),
+        "SLOPES": rule.slopes[:, 1:].ravel(),
+        "WEIGHTS": np.array(rule.weights),
+        "POINT_TIMES": np.array(rule.nodes),
+        "COUPLED_ROW": rows,
+        "COUPLED_COLUMN": columns,
+    }
+    band_of_blocks = replace(order, places=np.concatenate(blocks))
+    return Solution(functions, band_of_blocks, False, False, False, tables)
+
+
+def _written_out(e: Equations, linear: bool) -> Solution:
+    left = ca.densify(e.left / e.row_size)
+    matrix = ca.jacobian(left, e.y)
+    linear = linear and not ca.depends_on(matrix, ca.vertcat(e.y, e.q, e.p, e.t, e.u))
+    unordered = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
+    if linear and e.y.numel() <= MAPPED:
+        return Solution(
+            {"finish": ([e.q, e.p, e.t, e.u], _map(e, left, matrix))}, unordered, True, True, True
+        )
+    after = {
+        "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
+        "units": ([], [e.y_size]),
+    }
+    inputs = [e.y, e.q, e.p, e.t, e.u]
+    if not linear and e.y.numel() <= CLOSED:
+        correction = ca.mtimes(ca.inv_minor(ca.densify(matrix)), left)
+        return Solution(
+            {"equations": (inputs, [correction]), **after}, unordered, True, False, False
+        )
+    order = band(matrix.sparsity())
+    ordered = left[order.order.tolist()]
+    if linear:
+        at_rest = ca.substitute(ordered, e.y, ca.SX.zeros(e.y.shape))
+        functions = {"equations": (inputs[1:], [at_rest]), "slope": ([], [matrix.nz[:]])}
+        return Solution(functions | after, order, False, True, False)
+    return Solution(
+        {"equations": (inputs, [ordered, matrix.nz[:]]), **after}, order, False, False, False
+    )
+
+
+def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> list[ca.SX]:
+    """Increment of q and gain of p as constant matrices times (q, p), and what time and controls
+    add.
+    """
+    start, n = ca.vertcat(e.q, e.p), e.q.numel()
+    zeros = ca.SX.zeros(e.y.shape)
+    y = -ca.mtimes(ca.inv(ca.densify(matrix)), ca.substitute(left, e.y, zeros))
+    after = ca.substitute(ca.vertcat(e.increment, e.gain), e.y, y)
+    slope = ca.substitute(ca.jacobian(after, start), start, ca.SX.zeros(start.shape))
+    moved = ca.mtimes(slope, start) + ca.substitute(after, start, ca.SX.zeros(start.shape))
+    return [moved[:n], moved[n:]]

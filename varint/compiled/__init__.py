@@ -1,1 +1,0 @@
-"""Generated C: the inner loop of a run, built from the scene's expressions, compiled once and cached."""

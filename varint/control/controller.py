@@ -1,0 +1,272 @@
+"""A problem that is built once and solved from any state, with any parameter values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.control.constrained_guess import dense_constraint_function
+from varint.control.optimal import has_converged, raise_unless_converged
+from varint.control.problem import ControlProblem
+from varint.control.scaling import choose_scales
+from varint.control.trajectories import build_trajectories
+from varint.control.transcription import PhaseTranscription
+from varint.discrete.constraints import rows_function
+from varint.errors import InputError
+from varint.nlp.arrangement import plain_order
+from varint.nlp.elastic import ElasticProgram, elastic_scales, soften
+from varint.nlp.solver import Solver, SolverResult, build_solver
+from varint.numerics.arrays import over_columns
+from varint.numerics.limits import check_steps
+from varint.results.trajectory import Trajectory
+from varint.scene.inputs import number, vector
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import given_parameters, parameter_values, parameters_by_name
+
+PRICE = 1e3  # of a violation of size one, in units of the cost: above usual multipliers
+SEEN = 1e-7  # a bound violated by less is kept
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """A problem that is solved from any state in milliseconds; `mpc` builds it.
+
+    Bounds on states are kept where that is possible. From a state outside them (a noisy
+    measurement, a push) or one that must leave them they are softened: violated as little and as
+    briefly as the controls allow, by an exact penalty. The plan says so in ``stats["softened"]``,
+    a dictionary from bounds to largest violations, and in its report. Bounds on controls and
+    conditions at the end are never softened.
+
+    Attributes
+    ----------
+    problem : ControlProblem
+        The problem over the horizon.
+    solver : Solver
+        Its solver.
+    start : ndarray
+        Where the first solve starts.
+    options : mapping
+        Of the solver for the softened problem.
+    """
+
+    problem: ControlProblem
+    solver: Solver
+    start: np.ndarray
+    options: Mapping[str, Any] | None = None
+
+    def __call__(
+        self,
+        q: Any,
+        v: Any,
+        previous: Trajectory | None = None,
+        t: float | None = None,
+        params: ParameterValues | None = None,
+    ) -> Trajectory:
+        """The optimal motion from (q, v), warm from the previous one, which began one step earlier.
+
+        Parameters
+        ----------
+        q, v : array (n,)
+            The state now, in or out of its bounds.
+        previous : Trajectory, optional
+            The last answer of this controller.
+        t : float, optional
+            Time now, for scenes that depend on time.
+        params : dict, optional
+            Parameter values by name or symbol from now on, such as a set-point that the cost is
+            written with; those not named are the phase's.
+
+        Returns
+        -------
+        Trajectory
+            ``u[0]`` are the controls to apply in the step that begins now.
+
+        Raises
+        ------
+        InputError
+            If the state has the wrong shape or is not finite, or a parameter is unknown.
+        SolverError
+            If no control is found.
+        """
+        part, nlp = self.problem.phases[0], self.problem.nlp
+        phase, slots = part.phase, part.slots
+        if t is not None:
+            check_steps(number("t", t), phase.shortest_step, 1)
+        names = phase.system.names
+        q, v = vector("q", q, len(names), names), vector("v", v, len(names), names)
+        data = self._constants(t, params)
+        _on_constraints(part, q, v, 0.0 if t is None else float(t), data)
+        low, high = nlp.x_low.copy(), nlp.x_high.copy()
+        outside = False
+        for state, slot in ((q, slots.q[0]), (v, slots.v[0])):
+            outside |= bool(((state < low[slot]) | (state > high[slot])).any())
+            low[slot] = high[slot] = state
+        x, multipliers = self.start, None
+        if previous is not None:
+            origin = getattr(getattr(previous, "solution", None), "origin", None)
+            if origin is None or origin.problem is not self.problem:
+                raise InputError("previous= takes the last answer of this controller")
+            outcome = origin.outcome
+            x = _shifted_unknowns(part, outcome.x)
+            multipliers = (
+                _shifted_unknowns(part, outcome.lam_x),
+                _shifted_rows(part, outcome.lam_g),
+            )
+        x = np.clip(x, low, high)
+        given: dict[str, Any] = dict(x_low=low, x_high=high, p=data, progress=False)
+        if not outside:
+            outcome = self.solver(x, multipliers, **given)
+            if not outcome.success and multipliers is not None and not outcome.stopped:
+                outcome = self.solver(x, **given)
+            if outcome.success:
+                return build_trajectories(self.problem, outcome, data)[0]
+            if outcome.stopped or self._elastic is None:
+                return raise_unless_converged(self.problem, outcome)[0]
+        return self._softened(x, low, high, data)
+
+    def _constants(self, t: float | None, params: ParameterValues | None) -> np.ndarray:
+        """The program's constants at this time and with these parameters."""
+        part, data = self.problem.phases[0], self.problem.nlp.p.copy()
+        if t is not None:
+            data[part.first_shared] = t
+        if params is not None:
+            system, phase = part.phase.system, part.phase
+            given = given_parameters(system, params)
+            if chosen := [name for name in given if name in _free_names(part)]:
+                raise InputError(f"the parameters {chosen} are free: the controller chooses them")
+            c = parameter_values(system, {**parameters_by_name(system, phase.c), **given})
+            data[part.first_shared + 2 :][: len(c)] = c
+        return data
+
+    def _softened(
+        self, x: np.ndarray, low: np.ndarray, high: np.ndarray, data: np.ndarray
+    ) -> Trajectory:
+        """The plan that violates the bounds on states as little as it can."""
+        assert self._elastic is not None
+        elastic, solver = self._elastic
+        z_low, z_high = elastic.bounds(low, high)
+        outcome = solver(elastic.start(x), x_low=z_low, x_high=z_high, p=data, progress=False)
+        own = elastic.result(outcome, data)
+        if not has_converged(own):
+            return raise_unless_converged(self.problem, own)[0]
+        plan = build_trajectories(self.problem, own, data)[0]
+        softened = self._violations(elastic, outcome)
+        return replace(
+            plan, stats=MappingProxyType({**plan.stats, "softened": MappingProxyType(softened)})
+        )
+
+    def _violations(self, elastic: ElasticProgram, outcome: SolverResult) -> dict[str, float]:
+        """Largest violation of every softened bound that is violated."""
+        part, found = self.problem.phases[0], {}
+        excess = elastic.excess(outcome.x)
+        for name, places in _softened_bounds(part):
+            index = np.append(elastic.rows, -1 - elastic.unknowns)
+            mine = excess[np.isin(index, places)]
+            for side, size in (("above", mine.max(initial=0.0)), ("below", -mine.min(initial=0.0))):
+                if size > SEEN:
+                    found[f"{name} {side}"] = float(size)
+        return found
+
+    @cached_property
+    def _elastic(self) -> tuple[ElasticProgram, Solver] | None:
+        """The program with soft bounds on states and its solver, built when first needed; None
+        where no state is bounded.
+        """
+        part, nlp = self.problem.phases[0], self.problem.nlp
+        places = np.concatenate(
+            [np.zeros(0, dtype=int), *(x for _, x in _softened_bounds(part))]
+        ).astype(int)
+        rows, unknowns = np.unique(places[places >= 0]), np.unique(-1 - places[places < 0])
+        limited = np.isfinite(nlp.x_low[unknowns]) | np.isfinite(nlp.x_high[unknowns])
+        unknowns = unknowns[limited & (nlp.x_low[unknowns] < nlp.x_high[unknowns])]
+        if not len(rows) + len(unknowns):
+            return None
+        scales = choose_scales(self.problem, self.start)
+        sizes = np.append(1 / scales.g[rows], scales.x[unknowns])
+        elastic = soften(nlp, rows, unknowns, PRICE / scales.f / sizes)
+        solver = build_solver(
+            elastic.nlp,
+            "ipopt",
+            self.options,
+            elastic_scales(elastic, scales),
+            plain_order(elastic.nlp),
+        )
+        return elastic, solver
+
+
+def _softened_bounds(part: PhaseTranscription) -> list[tuple[str, np.ndarray]]:
+    """Names of the bounds on states, and their rows; −1 − i for the unknown i."""
+    phase, slots, rows = part.phase, part.slots, part.rows
+    system, bounds = phase.system, phase.bounds
+    found = [
+        (name, -1 - np.concatenate([slots.q[1:, i], slots.inner[..., i].ravel()]))
+        for i, name in enumerate(system.names)
+    ]
+    found += [(f"velocity of {name}", -1 - slots.v[1:, i]) for i, name in enumerate(system.names)]
+    for expressions, places in (
+        (bounds.at_points, rows.points),
+        (bounds.at_nodes, rows.nodes),
+    ):
+        count = expressions.numel()
+        for i in range(count):
+            if not ca.depends_on(expressions[i], system.control):
+                own = places.reshape(phase.steps, -1, count)[..., i].ravel()
+                if expressions is bounds.at_points:
+                    own = np.append(own, rows.start[len(rows.start) - count + i])
+                found.append((str(expressions[i]), own[own >= 0]))
+    return found
+
+
+def _free_names(part: PhaseTranscription) -> set[str]:
+    phase = part.phase
+    names = parameters_by_name(phase.system, phase.c_low < phase.c_high)
+    return {name for name, is_free in names.items() if np.any(is_free)}
+
+
+OFF = 1e-6  # of the state's size: a simulated state is closer to its constraints
+
+
+def _on_constraints(
+    part: PhaseTranscription, q: np.ndarray, v: np.ndarray, t: float, data: np.ndarray
+) -> None:
+    """The state must be one that the constraints allow."""
+    s = part.phase.system
+    if not s.structure.constraints:
+        return
+    now, c = np.array([[t]]), data[part.first_shared + 2 :][: len(part.phase.c)]
+    gap = over_columns(dense_constraint_function(s), q[None], now, c)[0]
+    hidden = over_columns(rows_function(s), q[None], v[None], now, c)[0]
+    for what, rows, size in (
+        ("q violates constraint", gap, q),
+        ("v violates G v = 0 of constraint", hidden, v),
+    ):
+        for i in np.flatnonzero(np.abs(rows[0]) > OFF * (1 + np.abs(size).max())):
+            raise InputError(
+                f"the state's {what} {i} by {rows[0, i]:.3g}; vi.project brings a state onto "
+                "constraints"
+            )
+
+
+def _shifted_unknowns(part: PhaseTranscription, x: np.ndarray) -> np.ndarray:
+    """Unknowns one step later; the last step is repeated."""
+    moved = x.copy()
+    s = part.slots
+    for index in (s.q, s.lam, s.u, s.inner, s.lam_inner):
+        moved[index[:-1]] = x[index[1:]]
+    moved[s.v[0]] = x[s.v[0]]
+    return moved
+
+
+def _shifted_rows(part: PhaseTranscription, lam: np.ndarray) -> np.ndarray:
+    moved, r = lam.copy(), part.rows
+    for index in (r.momentum, r.inner, r.gaps, r.nodes, r.points):
+        old, new = index[1:], index[:-1]
+        both = (old >= 0) & (new >= 0)
+        moved[new[both]] = lam[old[both]]
+    return moved

@@ -1,0 +1,78 @@
+"""Conditions that cannot hold together, found before a solver is troubled."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.control.phase import CheckedPhase
+from varint.errors import InputError
+
+# constraints and bounds at given ends hold to this, relative to the size of the coordinates
+HELD = 1e-9
+
+
+def check_feasibility(phase: CheckedPhase, t0: float) -> None:
+    """Given ends must lie within the bounds along the path and on the constraints."""
+    s, bounds = phase.system, phase.bounds
+    if phase.end.periodic is not None:
+        _periodic(phase, phase.end.periodic)
+    for what, end, t in (("start", phase.start, t0), ("end", phase.end, t0 + phase.duration[0])):
+        for letter, given, along in (("q", end.q, bounds.q), ("v", end.v, bounds.v)):
+            low, high = np.maximum(given[1], along[0]), np.minimum(given[2], along[1])
+            for i in np.flatnonzero(low > high):
+                name = s.names[i] if letter == "q" else f"the velocity of {s.names[i]}"
+                raise InputError(
+                    f"the {what} has {name} = {given[1][i]:g} … {given[2][i]:g}, "
+                    f"outside its bounds {along[0][i]:g} … {along[1][i]:g}"
+                )
+        fixed_q = (end.q[1] == end.q[2]).all()
+        if not fixed_q:
+            continue
+        moving = what == "end" and phase.free_duration
+        q, size = end.q[1], HELD * (1 + np.abs(end.q[1]).max())
+        slope = ca.densify(ca.jacobian(s.constraint, s.q))
+        at = ca.Function(
+            "at",
+            [s.q, s.t, s.c],
+            [bounds.at_points, s.constraint, slope, ca.jacobian(s.constraint, s.t)],
+        )
+        bounded, gap, G, g_t = (np.array(x) for x in at(q, t, phase.c))
+        free_c = len(phase.free_parameters) > 0
+        if not moving and not free_c:
+            _refuse_rows(what, bounded.ravel(), bounds, size)
+            for i in np.flatnonzero(np.abs(gap.ravel()) > size):
+                raise InputError(
+                    f"the {what} violates constraint {i}: g = {gap.ravel()[i]:.3g} at q = "
+                    f"{q.tolist()}"
+                )
+            if (end.v[1] == end.v[2]).all():
+                hidden = (G @ end.v[1][:, None] + g_t).ravel()
+                for i in np.flatnonzero(
+                    np.abs(hidden)
+                    > HELD * (1 + np.abs(G).max(initial=0.0) * np.abs(end.v[1]).max())
+                ):
+                    raise InputError(
+                        f"the {what} velocity violates constraint {i}: G v = {hidden[i]:.3g}; it "
+                        "must be 0"
+                    )
+
+
+def _refuse_rows(what: str, bounded: np.ndarray, bounds, size: float) -> None:
+    for i, value in enumerate(bounded):
+        low, high = bounds.points_low[i], bounds.points_high[i]
+        if value < low - size or value > high + size:
+            raise InputError(
+                f"at the {what} {bounds.at_points[i]} = {value:g}, outside its bounds {low:g} … "
+                f"{high:g}"
+            )
+
+
+def _periodic(phase: CheckedPhase, offset: np.ndarray) -> None:
+    start, end = phase.start.q, phase.end.q
+    both = (start[1] == start[2]) & (end[1] == end[2]) & ~np.isnan(offset)
+    for i in np.flatnonzero(both):
+        raise InputError(
+            f"{phase.system.names[i]} is given at both ends and periodic; leave it out (None) at "
+            "one of them"
+        )

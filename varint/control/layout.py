@@ -1,0 +1,213 @@
+"""Where the unknowns and the rows of a phase sit in the program, and their bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.control.kernels import EndTerm, IntervalTerm
+from varint.control.phase import CheckedPhase
+from varint.discrete.consistency import rows_beyond
+from varint.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Slots:
+    """Indices of a phase's quantities among the unknowns; a shared quantity that is fixed has
+    index −1.
+    """
+
+    q: np.ndarray  # (N + 1, n)
+    lam: np.ndarray  # (N + 1, m)
+    u: np.ndarray  # (N, samples, k)
+    inner: np.ndarray  # (N, d − 1, n)
+    lam_inner: np.ndarray  # (N, d − 1, m)
+    v: np.ndarray  # (2, n)
+    shared: np.ndarray  # (2 + number of parameters,): t0, T, c
+    end: int
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Indices of a phase's rows; −1: left out."""
+
+    momentum: np.ndarray  # (N + 1, n)
+    inner: np.ndarray  # (N, n (d − 1))
+    gaps: np.ndarray  # (N, m d)
+    nodes: np.ndarray  # (N, r b)
+    points: np.ndarray  # (N, d a)
+    start: np.ndarray  # gap, hidden, conditions, points at node 0
+    last: np.ndarray  # hidden, conditions
+    end: int
+
+
+def place_unknowns(phase: CheckedPhase, free_start: bool, x: int) -> Slots:
+    """Indices of the unknowns of a phase behind x others: stage by stage, then the end velocities
+    and what is shared.
+    """
+    s, count, degree = phase.system.structure, phase.steps, phase.rule.degree
+    shapes = {
+        "q": (s.n,),
+        "lam": (s.constraints,),
+        "u": (phase.samples, s.controls),
+        "inner": (degree - 1, s.n),
+        "lam_inner": (degree - 1, s.constraints),
+    }
+    sizes = [int(np.prod(shape)) for shape in shapes.values()]
+    stages = x + np.arange((count + 1) * sum(sizes)).reshape(count + 1, -1)
+    parts = np.split(stages, np.cumsum(sizes)[:-1], axis=1)
+    at = {
+        name: part.reshape(count + 1, *shape)
+        for (name, shape), part in zip(shapes.items(), parts, strict=True)
+    }
+    # the last node has coordinates and multipliers, but no step behind it
+    v = stages[-1, 0] + s.n + s.constraints + np.arange(2 * s.n).reshape(2, s.n)
+    first = v[-1, -1] + 1
+    is_free = np.concatenate(
+        [[free_start, phase.free_duration], phase.c_low < phase.c_high]
+    ).astype(bool)
+    return Slots(
+        q=at["q"],
+        lam=at["lam"],
+        u=at["u"][:-1],
+        inner=at["inner"][:-1],
+        lam_inner=at["lam_inner"][:-1],
+        v=v,
+        shared=np.where(is_free, first + np.cumsum(is_free) - 1, -1),
+        end=int(first + is_free.sum()),
+    )
+
+
+def find_kept_rows(
+    phase: CheckedPhase, t0: float, tied: bool, q: np.ndarray, last: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which rows of g(q) = 0 and of G v + ∂g/∂t = 0 are independent of the given coordinates and
+    velocities.
+    """
+    m = phase.system.structure.constraints
+    if not m or tied:
+        return np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+    s, end = phase.system, phase.end if last else phase.start
+    slope = ca.Function("G", [s.q, s.t, s.c], [ca.densify(ca.jacobian(s.constraint, s.q))])
+    G = np.array(slope(q, t0 + (phase.duration[0] if last else 0.0), phase.c))
+    given = [bounds[1] == bounds[2] for bounds in (end.q, end.v)]
+    kept = [rows_beyond(np.eye(s.structure.n)[fixed], G) for fixed in given]
+    if not given[0].all() and not kept[0].all():
+        names = [name for name, y in zip(s.names, given[0], strict=True) if y]
+        raise InputError(
+            f"at the {'end' if last else 'start'} the coordinates {names} and constraint "
+            f"{int(np.flatnonzero(~kept[0])[0])} say the same at q = {q.tolist()}: give all "
+            "coordinates, or others"
+        )
+    return kept[0], kept[1]
+
+
+class Block(NamedTuple):
+    """Rows of one kind, copies × rows of a copy: their bounds, and which of them are imposed."""
+
+    low: np.ndarray
+    high: np.ndarray
+    kept: np.ndarray
+
+
+def _block(copies: int, low: np.ndarray, high: np.ndarray, kept: Any = True) -> Block:
+    """Equal rows for every copy."""
+    shape = (copies, len(low))
+    return Block(
+        np.broadcast_to(low, shape), np.broadcast_to(high, shape), np.full(shape, kept, dtype=bool)
+    )
+
+
+def _equations(copies: int, rows: ca.SX, kept: Any = True) -> Block:
+    """Rows that are zero."""
+    zero = np.zeros(rows.numel())
+    return _block(copies, zero, zero, kept)
+
+
+def place_rows(
+    phase: CheckedPhase,
+    term: IntervalTerm,
+    ends: list[EndTerm],
+    kept: list[tuple[np.ndarray, np.ndarray]],
+    g: int,
+) -> tuple[Rows, np.ndarray, np.ndarray]:
+    """Indices and bounds of the rows of a phase behind g others, stage by stage, then its ends.
+
+    `kept`: which constraints on coordinates and on velocities are imposed at the start and at the
+    end. Rows that would be imposed twice are left out.
+    """
+    bounds, points, nodes = phase.bounds, phase.rule.degree, len(phase.rule.nodes)
+    # expressions of a fixed end hold or do not; nothing can be chosen
+    moves = [bool((end.q[1] < end.q[2]).any()) for end in (phase.start, phase.end)]
+    first, last = ends
+    stage = {
+        "momentum": _equations(phase.steps, term.p_minus),
+        "inner": _equations(phase.steps, term.inner),
+        "gaps": _equations(phase.steps, term.gaps),
+        "nodes": _block(
+            phase.steps, np.tile(bounds.nodes_low, nodes), np.tile(bounds.nodes_high, nodes)
+        ),
+        "points": _block(
+            phase.steps, np.tile(bounds.points_low, points), np.tile(bounds.points_high, points)
+        ),
+    }
+    stage["gaps"].kept.reshape(phase.steps, points, -1)[-1, -1] = kept[1][0]
+    stage["points"].kept.reshape(phase.steps, points, -1)[-1, -1] = moves[1]
+    at_ends = {
+        "end_momentum": _equations(1, term.p_minus),
+        "start_gap": _equations(1, first.gap, kept[0][0]),
+        "start_hidden": _equations(1, first.hidden, kept[0][1]),
+        "start_conditions": _block(1, phase.start.low, phase.start.high),
+        "start_points": _block(1, bounds.points_low, bounds.points_high, moves[0]),
+        "end_hidden": _equations(1, last.hidden, kept[1][1]),
+        "end_conditions": _block(1, phase.end.low, phase.end.high),
+    }
+    at: dict[str, np.ndarray] = {}
+    low, high = [], []
+    for blocks in (stage, at_ends):
+        imposed = np.hstack([block.kept for block in blocks.values()])
+        number = np.where(imposed, g + np.cumsum(imposed).reshape(imposed.shape) - 1, -1)
+        edges = np.cumsum([block.kept.shape[1] for block in blocks.values()])[:-1]
+        at |= zip(blocks, np.split(number, edges, axis=1), strict=True)
+        low.append(np.hstack([block.low for block in blocks.values()])[imposed])
+        high.append(np.hstack([block.high for block in blocks.values()])[imposed])
+        g += int(imposed.sum())
+    start = ("start_gap", "start_hidden", "start_conditions", "start_points")
+    rows = Rows(
+        momentum=np.vstack([at["momentum"], at["end_momentum"]]),
+        inner=at["inner"],
+        gaps=at["gaps"],
+        nodes=at["nodes"],
+        points=at["points"],
+        start=np.concatenate([at[name][0] for name in start]),
+        last=np.concatenate([at[name][0] for name in ("end_hidden", "end_conditions")]),
+        end=g,
+    )
+    return rows, np.concatenate(low), np.concatenate(high)
+
+
+def bound_unknowns(phase: CheckedPhase, slots: Slots, x: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds on the unknowns of the phase."""
+    low, high = np.full(slots.end - x, -np.inf), np.full(slots.end - x, np.inf)
+    bounds, last_q = phase.bounds, slots.q[-1] - x
+    for side, array in ((0, low), (1, high)):
+        array[slots.q - x] = bounds.q[side]
+        array[slots.inner - x] = bounds.q[side]
+        array[slots.u - x] = bounds.u[side]
+        array[slots.v - x] = bounds.v[side]
+        for end, q, v in (
+            (phase.start, slots.q[0] - x, slots.v[0] - x),
+            (phase.end, last_q, slots.v[1] - x),
+        ):
+            tighter = np.maximum if side == 0 else np.minimum
+            array[q] = tighter(array[q], end.q[1 + side])
+            array[v] = tighter(array[v], end.v[1 + side])
+        free = slots.shared >= 0
+        values = np.concatenate(
+            [[(-np.inf, np.inf)[side], phase.duration[1 + side]], (phase.c_low, phase.c_high)[side]]
+        )
+        array[slots.shared[free] - x] = values[free]
+    return low, high

@@ -1,0 +1,121 @@
+"""Where a solver starts when nobody says where: several default guesses, the most promising first.
+
+A straight line with the controls that come closest to it serves a scene that starts from rest. A
+scene that starts in motion (an orbit) is better served by its own motion without controls, bent to
+where it shall end: a line that ignores the start's velocity breaks the equations of motion at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from varint.control.guess import Guess, build_start, read_guess, write_guess
+from varint.control.inverse_dynamics import rest_controls
+from varint.control.problem import ControlProblem
+from varint.control.scaling import choose_scales
+from varint.control.transcription import PhaseTranscription
+from varint.errors import VarintError
+from varint.integration.simulate import simulate
+from varint.scene.system import parameters_by_name
+
+PREFERRED = 3.0  # times the violation of the line: up to this the start's own motion goes first
+
+
+def default_starts(problem: ControlProblem) -> Iterator[np.ndarray]:
+    """Start values of all unknowns, one guess after the other, built when they are asked for.
+
+    A phase for which the user gave a guess keeps to it.
+    """
+    line = build_start(problem)
+    open_phases = [part for part in problem.phases if part.phase.guess is None]
+    if not open_phases:
+        yield line
+        return
+    moving = [part for part in open_phases if _starts_in_motion(part)]
+    first = _with_guesses(problem, line, {part: _bent(part) for part in moving})
+    if first is not None and _violation(problem, first) <= PREFERRED * _violation(problem, line):
+        yield first
+        first = None
+    yield line
+    if first is not None:
+        yield first
+    resting = [part for part in open_phases if part not in moving and _start_is_given(part)]
+    bent = _with_guesses(problem, line, {part: _bent(part) for part in resting})
+    if bent is not None:
+        yield bent
+    controlled = [part for part in open_phases if part.slots.u.size]
+    unforced = _with_guesses(problem, line, {part: _unforced(part) for part in controlled})
+    if unforced is not None:
+        yield unforced
+
+
+def _start_is_given(part: PhaseTranscription) -> bool:
+    start = part.phase.start
+    return bool((start.q[1] == start.q[2]).all() and (start.v[1] == start.v[2]).all())
+
+
+def _starts_in_motion(part: PhaseTranscription) -> bool:
+    return _start_is_given(part) and bool(part.phase.start.v[0].any())
+
+
+def _bent(part: PhaseTranscription) -> Guess | None:
+    """The motion from the start with the controls at rest, bent to the coordinates given at the
+    end; the velocity at the start stays. None where there is no such motion.
+    """
+    phase, rest = part.phase, rest_controls(part.phase)
+    try:
+        motion = simulate(
+            phase.system,
+            phase.rule,
+            q0=phase.start.q[0],
+            v0=phase.start.v[0],
+            duration=phase.duration[0],
+            steps=phase.steps,
+            t0=part.t0,
+            u=np.tile(rest, (phase.steps, 1)) if len(rest) else None,
+            params=parameters_by_name(phase.system, phase.c),
+        )
+    except VarintError:  # it meets a singular point, or what it needs is not there
+        return None
+    own = read_guess(replace(phase, guess=motion), part.t0)
+    lacking = phase.end.q[0] - motion.q[-1]
+    if phase.end.periodic is not None:
+        lacking = np.where(
+            np.isnan(phase.end.periodic), lacking, phase.end.periodic + motion.q[0] - motion.q[-1]
+        )
+    if not np.nan_to_num(lacking).any():
+        return own
+    return replace(own, q=lambda s: own.q(s) + s[:, None] ** 2 * np.nan_to_num(lacking), u=None)
+
+
+def _unforced(part: PhaseTranscription) -> Guess:
+    """The straight line, with the controls at rest."""
+    rest = rest_controls(part.phase)
+    return replace(read_guess(part.phase, part.t0), u=lambda s: np.tile(rest, (len(s), 1)))
+
+
+def _with_guesses(
+    problem: ControlProblem, line: np.ndarray, guesses: dict[PhaseTranscription, Guess | None]
+) -> np.ndarray | None:
+    """The start values with other guesses for some phases; None where there is nothing else."""
+    x, changed = line.copy(), False
+    for part, guess in guesses.items():
+        if guess is not None:
+            write_guess(x, part, guess)
+            changed = True
+    if not changed or not np.isfinite(x).all():
+        return None
+    return np.clip(x, problem.nlp.x_low, problem.nlp.x_high)
+
+
+def _violation(problem: ControlProblem, x: np.ndarray) -> float:
+    """How much all rows are violated, root of the sum of squares in units that suit the problem."""
+    nlp = problem.nlp
+    g = np.array(nlp.program.value(x, nlp.p)[1]).ravel()
+    if not np.isfinite(g).all():
+        return float("inf")
+    off = np.maximum(np.maximum(nlp.g_low - g, g - nlp.g_high), 0)
+    return float(np.linalg.norm(off * choose_scales(problem, x).g))

@@ -1,0 +1,131 @@
+"""From the solver's numbers back to mechanics: a trajectory for every phase, with its costates."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from varint.control.piecewise import Piecewise
+from varint.control.problem import ControlProblem
+from varint.control.solution import ControlSolution, Origin
+from varint.control.transcription import PhaseTranscription, control_points
+from varint.discrete.constraints import tangent_function
+from varint.integration.trajectories import step_functions
+from varint.nlp.solver import SolverResult
+from varint.numerics.arrays import over_columns
+from varint.results.records import Costates
+from varint.results.trajectory import Trajectory
+
+
+def build_trajectories(
+    problem: ControlProblem, outcome: SolverResult, data: np.ndarray | None = None
+) -> list[Trajectory]:
+    """One trajectory a phase; `data`: the program's constants where they are not the problem's
+    own.
+    """
+    constants = problem.nlp.p if data is None else data
+    return [
+        _trajectory(problem, outcome, transcription, constants) for transcription in problem.phases
+    ]
+
+
+def _trajectory(
+    problem: ControlProblem,
+    outcome: SolverResult,
+    transcription: PhaseTranscription,
+    constants: np.ndarray,
+) -> Trajectory:
+    phase, slots, x = transcription.phase, transcription.slots, outcome.x
+    count, rule, system = phase.steps, phase.rule, phase.system
+    shared = transcription.shared_values(x, constants)
+    t0, duration, c = float(shared[0]), float(shared[1]), shared[2:]
+    uniform = np.array_equal(phase.mesh, np.arange(count + 1) / count)
+    k = np.arange(count + 1)
+    t = t0 + duration / count * k if uniform else t0 + duration * phase.mesh
+    points, u = control_points(x, transcription), x[slots.u]
+    p, terms = _momenta_and_terms(transcription, outcome, shared)
+    solution = ControlSolution(
+        cost=float(terms["cost"].sum() + terms["terminal"]),
+        total_cost=outcome.cost,
+        q=Piecewise(phase.mesh, np.array(rule.points), points),
+        u=Piecewise(phase.mesh, phase.control_places, u),
+        costate=Piecewise(
+            phase.mesh, np.array(rule.points), _costate_points(transcription, outcome)
+        ),
+        mesh=phase.mesh,
+        v_ends=x[slots.v],
+        costates=Costates(terms["costate_q"], outcome.lam_g[transcription.rows.momentum]),
+        status=outcome.status,
+        success=outcome.success,
+        violation=outcome.violation,
+        iterations=outcome.iterations,
+        history=MappingProxyType(outcome.history),
+        timings=MappingProxyType({"build": problem.seconds, "solve": outcome.seconds}),
+        origin=Origin(transcription, problem, outcome),
+    )
+    return Trajectory(
+        system=system,
+        rule=rule,
+        t=t,
+        q=x[slots.q],
+        p=p,
+        h=duration / count,
+        sizes=None if uniform else duration * np.diff(phase.mesh),
+        k=k,
+        u=u,
+        c=c,
+        functions=partial(step_functions, rule, system),
+        stats=MappingProxyType(
+            {"plan": f"optimal control by {rule}", "steps": count, "seconds": outcome.seconds}
+        ),
+        solution=solution,
+    )
+
+
+def _costate_points(transcription: PhaseTranscription, outcome: SolverResult) -> np.ndarray:
+    """μ at the control points: multipliers of momentum matching at nodes, of the inner rows
+    between them.
+    """
+    rows, phase = transcription.rows, transcription.phase
+    mu = outcome.lam_g[rows.momentum]
+    inner = outcome.lam_g[rows.inner].reshape(phase.steps, -1, phase.system.structure.n)
+    return np.concatenate([mu[:-1, None], inner, mu[1:, None]], axis=1)
+
+
+def _momenta_and_terms(
+    transcription: PhaseTranscription, outcome: SolverResult, shared: np.ndarray
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Momenta at the nodes from the discrete Legendre transforms; cost of every interval;
+    costates of q.
+    """
+    phase, slots, rows, x = transcription.phase, transcription.slots, transcription.rows, outcome.x
+    term = transcription.interval
+    stages = x[slots.q[:-1, :1] + np.arange(term.stage.numel())]
+    mesh = np.column_stack([phase.mesh[:-1], np.diff(phase.mesh)])
+    index = np.hstack(
+        [rows.momentum[:-1], rows.inner, rows.gaps, rows.nodes, rows.points, rows.momentum[1:]]
+    )
+    lam = np.append(outcome.lam_g, 0.0)[index]
+    p_minus, p_plus, cost, at_start, at_end = over_columns(
+        transcription.values_function, stages, x[slots.q[1:]], mesh, shared, lam
+    )
+    at_end_of = transcription.terminal_function(
+        x[slots.q[-1]], x[slots.v[1]], shared[0] + shared[1], shared[2:]
+    )
+    terminal, p_end = (np.array(y).ravel() for y in at_end_of)
+    p = np.vstack([p_minus, p_plus[-1:]])
+    if phase.system.structure.constraints:
+        t = shared[0] + shared[1] * phase.mesh
+        p = (
+            p
+            + over_columns(tangent_function(phase.system), x[slots.q], p, t[:, None], shared[2:])[1]
+        )
+        p[-1] = p_end
+    return p, {
+        "cost": cost[:, 0],
+        "terminal": float(terminal[0]),
+        "costate_q": np.vstack([at_start, -at_end[-1:]]),
+    }

@@ -1,0 +1,212 @@
+"""One phase as part of a large sparse program: where its unknowns, data and rows sit, their bounds,
+its elements.
+
+Unknowns by stage: q_k, λ_k, u_k, inner points, inner λ, …, q_N, λ_N, then the end velocities and
+what is shared (start time, duration, parameters, as far as they are free). Rows by stage: momentum
+matching p⁺_{k−1} − p⁻_k = 0 at node k, inner rows, constraints, path bounds. Ends: ∂L/∂v(q_0, v_0)
+− p⁻_0 = 0 and p⁺_{N−1} − ∂L/∂v(q_N, v_N) = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from varint.control.kernels import (
+    IntervalTerm,
+    Shared,
+    end_term,
+    interval_term,
+    shared_symbols,
+)
+from varint.control.layout import (
+    Rows,
+    Slots,
+    bound_unknowns,
+    find_kept_rows,
+    place_rows,
+    place_unknowns,
+)
+from varint.control.phase import CheckedPhase
+from varint.nlp.assembly import Element
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseTranscription:
+    """A phase in the program."""
+
+    phase: CheckedPhase
+    slots: Slots
+    rows: Rows
+    interval: IntervalTerm
+    shared: Shared
+    data: np.ndarray  # s_k, w_k, then t0, T, c: the program's constants of this phase
+    first_datum: int
+    x_low: np.ndarray
+    x_high: np.ndarray
+    g_low: np.ndarray
+    g_high: np.ndarray
+    elements: list[Element]
+
+    @property
+    def first_shared(self) -> int:
+        """Where t0, T and c begin among the program's constants."""
+        return self.first_datum + 2 * self.phase.steps
+
+    @property
+    def t0(self) -> float:
+        """The start time, or its guess."""
+        return float(self.data[2 * self.phase.steps])
+
+    def shared_values(self, x: np.ndarray, constants: np.ndarray | None = None) -> np.ndarray:
+        """t0, T and c at a point x, or the program's constants where they are fixed."""
+        own = self.data if constants is None else constants[self.first_datum :][: len(self.data)]
+        places = self.slots.shared
+        return np.where(places >= 0, x[places], own[2 * self.phase.steps :])
+
+    @cached_property
+    def values_function(self) -> ca.Function:
+        """(stage, q1, mesh, shared, μ) → (p⁻, p⁺, cost, ∂/∂q0 and ∂/∂q1 of cost + Σ μ·rows) of
+        one interval.
+        """
+        term = self.interval
+        shares = ca.vertcat(
+            -term.p_minus, term.inner, term.gaps, term.nodes, term.points, term.p_plus
+        )
+        mu = ca.SX.sym("mu", shares.numel())
+        total = ca.densify(term.cost) + ca.dot(mu, shares)
+        slopes = [
+            ca.densify(ca.gradient(total, x)) for x in (term.stage[: term.q1.numel()], term.q1)
+        ]
+        inputs = [term.stage, term.q1, term.mesh, self.shared.column, mu]
+        return ca.Function(
+            "values",
+            inputs,
+            [term.p_minus, term.p_plus, ca.densify(term.cost), *slopes],
+            {"cse": True},
+        )
+
+    @cached_property
+    def terminal_function(self) -> ca.Function:
+        """(q, v, t, c) → (terminal cost, momentum) at the end."""
+        s = self.phase.system
+        return ca.Function("terminal", [s.q, s.v, s.t, s.c], [self.phase.terminal, s.momentum])
+
+
+def transcribe_phase(
+    phase: CheckedPhase,
+    t0: float,
+    free_start: bool,
+    tied: bool,
+    q_ends: np.ndarray,
+    x: int,
+    p: int,
+    g: int,
+) -> PhaseTranscription:
+    """Place a phase behind x unknowns, p data and g rows.
+
+    `free_start`: the start time is an unknown; `tied`: a link gives all of the start;
+    `q_ends` (2, n): where constraint ranks at the ends are judged.
+    """
+    shared = shared_symbols(phase)
+    term = interval_term(phase, shared)
+    ends = [end_term(phase, shared, last) for last in (False, True)]
+    slots = place_unknowns(phase, free_start, x)
+    kept = [
+        find_kept_rows(phase, t0, tied, q_ends[0], False),
+        find_kept_rows(phase, t0, False, q_ends[1], True),
+    ]
+    rows, low, high = place_rows(phase, term, ends, kept, g)
+    steps = np.diff(phase.mesh)
+    data = np.concatenate([phase.mesh[:-1], steps, [t0, phase.duration[0]], phase.c])
+    x_low, x_high = bound_unknowns(phase, slots, x)
+    elements = _elements(phase, term, ends, slots, rows, shared, p)
+    return PhaseTranscription(
+        phase, slots, rows, term, shared, data, p, x_low, x_high, low, high, elements
+    )
+
+
+def pick(column: ca.SX, places: np.ndarray) -> ca.SX:
+    """Entries of a column as a column, also where there are none (an empty index has a shape of
+    its own).
+    """
+    return ca.vertcat(ca.SX(0, 1), *(column[int(i)] for i in places))
+
+
+def _elements(
+    phase, term: IntervalTerm, ends, slots: Slots, rows: Rows, shared: Shared, p: int
+) -> list[Element]:
+    """The interval, the two ends and, where asked for, the periodic link."""
+    count, free = phase.steps, slots.shared >= 0
+    symbols = shared.column
+    unknown, known = (pick(symbols, np.flatnonzero(is_one)) for is_one in (free, ~free))
+    fixed_data = p + 2 * count + np.flatnonzero(~free)
+
+    def element(variables, x, mesh, step, cost, shares, g) -> Element:
+        copies = len(x)
+        return Element(
+            variables=ca.vertcat(*variables, unknown),
+            constants=ca.vertcat(mesh, known),
+            cost=cost,
+            rows=ca.vertcat(*shares),
+            x=np.hstack([x, np.tile(slots.shared[free], (copies, 1))]),
+            p=np.hstack(
+                [p + step[:, None], p + count + step[:, None], np.tile(fixed_data, (copies, 1))]
+            ),
+            g=np.hstack(g),
+        )
+
+    stride = term.stage.numel()
+    stages = slots.q[:-1, :1] + np.arange(stride)
+    shares = [-term.p_minus, term.inner, term.gaps, term.nodes, term.points, term.p_plus]
+    places = [rows.momentum[:-1], rows.inner, rows.gaps, rows.nodes, rows.points, rows.momentum[1:]]
+    found = [
+        element(
+            [term.stage, term.q1],
+            np.hstack([stages, slots.q[1:]]),
+            term.mesh,
+            np.arange(count),
+            term.cost,
+            shares,
+            places,
+        )
+    ]
+    first, last = ends
+    x_first, x_last = (
+        np.hstack([slots.q[0], slots.v[0]]),
+        np.hstack([slots.q[-1], slots.v[1], slots.lam[-1]]),
+    )
+    found.append(
+        element(
+            [first.q, first.v],
+            x_first[None],
+            first.mesh,
+            np.array([0]),
+            first.cost,
+            [first.momentum, first.gap, first.hidden, first.rows, first.points],
+            [rows.momentum[:1], rows.start[None]],
+        )
+    )
+    found.append(
+        element(
+            [last.q, last.v, last.lam],
+            x_last[None],
+            last.mesh,
+            np.array([count - 1]),
+            last.cost,
+            [-last.momentum, last.hidden, last.rows],
+            [rows.momentum[-1:], rows.last[None]],
+        )
+    )
+    return found
+
+
+def control_points(x: np.ndarray, transcription: PhaseTranscription) -> np.ndarray:
+    """Positions at the control points of every step, (N, d + 1, n)."""
+    slots = transcription.slots
+    return np.concatenate(
+        [x[slots.q[:-1]][:, None], x[slots.inner], x[slots.q[1:]][:, None]], axis=1
+    )

@@ -1,0 +1,106 @@
+"""The Legendre transform v ↔ p = ∂L/∂v and solves with the mass matrix."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from varint.numerics.limits import LEGENDRE_ITERATIONS
+from varint.scene.system import System, per_system
+
+WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
+FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
+HALVINGS = 12  # of a Newton step that would leave the domain of L or make the residual grow
+
+
+@per_system
+def velocity_function(system: System) -> ca.Function:
+    """(q, p, t, c) → v, the inverse Legendre transform p = ∂L/∂v(q, v, t).
+
+    For Lagrangians that are quadratic in v it is the linear solve M v = p − ∂L/∂v(q, 0, t);
+    otherwise Newton's method; for degenerate ones (M = 0) the Euler–Lagrange equations, linear in
+    v, give it from q alone. With constraints it is the velocity on the manifold.
+    """
+    s, structure = system, system.structure
+    p = ca.SX.sym("p", structure.n)
+    if structure.constraints or structure.nonholonomic:
+        from varint.discrete.constraints import tangent_function
+
+        sizes = (structure.n, structure.n, 1, s.c.numel())
+        inputs = [ca.MX.sym(name, size) for name, size in zip("qptc", sizes, strict=True)]
+        return ca.Function("velocity", inputs, [tangent_function(s)(*inputs)[0]])
+    if structure.degenerate:
+        gyroscopic = ca.jacobian(s.momentum, s.q) - ca.jacobian(s.momentum, s.q).T
+        rest = ca.substitute(s.lagrangian, s.v, ca.SX.zeros(s.v.shape))
+        generalised_force = ca.gradient(rest, s.q) + s.force - ca.jacobian(s.momentum, s.t)
+        v = ca.solve(gyroscopic, generalised_force)
+        return ca.Function(
+            "velocity", [s.q, p, s.t, s.c], [ca.substitute(v, s.control, 0 * s.control)]
+        )
+    if structure.quadratic_kinetic:
+        offset = ca.substitute(s.momentum, s.v, ca.SX.zeros(s.v.shape))
+        if full_inertia(s):
+            inertia = ca.Function(
+                "inertia", [s.q, s.t, s.c], [s.mass_matrix, ca.densify(offset)], {"cse": True}
+            )
+            q, p, t, c = (
+                ca.MX.sym(name, x.numel())
+                for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True)
+            )
+            mass, offset = inertia(q, t, c)
+            return ca.Function("velocity", [q, p, t, c], [ca.solve(mass, p - offset, "ldl")])
+        v = mass_solve(s.mass_matrix, p - offset)
+        return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.densify(v)], {"cse": True})
+    iterated = _damped_newton(system).fold(LEGENDRE_ITERATIONS)
+    q, p, t, c = (
+        ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True)
+    )
+    constant = (ca.repmat(x, 1, LEGENDRE_ITERATIONS) for x in (q, p, t, c))
+    return ca.Function("velocity", [q, p, t, c], [iterated(ca.DM.zeros(structure.n), *constant)])
+
+
+def full_inertia(system: System) -> bool:
+    """Is the inertia matrix so large and full that its factorisation is better done in loops?"""
+    n = system.q.numel()
+    fill, _ = ca.SX(system.mass_matrix).sparsity().ldl()
+    work = (
+        sum(
+            (end - start + 1) ** 2
+            for start, end in zip(fill.colind(), fill.colind()[1:], strict=False)
+        )
+        / 2
+    )
+    return work > WRITTEN_OUT and work > FULL * n**3 / 6
+
+
+def mass_solve(mass: ca.SX, rhs: ca.SX) -> ca.SX:
+    """M⁻¹ rhs as an expression: division where M is diagonal, sparse LDLᵀ otherwise, QR where
+    LDLᵀ may break.
+    """
+    if mass.sparsity().is_diag():
+        return rhs / ca.diag(mass)
+    if mass.sparsity().get_diag()[0].nnz() < mass.shape[0]:
+        return ca.solve(mass, rhs)
+    d, lt, order = ca.ldl(mass)
+    return ca.ldl_solve(rhs, d, lt, order)
+
+
+def _damped_newton(system: System) -> ca.Function:
+    """(v, q, p, t, c) → v after one Newton step for ∂L/∂v(v) = p, halved until the residual
+    shrinks.
+
+    Where the Lagrangian is defined for some v only (relativity: v² < c²) a full step may leave its
+    domain; comparisons with NaN are false, so such a step is halved too. At round-off no step
+    shrinks the residual and v stays.
+    """
+    s = system
+    p = ca.SX.sym("p", s.v.numel())
+    residual = ca.Function("residual", [s.v, s.q, p, s.t, s.c], [s.momentum - p, s.mass_matrix])
+    left, mass = residual(s.v, s.q, p, s.t, s.c)
+    correction = mass_solve(mass, left)
+    best, size = s.v, ca.sumsqr(left)
+    for k in reversed(range(HALVINGS)):
+        trial = s.v - correction / 2**k
+        trial_size = ca.sumsqr(residual(trial, s.q, p, s.t, s.c)[0])
+        better = trial_size < size
+        best, size = ca.if_else(better, trial, best), ca.if_else(better, trial_size, size)
+    return ca.Function("damped_newton", [s.v, s.q, p, s.t, s.c], [best], {"cse": True})

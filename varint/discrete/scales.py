@@ -1,0 +1,131 @@
+"""Typical sizes of velocities and momenta, by which the equations of a step are made
+dimensionless.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.lagrangian import point_function
+from varint.discrete.legendre import velocity_function
+from varint.discrete.term_sizes import term_sizes
+from varint.numerics.arrays import call
+from varint.scene.system import System, per_system
+
+SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
+# The same in a step that is differentiated: rows of sizes that differ more cost digits of the
+# linear solve, 1e-16 times their ratio. Newton's method is quadratic: its last correction leaves
+# round-off whatever the sizes.
+BALANCED = 1e-2
+# of what rests with nothing to push it: below all units, so that Newton's method iterates on
+UNKNOWN = 1e-100
+# of the terms that a momentum is made of in a step: Newton's method stops at 1e-12 of them, 1e-13
+# may remain, and double precision adds them up to about 1e-15
+ROUNDED = 1e-3
+
+
+@per_system
+def scale_function(system: System, smallest: float = SMALLEST) -> ca.Function:
+    """(q, p, u, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the
+    start of a step.
+
+    A coordinate at rest is measured against the moving ones by its energy: v² M and p²/M compare
+    metres with radians, where v with v and p with p would not. Controls count by their typical
+    size, since a motion from rest may have no other. The sizes only decide when Newton's method
+    stops, so their derivatives are defined to be zero. None is less than `smallest` of the largest.
+    """
+    n = system.structure.n
+    q, p, u = ca.MX.sym("q", n), ca.MX.sym("p", n), ca.MX.sym("u", system.structure.controls)
+    t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("c", system.c.numel())
+    velocity, point = velocity_function(system), point_function(system)
+    v = velocity(q, p, t, c)
+    gain = [ca.plus(*point(q, v, u, at, c)[2:]) for at in (t, t + h)]  # a push may begin with zero
+    generalised_force = ca.fmax(*(ca.fabs(h * x) for x in gain))
+    gyroscopic = ca.fabs(ca.jacobian(system.momentum, system.q))
+    parts = [ca.fabs(system.mass_matrix), ca.densify(gyroscopic + gyroscopic.T)]
+    mass, gyroscopic = ca.Function("parts", [system.q, system.v, system.t, system.c], parts)(
+        q, v, t, c
+    )
+    inertia = inertia_function(system)(q, p, t, c)
+    if system.structure.quadratic_kinetic:
+        # what the push does where nothing holds against it counts too: constraints may let it do
+        # nothing
+        v_size = (
+            ca.fabs(v)
+            + ca.fabs(velocity(q, p + h * gain[0], t + h, c) - v)
+            + generalised_force / inertia
+        )
+    else:  # p + h·gain may belong to no velocity at all (soap films, light rays): stay where p is
+        along = _along_function(system)(q, v, t, c)
+        v_size = ca.fabs(v) + ca.fmax(*(ca.fabs(h * (x - along)) for x in gain)) / inertia
+    p_size = ca.fabs(p) + generalised_force + ca.mtimes(mass, v_size)
+    # the momentum of a massless coordinate may be zero, the terms that add up to it are not
+    p_size += ca.if_else(ca.diag(mass) > 0, 0, ca.mtimes(gyroscopic, ca.fabs(h) * v_size))
+    least = smallest * ca.norm_inf(v_size * ca.sqrt(inertia))
+    sizes = [ca.fmax(v_size, least / ca.sqrt(inertia)), ca.fmax(p_size, least * ca.sqrt(inertia))]
+    sizes = [ca.fmax(x, UNKNOWN) for x in sizes]
+    options = {"is_diff_out": [False], "never_inline": True}
+    return ca.Function("scale", [q, p, u, t, h, c], [ca.vertcat(*sizes)], options)
+
+
+@per_system
+def _along_function(system: System) -> ca.Function:
+    """(q, v, t, c) → change of ∂L/∂v in time at fixed v."""
+    s = system
+    change = ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
+    return ca.Function("along", [s.q, s.v, s.t, s.c], [ca.densify(change)], {"cse": True})
+
+
+@per_system
+def _parts_functions(system: System) -> tuple[ca.Function, ca.Function]:
+    """(q, v, u, t, c) → ∂L/∂v; ∂L/∂q + F."""
+    inputs = [system.q, system.v, system.control, system.t, system.c]
+    _, momentum, gradient, force = point_function(system)(*inputs)
+    return tuple(
+        ca.Function("parts", inputs, [ca.densify(x)], {"cse": True})
+        for x in (momentum, gradient + force)
+    )
+
+
+@np.errstate(all="ignore")
+def rounding_sizes(
+    system: System,
+    q: np.ndarray,
+    p: np.ndarray,
+    u: np.ndarray,
+    t: np.ndarray,
+    h: np.ndarray,
+    c: np.ndarray,
+) -> np.ndarray:
+    """Velocities and momenta (2n,) below which round-off of the terms of a step hides all motion.
+
+    A scene that settles has momenta that tend to zero, while the forces that hold it do not: their
+    sum vanishes, its round-off does not.
+    """
+    v = call(velocity_function(system), q, p, t, c)[0]
+    momentum, generalised_force = _parts_functions(system)
+    terms = np.max([term_sizes(generalised_force, q, v, u, at, c) for at in (t, t + h)], axis=0)
+    least = ROUNDED * (term_sizes(momentum, q, v, u, t, c) + np.abs(h) * terms)
+    sizes = np.concatenate([least / call(inertia_function(system), q, p, t, c)[0], least])
+    return np.where(np.isfinite(sizes), sizes, 0.0)
+
+
+@per_system
+def inertia_function(system: System) -> ca.Function:
+    """(q, p, t, c) → what compares p with v in each coordinate, (n,): the mass, and |p|/|v|
+    where there is none.
+    """
+    s = system
+    q, p, t, c = (
+        ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, s.q, s.t, s.c), strict=True)
+    )
+    v = velocity_function(s)(q, p, t, c)
+    own = ca.Function(
+        "masses", [s.q, s.v, s.t, s.c], [ca.densify(ca.fabs(ca.diag(s.mass_matrix)))]
+    )(q, v, t, c)
+    largest, p_size, v_size = ca.mmax(own), ca.norm_inf(p), ca.norm_inf(v)
+    ratio = ca.if_else(p_size * v_size > 0, p_size / v_size, 1)
+    return ca.Function(
+        "inertia", [q, p, t, c], [ca.if_else(own > 0, own, ca.if_else(largest > 0, largest, ratio))]
+    )

@@ -1,0 +1,71 @@
+"""Which rules can discretise and step a scene: every refusal, with its reason and the way out."""
+
+from __future__ import annotations
+
+from varint.errors import InputError
+from varint.rules.rule import Rule, gauss
+from varint.scene.system import System
+
+
+def require_discretisable(system: System, rule: Rule) -> None:
+    """Refuse a rule that has no discrete Lagrangian of the scene, or not one of its order.
+
+    Raises
+    ------
+    InputError
+        If a composition meets a scene without kick and drift, or constraints a rule whose
+        quadrature nodes are no control points.
+    """
+    s = system.structure
+    if s.constraints and rule.points != rule.nodes:
+        raise InputError(
+            f"{rule} cannot carry constraints: its quadrature nodes are no control points, so "
+            "multipliers would lose their order; use lobatto(3) or another lobatto(s)"
+        )
+    if rule.points or s.explicit:
+        return
+    reasons = {
+        "it has constraints or contacts": bool(s.constraints or s.nonholonomic or s.contacts),
+        "its Lagrangian is not of the form T(v) − V(q, t)": not s.separable,
+        "its mass matrix is not constant": not s.constant_mass,
+        "its mass matrix is zero": s.degenerate,
+        "its force depends on the velocities": s.force_on_velocity,
+    }
+    because = "; ".join(text for text, holds in reasons.items() if holds)
+    raise InputError(
+        f"{rule} cannot step this scene explicitly: {because}; use for example gauss(2)"
+    )
+
+
+def require_steppable(system: System, rule: Rule) -> None:
+    """Refuse a rule that no stepper has for the scene.
+
+    Raises
+    ------
+    InputError
+        As `require_discretisable` does, and for rules that cannot carry the scene's non-holonomic
+        rows or contacts, or are unstable for a degenerate Lagrangian.
+    """
+    s = system.structure
+    if s.nonholonomic and rule.degree != 1:
+        raise InputError(
+            f"{rule} cannot carry non-holonomic constraints: they need a symmetric step of one "
+            "piece (order 2); "
+            + ("use trapezoidal()" if s.constraints else "use midpoint() or trapezoidal()")
+        )
+    if s.contacts and rule.points != rule.nodes:
+        raise InputError(
+            f"{rule} cannot carry contacts: a contact that holds is a constraint, whose multiplier "
+            "needs Lobatto points; use lobatto(3) or another lobatto(s)"
+        )
+    if s.contacts and not s.quadratic_kinetic:
+        raise InputError(
+            "contacts need a Lagrangian that is quadratic in the velocities: the law of impact is "
+            "M Δv = Λ ∂gap/∂q"
+        )
+    if s.degenerate and rule != gauss(1):
+        raise InputError(
+            f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is "
+            "unstable for it; use midpoint()"
+        )
+    require_discretisable(system, rule)

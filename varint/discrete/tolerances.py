@@ -1,0 +1,8 @@
+"""How exactly the equations of a step are solved."""
+
+from __future__ import annotations
+
+RESIDUAL_LIMIT = 1e-10  # relative to the momenta; converged steps have 1e-16 to 1e-13
+# Newton's corrections are quadratic: one of 1e-9 (relative), applied, leaves an error at the
+# round-off level.
+LAST_CORRECTION = 1e-9

@@ -1,0 +1,113 @@
+"""How all figures look: colours, names of axes, and how much of a long run is drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+# Okabe & Ito's colours, told apart by colour-blind readers and in grey print
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MOST_LINES = 7  # coordinates drawn one by one; more are drawn as the first and the last ones
+LONGEST_NAME = 40  # characters of an expression beside its axis
+MOST_POINTS = 20_000  # a line with more is thinned for drawing, keeping its last point
+GREEK = {
+    "alpha",
+    "beta",
+    "gamma",
+    "delta",
+    "epsilon",
+    "zeta",
+    "eta",
+    "theta",
+    "iota",
+    "kappa",
+    "lambda",
+    "mu",
+    "nu",
+    "xi",
+    "pi",
+    "rho",
+    "sigma",
+    "tau",
+    "phi",
+    "chi",
+    "psi",
+    "omega",
+}
+
+
+def label(name: str) -> str:
+    """Mathematical notation for a symbol's name: theta_dot → θ with a dot, x1 → x with index 1."""
+    dotted = name.endswith("_dot")
+    match = re.fullmatch(r"([A-Za-z]+?)_?(\d+)?", name.removesuffix("_dot"))
+    if match is None:
+        return name
+    base, index = match.groups()
+    symbol = (
+        f"\\{base}" if base.lower() in GREEK else base if len(base) == 1 else f"\\mathrm{{{base}}}"
+    )
+    symbol = f"\\dot{{{symbol}}}" if dotted else symbol
+    return f"${symbol}_{{{index}}}$" if index else f"${symbol}$"
+
+
+def named_expressions(expressions: Sequence[Any], system: System) -> list[tuple[str, Any]]:
+    """(name of the axis, expression): names given in a dictionary, or what the expression reads
+    like.
+    """
+    named: list[tuple[str, Any]] = []
+    for entry in expressions:
+        named += entry.items() if isinstance(entry, dict) else [("", entry)]
+    return [(name or _reads_like(x, k, system), x) for k, (name, x) in enumerate(named, start=1)]
+
+
+def _reads_like(expression: Any, number: int, system: System) -> str:
+    """A symbol's notation, H, the expression if it is short, or its number."""
+    text = str(expression)
+    if text == str(system.energy):
+        return "energy $H$"
+    if text.isidentifier():
+        return label(text)
+    # @1 stands for a part
+    return text if len(text) < LONGEST_NAME and "@" not in text else f"expression {number}"
+
+
+def shown_indices(n: int) -> list[int]:
+    """Which of n curves are drawn: all, or the first ones and the last."""
+    return list(range(n)) if n <= MOST_LINES else [*range(MOST_LINES - 1), n - 1]
+
+
+def how_many(title: str, n: int) -> str:
+    """The title of a panel with n curves, which says it where not all of them are drawn."""
+    shown = len(shown_indices(n))
+    return title if shown == n else f"{title} ({shown} of {n})"
+
+
+def handed_over(figure: Figure) -> Figure:
+    """A figure for the caller: in a notebook its value shows it, so that pyplot must not again."""
+    import matplotlib
+    from matplotlib import pyplot as plt
+
+    if "inline" in matplotlib.get_backend():
+        plt.close(figure)
+    return figure
+
+
+def thinned_indices(count: int) -> np.ndarray:
+    if count <= MOST_POINTS:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, MOST_POINTS).astype(int))
+
+
+def name_axes(axes: Axes, x: str, y: str, title: str) -> None:
+    axes.set(xlabel=x, ylabel=y, title=title)
+    axes.grid(alpha=0.3)

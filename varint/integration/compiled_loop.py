@@ -1,0 +1,201 @@
+"""The compiled loops, handed on block by block; loaded with the first run that is compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from varint.codegen.arguments import DONE, NOT_CONVERGED
+from varint.codegen.cache import CompileError
+from varint.codegen.explicit import explicit_kernel
+from varint.codegen.gauss import gauss_form, gauss_kernel
+from varint.codegen.graph import NotCompilable, kernel_per_system
+from varint.codegen.kernel import Kernel
+from varint.codegen.kernel import run_loop as compiled_run
+from varint.codegen.newton import newton_kernel
+from varint.codegen.solution import CLOSED
+from varint.discrete.scales import rounding_sizes
+from varint.integration.cost import newton_repays
+from varint.integration.interpreted_loop import interpreted_blocks
+from varint.integration.problem import InitialValueProblem
+from varint.integration.state import NodeBlock, RunState
+from varint.numerics.progress import notice
+from varint.rules.polynomials import MOST_STAGES
+from varint.rules.rule import Rule, gauss
+from varint.scene.system import System
+
+NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
+STEPS_IN_BLOCK = 2_000_000
+PATIENCE = 0.2  # seconds that Ctrl-C may wait for a block
+# seconds of an operation, for the first block; in truth it takes a hundredth to a tenth of it
+CAUTION = 1e-7
+NOTHING = np.empty(0)
+Opening = Callable[..., np.ndarray]  # (q0, p0, u, t, h, c) → what a compiled loop begins with
+PILOT = 1000  # steps at most after which fixed-point iteration must have shown that it contracts
+POOR = 30  # iterations a step beyond which Newton's method is cheaper
+
+
+@kernel_per_system
+def kernel_of(system: System, rule: Rule) -> Kernel:
+    """The compiled loop of a system and a rule.
+
+    Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss rules,
+    which beats Newton's method by far except for the midpoint rule in few coordinates (double
+    pendulum: 0.35 against 0.16 µs a step); else Newton's method.
+    """
+    s = system.structure
+    with notice(f"compiling {rule} for this scene (once; it is kept)"):
+        if rule.kicks and s.explicit:
+            return explicit_kernel(system, rule)
+        if _has_stages(system, rule) and not s.linear and not (rule == gauss(1) and s.n <= CLOSED):
+            return gauss_kernel(system, rule)
+        return newton_kernel(system, rule)
+
+
+def _has_stages(system: System, rule: Rule) -> bool:
+    return rule == gauss(min(len(rule.nodes), MOST_STAGES)) and bool(gauss_form(system))
+
+
+def compiled_blocks(
+    system: System,
+    rule: Rule,
+    problem: InitialValueProblem,
+    kernel: Kernel,
+    at: RunState | None = None,
+) -> Iterator[NodeBlock]:
+    """The compiled run block by block; where fixed-point iteration hardly contracts Newton's
+    method takes over.
+    """
+    k, carry = (problem.first, None) if at is None else (at.k, at.carry)
+    q, p = (
+        (problem.q0, problem.p0) if at is None else (at.x[: len(at.x) // 2], at.x[len(at.x) // 2 :])
+    )
+    taken_over = at is not None and at.by_newton
+    if taken_over and carry is None:
+        yield from _by_newton(system, rule, problem._replace(q0=q, p0=p, first=k))
+        return
+    if taken_over:
+        kernel = newton_kernel(system, rule)
+    explicit = bool(rule.kicks) and system.structure.explicit
+    by_stages = kernel.opening is None and not explicit
+    piloted = by_stages and at is None
+    most = max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
+    most = min(PILOT, most) if piloted else most
+    while k < problem.steps:
+        steps, every = next_piece(k, problem.steps, problem.save_every, most)
+        u, began = problem.controls(k, steps) if kernel.controls else None, perf_counter()
+        part = compiled_run(
+            kernel,
+            q,
+            p,
+            problem.c,
+            t0=problem.t0,
+            h=problem.h,
+            steps=steps,
+            save_every=every,
+            u=u,
+            first=k,
+            carry=carry,
+            level=problem.level,
+        )
+        per_step = max((perf_counter() - began) / max(part.steps, 1), 1e-12)
+        poor = piloted and k == problem.first and part.iterations > POOR * steps
+        rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
+        good, wanted = len(rows), steps // every
+        # a composition has no other way; where an iteration fails or overflows Newton's method or
+        # the interpreted loop may not
+        goes_on = part.status != DONE and not explicit
+        if goes_on:
+            wanted = good
+        elif part.status != DONE:
+            wanted = max(wanted, good + 1)
+        started = k - part.steps
+        counts = np.arange(started + every, started + every * wanted + 1, every)
+        after = RunState(
+            x, NOTHING, NOTHING, k, 0, None if poor else part.carry, poor or taken_over
+        )
+        failed = 0.0 if part.status == DONE or goes_on else float("nan")
+        after_it = None if goes_on else after
+        q_rows, p_rows = rows[:, 0], rows[:, 1]
+        yield NodeBlock(
+            counts, q_rows, p_rows, 0.0, good, failed, None, None, (), part.iterations, after_it
+        )
+        if part.status == NOT_CONVERGED and kernel.opening and part.steps:
+            # once more from there, with sizes looked up anew
+            kernel = replace(kernel, opening=_above_rounding(system, kernel.opening))
+            (q, p), carry, taken_over = np.split(x, 2), None, True
+            continue
+        if goes_on or (poor and part.status == DONE):
+            if k < problem.steps:
+                q, p = np.split(x, 2)
+                yield from _by_newton(
+                    system, rule, problem._replace(q0=q, p0=p, first=k), by_stages
+                )
+            return
+        if part.status != DONE:
+            return
+        carry = part.carry
+        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+
+
+def _above_rounding(system: System, opening: Opening) -> Opening:
+    """What a Newton loop begins with, sizes not below the round-off of the terms that add up."""
+
+    def told(
+        q0: np.ndarray, p0: np.ndarray, u: np.ndarray | None, t: float, h: float, c: np.ndarray
+    ) -> np.ndarray:
+        begin = opening(q0, p0, u, t, h, c)
+        first = np.zeros(system.structure.controls) if u is None else u[0, 0].copy()
+        least = rounding_sizes(system, q0.copy(), p0.copy(), first, np.array([t]), np.array([h]), c)
+        begin[: least.size] = np.maximum(begin[: least.size], least)
+        return begin
+
+    return told
+
+
+def one_step(
+    kernel: Kernel, problem: InitialValueProblem, t: float, q: np.ndarray, p: np.ndarray, h: float
+) -> np.ndarray | None:
+    """(q, p, v) after one step of its own size, (3, n); None where the iteration does not
+    converge.
+    """
+    part = compiled_run(kernel, q, p, problem.c, t0=t, h=h, steps=1)
+    return part.rows[1] if part.status == DONE else None
+
+
+def _by_newton(
+    system: System, rule: Rule, problem: InitialValueProblem, compiled: bool = True
+) -> Iterator[NodeBlock]:
+    """The rest of a run on which an iteration failed: by the compiled Newton's method, then the
+    interpreted one.
+    """
+    kernel = None
+    if compiled and newton_repays(system, rule, problem.steps - problem.first):
+        with suppress(NotCompilable, CompileError), notice(f"compiling Newton's method, {rule}"):
+            kernel = newton_kernel(system, rule)
+    if kernel is None:
+        yield from interpreted_blocks(system, rule, problem)
+        return
+    for block in compiled_blocks(system, rule, problem, kernel):
+        at = block.after
+        if at is not None and at.carry is not None:  # not handed on to the interpreted one
+            block = block._replace(after=at._replace(by_newton=True))
+        yield block
+
+
+def next_piece(k: int, steps: int, every: int, most: int) -> tuple[int, int]:
+    """(steps, save_every) of the next call after k steps: whole intervals, or at most what is left
+    of one.
+
+    How long a piece is shows in nothing, for a compiled run goes on as if it had not stopped.
+    """
+    left, inside = steps - k, k % every
+    most = min(most, STEPS_IN_BLOCK, NODES_IN_BLOCK * every)
+    if inside or min(left, most) < every:
+        gap = min(every - inside, left)
+        return min(gap, most), gap
+    return min(left, most) // every * every, every

@@ -1,0 +1,138 @@
+"""What a step costs, from the number of its operations alone: when to compile, and when to look at
+an interpreted run.
+
+Typical sizes are renewed where a run is looked at, so the blocks show in the last digits: they
+follow from the scene and the rule alone, not from the clock, and the same run always has the same.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.lagrangian import point_function
+from varint.discrete.shake_equations import eliminates_path, hidden_functions, shake_equations
+from varint.rules.polynomials import MOST_STAGES
+from varint.rules.rule import Rule, gauss
+from varint.scene.system import System, per_system
+
+PATIENCE = 0.2  # seconds that Ctrl-C, the progress bar and checkpoints wait
+MOST_STEPS = 10_000
+INSTRUCTION = 4e-9  # seconds of CasADi's virtual machine for one operation
+# evaluations of every stage in an implicit step, derivatives included: those of n coordinates cost
+# more, but hardly more than those of MANY, for not all are coupled with all
+EVALUATIONS, EVALUATIONS_EACH, MANY = 24, 8, 6
+FACTOR = 9e-9  # seconds of it for an operation of a factorisation
+UNKNOWN = 4e-6  # seconds of it for an unknown of Newton's method, from SEVERAL on
+SEVERAL = 8
+CALL = 3e-7  # seconds of it for a step besides
+STARTING = 0.35  # seconds of the C compiler for what every kernel has
+# seconds for a statement: a quarter to arrange and write it, the rest in C; functions are written
+# in parts, so that it does not grow with their length
+STATEMENT = 4e-4
+BUILDING = 2e-4  # seconds to build an implicit step for CasADi, an operation at a node
+QUICK = 2.0  # seconds that compiling may always take once a compiled run needs Newton's method
+RIGHT_SIDE = 4  # statements in a right-hand side for an operation of L, ∂L/∂q and ∂L/∂v
+SECOND = 7  # and in second derivatives, as Newton's method needs them
+NEWTON = 12  # and in all that Newton's method needs without constraints, or with few unknowns
+ENTRY = 4  # statements for an entry of a matrix that is written out
+
+
+@per_system
+def steps_at_once(system: System, rule: Rule) -> int:
+    """Steps of a block at most, a power of ten: what takes about `PATIENCE`."""
+    most, cost = MOST_STEPS, interpreted_seconds(system, rule)
+    while most > 1 and most * cost > PATIENCE:
+        most //= 10
+    return most
+
+
+def repays(system: System, rule: Rule, steps: int) -> bool:
+    """Whether so many interpreted steps take longer than the compiler is predicted to take, what
+    has to be built for either counted in.
+    """
+    s = system.structure
+    if not (rule.kicks and s.explicit) and (
+        s.degenerate or s.contacts or not s.quadratic_kinetic or not rule.points
+    ):
+        return False
+    interpreted = interpreted_seconds(system, rule) * steps
+    if not (rule.kicks and s.explicit):
+        interpreted += BUILDING * point_function(system).n_instructions() * len(rule.nodes)
+    return interpreted > STARTING and interpreted > compiling_seconds(system, rule)
+
+
+@per_system
+def compiling_seconds(system: System, rule: Rule) -> float:
+    """An estimate of the time that generating and compiling the loop takes, from the sizes of the
+    expressions.
+    """
+    return STARTING + STATEMENT * _statements(system, rule)
+
+
+def newton_repays(system: System, rule: Rule, steps: int) -> bool:
+    """Whether compiling Newton's method, to which an iteration that does not contract is handed, is
+    quick or takes less than so many interpreted steps.
+    """
+    point = point_function(system).n_instructions()
+    seconds = STARTING + STATEMENT * NEWTON * point
+    return seconds < QUICK or interpreted_seconds(system, rule) * steps > seconds
+
+
+def _statements(system: System, rule: Rule) -> int:
+    s, point = system.structure, point_function(system).n_instructions()
+    if not (s.constraints or s.nonholonomic):
+        return (RIGHT_SIDE if _by_right_sides(system, rule) else NEWTON) * point
+    if s.constraints and eliminates_path(system, rule):
+        hidden = hidden_functions(system)[0]
+        gaps = shake_equations(system).left
+        both = ca.jacobian_sparsity(gaps, shake_equations(system).y).nnz() + hidden.nnz_out(0)
+        return NEWTON * point + hidden.n_instructions() + ENTRY * both
+    rows = ca.jacobian_sparsity(
+        ca.vertcat(system.constraint, system.nonholonomic @ system.v), system.q
+    )
+    coupled = _coupling(system).nnz() + 2 * rows.nnz()
+    return SECOND * point * len(rule.nodes) + ENTRY * coupled * max(rule.degree, 1) ** 2
+
+
+def _by_right_sides(system: System, rule: Rule) -> bool:
+    """Whether the compiled loop needs no derivatives of a step's equations, or constant ones."""
+    s, stages = system.structure, len(rule.nodes)
+    return s.linear or bool(rule.kicks and s.explicit) or rule == gauss(min(stages, MOST_STAGES))
+
+
+@per_system
+def interpreted_seconds(system: System, rule: Rule) -> float:
+    """An estimate of an interpreted step's time, right to a factor of two or too long."""
+    s = system.structure
+    evaluation = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION
+    if rule.kicks and s.explicit:
+        return evaluation + CALL
+    degree = max(rule.degree, 1)
+    if s.constraints or s.nonholonomic:
+        return max((s.n + s.constraints + s.nonholonomic) * degree * UNKNOWN, evaluation)
+    evaluations = EVALUATIONS + EVALUATIONS_EACH * min(s.n, MANY)
+    unknowns = s.n * degree
+    rest = unknowns * UNKNOWN if unknowns >= SEVERAL else 0.0
+    return evaluation * evaluations + _factorisation(system) * degree**3 * FACTOR + rest
+
+
+def _factorisation(system: System) -> int:
+    """Operations of an LDLᵀ factorisation of a matrix in which the coordinates are coupled as in
+    the scene.
+    """
+    triangle = _coupling(system).ldl()[0]  # transposed, without its diagonal: columns are rows of L
+    filled = np.bincount(triangle.get_triplet()[0], minlength=system.structure.n)
+    return int(((1 + filled) ** 2).sum())
+
+
+@per_system
+def _coupling(system: System) -> ca.Sparsity:
+    """Which coordinates the equations of motion couple."""
+    s = system
+    push = ca.gradient(s.lagrangian, s.q) + s.force
+    slopes = [ca.jacobian_sparsity(e, x) for e in (s.momentum, push) for x in (s.q, s.v)]
+    pattern = ca.Sparsity.diag(s.structure.n)
+    for slope in slopes:
+        pattern = pattern + slope + slope.T
+    return pattern

@@ -1,0 +1,282 @@
+"""Contacts at one instant: who touches, who holds, and what an impact does.
+
+Frictionless unilateral contacts gap(q, t) ≥ 0 with Newton's law of restitution: the gap's rate
+changes from r to −e r by an impulse Λ ≥ 0 along ∂gap/∂q (Fetecau, Marsden, Ortiz & West 2003).
+Blows that come together are dealt one after the other, the fastest first. A contact at rest holds
+as long as its multiplier λ ≥ 0; then it is one more holonomic constraint, which stays closed under
+a blow elsewhere unless it is elastic itself: then it hands the blow on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.consistency import independent
+from varint.discrete.constraints import ActiveSet, multiplier_function, multipliers_along
+from varint.errors import StepRefused
+from varint.integration.events.contacts import Instant, View, first_contact, view
+from varint.numerics.arrays import call, lengths
+from varint.results.records import Event
+from varint.scene.system import System, per_system
+
+TOUCH = 1e-10  # a gap this small against what the coordinates contribute to it is closed
+RESTING = 1e-10  # a rate this small against the velocities in play is zero
+PULL = 1e-10  # a contact that pulls by less than this part of the forces in play pushes
+ZENO = 1e-5  # of a step: a body that would fly for a shorter time comes to rest
+MOST_IMPACTS = 1000  # between two nodes of the grid; after as many, bodies come to rest
+SPEED_OF_NOTHING = 1e-300  # under a division
+FLAT = 1e-150  # of a gradient: its square must be a number, too
+
+
+@per_system
+def flight_function(
+    system: System, rows: tuple[int, ...], contacts: tuple[int, ...]
+) -> ca.Function:
+    """(q, v, u, t, c) → d²gap/dt² of every contact with the accelerations of an active set."""
+    s, a = system, ca.SX.sym("a", system.q.numel())
+    rate = ca.jtimes(s.contact, s.q, s.v) + ca.jacobian(s.contact, s.t)
+    second = ca.jtimes(rate, s.q, s.v) + ca.jtimes(rate, s.v, a) + ca.jacobian(rate, s.t)
+    closing = ca.Function("closing", [s.q, s.v, a, s.t, s.c], [ca.densify(second)], {"cse": True})
+    sizes = (s.q.numel(), s.q.numel(), s.control.numel(), 1, s.c.numel())
+    q, v, u, t, c = (ca.MX.sym(name, k) for name, k in zip("qvutc", sizes, strict=True))
+    accelerations = multiplier_function(ActiveSet(rows, contacts, contacts).scene(s))(
+        q, v, u, t, c
+    )[1]
+    return ca.Function("flight", [q, v, u, t, c], [ca.densify(closing(q, v, accelerations, t, c))])
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What does not change while an event is dealt with: the scene, its parameters, controls, step,
+    and how far each coordinate moves in it."""
+
+    system: System
+    c: np.ndarray
+    u: np.ndarray
+    h: float
+    reach: np.ndarray
+
+    @property
+    def direction(self) -> float:
+        """+1, and −1 in a run backwards in time, where gaps close that are growing."""
+        return 1.0 if self.h > 0 else -1.0
+
+
+def settle(
+    setting: Setting,
+    now: Instant,
+    seen: View,
+    *,
+    released: frozenset[int] = frozenset(),
+    sinking: frozenset[int] = frozenset(),
+    tired: bool = False,
+) -> tuple[Instant, View, list[Event]]:
+    """Impacts of all that touches and approaches, one after the other, then what stays closed.
+
+    `released` contacts have just let go and do not hold, `sinking` ones do; a `tired` body has
+    bounced too often and comes to rest.
+    """
+    events: list[Event] = []
+    quick = row_speeds(seen)
+    closed = seen.gap <= TOUCH * seen.sizes(now.q, setting.reach)
+    for _ in range(MOST_IMPACTS):
+        quick = np.maximum(quick, row_speeds(seen))
+        rate = setting.direction * seen.rate
+        coming = closed & (rate < -RESTING * quick)
+        for i in now.active_set.holding:
+            coming[i] = False
+        if not coming.any():
+            break
+        hit = int(np.argmin(np.where(coming, rate / np.maximum(quick, SPEED_OF_NOTHING), 0.0)))
+        now, seen, event = _impact(setting, now, seen, hit, tired)
+        events.append(event)
+    resting = np.flatnonzero(closed & (np.abs(seen.rate) <= RESTING * quick)).tolist()
+    candidates = sorted({*now.active_set.holding, *resting} - released)
+    active_set = _holding(setting, now, seen, candidates, sinking)
+    events = [
+        replace(
+            e, kind="stop" if e.kind == "stop" and e.contact in active_set.holding else "impact"
+        )
+        for e in events
+    ]
+    return replace(now, active_set=active_set), seen, events
+
+
+def row_speeds(seen: View) -> np.ndarray:
+    """What the velocities contribute to each gap's rate, without regard to sign."""
+    contacts = seen.slope[len(seen.slope) - len(seen.gap) :]
+    return np.abs(contacts) @ np.abs(seen.v) + np.abs(seen.rate - contacts @ seen.v)
+
+
+def _impact(
+    setting: Setting, now: Instant, seen: View, hit: int, tired: bool
+) -> tuple[Instant, View, Event]:
+    """Reflect the rate of one contact; plastic ones that hold stay closed, or open where the
+    impulse would pull them.
+
+    Flights that become too short end at once: all that remain take Σ flight eᵏ, and the rate
+    becomes 0.
+    """
+    bounce = 0.0 if tired else float(setting.system.restitution[hit])
+    if lengths(seen.slope[first_contact(setting.system) + hit]) <= FLAT:
+        raise StepRefused(
+            f"contact {hit} closes at t = {now.t:g} where its gap has no gradient ∂gap/∂q, so no "
+            "impulse can open it: give a gap that grows with the distance, not with a power of it"
+        )
+    if setting.h < 0 and bounce < 1:
+        raise StepRefused(
+            f"contact {hit} is hit at t = {now.t:g} in a run backwards in time, and its "
+            f"restitution is {bounce:g}: what an impact takes away cannot be found again; only "
+            "restitution 1 can be undone"
+        )
+    after, later, impulse = _reflect(setting, now, seen, hit, bounce, tired)
+    wait = 0.0
+    opened = [
+        i
+        for i in _plastic(setting.system, now)
+        if i not in after.active_set.holding and later.rate[i] > 0
+    ]
+    # rocking that dies out
+    if any(_flight(setting, after, later, i) <= ZENO * abs(setting.h) for i in opened):
+        after, later, impulse = _reflect(setting, now, seen, hit, bounce, True)
+    if bounce > 0 and setting.h > 0:
+        flight = _flight(setting, after, later, hit)
+        if flight <= ZENO * abs(setting.h):
+            wait = flight / (1 - bounce) if bounce < 1 else 0.0
+            bounce = 0.0
+            after, later, impulse = _reflect(setting, now, seen, hit, bounce, tired)
+    kind = "impact" if bounce > 0 else "stop"
+    return (
+        after,
+        later,
+        event_between(float(now.t + wait), kind, hit, impulse, (now, seen), (after, later)),
+    )
+
+
+def event_between(
+    time: float,
+    kind: str,
+    contact: int | None,
+    impulse: float,
+    before: tuple[Instant, View],
+    after: tuple[Instant, View],
+) -> Event:
+    """The record of what leads from one instant to another."""
+    (now, seen), (then, later) = before, after
+    states = (x.tolist() for x in (now.q, seen.v, now.p, later.v, then.p))
+    return Event(time, kind, contact, impulse, seen.energy, later.energy, *map(tuple, states))
+
+
+def _plastic(system: System, now: Instant) -> list[int]:
+    """Contacts that hold and do not bounce."""
+    return [i for i in now.active_set.holding if system.restitution[i] == 0]
+
+
+def _reflect(
+    setting: Setting, now: Instant, seen: View, hit: int, bounce: float, sticks: bool
+) -> tuple[Instant, View, float]:
+    """The instant after the blow, as seen then, and its impulse; if it `sticks`, plastic
+    contacts all stay closed.
+    """
+    system, first = setting.system, first_contact(setting.system)
+    fixed = [*now.active_set.rows, *range(system.constraint.numel(), first)]
+    holding = list(now.active_set.holding)
+    while True:
+        rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
+        rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
+        impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
+        blows = impulse * lengths(rows)
+        felt = blows[len(fixed) : -1] / np.abs(blows).max()
+        elastic = [
+            i
+            for i, x in zip(holding, felt, strict=True)
+            if system.restitution[i] > 0 and abs(x) > PULL
+        ]
+        if elastic:  # these hand the blow on; one that does not feel it stays closed
+            holding = [i for i in holding if i not in elastic]
+        elif not sticks and (felt < -PULL).any():
+            holding.pop(int(np.argmin(felt)))
+        else:
+            break
+            break
+    active_set = _solvable(system, now, seen, holding)
+    after = replace(now.pushed(rows.T @ impulse, rows.T @ rest), active_set=active_set)
+    return after, view(system, after, setting.c), float(impulse[-1])
+
+
+def _impulses(mass: np.ndarray, rows: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Impulses along the rows that change the rate of the last by `rates` and no other, a column
+    for each.
+    """
+    upper, lower = np.zeros((len(mass), len(rates))), np.zeros((len(rows), len(rates)))
+    lower[-1] = rates
+    return _saddle(mass, rows, upper, lower)[len(mass) :]
+
+
+def _velocity(mass: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Velocity along the rows that belongs to a momentum p."""
+    return _saddle(mass, rows, p[:, None], np.zeros((len(rows), 1)))[: len(mass), 0]
+
+
+def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Solution of [M −Wᵀ; W 0] [Δv; Λ] = [upper; lower], equilibrated."""
+    n, m = len(mass), len(rows)
+    size = np.sqrt(np.abs(mass.diagonal()))
+    size = np.where(size > 0, size, size.max())
+    scaled = rows / size
+    length = lengths(scaled)
+    length = np.where(length > 0, length, 1.0)  # a row of zeros: no impulse along it
+    scaled /= length[:, None]
+    matrix = np.zeros((n + m, n + m))
+    matrix[:n, :n] = mass / np.outer(size, size)
+    matrix[:n, n:], matrix[n:, :n] = -scaled.T, scaled
+    scales = np.concatenate([size, length])[:, None]
+    right = np.concatenate([upper, lower]) / scales
+    try:
+        found = np.linalg.solve(matrix, right)  # exact where an elastic impact only turns a sign
+    except np.linalg.LinAlgError:
+        found = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+    return found / scales
+
+
+def _flight(setting: Setting, now: Instant, seen: View, contact: int) -> float:
+    """Time until a contact that just bounced closes again, if its acceleration stays."""
+    function = flight_function(setting.system, now.active_set.rows, now.active_set.contacts)
+    towards = -call(function, now.q, seen.v, setting.u, np.array([now.t]), setting.c)[0][contact]
+    return 2 * abs(seen.rate[contact]) / towards if towards > 0 else np.inf
+
+
+def _holding(
+    setting: Setting, now: Instant, seen: View, candidates: list[int], sinking: frozenset[int]
+) -> ActiveSet:
+    """Of the contacts at rest, those that must push to stay closed, and those known to sink."""
+    system = setting.system
+    while candidates:
+        active_set = _solvable(system, now, seen, candidates)
+        slots = first_contact(system) + np.array(candidates)
+        rows = now.q[None], seen.v[None], setting.u[None], np.array([now.t]), setting.c
+        lam = multipliers_along(system, active_set, *rows)[0]
+        weight = np.abs(lam * lengths(seen.slope)).max()
+        pressures = lam[slots] * lengths(seen.slope[slots])
+        pressures[np.isin(candidates, list(sinking))] = 0.0
+        if pressures.min() >= -PULL * weight:
+            return active_set
+        candidates.pop(int(np.argmin(pressures)))
+    return replace(now.active_set, contacts=(), holding=())
+
+
+def _solvable(system: System, now: Instant, seen: View, holding: list[int]) -> ActiveSet:
+    """The active set with these contacts held; of dependent rows, the first are solved for."""
+    if not holding:
+        return replace(now.active_set, contacts=(), holding=())
+    first = first_contact(system)
+    fixed = [*now.active_set.rows, *range(system.constraint.numel(), first)]
+    kept = independent(seen.slope, seen.mass, [*fixed, *(first + i for i in holding)])
+    return replace(
+        now.active_set,
+        contacts=tuple(i - first for i in kept if i >= first),
+        holding=tuple(holding),
+    )

@@ -1,0 +1,184 @@
+"""Zeros of an expression within the steps of a motion: pieces halved until bounds along them tell
+how many zeros each has, then all of them located at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from varint.integration.events.enclosures import Pieces, enclosure, lower_bound
+from varint.integration.events.roots import Points, join_points, locate_roots
+from varint.numerics.arrays import over_columns
+from varint.results.dense_output import steps_ahead
+from varint.results.trajectory import Trajectory
+from varint.rules.polynomials import lagrange_values
+
+HALVINGS = 12  # of a step in doubt: dips shallower than its square allows are no zeros
+MOST_PIECES = 100  # of one step in doubt at once: an expression that is zero up to round-off
+
+
+@dataclass(frozen=True, eq=False)
+class CrossingSearch:
+    """What finds the zeros of a watched expression, built once a run.
+
+    `values`: (q, v, t, u, c) → its value and rate, the latter NaN for expressions of velocities and
+    controls; `bounds`: its `enclosure_function`.
+    """
+
+    name: str
+    direction: int
+    values: ca.Function
+    bounds: ca.Function
+
+
+def isolate(
+    search: CrossingSearch, motion: Trajectory, start: Points, end: Points
+) -> tuple[Points, Points]:
+    """Zeros between the nodes and those that the motion comes to at a node."""
+    left, right = start.at(slice(0, -1)), end
+    whole = left, right
+    brackets: list[tuple[Points, Points]] = []
+    at = (end.value == 0) & (start.value[:-1] != 0)
+    zeros, signs = [end.at(at)], [np.sign(start.value[:-1][at])]
+    for _ in range(HALVINGS):
+        doubt = _in_doubt(search, motion, left, right)
+        change = ~doubt & _changes(left, right)
+        brackets.append((left.at(change), right.at(change)))
+        left, right = left.at(doubt), right.at(doubt)
+        count = np.bincount(left.node, minlength=len(motion))
+        noise = count > MOST_PIECES
+        if noise.any():
+            noisy = noise[whole[0].node] & _changes(*whole)
+            brackets.append((whole[0].at(noisy), whole[1].at(noisy)))
+            quiet = ~noise[left.node]
+            left, right = left.at(quiet), right.at(quiet)
+            known = [~noise[a.node] for a, _ in brackets[:-1]]
+            brackets[:-1] = [(a.at(k), b.at(k)) for (a, b), k in zip(brackets, known, strict=False)]
+        if not len(left.t):
+            break
+        middle = _instants(search, motion, left.node, (left.t + right.t) / 2)
+        hit = middle.value == 0
+        zeros.append(middle.at(hit))
+        signs.append(np.sign(left.value[hit]))
+        left, right = join_points(left, middle), join_points(middle, right)
+    else:
+        change = _changes(left, right)
+        brackets.append((left.at(change), right.at(change)))
+    left, right = (join_points(*x) for x in zip(*brackets, strict=True))
+    if len(left.t):
+        found, is_zero = locate_roots(
+            left,
+            right,
+            lambda s: _on_cubics(search, motion, left, right, s),
+            lambda node, t: _instants(search, motion, node, t),
+        )
+        zeros.append(found.at(is_zero))
+        signs.append(np.sign(left.value[is_zero]))
+    found = join_points(*zeros)
+    found = found.at(is_wanted(search, np.concatenate(signs)))
+    return found, found
+
+
+def is_wanted(search: CrossingSearch, side: np.ndarray) -> np.ndarray:
+    """Whether zeros are asked for, from the sign before them."""
+    direction = search.direction
+    return side == -direction if direction else side != 0
+
+
+def _on_cubics(
+    search: CrossingSearch, motion: Trajectory, left: Points, right: Points, s: float
+) -> np.ndarray:
+    """Values at a fraction of each piece, on the cubic through its ends."""
+    w, r = (right.t - left.t)[:, None], 1 - s
+    way = right.q - left.q
+    q = left.q + s**2 * (3 - 2 * s) * way + s * r * w * (r * left.v - s * right.v)
+    v = 6 * s * r * way / w + r * (1 - 3 * s) * left.v + s * (3 * s - 2) * right.v
+    return points_at(search, motion, left.node, left.t + s * w[:, 0], q, v, q).value
+
+
+def _changes(left: Points, right: Points) -> np.ndarray:
+    """Pieces at whose ends the expression is finite and of different sign."""
+    with np.errstate(invalid="ignore"):
+        return (left.value * right.value < 0) & np.isfinite(left.value + right.value)
+
+
+def _in_doubt(
+    search: CrossingSearch, motion: Trajectory, left: Points, right: Points
+) -> np.ndarray:
+    """Pieces that may have more zeros than the signs at their ends tell."""
+    moves = left.t != right.t
+    if not moves.all():
+        doubt = np.zeros(len(left.t), dtype=bool)
+        doubt[moves] = _in_doubt(search, motion, left.at(moves), right.at(moves))
+        return doubt
+    if not len(left.t):
+        return np.zeros(0, dtype=bool)
+    w = right.t - left.t
+    pieces = Pieces(left.q, left.v, right.q, right.v, left.t, w)
+    e = enclosure(search.bounds, pieces, _control_bounds(motion, left, right), motion.c)
+    grows, falls = e.rate_low[:, 0] >= 0, e.rate_high[:, 0] <= 0
+    certain = grows | falls
+    for side, bounds in ((1, e), (-1, e.negative())):
+        same = (side * left.value > 0) & (side * right.value >= 0)
+        ends = tuple(side * a[:, None] for a in (left.value, right.value, left.rate, right.rate))
+        certain |= same & (lower_bound(ends, w[:, None], bounds)[:, 0] >= 0)
+    return ~certain
+
+
+def _instants(
+    search: CrossingSearch, motion: Trajectory, node: np.ndarray, t: np.ndarray
+) -> Points:
+    """The motion at times after the nodes, by sub-steps of the rule."""
+    part = motion[node]
+    states = [part.q.copy(), part.p.copy(), part.k.copy()]
+    for _ in steps_ahead(part, np.arange(len(node)), t - part.t, states):
+        continue
+    q, p, _ = states
+    v = replace(part, t=t, q=q, p=p).v
+    return points_at(search, motion, node, t, q, v, p)
+
+
+def points_at(
+    search: CrossingSearch,
+    motion: Trajectory,
+    node: np.ndarray,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    p: np.ndarray,
+) -> Points:
+    """Instants with the values there."""
+    u = _controls(motion, node, t)
+    found = over_columns(search.values, q, v, t[:, None], u, motion.c)[0]
+    return Points(node, t, q, v, p, found[:, 0].copy(), found[:, 1].copy())
+
+
+def _controls(motion: Trajectory, node: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Controls at instants in the step that begins at, or goes on from, their nodes, (M, k)."""
+    if not motion.u.shape[2]:
+        return np.empty((len(node), 0))
+    k = np.minimum(motion.k[node], len(motion.u) - 1)
+    u = motion.u[k]
+    if u.shape[1] == 1:
+        return u[:, 0]
+    assert motion.origin is not None
+    within = np.clip((t - motion.origin) / motion.h - k, 0.0, 1.0)
+    return np.einsum("ki,kij->kj", lagrange_values(np.array(motion.rule.nodes), within), u)
+
+
+def _control_bounds(motion: Trajectory, left: Points, right: Points) -> np.ndarray:
+    """Least and largest controls and rates of controls on pieces, (M, 4 k)."""
+    ends = [_controls(motion, left.node, x.t) for x in (left, right)]
+    k = np.minimum(motion.k[left.node], len(motion.u) - 1)
+    u, nodes = motion.u[k], np.array(motion.rule.nodes)
+    if u.shape[1] == 1 or not u.shape[2]:
+        rates = np.zeros_like(ends[0])
+    else:  # |Σ j a_j x^(j−1)| ≤ Σ j |a_j| in [0, 1]
+        powers = np.linalg.inv(np.vander(nodes, increasing=True)) @ u
+        rates = np.einsum("j,ijk->ik", np.arange(len(nodes)), np.abs(powers)) / abs(motion.h)
+    middle = (ends[0] + ends[1]) / 2
+    reach = rates * np.abs(right.t - left.t)[:, None] / 2
+    return np.hstack([middle - reach, middle + reach, -rates, rates])

@@ -1,0 +1,134 @@
+"""Zeros in brackets: of one function, or of an expression in many pieces of a motion at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from varint.numerics.limits import ROOT_ITERATIONS
+
+LOCATED = 4 * np.finfo(float).eps  # relative to the larger of |t| and |h|
+SECANTS = 8  # iterations after which a zero is no simple one: bisect
+GUESSES = 6  # Newton's iterations for the cubic that starts the search
+POLE = 1e3  # what grows by this factor where it changes its sign has a pole there
+
+
+class Points(NamedTuple):
+    """Instants of the motion within intervals between nodes, arrays over them: the interval's first
+    node, time, q, v, p, and value and rate of an expression.
+    """
+
+    node: np.ndarray
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    p: np.ndarray
+    value: np.ndarray
+    rate: np.ndarray
+
+    def at(self, which: Any) -> Points:
+        """Some of them."""
+        return Points(*(a[which] for a in self))
+
+
+def join_points(*points: Points) -> Points:
+    """All of them, one after the other."""
+    return Points(*(np.concatenate(a) for a in zip(*points, strict=True)))
+
+
+def find_root(f: Callable[[float], float], a: float, b: float, fa: float, fb: float) -> float:
+    """Root in [a, b] by the Illinois variant of the secant method: superlinear, and never
+    outside.
+    """
+    tolerance = LOCATED * max(abs(a), abs(b), abs(b - a))
+    for _ in range(ROOT_ITERATIONS):
+        c = b - fb * (b - a) / (fb - fa)
+        if not min(a, b) < c < max(a, b):
+            c = (a + b) / 2
+        fc = f(c)
+        if fc == 0 or abs(b - a) <= tolerance:
+            return c
+        if fc * fb < 0:
+            a, fa = b, fb
+        else:
+            fa /= 2
+        b, fb = c, fc
+        if abs(b - a) <= tolerance:
+            break
+    return b
+
+
+THIRDS = np.linalg.inv(np.vander([0, 1 / 3, 2 / 3, 1], increasing=True))
+
+
+def locate_roots(
+    left: Points,
+    right: Points,
+    approximate: Callable[[float], np.ndarray],
+    instants: Callable[[np.ndarray, np.ndarray], Points],
+) -> tuple[Points, np.ndarray]:
+    """The zero in each piece of a motion whose ends have values of different sign, and which of
+    them are zeros: a pole is none.
+
+    It starts at the zero of a cubic through four values along the approximate motion, goes on by
+    secants, and bisects what does not follow them.
+
+    Parameters
+    ----------
+    left, right : Points (M,)
+        Ends of the pieces.
+    approximate : callable
+        s → values (M,) near a fraction s of each piece.
+    instants : callable
+        (nodes, times) → the motion there.
+    """
+    a, b, fa, fb = (x.copy() for x in (left.t, right.t, left.value, right.value))
+    largest = np.maximum(np.abs(fa), np.abs(fb))
+    tolerance = LOCATED * np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(b - a))
+    found, active = Points(*(x.copy() for x in right)), np.arange(len(a))
+    s, slope = _zeros_of_cubics(np.stack([fa, approximate(1 / 3), approximate(2 / 3), fb], axis=1))
+    s = np.where((s > 0) & (s < 1), s, 0.5)  # no number near a pole
+    t, slope = a + s * (b - a), slope / (b - a)
+    last = np.full((2, len(a)), np.nan)
+    for i in range(ROOT_ITERATIONS):
+        if not len(active):
+            break
+        there = instants(left.node[active], t)
+        f = there.value
+        for kept, new in zip(found, there, strict=True):
+            kept[active] = new
+        same = f * fa[active] > 0
+        a[active], fa[active] = np.where(same, t, a[active]), np.where(same, f, fa[active])
+        b[active], fb[active] = np.where(same, b[active], t), np.where(same, fb[active], f)
+        with np.errstate(all="ignore"):
+            slope = np.where(np.isnan(last[0]), slope, (f - last[1]) / (t - last[0]))
+            ahead = t - f / slope
+        inside = (ahead - a[active]) * (b[active] - ahead) > 0
+        close = tolerance[active]
+        done = (f == 0) | (np.abs(b[active] - a[active]) <= close)
+        done |= (np.abs(ahead - t) <= close) & (i < SECANTS)
+        last = np.stack([t, f])[:, ~done]
+        middle = (a[active] + b[active]) / 2
+        t = np.where(inside & (i < SECANTS), ahead, middle)[~done]
+        slope, active = slope[~done], active[~done]
+    narrow = np.abs(b - a) <= tolerance
+    pole = narrow & (np.minimum(np.abs(fa), np.abs(fb)) > POLE * largest) & (found.value != 0)
+    return found, ~pole
+
+
+def _zeros_of_cubics(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Zero in [0, 1] of each cubic with values (M, 4) at 0, 1/3, 2/3 and 1, and the slope there."""
+    low, high = np.zeros(len(values)), np.ones(len(values))
+    with np.errstate(all="ignore"):
+        c = values @ THIRDS.T
+        s = values[:, 0] / (values[:, 0] - values[:, 3])
+        for _ in range(GUESSES):
+            f = c[:, 0] + s * (c[:, 1] + s * (c[:, 2] + s * c[:, 3]))
+            slope = c[:, 1] + s * (2 * c[:, 2] + s * 3 * c[:, 3])
+            before = f * values[:, 0] > 0
+            low, high = np.where(before, s, low), np.where(before, high, s)
+            ahead = s - f / slope
+            s = np.where((ahead >= low) & (ahead <= high), ahead, (low + high) / 2)
+    return s, slope

@@ -1,0 +1,244 @@
+"""Why a step failed, in words, and what to try: judged at the last good node and one step ahead
+of it.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.constraints import every_row_function, position_rows_function
+from varint.discrete.inertia import scaled_mass
+from varint.discrete.lagrangian import point_function
+from varint.discrete.tolerances import RESIDUAL_LIMIT
+from varint.errors import ConvergenceError
+from varint.integration.energy_check import energy_jump, undefined_at
+from varint.numerics.arrays import is_definite, over_columns
+from varint.results.trajectory import Trajectory
+from varint.scene.system import System, per_system
+
+LOOKED_AT = 20  # nodes before the failure
+STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
+FAST = 0.5  # h ω above which the step may be too large
+LOST = 1e-3  # of the inertia that a coordinate had over these nodes
+SAMPLES = 10
+AHEAD = 1.5  # steps to look ahead along the velocity
+# of what it was over these nodes: a singular value of the constraints that speaks of a singularity
+NEARER = 0.2
+# smallest eigenvalue of a scaled mass matrix, or singular value of constraints, that is nearly zero
+WEAK = 1e-6
+
+
+def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> ConvergenceError:
+    """The error of a step that failed; between two saved nodes it belongs to the steps after the
+    last of them.
+    """
+    t = float(motion.t[0] + motion.h * (step - motion.k[0]))
+    if np.isfinite(residual):
+        what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
+    else:
+        what = "gave values that are not finite"
+    hint = "; on_failure='subdivide' redoes such a step in smaller parts"
+    if on_failure == "subdivide":
+        left = (
+            "values that are not finite" if np.isnan(residual) else f"a residual of {residual:.1e}"
+        )
+        what, hint = (
+            "has no solution, nor have 2, 4, … 1024 parts one on which they agree (at the end "
+            f"{left})",
+            "",
+        )
+    cause = likely_cause(motion)
+    return ConvergenceError(
+        f"the step after t = {t:g} (step {step}) {what}. Likely: {cause}{hint}. "
+        f"Error.trajectory has the {len(motion)} nodes before it",
+        step=step,
+        time=t,
+        residual=residual,
+        trajectory=motion,
+        cause=cause,
+    )
+
+
+def refusal(motion: Trajectory, step: int, why: str) -> ConvergenceError:
+    """The error of a step that cannot be done, whatever its size."""
+    return ConvergenceError(
+        f"the step after t = {motion.t[-1]:g} (step {step}) cannot be done: {why}. "
+        f"Error.trajectory has the {len(motion)} nodes before it",
+        step=step,
+        time=float(motion.t[-1]),
+        residual=float("nan"),
+        trajectory=motion,
+        cause=why,
+    )
+
+
+@np.errstate(all="ignore")
+def likely_cause(motion: Trajectory) -> str:
+    """The likely cause of the failure of the step after the trajectory's last node, with what to
+    try.
+    """
+    if jump := energy_jump(motion):
+        return jump.cause
+    last = motion[-LOOKED_AT:]
+    causes = [*_singular(last), *_undefined(last)]
+    speeds = np.abs(motion.h) * frequencies(last)
+    if len(speeds) and speeds[-1] > STEEPER * np.median(speeds):
+        causes.append(
+            "a collision or near approach (the stiffness grew "
+            f"{(speeds[-1] / np.median(speeds)) ** 2:.1g}-fold over the last {len(speeds)} nodes; "
+            f"h ω = {speeds[-1]:.2g} now): try a smaller h"
+        )
+    elif len(speeds) and speeds[-1] > FAST:
+        causes.append(
+            f"h is too large for the fastest motion (h ω = {speeds[-1]:.2g} at the last node): try "
+            "a smaller h"
+        )
+    return (
+        "; or ".join(causes)
+        or "h is too large for this motion or the scene is close to singular: try a smaller h"
+    )
+
+
+def _singular(motion: Trajectory) -> list[str]:
+    """A mass matrix or constraints that nearly lose their rank at the last node."""
+    structure, names = motion.system.structure, motion.system.names
+    found = []
+    if not (structure.degenerate or structure.constraints or structure.nonholonomic):
+        masses = _local(motion)[0]
+        mass, inertia = masses[-1], np.abs(np.einsum("mii->mi", masses))
+        lost = inertia[-1] < LOST * inertia.max(axis=0)
+        if lost.any():
+            found.append(
+                "a singular configuration (the inertia of "
+                f"{[names[i] for i in np.flatnonzero(lost)]} vanishes, as at a pole or in gimbal "
+                "lock): use coordinates that are regular there, or start elsewhere"
+            )
+        scaled = scaled_mass(mass)
+        regular = (np.diag(mass) != 0).all() and np.isfinite(scaled).all()
+        values, vectors = np.linalg.eigh(scaled) if regular else (np.zeros(1), None)
+        weakest = int(np.argmin(np.abs(values)))
+        if abs(values[weakest]) < WEAK and np.isfinite(mass).all():
+            part = np.ones(len(names)) if vectors is None else np.abs(vectors[:, weakest])
+            weak = [name for name, x in zip(names, part, strict=True) if x > 0.1 * part.max()]
+            found.append(
+                f"a singular configuration (the mass matrix nearly loses its rank in {weak}): use "
+                "coordinates that are regular there, or start elsewhere"
+            )
+    if structure.constraints:
+        found += _dependent_rows(motion)
+    return found
+
+
+def _dependent_rows(motion: Trajectory) -> list[str]:
+    """Constraint rows whose gradients nearly depend on one another at the last node or where it
+    leads.
+    """
+    last, system = motion[-1], motion.system
+    if not np.isfinite(last.v).all():
+        return []
+    ahead = last.q + motion.h * np.linspace(0, AHEAD, SAMPLES)[:, None] * last.v
+    times = np.append(motion.t, last.t + motion.h * np.linspace(0, AHEAD, SAMPLES))
+    slope = over_columns(
+        position_rows_function(system), np.vstack([motion.q, ahead]), times[:, None], motion.c
+    )[1]
+    rows = slope.reshape(len(times), system.structure.n, -1).transpose(0, 2, 1)
+    rows = rows[:, : system.structure.constraints]
+    size = np.linalg.norm(rows, axis=2, keepdims=True)
+    nodes = len(motion)
+    lost = np.flatnonzero(
+        size[nodes:, :, 0].min(axis=0) < NEARER * size[:nodes, :, 0].max(axis=0)
+    ).tolist()
+    if lost:
+        return [
+            f"a singular configuration (the gradients of the constraint rows {lost} nearly vanish, "
+            "as at a corner or an end of the allowed curve): try a smaller h, start elsewhere, or "
+            "write the constraint without a corner"
+        ]
+    rows = rows / np.where(size > 0, size, 1)
+    if not np.isfinite(rows).all():
+        return []
+    left, values, _ = np.linalg.svd(rows)
+    least = values.min(axis=1) if rows.shape[1] <= rows.shape[2] else np.zeros(len(rows))
+    worst = nodes + int(np.argmin(least[nodes:]))
+    if least[worst] >= WEAK and least[worst] >= NEARER * least[:nodes].max():
+        return []
+    part = np.abs(left[worst, :, -1])
+    tied = np.flatnonzero(part > 0.1 * part.max()).tolist()
+    return [
+        f"a singular configuration (the gradients of the constraint rows {tied} nearly depend on "
+        "one another, as where a linkage folds or is stretched out, and the motion is not "
+        "determined): try a smaller h, start elsewhere, or drop a redundant constraint"
+    ]
+
+
+def _undefined(motion: Trajectory) -> list[str]:
+    """Derivatives of L that are not finite ahead along the velocity, as far as nodes are apart."""
+    last = motion[-1]
+    if not np.isfinite(last.v).all():
+        return []
+    far = motion.h * (int(motion.k[-1] - motion.k[-2]) if len(motion) > 1 else 1) or motion.h
+    passed = far * np.linspace(0, 1, 11)[1:, None]
+    ahead, t = last.q + passed * last.v, last.t + passed
+    point = point_function(motion.system)
+    u = np.zeros(motion.system.structure.controls)
+    v = np.broadcast_to(last.v, ahead.shape)
+    values = np.concatenate(over_columns(_dense(point), ahead, v, u, t, motion.c), axis=1)
+    what = "the Lagrangian or the force"
+    if np.isfinite(values).all():
+        what, values = (
+            "a constraint or the gap of a contact",
+            np.concatenate(
+                over_columns(position_rows_function(motion.system), ahead, t, motion.c)
+                + over_columns(every_row_function(motion.system), ahead, 0 * v, t, motion.c),
+                axis=1,
+            ),
+        )
+    if np.isfinite(values).all():
+        return []
+    i = int(np.argmin(np.isfinite(values).all(axis=1)))
+    return [f"{what} is not defined where the step leads, {undefined_at(ahead[i], float(t[i, 0]))}"]
+
+
+def frequencies(motion: Trajectory) -> np.ndarray:
+    """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
+    if motion.system.structure.degenerate or motion.system.structure.n > 60:
+        return np.empty(0)
+    mass, stiffness = _local(motion)
+    found = []
+    for m, k in zip(mass, stiffness, strict=True):
+        if not (np.isfinite(m).all() and np.isfinite(k).all()):
+            break
+        inertia = np.diag(m).copy()
+        if (inertia <= 0).any():
+            return np.empty(0)
+        square = np.linalg.solve(m, k) if is_definite(m) else np.linalg.pinv(m, hermitian=True) @ k
+        if not np.isfinite(square).all():
+            break
+        found.append(np.sqrt(np.abs(np.linalg.eigvals(square)).max()))
+    return np.array(found)
+
+
+def _local(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """M and ∂(∂L/∂q + F)/∂q at every node, (N + 1, n, n)."""
+    n = motion.system.structure.n
+    found = over_columns(
+        _local_function(motion.system), motion.q, motion.v, motion.t[:, None], motion.c
+    )
+    mass, stiffness = (x.reshape(-1, n, n).transpose(0, 2, 1) for x in found)
+    return mass, stiffness
+
+
+@per_system
+def _local_function(system: System) -> ca.Function:
+    s = system
+    generalised_force = ca.gradient(s.lagrangian, s.q) + ca.substitute(
+        s.force, s.control, 0 * s.control
+    )
+    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(generalised_force, s.q))]
+    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+
+
+def _dense(point: ca.Function) -> ca.Function:
+    symbols = [ca.SX.sym(f"x{i}", point.size1_in(i)) for i in range(point.n_in())]
+    return ca.Function("dense_point", symbols, [ca.densify(x) for x in point(*symbols)])

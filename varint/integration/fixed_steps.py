@@ -1,0 +1,64 @@
+"""Runs whose number of steps is given: from checked input to the trajectory, watched on the way."""
+
+from __future__ import annotations
+
+import warnings
+from time import perf_counter
+
+from varint.integration.energy_check import energy_jump
+from varint.integration.energy_leap import energy_leap
+from varint.integration.events.crossings import parse_watch, parse_watches
+from varint.integration.plan import plan
+from varint.integration.problem import RunOptions, Start, initial_value_problem
+from varint.integration.run import collect, start_run
+from varint.integration.trajectories import subsample
+from varint.numerics.limits import check_steps
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+
+def simulate_steps(
+    system: System, rule: Rule | None, start: Start, options: RunOptions, level: float | None = None
+) -> Trajectory:
+    """`simulate` with two of h, steps and duration.
+
+    `level` is where compiled iterations end, where it is not `options.iteration_tol` that says so.
+    """
+    began, asked = perf_counter(), options
+    stop = None if asked.until is None else parse_watch("until", asked.until)
+    watches = parse_watches(asked.events)
+    chosen = plan(system, rule)
+    problem = initial_value_problem(system, chosen.rule, start, options)
+    problem = problem if level is None else problem._replace(level=level)
+    check_steps(problem.t0, problem.h, problem.steps)
+    every, file = problem.save_every, None
+    if asked.checkpoint is not None:
+        from varint.integration.checkpoint import checkpoint_of
+
+        words = dict(backend=asked.backend, on_failure=asked.on_failure)
+        file = checkpoint_of(asked.checkpoint, system, chosen.rule, problem, stop, watches, **words)
+    if stop or watches:  # every node is looked at; those not asked for are dropped at the end
+        problem = problem._replace(save_every=1)
+    run = start_run(
+        system,
+        chosen,
+        problem,
+        began,
+        backend=asked.backend,
+        on_failure=asked.on_failure,
+        file=file,
+    )
+    motion = collect(
+        run,
+        stop=stop,
+        watches=watches,
+        file=file,
+        progress=asked.progress,
+        on_failure=asked.on_failure,
+    )
+    if jump := energy_jump(motion):
+        warnings.warn(jump.alarm(motion.h), stacklevel=3)
+    elif leap := energy_leap(motion):
+        warnings.warn(leap.alarm(), stacklevel=3)
+    return motion if every == problem.save_every else subsample(motion, every)

@@ -1,0 +1,166 @@
+"""Nodes on a fold: where constraint rows lose their rank the motion is not determined.
+
+A linkage that folds passes through a configuration in which its rows are dependent. A step over it
+goes on as before. A node on it does not: there positions are known to the square root of round-off
+alone, the multipliers have no bound, and the run would go on with any energy, on any branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.constraints import velocity_rows
+from varint.errors import StepRefused
+from varint.integration.problem import InitialValueProblem
+from varint.integration.row_watch import BlocksFrom
+from varint.integration.state import NodeBlock, RunState
+from varint.numerics.arrays import call, over_columns
+from varint.results.trajectory import Trajectory
+from varint.scene.system import System, per_system
+
+# of the largest distance of a row from the others during the run: nearer ones have energies off by
+# 1e-6 to 10 of the kinetic energy, those that are farther none (four-bar linkages, all rules)
+ON_FOLD = 1e-6
+# of the row's gradient at the node before: where a constraint's curve crosses itself or ends
+VANISHED = 1e-6
+SAMPLES = 33  # between two nodes, or of a motion
+NEARER = 0.2  # of the usual smallest singular value: a fold is near
+TIED = 0.1  # of the largest part in the dependence: rows that are named
+
+
+def with_folds_watched(
+    blocks_from: BlocksFrom, scene: System, problem: InitialValueProblem
+) -> BlocksFrom:
+    """The blocks of a run, up to the first node at which the constraint rows lose their rank.
+
+    Raises
+    ------
+    StepRefused
+        While the blocks come: a node lies on a fold.
+    """
+
+    def watched(at: RunState | None) -> Iterator[NodeBlock]:
+        q, k = (problem.q0, problem.first) if at is None else (at.x[: len(problem.q0)], at.k)
+        far, size = _independence(
+            scene, problem, np.stack([problem.q0, q]), np.array([problem.first, k])
+        )
+        most, before = far.max(), size[1:]
+        for block in blocks_from(at):
+            if block.good:
+                far, size = _independence(
+                    scene, problem, block.q[: block.good], block.k[: block.good]
+                )
+                largest = np.maximum.accumulate(np.maximum(far, most))
+                sizes = np.concatenate([before, size])
+                folded = far < ON_FOLD * largest
+                vanished = (sizes[1:] < VANISHED * sizes[:-1]).any(axis=1)
+                lost = np.flatnonzero(folded | vanished)
+                if len(lost):
+                    good = int(lost[0])
+                    if good:
+                        yield block._replace(
+                            k=block.k[:good],
+                            q=block.q[:good],
+                            p=block.p[:good],
+                            good=good,
+                            after=None,
+                            counts=None,
+                        )
+                    raise StepRefused(_why(scene, problem, block.q[good], int(block.k[good])))
+                most, before = largest[-1], size[-1:]
+            yield block
+
+    return watched
+
+
+def _independence(
+    scene: System, problem: InitialValueProblem, q: np.ndarray, k: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """At each node: the smallest distance of a row from those before it, of rows scaled to length
+    one, and the rows' lengths.
+    """
+    t = problem.t0 + problem.h * k[:, None]
+    pivot, size = over_columns(_pivot_function(scene), np.ascontiguousarray(q), t, problem.c)
+    return np.sqrt(np.maximum(pivot[:, 0], 0)), size
+
+
+@per_system
+def _rows_function(system: System) -> ca.Function:
+    """(q, t, c) → the gradients of all rows."""
+    s = system
+    slope = ca.densify(ca.jacobian(velocity_rows(s), s.v))
+    return ca.Function("fold_rows", [s.q, s.t, s.c], [slope])
+
+
+@per_system
+def folds(system: System) -> bool:
+    """Whether the rank of the constraint rows may depend on where the scene is."""
+    s = system
+    return bool(s.structure.constraints) and ca.depends_on(
+        ca.jacobian(velocity_rows(s), s.v), ca.vertcat(s.q, s.t)
+    )
+
+
+@per_system
+def _pivot_function(system: System) -> ca.Function:
+    """(q, t, c) → the smallest pivot of R Rᵀ = L D Lᵀ, R the rows scaled to length one, and their
+    lengths.
+
+    A pivot is the squared distance of a row from the span of those eliminated before it, and much
+    cheaper than a singular value.
+    """
+    s = system
+    rows = ca.jacobian(velocity_rows(s), s.v)
+    size = ca.sqrt(ca.sum2(rows**2))
+    scaled = ca.mtimes(ca.diag(1 / size), rows)
+    pivots = ca.ldl(ca.mtimes(scaled, scaled.T))[0]
+    outputs = [ca.mmin(ca.densify(pivots)), ca.densify(size)]
+    return ca.Function("pivots", [s.q, s.t, s.c], outputs, {"cse": True})
+
+
+def rows_of_fold(motion: Trajectory, a: int, b: int) -> tuple[int, ...]:
+    """The rows that are nearly dependent somewhere between two nodes of a motion, as far as
+    straight lines between its nodes tell; none where the rows are as independent as elsewhere.
+    """
+    nodes = np.arange(a, b + 1)
+    at = np.linspace(a, b, SAMPLES)
+    q = np.stack([np.interp(at, nodes, x) for x in motion.q[nodes].T], axis=1)
+    left, values = _directions(motion, q, np.interp(at, nodes, motion.t[nodes]))
+    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
+    elsewhere = _directions(motion, motion.q[some], motion.t[some])[1]
+    worst = int(np.argmin(values[:, -1]))
+    if not values[worst, -1] < NEARER * np.median(elsewhere[:, -1]):
+        return ()
+    part = np.abs(left[worst, :, -1])
+    return tuple(np.flatnonzero(part > TIED * part.max()).tolist())
+
+
+def _directions(motion: Trajectory, q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Left singular vectors and singular values of the rows scaled to length one."""
+    flat = over_columns(_rows_function(motion.system), q, t[:, None], motion.c)[0]
+    rows = flat.reshape(len(q), q.shape[1], -1).transpose(0, 2, 1)
+    size = np.linalg.norm(rows, axis=2, keepdims=True)
+    left, values, _ = np.linalg.svd(rows / np.where(size > 0, size, 1))
+    return left, values
+
+
+def _why(scene: System, problem: InitialValueProblem, q: np.ndarray, k: int) -> str:
+    """Which rows are dependent at the node after k steps, where, and what to do."""
+    t = problem.t0 + problem.h * k
+    flat = call(_rows_function(scene), q.copy(), np.array([t]), problem.c)[0]
+    slope = flat.reshape(len(q), -1).T
+    size = np.linalg.norm(slope, axis=1, keepdims=True)
+    left = np.linalg.svd(slope / np.where(size > 0, size, 1))[0]
+    flat_rows = size[:, 0] <= VANISHED * size.max()
+    part = np.where(flat_rows.any(), flat_rows, np.abs(left[:, -1]))
+    tied = np.flatnonzero(part > TIED * part.max()).tolist()
+    where = ", ".join(f"{x:.6g}" for x in q)
+    return (
+        f"the node at t = {t:.6g} (step {k}) lies on a fold, q = [{where}]: the gradients of the "
+        f"constraint rows {tied} are dependent or vanish there, as where a linkage is folded flat "
+        "or a curve crosses itself, and neither the branch nor the energy of the motion beyond is "
+        "determined; change h or the start a little, so that a step passes over the fold"
+    )

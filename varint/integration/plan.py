@@ -1,0 +1,136 @@
+"""Which stepper runs for a scene and a rule, and why; what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from varint.discrete.constraints import ActiveSet
+from varint.discrete.suitability import require_steppable
+from varint.errors import InputError
+from varint.integration.steppers.constrained import CONSTRAINED
+from varint.integration.steppers.explicit import EXPLICIT
+from varint.integration.steppers.implicit import IMPLICIT
+from varint.integration.steppers.linear import LINEAR
+from varint.integration.steppers.rattle import RATTLE
+from varint.integration.steppers.stepper import Stepper
+from varint.integration.steppers.uniform_field import UNIFORM_FIELD
+from varint.rules.rule import Rule, composition, gauss, lobatto
+from varint.scene.system import System, per_system, require_system
+
+# The first that applies runs: the cheapest correct one. A new stepper is one file and one entry.
+METHODS = (UNIFORM_FIELD, EXPLICIT, RATTLE, CONSTRAINED, LINEAR, IMPLICIT)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What will run: `print(plan)` says it in words.
+
+    Attributes
+    ----------
+    rule : Rule
+        The rule, the scene's own where none was given.
+    method : str
+        Name of the stepper.
+    runs, skipped : tuple of str
+        What is done in a step, and what was left out because the scene does not have it.
+    build : callable
+        (system, rule) → Stepper.
+    """
+
+    rule: Rule
+    method: str
+    runs: tuple[str, ...]
+    skipped: tuple[str, ...]
+    build: Callable[[System, Rule], Stepper]
+
+    def __str__(self) -> str:
+        lines = [f"{self.rule}, order {self.rule.order}: {self.method}"]
+        lines += [f"  runs     {text}" for text in self.runs]
+        lines += [f"  skipped  {text}" for text in self.skipped]
+        return "\n".join(lines)
+
+
+def default_rule(system: System) -> Rule:
+    """Separable with constant mass: an explicit composition; constraints: `lobatto(3)`;
+    otherwise `gauss(2)`.
+    """
+    s = system.structure
+    if s.explicit:
+        return composition("blanes-moan4")
+    if s.nonholonomic:
+        return lobatto(2) if s.constraints else gauss(1)
+    if s.degenerate:
+        return gauss(1)
+    return lobatto(3) if s.constraints or s.contacts else gauss(2)
+
+
+def plan(system: System, rule: Rule | None = None) -> Plan:
+    """The cheapest correct stepper for `system` by `rule`, with its reasons.
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Default: the scene's own, see `default_rule`.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        If the rule cannot step the scene.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> print(vi.plan(vi.System(q, v, v**2 / 2 + ca.cos(q)), vi.trapezoidal()))
+    trapezoidal(), order 2: kick and drift
+      runs     1 force evaluation a step, kept from step to step
+      skipped  root finding: L = ½ vᵀMv − V(q, t) with constant M
+      skipped  matrix solves: M is diagonal
+      skipped  time: the scene is autonomous
+    """
+    require_system(system)
+    if rule is not None and not isinstance(rule, Rule):
+        raise InputError(f"rule must be a varint Rule such as gauss(2), got {rule!r}")
+    return _plan(system, rule)
+
+
+@per_system
+def _plan(system: System, rule: Rule | None) -> Plan:
+    rule = default_rule(system) if rule is None else rule
+    require_steppable(system, rule)
+    if system.structure.contacts:
+        return _with_contacts(system, rule)
+    method = next(method for method in METHODS if method.applies(system, rule))
+    skipped = method.skips(system, rule)
+    if system.structure.autonomous:
+        skipped = (*skipped, "time: the scene is autonomous")
+    return Plan(rule, method.name, method.runs(system, rule), skipped, method.build)
+
+
+def _with_contacts(system: System, rule: Rule) -> Plan:
+    """The plan of the scene without its contacts, watched."""
+    free = plan(ActiveSet(tuple(range(system.structure.constraints))).scene(system), rule)
+    watch = (
+        "a look at gaps and contact multipliers after every block of steps; sub-steps where one "
+        "changes sign"
+    )
+    return replace(
+        free,
+        method=f"{free.method}, contacts watched",
+        runs=(*free.runs, watch),
+        build=_not_one_step,
+    )
+
+
+def _not_one_step(system: System, rule: Rule) -> Stepper:
+    raise InputError(
+        "a scene with contacts has no step of its own, for what holds changes; take the scene "
+        "without contact=, or simulate()"
+    )

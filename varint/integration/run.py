@@ -1,0 +1,186 @@
+"""The course of a run: its blocks, watched as they come, become one trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from varint.errors import InputError, StepRefused
+from varint.integration.backend import blocks_of, kernel_for, subdivide_failed_step
+from varint.integration.events.crossings import (
+    Crossings,
+    Watch,
+    crossing_search,
+    find_crossings,
+    impacts_in,
+    log_crossings,
+)
+from varint.integration.fold_watch import folds, with_folds_watched
+from varint.integration.plan import Plan
+from varint.integration.problem import InitialValueProblem
+from varint.integration.row_watch import BlocksFrom, watch_rows
+from varint.integration.state import NodeBlock
+from varint.integration.trajectories import (
+    Run,
+    active_scene,
+    cut_at,
+    first_node,
+    last_node,
+    trajectory_of,
+)
+from varint.numerics.progress import progress_bar
+from varint.results.trajectory import Trajectory
+from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.codegen.kernel import Kernel
+    from varint.integration.checkpoint import Checkpoint
+
+
+AT_ONCE = 10_000  # nodes that are searched together for zeros: many cost little more than a few
+
+
+def start_run(
+    system: System,
+    chosen: Plan,
+    problem: InitialValueProblem,
+    began: float,
+    *,
+    backend: str,
+    on_failure: str = "raise",
+    file: Checkpoint | None = None,
+) -> Run:
+    """The run that `problem` describes, from its checkpoint on where there is one.
+
+    Raises
+    ------
+    InputError
+        If the backend or `on_failure` is unknown or not possible here.
+    """
+    if on_failure not in ("raise", "subdivide"):
+        raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
+    kernel: Kernel | None = None
+    blocks_from: BlocksFrom
+    if system.structure.contacts:
+        if backend not in ("auto", "interpreted"):
+            raise InputError(
+                f"runs with contacts are interpreted; backend={backend!r} is not for them"
+            )
+        from varint.integration.events.contact_loop import contact_run
+        from varint.integration.events.subdivide import subdivide_contact_step
+
+        blocks_from = partial(contact_run, system, chosen.rule, problem)
+        remedy = partial(subdivide_contact_step, system, chosen.rule, problem)
+    else:
+        scene = active_scene(system, problem)
+        kernel = kernel_for(scene, chosen.rule, problem, backend)
+        blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
+        if folds(scene):
+            blocks_from = with_folds_watched(blocks_from, scene, problem)
+        if scene is not system:
+            blocks_from = watch_rows(blocks_from, system, chosen.rule, problem)
+        remedy = partial(subdivide_failed_step, scene, chosen.rule, problem, kernel)
+    if file:  # "auto" may choose otherwise next time, where no compiler is found
+        file.identity["loop"] = "interpreted" if kernel is None else kernel.about
+    nodes = file.read() if file else []
+    if not nodes and not system.structure.contacts:
+        nodes = [first_node(problem)]
+    at = nodes[-1].after if nodes else None
+    blocks = blocks_from(at)
+    if on_failure == "subdivide":
+        from varint.integration.events.subdivide import around_failures
+
+        blocks = around_failures(blocks_from, remedy, problem.steps, at)
+    return Run(system, chosen, problem, nodes or [next(blocks)], blocks, kernel, began)
+
+
+def collect(
+    run: Run,
+    *,
+    stop: Watch | None = None,
+    watches: Sequence[Watch] = (),
+    file: Checkpoint | None = None,
+    progress: bool | None = None,
+    on_failure: str = "raise",
+) -> Trajectory:
+    """The whole run, or its nodes until `stop` crosses zero or Ctrl-C.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step cannot be solved.
+    """
+    problem, nodes, interrupted = run.problem, run.nodes, False
+    searches = [crossing_search(run.system, watch) for watch in watches]
+    stopping = crossing_search(run.system, stop) if stop else None
+    noted, pending = [], [last_node(nodes)]  # events so far, and the nodes not yet searched
+    reached = int(nodes[-1].k[-1])
+
+    def so_far() -> Trajectory:
+        if searches and len(pending) > 1:
+            noted.extend(log_crossings(searches, trajectory_of(run, pending), impacts_in(pending)))
+            pending[:] = [last_node(pending)]
+        return trajectory_of(run, nodes, noted, interrupted)
+
+    try:
+        # blocks are checked
+        with (
+            progress_bar(problem.steps, "step", progress, reached) as move,
+            np.errstate(all="ignore"),
+        ):
+            for block in run.blocks:
+                end: Crossings | None = None
+                if stopping and block.good:
+                    recent = [last_node(nodes), block]
+                    end = find_crossings(stopping, trajectory_of(run, recent), impacts_in(recent))
+                nodes.append(block)
+                if searches and block.good:
+                    pending.append(block)
+                if end and len(end.jump):
+                    motion = so_far()
+                    return cut_at(motion, len(motion) - block.good - 1, end)
+                if block.good < len(block.k):
+                    from varint.integration.failures import failure
+
+                    raise failure(so_far(), _next_step(block), block.failed, on_failure)
+                if block.good:
+                    before, reached = reached, int(block.k[block.good - 1])
+                    move(reached - before, partial(_energy_note, run, block))
+                if sum([part.good for part in pending]) > AT_ONCE:
+                    so_far()
+                if file and file.due():
+                    so_far()
+                    file.write(problem.t0, problem.h, nodes, noted)
+    except StepRefused as error:
+        from varint.integration.failures import refusal
+
+        raise refusal(so_far(), _next_step(nodes[-1]), str(error)) from None
+    except KeyboardInterrupt:
+        interrupted = True
+    motion = so_far()
+    if file and len(nodes) > 1:
+        file.write(problem.t0, problem.h, nodes, noted)
+    return motion
+
+
+def _next_step(block: NodeBlock) -> int:
+    """Index of the first step that is not known to be solved."""
+    if block.after is not None:
+        return block.after.k
+    return int(block.k[block.good - 1]) if block.good else int(block.k[0]) - 1
+
+
+def _energy_note(run: Run, last: NodeBlock) -> str:
+    """Energy error of the last node for the progress bar; the energy where forces or time may
+    change it.
+    """
+    before, after = trajectory_of(
+        run, [last_node([block]) for block in (run.nodes[0], last)]
+    ).energy
+    s = run.system.structure
+    if s.forced or not s.autonomous or before == 0:
+        return f"H={after:.6g}"
+    return f"ΔH/|H|={(after - before) / abs(before):.1e}"

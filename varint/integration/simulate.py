@@ -1,0 +1,196 @@
+"""Initial value problems: check the input, run the time loop, return a `Trajectory`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from varint.errors import InputError
+from varint.integration.fixed_steps import simulate_steps
+from varint.integration.problem import RunOptions, Start
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System, require_system
+
+
+def simulate(
+    system: System,
+    rule: Rule | None = None,
+    *,
+    q0: Any,
+    v0: Any = None,
+    p0: Any = None,
+    h: float | None = None,
+    steps: int | None = None,
+    duration: float | None = None,
+    t0: float = 0.0,
+    u: Any = None,
+    params: ParameterValues | None = None,
+    save_every: int = 1,
+    until: ca.SX | tuple[ca.SX, int] | None = None,
+    events: Mapping[str, Any] | None = None,
+    time_scale: ca.SX | None = None,
+    tol: float | None = None,
+    scale: Any = None,
+    iteration_tol: float | None = None,
+    progress: bool | None = None,
+    backend: str = "auto",
+    checkpoint: Any = None,
+    on_failure: str = "raise",
+) -> Trajectory:
+    """Motion from initial values, D2 L_d(q_{k−1}, q_k) + D1 L_d(q_k, q_{k+1}) = 0 (discrete
+    Euler–Lagrange).
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Default: an explicit composition for separable scenes with constant mass, else `gauss(2)`.
+    q0 : array (n,)
+        Start coordinates.
+    v0, p0 : array (n,)
+        Start velocities or momenta ∂L/∂v, one of the two (neither for a degenerate Lagrangian).
+    h, steps, duration : float, int, float
+        Step size, number of steps, total time: two of the three, or the duration alone, where rule
+        (if none is given) and steps are chosen for the accuracy `tol`. A negative h runs backwards.
+    t0 : float
+        Start time.
+    u : array (steps, k) or (steps, r, k) or (k,), optional
+        Controls: one value a step, one at each of the rule's r nodes, or the same all the time.
+    params : dict, optional
+        Parameter values that differ from the defaults, by name or symbol.
+    save_every : int
+        Keep every so many steps (the last step is always kept).
+    until : SX or (SX, int), optional
+        Stop where this expression of q, v, t and the parameters crosses zero; the last node is the
+        crossing, located with the rule's own accuracy. With a direction: +1 only where it rises, -1
+        only where it falls.
+    events : dict of SX or (SX, int), optional
+        Log where these expressions cross zero: `Trajectory.events` has a record with the time and
+        the name of each. Every step is watched, whatever `save_every` keeps.
+    time_scale : SX, optional
+        σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ,
+        dt = σ(q) dτ, the nodes' ``t`` are physical times, and `duration` is physical too (the last
+        step ends there). Give h and either steps or duration; see `close_encounters`.
+    tol : float, optional
+        Wanted error of every coordinate at every node, divided by its `scale`. With `duration`
+        alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that
+        come together; ``stats["error_estimate"]`` is what their differences say, with a warning
+        where that stays above tol, as round-off and chaos may have it.
+    scale : float or array (n,), optional
+        What errors of the coordinates are divided by. Default: the range of each coordinate during
+        the motion (of a body's x, y, z together; of an angle at most a radian).
+    iteration_tol : float, optional
+        With h or steps: end compiled iterations where they no longer matter for a motion of this
+        accuracy, in place of round-off. The invariants are then kept to the same accuracy only.
+    progress : bool, optional
+        Show a progress bar. Default: in a terminal, for runs longer than a second.
+    backend : {"auto", "compiled", "interpreted"}
+        Whether the run's inner loop is compiled C. By default it is where the run is long enough to
+        repay the compiler.
+    checkpoint : path, optional
+        Write the run to this file every second or so. The same call goes on from there after a
+        crash, a kill or Ctrl-C, and ends with the same bytes as a run that was not stopped; after
+        the end it returns the whole run at once. One run a file, one process a run.
+    on_failure : {"raise", "subdivide"}
+        ``"subdivide"`` redoes a step that cannot be solved in 2, 4, … 1024 parts, until they agree
+        with half as many. They become nodes, and `Trajectory.events` tells of it; controls within
+        the step are the polynomial through those at its nodes. The step changes there, so a
+        symplectic rule loses its long-time guarantees locally: for a rare close approach, not for a
+        step that is too large everywhere.
+
+    Returns
+    -------
+    Trajectory
+        After Ctrl-C the nodes until then, with ``stats["interrupted"]`` true.
+
+    Raises
+    ------
+    InputError
+        If the input is not a well-posed problem; the message says what to change.
+    ConvergenceError
+        If a step cannot be solved: step, time, residual, likely cause and the trajectory up to
+        there are attached.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
+    >>> motion = vi.simulate(pendulum, q0=1.0, v0=0.0, h=0.01, steps=1000)
+    >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
+    ((1001, 1), True)
+    """
+    require_system(system)
+    if tol is not None or iteration_tol is not None:
+        tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
+    start = Start(q0, v0, p0, t0, params, u)
+    options = RunOptions(
+        h,
+        steps,
+        duration,
+        tol,
+        scale,
+        iteration_tol,
+        save_every,
+        until,
+        events,
+        progress,
+        backend,
+        checkpoint,
+        on_failure,
+    )
+    if time_scale is not None:
+        if u is not None:
+            raise InputError(
+                "time_scale takes no controls u: they change the energy that it is built on"
+            )
+        if given := _asked_of_steps(options):
+            raise InputError(f"time_scale takes no {given}: leave one of them out")
+        from varint.integration.time_transformation.transformed_run import simulate_transformed
+
+        return simulate_transformed(system, rule, time_scale, start, options)
+    if h is None and steps is None:
+        from varint.integration.to_tolerance import simulate_to_tolerance
+
+        return simulate_to_tolerance(system, rule, start, options)
+    return simulate_steps(system, rule, start, options)
+
+
+def _tolerances(
+    tol: float | None, iteration_tol: float | None, stepped: bool
+) -> tuple[float | None, float | None]:
+    """tol and iteration_tol; tol beside h or steps is the old name of the latter."""
+    for name, x in (("tol", tol), ("iteration_tol", iteration_tol)):
+        if x is not None and not (isinstance(x, (float, int)) and 0 < x < 1):
+            raise InputError(f"{name} must be a relative error between 0 and 1, got {x!r}")
+    if not stepped and iteration_tol is not None:
+        raise InputError(
+            "iteration_tol goes with h or steps; where tol chooses the steps it chooses where "
+            "iterations end, too"
+        )
+    if not stepped or tol is None:
+        return tol, iteration_tol
+    if iteration_tol is not None:
+        raise InputError(
+            "tol chooses the steps: leave h and steps out, or tol, and keep iteration_tol"
+        )
+    warnings.warn(
+        f"tol with h or steps is called iteration_tol now: write iteration_tol={tol:g}; tol is the "
+        "accuracy wanted of the motion, and chooses the steps",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return None, tol
+
+
+def _asked_of_steps(options: RunOptions) -> str:
+    """What only a run with steps given beforehand can do, in the user's words; empty if nothing."""
+    if options.checkpoint is not None:
+        return "checkpoint"
+    return "on_failure" if options.on_failure != "raise" else ""

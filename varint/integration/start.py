@@ -1,0 +1,127 @@
+"""The start of a run: where it is defined, its momentum, and the manifold that it lies on."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.consistency import (
+    check_configuration,
+    check_velocity,
+    independent_rows,
+)
+from varint.discrete.constraints import (
+    ActiveSet,
+    every_row_function,
+    position_rows_function,
+    tangent_function,
+)
+from varint.discrete.inertia import check_inertia
+from varint.discrete.lagrangian import point_function
+from varint.errors import InputError
+from varint.numerics.arrays import call, finite
+from varint.scene.inputs import vector
+from varint.scene.system import System, per_system
+
+REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
+STEEPEST = 1e150  # of a gradient: its square must be a number, too
+
+
+def check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None:
+    """Constraints and contacts, and their gradients, have numbers at the start."""
+    s = system.structure
+    if not (s.constraints or s.nonholonomic or s.contacts):
+        return
+    rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
+    rows += call(position_rows_function(system), q, np.array([t0]), c)
+    if not all((np.abs(x) < STEEPEST).all() for x in rows):
+        raise InputError(
+            f"the constraints, the gaps or their gradients are not finite at the start, q0={q}, "
+            f"t0={t0:g}: a square root or logarithm of a negative number, a division by zero; move "
+            "the start or write them in another form"
+        )
+
+
+def put_on_manifold(
+    system: System, q: np.ndarray, v: np.ndarray | None, p: np.ndarray, t0: float, c: np.ndarray
+) -> tuple[np.ndarray, ActiveSet]:
+    """The momentum without its round-off across the constraints, and the rows that are solved."""
+    at = np.zeros(len(q)) if v is None else v.ravel()
+    active_set = ActiveSet(independent_rows(system, q, at, t0, c))
+    check_configuration(system, active_set, q, None if v is None else at, t0, c)
+    tangent = tangent_function(active_set.scene(system))
+    along, change = call(tangent, q, p, np.array([t0]), c)
+    if not (np.isfinite(along).all() and np.isfinite(change).all()):
+        raise InputError(
+            f"no velocity along the constraints belongs to the momentum at the start, q0={q}, "
+            f"t0={t0:g}: the mass matrix is singular along them, or the Lagrangian is no quadratic "
+            "function of the velocities and too curved; start elsewhere"
+        )
+    check_velocity(system, q, along if v is None else at, t0, c)
+    if v is None and np.abs(change).max() > 1e-9 * np.abs(p).max(initial=0.0):
+        raise InputError(
+            "p0 is not the momentum of a motion along the constraints: it is off by "
+            f"{np.abs(change).max():.1e}; give v0 instead, or p0 = ∂L/∂v of a v0 with G v0 + ∂g/∂t "
+            "= 0"
+        )
+    return p + change, active_set
+
+
+@per_system
+def start_function(system: System) -> ca.Function:
+    """(q, v, u, t, c) → (p, M, ∂L/∂q + F, L) at the start."""
+    s = system
+    value, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
+    outputs = [ca.densify(x) for x in (momentum, s.mass_matrix, gradient + force, value)]
+    return ca.Function("start_values", [s.q, s.v, s.control, s.t, s.c], outputs)
+
+
+def start_momentum_of(
+    system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.ndarray
+) -> np.ndarray:
+    n, names, structure = system.structure.n, system.names, system.structure
+    if v0 is not None and p0 is not None:
+        raise InputError("give v0 or p0, not both: p0 = ∂L/∂v(q0, v0)")
+    if structure.degenerate:
+        warnings.warn(
+            "the Lagrangian is degenerate (∂²L/∂v² = 0): the start momentum is p0 = ∂L/∂v(q0), v0 "
+            "plays no part, and midpoint() is used without the usual guarantees",
+            stacklevel=4,
+        )
+    elif v0 is None and p0 is None:
+        raise InputError("give v0 (start velocities) or p0 (start momenta)")
+    v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
+    u, t = np.zeros(structure.controls), np.array((t0,))
+    p, mass, generalised_force, value = call(start_function(system), q, v, u, t, c)
+    if not finite(p, mass, generalised_force, value):
+        what = (
+            "the Lagrangian"
+            if np.isfinite(p).all() and np.isfinite(generalised_force).all()
+            else "the Lagrangian's derivatives"
+        )
+        raise InputError(
+            f"{what} {'is' if what == 'the Lagrangian' else 'are'} not finite at the start, "
+            f"q0={q}, t0={t0:g}: a collision, a square root or logarithm of a negative number, or "
+            "a parameter value; move the start or change the parameters"
+        )
+    if not (structure.degenerate or structure.constraints or structure.nonholonomic):
+        _check_mass(system, mass.reshape(n, n), c)
+    return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
+
+
+@per_system
+def _regular_at(system: System) -> set[bytes]:
+    """Parameter values for which a constant mass matrix has been found regular."""
+    return set()
+
+
+def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
+    """`check_inertia`, once for each parameter values where the mass matrix is constant."""
+    known, key = _regular_at(system), c.tobytes()
+    if key not in known:
+        check_inertia(system, mass)
+        if system.structure.constant_mass and len(known) < REMEMBERED:
+            known.add(key)

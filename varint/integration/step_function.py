@@ -1,0 +1,139 @@
+"""One step as a differentiable CasADi function for users' own graphs."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from varint.discrete.lagrangian import Interval, interval
+from varint.discrete.scales import BALANCED, scale_function
+from varint.integration.plan import plan
+from varint.integration.steppers.stepper import state_parts
+from varint.rules.rule import Rule
+from varint.scene.system import System, per_system
+
+
+def step_function(system: System, rule: Rule | None = None) -> ca.Function:
+    """One step (q0, p0) → (q1, p1) of `system` by `rule` as a CasADi function, differentiable to
+    any order.
+
+    Solves p0 = −D1 L_d − f⁻ for q1 and returns p1 = D2 L_d + f⁺ (Marsden & West 2001, §1.5).
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule, optional
+        Default: the scene's own.
+
+    Returns
+    -------
+    Function
+        Inputs ``q0 (n)``, ``p0 (n)``, ``u (k, r)``: controls at the rule's nodes, ``params``,
+        ``t``, ``h``; outputs ``q1 (n)``, ``p1 (n)``, ``residual``: size of the equations that
+        remains, relative to the momenta; check it.
+
+    Raises
+    ------
+    InputError
+        If the rule cannot step the scene.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("x")
+    >>> step = vi.step_function(vi.System(q, v, v**2 / 2 - 9.81 * q), vi.gauss(2))
+    >>> out = step(q0=0, p0=1, t=0, h=0.5)
+    >>> round(float(out["q1"]), 12), round(float(out["p1"]), 12)
+    (-0.72625, -3.905)
+    """
+    return _step_function(system, plan(system, rule).rule)
+
+
+@per_system
+def _step_function(system: System, rule: Rule) -> ca.Function:
+    counting = counting_step_function(system, rule)
+    inputs = counting.mx_in()
+    outputs = [counting.name_out(i) for i in range(3)]
+    return ca.Function(
+        "step", inputs, counting.call(inputs, True, False)[:3], counting.name_in(), outputs
+    )
+
+
+@per_system
+def counting_step_function(system: System, rule: Rule) -> ca.Function:
+    """`step_function` with one more output: the iterations of the step."""
+    stepper, n, r = plan(system, rule).build(system, rule), system.structure.n, len(rule.nodes)
+    q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
+    t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("params", system.c.numel())
+    column = ca.vec(u)
+    scale = scale_function(system, BALANCED)(q, p, _typical(u), t, h, c)
+    x = stepper.step(stepper.start(q, p, column, t, h, c), column, t, h, c, scale)
+    after = state_parts(x, n)
+    names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual", "iterations"]
+    return ca.Function(
+        "step", [q, p, u, c, t, h], [after.q, after.p, after.residual, after.iterations], *names
+    )
+
+
+def _typical(u: ca.MX) -> ca.MX:
+    """Mean size of each control over the nodes."""
+    return ca.sum2(ca.fabs(u)) / max(u.shape[1], 1)
+
+
+@per_system
+def path_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, params, t, h) → increments Q_j − q0, and reactions, at the control points of
+    the step.
+    """
+    stepper = plan(system, rule).build(system, rule)
+    sizes = (
+        system.structure.n,
+        system.structure.n,
+        system.structure.controls * len(rule.nodes),
+        system.c.numel(),
+        1,
+        1,
+    )
+    inputs = [ca.MX.sym(x, k) for x, k in zip(("q", "p", "u", "c", "t", "h"), sizes, strict=True)]
+    q, p, u, c, t, h = inputs
+    x = stepper.start(q, p, u, t, h, c)
+    typical = _typical(ca.reshape(u, system.structure.controls, len(rule.nodes)))
+    scale = scale_function(system, BALANCED)(q, p, typical, t, h, c)
+    increments = stepper.path(x, u, t, h, c, scale)
+    points = increments.numel() // system.structure.n + 1
+    none = ca.MX(system.structure.n, points)
+    reactions = stepper.reactions(x, u, t, h, c, scale) if stepper.reactions else none
+    return ca.Function("path", inputs, [increments, ca.densify(reactions)])
+
+
+@per_system
+def action_function(system: System, rule: Rule) -> ca.Function:
+    """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
+    one = interval(system, rule)
+    return along_step(system, rule, one, [one.action])
+
+
+def along_step(
+    system: System, rule: Rule, one: Interval, outputs: list[ca.SX], reactions: ca.SX | None = None
+) -> ca.Function:
+    """(q0, p0, u, params, t, h) → expressions of the step's interval, along the step that starts
+    there.
+
+    They may also depend on symbols `reactions`, (n, d + 1): the momenta that constraints give at
+    the control points.
+    """
+    path = path_function(system, rule)
+    inputs = [ca.MX.sym(path.name_in(i), path.numel_in(i)) for i in range(path.n_in())]
+    q, _, u, c, t, h = inputs
+    # constraints do no work: λ·g = 0
+    outputs = ca.substitute(outputs, [one.lam], [ca.SX.zeros(*one.lam.shape)])
+    impulses = (
+        ca.SX.sym("reactions", one.dq.shape[0], one.dq.shape[1] + 1)
+        if reactions is None
+        else reactions
+    )
+    symbols = [one.q0, ca.vec(one.dq), impulses, ca.vec(one.u), one.c, one.t, one.h]
+    values = ca.Function("along", symbols, outputs, {"cse": True})
+    found = values.call([q, *path(*inputs), u, c, t, h])
+    # CasADi drops outputs that are zero
+    return ca.Function("along_step", inputs, [ca.densify(x) for x in found])

@@ -1,0 +1,172 @@
+"""Runs in fictitious time that end at a physical time: how far to step, and where to cut."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.legendre import velocity_function
+from varint.errors import InputError
+from varint.integration.backend import blocks_of
+from varint.integration.state import NodeBlock
+from varint.integration.time_transformation.physical_time import LOCATED, end_at
+from varint.integration.time_transformation.time_scale import TransformedScene
+from varint.integration.trajectories import Run, first_node, moving_system, trajectory_of
+from varint.numerics.arrays import over_columns
+from varint.results.trajectory import Trajectory
+from varint.scene.system import System, per_system
+
+# steps before the mean rate of the clock is known well enough to look further ahead
+FIRST_CHUNK = 200
+PATIENCE = 8  # times the steps that the pace of the start would take
+CAREFUL = 0.95  # of the steps that this rate asks for, so that the end is not passed unseen
+# more steps than that rate asks for where all are seen: they are cheaper than another look
+MARGIN = 1.02
+REACHED = 1e-9  # of the duration: its end is located
+OFF_LEVEL = 0.1  # of the largest kinetic energy: the motion is another one
+
+
+def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[NodeBlock]:
+    """Blocks until the physical time has passed `total`, more and more of its steps saved towards
+    the end.
+
+    The clock's mean rate says how many steps it takes; the last of them are all kept, so that the
+    end lies in one.
+    """
+    problem, every = run.problem, run.problem.save_every
+    own = moving_system(run)
+    expected, done, at = problem.steps, 0, None
+    ahead: float = expected
+    while True:
+        count, each = max(1, int(min(ahead, FIRST_CHUNK) if not done else CAREFUL * ahead)), every
+        if ahead <= FIRST_CHUNK:
+            count, each = math.ceil(MARGIN * ahead) + 1, 1
+        elif done % every == 0 and count >= every:
+            count -= count % every
+        else:  # within the interval between two nodes
+            count = min(count, every - done % every)
+            each = done + count + 1
+        for block in blocks_of(
+            own,
+            run.plan.rule,
+            problem._replace(steps=done + count, save_every=each),
+            run.kernel,
+            at,
+        ):
+            beyond = np.flatnonzero(block.q[:, -1] * math.copysign(1.0, total) >= abs(total))
+            if len(beyond):  # what comes after the end, were it a failure, is nobody's concern
+                yield _cut(block, int(beyond[0]) + 1)
+                return
+            yield block
+            at, last = block.after, block
+        clock, done = float(last.q[-1, -1]), int(last.k[-1])
+        if clock / problem.h <= 0 or abs(clock) >= abs(total):
+            return
+        # does the clock stand still where σ vanishes?
+        if done > PATIENCE * (expected + FIRST_CHUNK):
+            require_level(scene, run, trajectory_of(run, run.nodes))
+        ahead = min((total - clock) / (clock / done), 16 * done)
+
+
+def _cut(block: NodeBlock, count: int) -> NodeBlock:
+    """The first nodes of a block."""
+    k, q, p = block.k[:count], block.q[:count], block.p[:count]
+    t = None if block.t is None else block.t[:count]
+    return block._replace(k=k, q=q, p=p, t=t, good=count, failed=0.0, events=block.events)
+
+
+def end_at_duration(run: Run, inner: Trajectory, total: float) -> Trajectory:
+    """The nodes before the physical time `total`, and one there, by a shorter step from the last
+    of them.
+    """
+    kept, near = nodes_around(inner, total)
+    if near.k[1] - near.k[0] > 1:  # the nodes between them
+        first, last = near.k.tolist()
+        part = run.problem._replace(
+            q0=near.q[0], p0=near.p[0], first=first, steps=last, save_every=1
+        )
+        fine = trajectory_of(
+            run, [first_node(part), *blocks_of(moving_system(run), run.plan.rule, part, run.kernel)]
+        )
+        _, near = nodes_around(fine, total)
+    end = end_at(run, near, total)
+    if not abs(end[1][-1] - total) <= REACHED * abs(total):
+        raise InputError(
+            f"the duration {total:g} cannot be located between t = {near.q[0, -1]:g} and "
+            f"{near.q[1, -1]:g}, one step of the fictitious time: time_scale grows too much within "
+            "it; take a smaller h or a smaller time_scale there"
+        )
+    wanted = (
+        np.flatnonzero(inner.k[:kept] % run.problem.save_every == 0)
+        if run.problem.save_every > 1
+        else slice(kept)
+    )
+    before = (inner.t, inner.q, inner.p, inner.k)
+    t, q, p, k = (
+        np.concatenate((x[wanted], np.array(y)[None])) for x, y in zip(before, end, strict=True)
+    )
+    active_set = (
+        None
+        if inner.active_set is None
+        else np.append(inner.active_set[wanted], inner.active_set[kept - 1])
+    )
+    return replace(inner, t=t, q=q, p=p, k=k, active_set=active_set)
+
+
+def nodes_around(inner: Trajectory, total: float) -> tuple[int, NodeBlock]:
+    """How many nodes there are before the physical time `total`, and the two around it."""
+    kept = int(np.searchsorted(np.abs(inner.q[:, -1]), abs(total) * (1 - LOCATED)))
+    two = slice(kept - 1, kept + 1)
+    return kept, NodeBlock(inner.k[two], inner.q[two], inner.p[two], 0.0, 2)
+
+
+def require_level(scene: TransformedScene, run: Run, inner: Trajectory) -> None:
+    """Time must go on, and the motion stay on the energy level that σ (H − E0) = 0 means as long
+    as σ is not near 0.
+    """
+    if len(inner) < 2:
+        return
+    n, q, p = inner.q.shape[1] - 1, inner.q, inner.p
+    rise = q[1:] - q[:-1]
+    passed = rise[:, n]
+    pace = passed / (inner.t[1:] - inner.t[:-1])
+    slowest = int(pace.argmin())
+    if not pace[slowest] > 0:
+        raise InputError(
+            f"time does not go on after t = {q[slowest, n]:g}: time_scale must stay positive, and "
+            "h small enough for the motion where time_scale is large; take a smaller h"
+        )
+    start, two = inner.c[-2], slice(slowest, slowest + 2)
+    (energies,) = over_columns(_level_function(moving_system(run), scene), q[two], p[two], inner.c)
+    here = _twice_kinetic(inner[slowest : slowest + 2])  # at most the largest one on the way
+    if not np.abs(energies - start).max() <= OFF_LEVEL * here:
+        here = _twice_kinetic(inner)
+    for energy, clock in zip(energies[:, 0].tolist(), q[two, n].tolist(), strict=True):
+        if not abs(energy - start) <= OFF_LEVEL * here:
+            raise InputError(
+                f"the energy is {energy:g} at t = {clock:g} and was {start:g} at the start: "
+                "time_scale comes too close to zero there, or h is too large; choose another "
+                "time_scale or a smaller h"
+            )
+
+
+def _twice_kinetic(inner: Trajectory) -> float:
+    """Largest p·dq/dt at the nodes: the size that errors of the energy are measured by."""
+    n, v = inner.q.shape[1] - 1, inner.v
+    return float(np.abs((inner.p[:, :n] * v[:, :n]).sum(axis=1) / v[:, n]).max())
+
+
+@per_system
+def _level_function(moving: System, scene: TransformedScene) -> ca.Function:
+    """(q, p, c) of the rescaled scene that moves → energy of the original one."""
+    n, velocity = moving.structure.n - 1, velocity_function(moving)
+    q, p, c = (
+        ca.MX.sym(name, size)
+        for name, size in zip("qpc", (n + 1, n + 1, moving.c.numel()), strict=True)
+    )
+    v, t = velocity(q, p, 0, c), ca.DM.zeros(1)
+    return ca.Function("level", [q, p, c], [scene.energy(q[:n], v[:n] / v[n], t, c[:-2])[0]])

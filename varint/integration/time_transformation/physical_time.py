@@ -1,0 +1,151 @@
+"""The clock of a run with a time scale: its nodes, and states between them, at physical times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from varint.discrete.legendre import velocity_function
+from varint.integration.state import NodeBlock
+from varint.integration.trajectories import Run, moving_system, step_functions, trajectory_of
+from varint.numerics.arrays import over_columns
+from varint.numerics.limits import CLOCK_ITERATIONS
+from varint.results.dense_output import require_within, steps_ahead
+from varint.results.records import Event
+from varint.results.trajectory import Trajectory
+from varint.scene.system import System
+
+Ahead = Callable[[Any], tuple[Any, ...]]  # times, or one time → q, p, v and whole steps there
+
+LOCATED = 4 * np.finfo(float).eps  # relative to |t|
+
+
+def in_physical_time(system: System, t0: float, inner: Trajectory) -> Trajectory:
+    """The motion in physical time; the motion in fictitious time stays with it."""
+    n = system.q.numel()
+    return replace(
+        inner,
+        system=system,
+        t=t0 + inner.q[:, n],
+        q=inner.q[:, :n],
+        p=inner.p[:, :n],
+        c=inner.c[:-2],
+        functions=partial(step_functions, inner.rule, system),
+        events=(),
+        fictitious=inner,
+        dense_output=at_times,
+    )
+
+
+def physical_events(system: System, t0: float, inner: Trajectory) -> tuple[Event, ...]:
+    """The events up to the last node, at physical times."""
+    before = [event for event in inner.events if (inner.t[-1] - event.time) * inner.h >= 0]
+    if not before:
+        return ()
+    at = in_physical_time(system, t0, inner.at([event.time for event in before]))
+    return tuple(
+        Event(t, event.kind, event.contact, event.impulse, e, e, q, v, p, v, p)
+        for event, t, e, q, v, p in zip(
+            before, *(x.tolist() for x in (at.t, at.energy, at.q, at.v, at.p)), strict=True
+        )
+    )
+
+
+def reach_times(
+    before: tuple[Any, ...], after: tuple[Any, ...], times: Any, ahead: Ahead
+) -> tuple[Any, ...]:
+    """τ, q, p and k where the clock of the rescaled motion shows `times`, each between two nodes;
+    or one, a number.
+
+    τ(t) by Hermite's cubic, then Newton's method on the clock with the rule's own sub-steps, dt/dτ
+    = σ.
+
+    Parameters
+    ----------
+    before, after : (τ, t, σ)
+        Of the nodes before and after each time.
+    times : array or float
+    ahead : callable
+        τ → q, p, v, k there, from the nodes before.
+    """
+    (a, ta, sa), (b, tb, sb) = before, after
+    rise, passed = b - a, tb - ta
+    x = (times - ta) / passed
+    y = 1 - x
+    tau = a + x * (x * (3 - 2 * x) * rise + passed * y * (y / sa - x / sb))
+    low, high, close = a, b, LOCATED * np.maximum(abs(times), abs(passed))
+    for _ in range(CLOCK_ITERATIONS):
+        q, p, v, k = ahead(tau)
+        off = times - q[..., -1]
+        step = off / v[..., -1]
+        good = (abs(off) <= close) | (abs(step) <= LOCATED * np.maximum(abs(tau), abs(rise)))
+        if good.all():
+            break
+        short = step * rise > 0
+        low, high = np.where(short, tau, low), np.where(short, high, tau)
+        tau = np.where(good, tau, tau + step)
+        tau = np.where((tau - low) * (high - tau) < 0, (low + high) / 2, tau)
+    return tau, q, p, k
+
+
+def _clock_of(inner: Trajectory) -> tuple[np.ndarray, ...]:
+    """τ, t and σ = dt/dτ at the nodes."""
+    return inner.t, inner.q[:, -1], inner.v[:, -1]
+
+
+def carry_on(motion: Trajectory, times: np.ndarray) -> tuple[np.ndarray, ...]:
+    """q, p, v and k of every node carried on to a later time of its own, by steps of the same
+    rule.
+    """
+    states = [motion.q.copy(), motion.p.copy(), motion.k.copy()]
+    for _ in steps_ahead(motion, np.arange(len(motion)), times - motion.t, states):
+        continue
+    q, p, k = states
+    return q, p, replace(motion, t=times, q=q, p=p, k=k, events=()).v, k
+
+
+def end_at(run: Run, near: NodeBlock, time: float) -> tuple[Any, ...]:
+    """τ, q, p, k of the one state between two nodes where the clock shows `time`."""
+    tau = run.problem.t0 + run.problem.h * near.k
+    (v,) = over_columns(
+        velocity_function(moving_system(run)), near.q, near.p, tau[:, None], run.problem.c
+    )
+    left, right = zip(tau, near.q[:, -1], v[:, -1], strict=True)
+    return reach_times(left, right, time, _ahead_by(run, near, float(tau[0])))
+
+
+def _ahead_by(run: Run, near: NodeBlock, first: float) -> Ahead:
+    """τ → q, p, v and k there, from the first of two nodes: by the compiled loop where there is
+    one.
+    """
+    from varint.integration.compiled_loop import one_step
+
+    problem, q, p, k = run.problem, near.q[0], near.p[0], near.k[0]
+
+    def ahead(tau: float) -> tuple[np.ndarray, ...]:
+        found = one_step(run.kernel, problem, first, q, p, tau - first) if run.kernel else None
+        if found is not None:
+            return (*found, k)
+        return tuple(x[0] for x in carry_on(trajectory_of(run, [near])[:1], np.array((tau,))))
+
+    return ahead
+
+
+def at_times(motion: Trajectory, times: np.ndarray) -> Trajectory:
+    """The physical motion at physical times, from its motion in fictitious time."""
+    inner = motion.fictitious
+    assert inner is not None
+    require_within(motion, times)
+    clock = inner.q[:, -1]
+    direction = 1.0 if inner.h > 0 else -1.0
+    wanted = times - motion.t[0] + clock[0]
+    node = np.searchsorted(direction * clock, direction * wanted, side="right") - 1
+    node = np.clip(node, 0, max(len(inner) - 2, 0))
+    left, right = inner[node], inner[np.minimum(node + 1, len(inner) - 1)]
+    tau, q, p, k = reach_times(_clock_of(left), _clock_of(right), wanted, partial(carry_on, left))
+    found = replace(left, t=tau, q=q, p=p, k=k)
+    return replace(in_physical_time(motion.system, motion.t[0] - clock[0], found), t=times)

@@ -1,0 +1,170 @@
+"""Structure-preserving variable steps: fixed steps in a fictitious time τ with dt = σ(q) dτ.
+
+The Lagrangian ``L̂(q, q') = σ(q) (L(q, q'/σ) + E0)`` has the same paths on the energy level E0 and
+the same momenta (Sundman; Hairer, Lubich & Wanner, Geometric Numerical Integration, VIII.2: the
+Poincaré transform σ (H − E0)). The physical time is one more coordinate, with ``½ (t' − σ)² + σ0
+t'`` added to L̂: its momentum t' − σ + σ0 is conserved and starts as σ0, so t' = σ and the other
+equations do not notice. The result is an ordinary `System`: every rule and stepper applies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from varint.errors import InputError
+from varint.scene.expressions import in_own_symbols
+from varint.scene.parameters import Parameters
+from varint.scene.system import System, coordinates
+
+# names that no scene of a user's has; σ0 t' changes no motion, but round-off in t' − σ has a
+# momentum to compare with
+TIME, ENERGY, START = "physical time", "initial energy", "initial time scale"
+MOST_SCALES = 32  # rescaled scenes remembered for one system
+
+
+@dataclass(frozen=True, eq=False)
+class TransformedScene:
+    """A scene in fictitious time: coordinates (q, t), parameters (c, E0, σ0).
+
+    Attributes
+    ----------
+    system : System
+    translate : callable
+        Expression of q, v, t, c of the original scene → the same in symbols of the rescaled one.
+    energy : Function
+        (q, p, t, c) → energy E0, velocities, and σ.
+    """
+
+    system: System
+    translate: Callable[[ca.SX], ca.SX]
+    energy: ca.Function
+
+
+def close_encounters(distances: Any, power: float = 1.5) -> ca.SX:
+    """A time scale for close encounters, ``σ = (Σ_k r_k⁻²)^(−power/2)``: with one distance σ =
+    r^power.
+
+    The closest pair sets the pace, smoothly. With the power 3/2 a fixed step in fictitious time is
+    the same fraction of the local time of free fall in a 1/r potential everywhere, however close
+    the encounter.
+
+    Parameters
+    ----------
+    distances : SX (k,) or list of SX
+        Distances that may become small, as expressions of q.
+    power : float
+
+    Returns
+    -------
+    SX
+        For ``simulate(..., time_scale=...)``.
+
+    Raises
+    ------
+    InputError
+        If there is no distance, or the power is not positive.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> model = vi.models.kepler(e=0.9)
+    >>> scale = vi.close_encounters(ca.norm_2(model.system.q))
+    >>> start = dict(q0=model.q0, v0=model.v0, h=0.55, duration=20 * 3.14159)
+    >>> orbit = vi.simulate(model.system, vi.gauss(8), time_scale=scale, **start)
+    >>> q, v = model.exact(orbit.t)
+    >>> bool(abs(orbit.q - q).max() < 1e-10)
+    True
+    """
+    if not isinstance(distances, (ca.SX, list, tuple)):
+        raise InputError(f"distances must be SX expressions of q, got {type(distances).__name__}")
+    r = ca.vertcat(*distances) if isinstance(distances, (list, tuple)) else ca.vec(distances)
+    if not r.numel() or not power > 0:
+        raise InputError(
+            f"close_encounters needs one distance or more and a positive power, got {r.shape} and "
+            f"{power}"
+        )
+    return ca.sum1(ca.densify(r) ** -2.0) ** (-power / 2) if r.numel() > 1 else r**power
+
+
+def transformed_scene(system: System, sigma: Any) -> TransformedScene:
+    """The scene with the time scale σ(q); scenes already seen are remembered, by the expression
+    and by its meaning.
+    """
+    known = system.__dict__.setdefault("_rescaled", {})
+    seen = known.get(id(sigma))
+    if seen and seen[0] is sigma:
+        return seen[1]
+    scene = _by_meaning(system, _check_scale(system, sigma))
+    if len(known) >= MOST_SCALES:
+        known.clear()
+    known[id(sigma)] = sigma, scene
+    return scene
+
+
+def _by_meaning(system: System, sigma: ca.SX) -> TransformedScene:
+    known = system.__dict__.setdefault("_rescaled_by_meaning", {})
+    key = ca.Function("sigma", [system.q, system.c], [sigma]).serialize()
+    if key not in known:
+        if len(known) >= MOST_SCALES:
+            known.clear()
+        known[key] = _built(system, sigma)
+    return known[key]
+
+
+def _check_scale(system: System, sigma: Any) -> ca.SX:
+    s = system.structure
+    reasons = {
+        "the scene depends on time explicitly": not s.autonomous,
+        "forces change the energy": s.forced,
+        "contacts interrupt the motion": bool(s.contacts),
+        "the Lagrangian is degenerate": s.degenerate,
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise InputError(
+                f"time_scale needs the energy of the start all along, but {reason}; leave "
+                "time_scale out and choose a smaller h"
+            )
+    sigma = in_own_symbols(sigma, system, "time_scale")
+    if sigma.numel() != 1:
+        raise InputError(
+            "time_scale must be a scalar expression of q and the parameters, it has shape "
+            f"{sigma.shape}"
+        )
+    strange = [
+        x.name() for x in ca.symvar(ca.vertcat(system.v, system.t)) if ca.depends_on(sigma, x)
+    ]
+    if strange:
+        raise InputError(f"time_scale may depend on q and the parameters alone, not on {strange}")
+    return sigma
+
+
+def _built(system: System, sigma: ca.SX) -> TransformedScene:
+    params = Parameters(**system.defaults, **{ENERGY: 0.0, START: 1.0})
+    q, v = coordinates(*system.names, TIME)
+    n = system.q.numel()
+    symbols = [system.q, system.c]
+    constants = (ca.vec(getattr(params, name)) for name in system.defaults)
+    own = [q[:n], ca.vertcat(ca.SX(0, 1), *constants)]
+    (scale,) = ca.substitute([sigma], symbols, own)
+    before, after = [*symbols, system.v, system.t], [*own, v[:n] / scale, q[n]]
+
+    def translate(expression: ca.SX) -> ca.SX:
+        return ca.substitute([expression], before, after)[0]
+
+    clock = (v[n] - scale) ** 2 / 2 + getattr(params, START) * v[n]
+    lagrangian = scale * (translate(system.lagrangian) + getattr(params, ENERGY)) + clock
+    rows = translate(system.nonholonomic)
+    rows = ca.horzcat(rows, ca.SX(rows.shape[0], 1))
+    new = System(
+        q, v, lagrangian, constraint=translate(system.constraint), nonholonomic=rows, params=params
+    )
+    energy = ca.Function(
+        "start_energy", [system.q, system.v, system.t, system.c], [system.energy, sigma]
+    )
+    return TransformedScene(new, translate, energy)

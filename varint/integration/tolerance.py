@@ -1,0 +1,339 @@
+"""Accuracy on demand: rule and steps for a wanted error of the motion.
+
+The whole run is done with more and more steps, twice as many each time, until two runs agree; how
+fast they come together says which order the motion really shows, be it the rule's or, where a force
+jumps or a transient is stiff, a lower one. From there the number of steps for the wanted error
+follows, and a last run is judged against the one before it by the order that was seen, never by one
+that was assumed. What nodes do not show is looked at as well: the first steps, in which a transient
+may pass, and forces that act for less than a step. Where the runs stop to come together, round-off,
+chaos or the steps' number is the limit: the best run is returned with its honest estimate and a
+warning.
+
+The choice of rule is by the number of operations, never by the clock: the same input gives the same
+digits.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from varint.discrete.constraints import ActiveSet
+from varint.errors import ConvergenceError, InputError
+from varint.integration.cost import interpreted_seconds, repays
+from varint.integration.error_scale import error_scales
+from varint.integration.events.crossings import Watch
+from varint.integration.failures import frequencies
+from varint.integration.hidden import missed_impulse
+from varint.integration.plan import default_rule, plan
+from varint.integration.problem import LEVEL, InitialValueProblem
+from varint.integration.run import collect, start_run, trajectory_of
+from varint.integration.trajectories import Run, first_node
+from varint.numerics.limits import check_steps
+from varint.results.trajectory import Trajectory
+from varint.rules.polynomials import lagrange_values
+from varint.rules.rule import Rule, composition, gauss, lobatto
+from varint.scene.system import System
+
+LEAST_TOL, MOST_TOL = 1e-13, 0.1
+MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
+FLOOR = 4e-15  # relative error that no comparison of two runs resolves
+CAUTION = 0.75  # of the order that was seen is counted on
+SPARE = 1.1  # more steps than the estimate asks for
+NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
+STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
+PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
+RADIANS = 3.0  # of the fastest motion in a step where the trials begin
+SAMPLES = 200  # nodes at which frequencies are looked at
+SECULAR = 2.0  # divided by the square of the number of steps: what iterations leave adds up
+TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
+
+Trial = Callable[[Rule, int], Trajectory | None]  # (rule, steps) → the run; None where it failed
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A rule and a number of steps, the run that they make, and its estimated error."""
+
+    rule: Rule
+    steps: int
+    motion: Trajectory
+    estimate: float
+    runs: int
+    reached: bool
+
+
+def candidates(system: System, compiled: bool) -> dict[Rule, float]:
+    """Rules worth a try, with the work of a step: evaluations of a compiled one, seconds of an
+    interpreted one.
+    """
+    s = system.structure
+    if s.nonholonomic or s.degenerate or s.contacts:
+        return {default_rule(system): 1.0}
+    if s.constraints:
+        return {lobatto(k): (k - 1) ** 1.5 for k in (3, 5, 7)}
+    # stages run side by side in vector registers
+    rules = {gauss(k): 5.0 * k / min(k, 4) for k in (2, 4, 6, 8)}
+    if s.explicit:
+        explicit = (composition("blanes-moan4"), composition("kahan-li8"))
+        rules |= {r: float(len(r.kicks)) for r in explicit}
+    return rules if compiled else {rule: interpreted_seconds(system, rule) for rule in rules}
+
+
+def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
+    """The rule of least work for a small oscillation over so many radians."""
+
+    def cost(rule: Rule) -> float:
+        growth = max(radians, 1.0) * phase_error(rule) / tol
+        return rules[rule] * max(growth ** (1 / rule.order), 1 / RADIANS)
+
+    return min(rules, key=cost)
+
+
+def phase_error(rule: Rule) -> float:
+    """Error of the phase ωt of an oscillator, divided by ωt (ωh)^order, as h → 0."""
+    if rule.points:
+        s = rule.order // 2
+        return math.factorial(s) ** 2 / (math.factorial(2 * s) * math.factorial(2 * s + 1))
+    x, step = 0.25, np.eye(2)
+    for i, kick in enumerate(rule.kicks):
+        if i:
+            step = np.array([[1.0, rule.drifts[i - 1] * x], [0.0, 1.0]]) @ step
+        step = np.array([[1.0, 0.0], [-kick * x, 1.0]]) @ step
+    return max(abs(math.acos(np.clip(np.trace(step) / 2, -1, 1)) - x), 1e-16) / x ** (
+        rule.order + 1
+    )
+
+
+def iteration_level(tol: float, steps: int) -> float:
+    """Where compiled iterations may stop, so that what they leave adds up to less than tol."""
+    return tol * min(LEVEL, SECULAR / steps**2)
+
+
+def choose_steps(
+    system: System,
+    rule: Rule | None,
+    start: InitialValueProblem,
+    tol: float,
+    *,
+    stop: Watch | None = None,
+    scale: Any = None,
+    backend: str = "auto",
+) -> Choice:
+    """Rule and number of steps with which every coordinate's error stays below tol times its scale.
+
+    Parameters
+    ----------
+    system : System
+    rule : Rule or None
+        None: the one that is likely to be cheapest.
+    start : InitialValueProblem
+        Of one step over the whole duration, or of a table of controls.
+    tol : float
+    stop : Watch, optional
+        Where the run ends.
+    scale : float or array (n,), optional
+        See `error_scales`.
+    backend : str
+
+    Raises
+    ------
+    InputError
+        If tol is out of range, or no number of steps leads through the whole duration.
+    """
+    if not LEAST_TOL <= tol <= MOST_TOL:
+        raise InputError(
+            f"tol is the wanted error relative to the motion, between {LEAST_TOL:g} and "
+            f"{MOST_TOL:g}; got {tol!r}"
+        )
+    began, own = perf_counter(), plan(system, rule).rule
+    check_steps(start.t0, start.h * start.steps, 1)
+    radians = _radians(system, own, start)
+    if rule is None and start.steps == 1:
+        compiled = backend == "compiled" or (
+            backend == "auto" and repays(system, own, max(int(radians), 64))
+        )
+        own = choose_rule(candidates(system, compiled), radians, tol)
+
+    def trial(chosen: Rule, steps: int, part: int = 1) -> Trajectory | None:
+        problem = problem_with_steps(chosen, start, steps)
+        problem = problem._replace(
+            level=iteration_level(tol, steps), steps=max(problem.steps // part, 1)
+        )
+        try:
+            run = start_run(system, plan(system, chosen), problem, began, backend=backend)
+            return collect(run, stop=stop, progress=False)
+        except ConvergenceError:
+            return None
+
+    first = 2 ** max(3, math.ceil(math.log2(max(radians / RADIANS, 1.0))))
+    with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
+        warnings.simplefilter("ignore")
+        return _refine(system, own, start, tol, trial, start.steps * first, scale, stop is not None)
+
+
+def _refine(
+    system: System,
+    rule: Rule,
+    start: InitialValueProblem,
+    tol: float,
+    trial: Callable[..., Trajectory | None],
+    steps: int,
+    scale: Any,
+    ends_early: bool,
+) -> Choice:
+    """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
+    before: tuple[int, Trajectory] | None = None
+    apart, order, stalls, runs, best = math.inf, None, 0, 0, None
+    most = MOST_STEPS if repays(system, rule, MOST_STEPS) else MOST_INTERPRETED
+    while steps <= most:
+        motion, runs = trial(rule, steps), runs + 1
+        if motion is None or not np.isfinite(motion.q).all():
+            before, apart, order, steps = None, math.inf, None, 2 * steps
+            continue
+        if before is None:
+            before, steps = (steps, motion), 2 * steps
+            continue
+        scales = error_scales(system, motion, scale)
+        ratio, last = steps / before[0], apart
+        seen = distance(before[1], before[0], motion, steps, scales)
+        if ends_early:
+            seen = max(seen, _ends_apart(before[1], motion, scales))
+        # no smooth motion comes together faster than by the rule's order: less is luck
+        apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
+        if ratio == 2 and last < math.inf:
+            order = min(max(math.log2(last / max(apart, FLOOR)), 0.5), rule.order)
+        before = steps, motion
+        stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
+        if stalls == PATIENCE:
+            break
+        if order is not None and apart < NO_DIGITS:
+            counted = ratio ** (-CAUTION * order)
+            floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
+            estimate = max(apart * counted / (1 - counted), floor)
+            hidden = 0.0
+            if estimate <= tol:
+                hidden = max(
+                    _transient(trial, rule, steps, motion, scales),
+                    missed_impulse(system, rule, motion, scales),
+                )
+            found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
+            if best is None or found.estimate < best.estimate:
+                best = found
+            if found.estimate <= tol:
+                return found
+            more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
+            steps = (
+                steps * math.ceil(4 * more) // 4 if 1 < more < 2 and steps % 4 == 0 else 2 * steps
+            )
+            continue
+        steps *= 2
+    if best is None and before is not None and math.isfinite(apart):
+        best = Choice(rule, *before, apart, runs, False)  # no digit is certain: it says so
+    if best is not None:
+        return replace(best, reached=False, runs=runs)
+    raise InputError(
+        f"no number of steps up to {most:.0g} by {rule} leads through the duration "
+        f"{start.h * start.steps:g}: the motion is not defined all the way; take a shorter "
+        "duration, or give h to see where it ends"
+    )
+
+
+def _resolves(motion: Trajectory) -> bool:
+    """Whether the steps are short for the fastest small motion anywhere on the way."""
+    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
+    fastest = frequencies(motion[some]).max(initial=0.0)
+    return bool(abs(motion.h) * fastest < 1.0)
+
+
+def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
+    """Largest difference of two runs with so many steps at the nodes of both, by the scales."""
+    unit = math.gcd(few, many)
+    (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
+    _, i, j = np.intersect1d(k1, k2, return_indices=True)
+    return float((np.abs(q1[i] - q2[j]) / scales).max())
+
+
+def _ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
+    """Difference of the events at which two runs end, that of their times included."""
+    late = abs(one.t[-1] - other.t[-1]) * np.abs(other.v[-1])
+    return float(((np.abs(one.q[-1] - other.q[-1]) + late) / scales).max())
+
+
+def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps, times a factor, and coordinates at the nodes that do not belong to an event."""
+    assert motion.origin is not None
+    close = 1e-6 * abs(motion.h)
+    grid = np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close
+    return motion.k[grid] * factor, motion.q[grid]
+
+
+def _transient(
+    trial: Callable[..., Trajectory | None],
+    rule: Rule,
+    steps: int,
+    motion: Trajectory,
+    scales: np.ndarray,
+) -> float:
+    """Error of the first nodes, which lie within the first step of a coarser run."""
+    few = min(TRANSIENT_STEPS, steps)
+    fine = trial(rule, steps * TRANSIENT_PARTS, steps // few)
+    if fine is None:
+        return math.inf
+    return distance(motion, 1, fine, TRANSIENT_PARTS, scales)
+
+
+def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:
+    """The same problem in so many steps; controls are those of the table, or of its one row."""
+    h, rows = start.h * start.steps / steps, start.steps
+    parts = steps // rows
+    u, table = start.u, start.u.shape[1]
+    if not u.size:
+        u = np.empty((steps, *u.shape[1:]))
+    elif rows == 1 and table == 1:
+        u = np.broadcast_to(u, (steps, *u.shape[1:]))
+    elif table == 1:
+        u = np.repeat(u, parts, axis=0)
+    else:
+        nodes = np.array(rule.nodes)
+        at = ((np.arange(parts)[:, None] + nodes) / parts).ravel()
+        u = np.einsum("pi,kij->kpj", lagrange_values(nodes, at), u)
+        u = np.ascontiguousarray(u.reshape(steps, len(nodes), -1))
+    return start._replace(h=h, steps=steps, save_every=1, u=u, nodes=len(rule.nodes))
+
+
+def _radians(system: System, rule: Rule, start: InitialValueProblem) -> float:
+    """How many radians the fastest small motion about the start turns in the duration."""
+    every_row = ActiveSet(tuple(range(system.structure.constraints)))
+    node = first_node(start)._replace(active_set=start.active_set or every_row)
+    rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
+    fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
+    turned = abs(start.h * start.steps) * fastest
+    return min(float(turned), 1e6) if math.isfinite(turned) else 0.0
+
+
+def with_estimate(motion: Trajectory, choice: Choice, tol: float, began: float) -> Trajectory:
+    """The motion with what is known of its error; a warning where that is more than tol."""
+    if not choice.reached:
+        warnings.warn(
+            f"tol={tol:g} is out of reach: with more than {choice.steps} steps of {choice.rule} "
+            f"the error is still estimated at {choice.estimate:.1e}. Round-off times the growth of "
+            "errors (chaos), or a force that jumps, is the limit: take a shorter duration or a "
+            "larger tol, or judge invariants and statistics",
+            stacklevel=3,
+        )
+    stats = dict(motion.stats) | {
+        "tol": tol,
+        "error_estimate": choice.estimate,
+        "rule": str(choice.rule),
+        "runs": choice.runs,
+        "seconds": perf_counter() - began,
+    }
+    return replace(motion, stats=MappingProxyType(stats))

@@ -1,0 +1,175 @@
+"""A run and the trajectory that its blocks make: joined, cut at an event, thinned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from time import perf_counter
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.constraints import ActiveSet
+from varint.integration.events.crossings import IMPACTS, Crossings
+from varint.integration.plan import Plan
+from varint.integration.problem import InitialValueProblem
+from varint.integration.state import NodeBlock
+from varint.results.dense_output import node_tolerance
+from varint.results.records import Event
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.codegen.kernel import Kernel
+
+ABRUPT = (*IMPACTS, "detachment")  # events after which the motion is another one
+
+
+class Run(NamedTuple):
+    """A run: what moves and how, the nodes there are, the blocks that follow, and the compiled
+    loop behind them.
+    """
+
+    system: System
+    plan: Plan
+    problem: InitialValueProblem
+    nodes: list[NodeBlock]
+    blocks: Iterator[NodeBlock]
+    kernel: Kernel | None
+    began: float
+
+
+def moving_system(run: Run) -> System:
+    """The scene that moves: without redundant rows."""
+    return active_scene(run.system, run.problem)
+
+
+def active_scene(system: System, problem: InitialValueProblem) -> System:
+    return system if problem.active_set is None else problem.active_set.scene(system)
+
+
+def first_node(problem: InitialValueProblem) -> NodeBlock:
+    """The node at the start as a block."""
+    return NodeBlock(np.array([problem.first]), problem.q0[None], problem.p0[None], 0.0, 1)
+
+
+def last_node(nodes: Sequence[NodeBlock]) -> NodeBlock:
+    """The last saved node alone: the blocks of a long interval between two nodes have none."""
+    block = next(b for b in reversed(nodes) if b.good)
+    i = block.good - 1
+    t = None if block.t is None else block.t[i:]
+    return block._replace(
+        k=block.k[i : i + 1], q=block.q[i:], p=block.p[i:], t=t, good=1, events=(), iterations=0
+    )
+
+
+def trajectory_of(
+    run: Run, nodes: Sequence[NodeBlock], noted: Sequence[Event] = (), interrupted: bool = False
+) -> Trajectory:
+    """The motion that these blocks of the run hold."""
+    system, chosen, problem, _, _, kernel, began = run
+    k = np.concatenate([block.k[: block.good] for block in nodes])
+    t = problem.h * k
+    t += problem.t0
+    if [block for block in nodes if block.t is not None]:
+        t = np.concatenate(
+            [problem.t0 + problem.h * b.k[: b.good] if b.t is None else b.t for b in nodes]
+        )
+    active_sets, active_set = _active_sets(system, problem, nodes)
+    events = [*[event for block in nodes for event in block.events], *noted]
+    if len(events) > 1:
+        events.sort(key=lambda event: event.time * np.sign(problem.h))
+    return Trajectory(
+        system=system,
+        rule=chosen.rule,
+        t=t,
+        q=np.concatenate([block.q for block in nodes]),
+        p=np.concatenate([block.p for block in nodes]),
+        h=problem.h,
+        k=k,
+        u=problem.u,
+        c=problem.c,
+        functions=partial(step_functions, chosen.rule, system),
+        active_sets=active_sets,
+        active_set=active_set,
+        origin=problem.t0,
+        events=tuple(events),
+        stats=MappingProxyType(
+            {
+                "plan": chosen,
+                "backend": "interpreted" if kernel is None else f"compiled: {kernel.about}",
+                "steps": int(k[-1]),
+                "iterations": sum([block.iterations for block in nodes]),
+                "residual": max([block.residual for block in nodes]),
+                "interrupted": interrupted,
+                "seconds": perf_counter() - began,
+            }
+        ),
+    )
+
+
+def step_functions(
+    rule: Rule, own: System, scene: System | None = None
+) -> tuple[ca.Function, ca.Function]:
+    """Step function and action function of a system, or of a scene that moves in one of its
+    active sets.
+    """
+    from varint.integration.step_function import action_function, step_function
+
+    scene = scene or own
+    return step_function(scene, rule), action_function(scene, rule)
+
+
+def _active_sets(
+    system: System, problem: InitialValueProblem, nodes: Sequence[NodeBlock]
+) -> tuple[tuple[ActiveSet, ...], np.ndarray | None]:
+    """The active sets that occurred, and the one of each node; nothing where all constraints
+    held all the time.
+    """
+    if not system.structure.contacts and (
+        problem.active_set is None or problem.active_set.scene(system) is system
+    ):
+        return (), None
+    each = [block.active_set or problem.active_set for block in nodes]
+    active_sets = tuple(dict.fromkeys(active_set for active_set in each if active_set is not None))
+    return active_sets, np.concatenate(
+        [np.full(b.good, active_sets.index(p)) for b, p in zip(nodes, each, strict=True)]
+    )
+
+
+def subsample(motion: Trajectory, every: int) -> Trajectory:
+    """Every so many nodes and the last, and those off the grid or of events, where the motion
+    begins anew.
+    """
+    assert motion.origin is not None
+    grid = np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= node_tolerance(motion) * abs(
+        motion.h
+    )
+    abrupt = [event.time for event in motion.events if event.kind in ABRUPT]
+    asked = (motion.k % every == 0) | np.isin(motion.t, abrupt)
+    asked[-1] = True
+    return motion[np.flatnonzero(asked | ~grid)]
+
+
+def cut_at(motion: Trajectory, first: int, end: Crossings) -> Trajectory:
+    """The trajectory until the first of the crossings after node `first`, its last node."""
+    node, t = first + int(end.before.node[0]), float(end.before.t[0])
+    if end.jump[0]:  # by the impact at the next node, which is kept as the motion leaves it
+        return motion[: node + 2]
+    last = end.after
+    times, q, p = (
+        np.concatenate([getattr(motion, name)[: node + 1], getattr(last, name)[:1]])
+        for name in "tqp"
+    )
+    k = np.append(motion.k[: node + 1], motion.k[node])
+    active_set = (
+        None
+        if motion.active_set is None
+        else np.concatenate([motion.active_set[: node + 1], motion.active_set[node : node + 1]])
+    )
+    before = tuple(event for event in motion.events if (t - event.time) * motion.h >= 0)
+    return replace(motion, t=times, q=q, p=p, k=k, active_set=active_set, events=before)

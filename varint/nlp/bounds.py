@@ -1,0 +1,117 @@
+"""Bounds along the path, sorted by where they act.
+
+* A coordinate alone bounds all control points of the path, a control alone all its values: plain
+  bounds on unknowns.
+* An expression of q, t and parameters is held at all control points.
+* An expression with velocities or controls is held at the quadrature nodes, where velocities have
+  the rule's order and controls their values. A velocity alone also bounds the velocities at the two
+  ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError
+from varint.nlp.expressions import column, limits, triples
+from varint.scene.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class PathBounds:
+    """Bounds along the path.
+
+    Attributes
+    ----------
+    q, v, u : ndarray (2, n), (2, n), (2, k)
+        Lower and upper bounds of coordinates, of velocities at the ends, of controls.
+    at_points, at_nodes : SX (a,), (b,)
+        Expressions of (q, t, c), held at control points, and of (q, v, u, t, c), held at quadrature
+        nodes.
+    points_low, points_high, nodes_low, nodes_high : ndarray
+        Their bounds.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
+    at_points: ca.SX
+    points_low: np.ndarray
+    points_high: np.ndarray
+    at_nodes: ca.SX
+    nodes_low: np.ndarray
+    nodes_high: np.ndarray
+
+
+def path_bounds(system: System, bounds: Any) -> PathBounds:
+    """Bounds as the user wrote them, a list of (lower, expression, upper), sorted by where they
+    act.
+    """
+    s = system
+    simple = {
+        name: np.array([[-np.inf], [np.inf]]) * np.ones(x.numel())
+        for name, x in _symbols(s).items()
+    }
+    place = {
+        x.element_hash(): (name, i)
+        for name, xs in _symbols(s).items()
+        for i, x in enumerate(ca.vertsplit(xs))
+    }
+    rows: dict[str, list] = {"points": [], "nodes": []}
+    allowed = ca.vertcat(s.q, s.v, s.control, s.t, s.c)
+    for lower, expression, upper in triples("bounds", bounds):
+        found = column(
+            "an expression in bounds",
+            expression,
+            allowed,
+            "q, v, the controls, t and the parameters",
+        )
+        low, high = limits(str(found), lower, upper, found.numel())
+        for x, a, b in zip(ca.vertsplit(found), low, high, strict=True):
+            if np.isinf(a) and np.isinf(b):
+                continue
+            if not ca.depends_on(x, ca.vertcat(s.q, s.v, s.control)):
+                raise InputError(
+                    f"the bound on {x} does not depend on the path; bound parameters with free(…)"
+                )
+            name, i = place.get(x.element_hash(), (None, 0)) if x.is_symbolic() else (None, 0)
+            if name is not None:
+                simple[name][:, i] = max(simple[name][0, i], a), min(simple[name][1, i], b)
+                if simple[name][0, i] > simple[name][1, i]:
+                    raise InputError(
+                        f"the bounds of {x} contradict each other: {simple[name][:, i].tolist()}"
+                    )
+            if name in (None, "v"):
+                moving = ca.depends_on(x, ca.vertcat(s.v, s.control))
+                rows["nodes" if moving else "points"].append((x, a, b))
+    (points, points_low, points_high), (nodes, nodes_low, nodes_high) = (
+        _stack(rows[x]) for x in ("points", "nodes")
+    )
+    return PathBounds(
+        simple["q"],
+        simple["v"],
+        simple["u"],
+        points,
+        points_low,
+        points_high,
+        nodes,
+        nodes_low,
+        nodes_high,
+    )
+
+
+def _symbols(system: System) -> dict[str, ca.SX]:
+    return {"q": system.q, "v": system.v, "u": system.control}
+
+
+def _stack(rows: list) -> tuple[ca.SX, np.ndarray, np.ndarray]:
+    expressions, low, high = ([row[i] for row in rows] for i in range(3))
+    return (
+        ca.vertcat(ca.SX(0, 1), *expressions),
+        np.array(low, dtype=float),
+        np.array(high, dtype=float),
+    )

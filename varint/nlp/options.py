@@ -1,0 +1,81 @@
+"""Settings of the solvers, and their words in plain English."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# a tenth of these is what KKT conditions and rows are met to; bounds are not relaxed, since 1e-8
+# shows in the cost
+IPOPT = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-12,
+    "acceptable_tol": 1e-9,
+    "acceptable_iter": 3,
+    "constr_viol_tol": 1e-11,
+    "bound_relax_factor": 0.0,
+    "max_iter": 3000,
+}
+FATROP = {"print_level": 0, "tol": 1e-11}
+# the next attempt, from where the first one stalled: rounding may forbid more
+LOOSER = {"tol": 1e-9}
+WARM = {
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-6,
+    "warm_start_bound_push": 1e-8,
+    "warm_start_bound_frac": 1e-8,
+    "warm_start_slack_bound_push": 1e-8,
+    "warm_start_slack_bound_frac": 1e-8,
+    "warm_start_mult_bound_push": 1e-8,
+}
+WORDS = {
+    "Infeasible_Problem_Detected": (
+        "the conditions seem to contradict each other near the last iterate: relax bounds or "
+        "ends, lengthen the duration, or start from another guess"
+    ),
+    "Maximum_Iterations_Exceeded": (
+        'more iterations than allowed: options={"ipopt": {"max_iter": …}} or a better guess'
+    ),
+    "Restoration_Failed": (
+        "no feasible point was found from this guess: try another guess, more steps, looser bounds"
+    ),
+    "Error_In_Step_Computation": (
+        "no step could be computed: conditions may be imposed twice, or scales differ widely"
+    ),
+    "Not_Enough_Degrees_Of_Freedom": (
+        "more conditions than unknowns: free an end, the duration, or add controls"
+    ),
+    "Invalid_Number_Detected": (
+        "values are not finite: the guess passes a singular point of L, of the cost or of a bound"
+    ),
+    "Invalid_Option": (
+        "an option is unknown or its value impossible (a linear solver that is not installed?)"
+    ),
+    "Diverging_Iterates": "the unknowns grow without bound: bound the controls or the duration",
+    "Search_Direction_Becomes_Too_Small": (
+        "no progress at the last iterate: scale the scene or start elsewhere"
+    ),
+    "Not_Solved": (
+        "no solution was found from this guess; Fatrop also fails where conditions imply each "
+        "other, such "
+        'as a conserved momentum given at both ends: solver="ipopt" copes with that'
+    ),
+    "User_Requested_Stop": "stopped by the user",
+    "Maximum_CpuTime_Exceeded": "the time allowed is used up",
+    "Maximum_WallTime_Exceeded": "the time allowed is used up",
+}
+EXTRA: dict[str, tuple[dict[str, Any], ...]] = {"ipopt": ({}, WARM), "fatrop": ({}, LOOSER)}
+DIFFERENTIATED = ("ipopt", "fatrop")  # solvers that are handed all derivatives
+KNOWN = (
+    "ipopt",
+    "fatrop",
+    "sqpmethod",
+    "blocksqp",
+    "knitro",
+    "snopt",
+    "worhp",
+    "alpaqa",
+    "sleqp",
+    "uno",
+    "madnlp",
+)

@@ -1,0 +1,226 @@
+"""CasADi functions over many columns at once, through the buffer interface: NumPy memory in, NumPy
+memory out.
+
+Runs of any length are cut into blocks of 1, 10, 100, … so that only a handful of functions is ever
+built.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
+from threading import get_ident
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+LARGEST_BLOCK = 10_000
+FEW = 10  # rows for each number of which a function is built
+REMEMBERED = 256  # functions whose buffers are kept
+DEFINITE = 1e-12  # least eigenvalue of a matrix that is definite by far: beyond its round-off
+COPIED = 500  # numbers of a function's arguments and results that are worth a copy of them
+
+
+def finite(*arrays: np.ndarray) -> bool:
+    """Whether all numbers of these arrays (k,) are finite."""
+    return all(map(_finite, arrays))
+
+
+def _finite(x: np.ndarray) -> bool:
+    # one by one is faster
+    return all(map(math.isfinite, x.tolist())) if len(x) < FEW else bool(np.isfinite(x).all())
+
+
+def is_definite(matrix: np.ndarray) -> bool:
+    """Whether a symmetric matrix is positive definite by far, its diagonal scaled to one:
+    without its eigenvalues.
+    """
+    less = matrix.copy()
+    less.reshape(-1)[:: len(matrix) + 1] *= 1 - DEFINITE
+    try:
+        return math.isfinite(np.linalg.cholesky(less).trace())
+    except np.linalg.LinAlgError:
+        return False
+
+
+def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
+    """`count` as a sum of powers of ten, none above `largest`, larger ones first."""
+    size = largest
+    while count:
+        while size > count:
+            size //= 10
+        yield size
+        count -= size
+
+
+class _Prepared(NamedTuple):
+    """A function with its buffer, the trigger of its call, the sizes of its arguments and results,
+    and their memory.
+
+    Where arguments and results are few they have memory of their own in the buffer: to copy numbers
+    is cheaper than to hand over where they are. Memory of many is None.
+    """
+
+    function: ca.Function
+    buffer: ca.FunctionBuffer
+    trigger: Callable[[], object]
+    sizes: list[int]
+    out: list[int]
+    inputs: list[np.ndarray] | None
+    outputs: list[np.ndarray]
+
+
+_PREPARED: dict[tuple[int, int], _Prepared] = {}
+
+
+def _prepare(function: ca.Function) -> _Prepared:
+    """What a call of the function needs; one buffer a thread, for a buffer holds the arguments of
+    its call.
+
+    Functions are looked up by identity, which is safe as long as they are held here: CasADi's own
+    hash takes as long as a call.
+    """
+    key = id(function), get_ident()
+    known = _PREPARED.get(key)
+    if known is None:
+        if len(_PREPARED) >= REMEMBERED:
+            _PREPARED.clear()
+        known = _PREPARED[key] = _preparation(function)
+    return known
+
+
+def _preparation(function: ca.Function) -> _Prepared:
+    buffer, trigger = function.buffer()
+    sizes = [function.nnz_in(i) for i in range(function.n_in())]
+    out = [function.nnz_out(i) for i in range(function.n_out())]
+    if sum(sizes) + sum(out) > COPIED:
+        return _Prepared(function, buffer, trigger, sizes, out, None, [])
+    inputs, outputs = ([np.empty(size) for size in part] for part in (sizes, out))
+    _hand_over(buffer, inputs, outputs)
+    return _Prepared(function, buffer, trigger, sizes, out, inputs, outputs)
+
+
+def _hand_over(
+    buffer: ca.FunctionBuffer, arguments: Sequence[np.ndarray], outputs: Sequence[np.ndarray]
+) -> None:
+    for i, argument in enumerate(arguments):
+        buffer.set_arg(i, memoryview(argument))  # type: ignore[arg-type]
+    for i, output in enumerate(outputs):
+        buffer.set_res(i, memoryview(output))  # type: ignore[arg-type]
+
+
+def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+    """Function values as flat arrays of the outputs' nonzeros; arguments are C-contiguous doubles,
+    column after column.
+
+    `function` must have dense inputs; each argument's size must match.
+    """
+    _, buffer, trigger, sizes, out, inputs, outputs = _prepare(function)
+    for argument, size, memory in zip(arguments, sizes, inputs or arguments, strict=True):
+        if argument.size != size:
+            raise AssertionError(
+                f"{function.name()}: inputs have {[a.size for a in arguments]} numbers, not {sizes}"
+            )
+        if inputs:
+            # faster than [:]
+            memory[...] = argument if argument.ndim == 1 else argument.reshape(-1)
+    if inputs is None:
+        outputs = [np.empty(size) for size in out]
+        _hand_over(buffer, arguments, outputs)
+        trigger()
+        return outputs
+    trigger()
+    return [memory.copy() for memory in outputs]
+
+
+_ROWS: dict[tuple[int, int, int], tuple[ca.Function, _Prepared | None]] = {}
+
+
+def _prepared_rows(function: ca.Function, count: int) -> _Prepared | None:
+    """The function for so many rows at once, its arguments and results as rows; None where they
+    are many.
+    """
+    key = id(function), count, get_ident()
+    if key not in _ROWS:
+        if len(_ROWS) >= REMEMBERED:
+            _ROWS.clear()
+        _ROWS[key] = function, _preparation_of_rows(function, count)
+    return _ROWS[key][1]
+
+
+def _preparation_of_rows(function: ca.Function, count: int) -> _Prepared | None:
+    if not count or (next(blocks(count)) != count and count > FEW):
+        return None
+    flat = _prepare(_map_function(function, count))
+    if flat.inputs is None:
+        return None
+    inputs, outputs = (
+        [memory.reshape(count, -1) for memory in part] for part in (flat.inputs, flat.outputs)
+    )
+    return flat._replace(inputs=inputs, outputs=outputs)
+
+
+@lru_cache(maxsize=64)
+def _map_function(function: ca.Function, size: int) -> ca.Function:
+    return function.map(size) if size > 1 else function
+
+
+def _rows(a: np.ndarray, count: int) -> np.ndarray:
+    """`a` with so many rows, in one piece of memory; faster than `np.broadcast_to` for few."""
+    if a.ndim == 2 and len(a) == count:
+        return np.ascontiguousarray(a, dtype=float)
+    rows = np.empty((count, a.shape[-1]))
+    rows[:] = a
+    return rows
+
+
+def lengths(rows: np.ndarray) -> np.ndarray:
+    """Euclidean lengths of the last axis, (…, n) → (…,), also where the squares would vanish or
+    overflow.
+    """
+    largest = np.abs(rows).max(axis=-1, initial=0.0)
+    size = np.where(largest > 0, largest, 1.0)
+    return size * np.sqrt(((rows / size[..., None]) ** 2).sum(axis=-1))
+
+
+def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]:
+    """Evaluate `function` for every row of the arrays.
+
+    Parameters
+    ----------
+    function : Function
+        Dense inputs and outputs.
+    *arrays : ndarray (N, size of input i) or (size of input i,)
+        Time first; one row for all where the array has no time axis.
+
+    Returns
+    -------
+    list of ndarray (N, size of output i)
+    """
+    count = max([len(a) for a in arrays if a.ndim == 2])
+    if count < COPIED:
+        few = _prepared_rows(function, count)
+        if few is not None:
+            for rows, a in zip(few.inputs, arrays, strict=True):  # type: ignore[arg-type]
+                if rows.shape[1] != a.shape[-1]:
+                    raise AssertionError(
+                        f"{function.name()}: {a.shape[-1]} numbers a row, not {rows.shape[1]}"
+                    )
+                rows[...] = a
+            few.trigger()
+            return [rows.copy() for rows in few.outputs]
+    columns = [_rows(a, count) for a in arrays]
+    results: list[Sequence[np.ndarray]] = []
+    done = 0
+    for size in blocks(count):
+        part = call(_map_function(function, size), *(a[done : done + size] for a in columns))
+        results.append([x.reshape(size, -1) for x in part])
+        done += size
+    if len(results) == 1:
+        return list(results[0])
+    sizes = [function.nnz_out(i) for i in range(function.n_out())]
+    return [
+        np.concatenate([r[i] for r in results] or [np.empty((0, k))]) for i, k in enumerate(sizes)
+    ]

@@ -1,0 +1,140 @@
+"""An SX function as a list of elementary operations, and back: arithmetic and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from varint.errors import InputError, VarintError
+
+# What an expression may be made of: each takes numbers and gives a number, and that is all it does.
+_UNARY = """
+    assign neg exp log sqrt sq twice inv sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh
+    not floor ceil fabs sign erf erfinv log1p expm1
+"""
+_BINARY = """
+    add sub mul div pow constpow lt le eq ne and or fmod remainder copysign if_else_zero fmin fmax
+    atan2 hypot lift
+"""
+UNARY, BINARY = frozenset(_UNARY.split()), frozenset(_BINARY.split())
+_CODES = {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY | BINARY}
+_NAMES = {code: name for name, code in _CODES.items()}
+_OTHERS = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+# Rows and columns of an output. Sparse matrices have memory for every column, whatever they hold.
+MOST_ROWS = 10**6
+
+
+class Output(NamedTuple):
+    """One result: its shape, the places (column by column) that are not structural zeros, and the
+    nodes whose values stand there.
+    """
+
+    shape: tuple[int, int]
+    places: list[int]
+    nodes: list[int]
+
+
+class Operations(NamedTuple):
+    """Operations in the order of evaluation.
+
+    Node i is ``nodes[i]``: ``("input", k, j)`` is number j of argument k, ``("const", x)`` a
+    number, and everything else a name of `UNARY` or `BINARY` with the nodes that it takes, all of
+    them before i.
+    """
+
+    nodes: list[tuple[Any, ...]]
+    outputs: list[Output]
+
+
+def operations_of(f: ca.Function) -> Operations:
+    """The operations of an SX function of dense arguments, each as CasADi evaluates it.
+
+    Raises
+    ------
+    VarintError
+        If it holds what is no elementary operation, as the call of another function.
+    """
+    nodes: list[tuple[Any, ...]] = []
+    at: dict[int, int] = {}  # place in CasADi's work vector → the node whose value it holds now
+    found: list[list[int]] = [[0] * f.nnz_out(k) for k in range(f.n_out())]
+    for k in range(f.n_instructions()):
+        code, out, source = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
+        if code == ca.OP_OUTPUT:
+            found[out[0]][out[1]] = at[source[0]]
+            continue
+        if code == ca.OP_CONST:
+            nodes.append(("const", f.instruction_constant(k)))
+        elif code == ca.OP_INPUT:
+            nodes.append(("input", source[0], source[1]))
+        elif code in _NAMES:
+            name = _NAMES[code]
+            nodes.append((name, *(at[i] for i in source[: 1 if name in UNARY else 2])))
+        else:
+            raise VarintError(
+                f"the scene holds the operation {_OTHERS.get(code, code)!r}, which is no "
+                "arithmetic; write it with CasADi's elementary functions (a function that is "
+                "called must be inlined, without never_inline)"
+            )
+        at[out[0]] = len(nodes) - 1
+    outputs = [
+        Output(f.size_out(k), list(f.sparsity_out(k).find()), found[k]) for k in range(f.n_out())
+    ]
+    return Operations(nodes, outputs)
+
+
+def expressions_of(operations: Operations, inputs: Sequence[ca.SX]) -> list[ca.SX]:
+    """The outputs as expressions of other symbols: operation by operation what was read.
+
+    Raises
+    ------
+    InputError
+        If a node is none of the known operations, or takes what is not there before it.
+    """
+    given = [[x[j] for j in range(x.numel())] for x in inputs]
+    work: list[ca.SX] = []
+    for i, (name, *operands) in enumerate(operations.nodes):
+        if name == "const":
+            work.append(ca.SX(operands[0]))
+        elif name == "input":
+            if not (
+                len(operands) == 2
+                and _within(operands[0], len(given))
+                and _within(operands[1], len(given[operands[0]]))
+            ):
+                raise InputError(f"operation {i} takes the input {operands}, which there is not")
+            work.append(given[operands[0]][operands[1]])
+        else:
+            arity = 1 if name in UNARY else 2 if name in BINARY else 0
+            if not arity or len(operands) != arity or not all(_within(j, i) for j in operands):
+                raise InputError(
+                    f"operation {i} is {name!r} of {operands}; it must be one of the known "
+                    "operations of nodes before it"
+                )
+            make = ca.SX.unary if arity == 1 else ca.SX.binary
+            work.append(make(_CODES[name], *(work[j] for j in operands)))
+    return [_matrix(output, work) for output in operations.outputs]
+
+
+def _within(j: Any, count: int) -> bool:
+    return type(j) is int and 0 <= j < count
+
+
+def _matrix(output: Output, work: list[ca.SX]) -> ca.SX:
+    """An output with exactly its structural zeros."""
+    (rows, columns), places, nodes = output
+    if not (_within(rows, MOST_ROWS) and _within(columns, MOST_ROWS)):
+        raise InputError(f"an output has the shape {(rows, columns)}; at most {MOST_ROWS} each way")
+    if len(places) != len(nodes) or not all(_within(j, len(work)) for j in nodes):
+        raise InputError("an output takes operations that there are not")
+    increasing = all(a < b for a, b in pairwise(places))
+    if not (increasing and all(_within(j, rows * columns) for j in places)):
+        raise InputError("the places of an output must increase and lie within its shape")
+    if not places:
+        return ca.SX(rows, columns)
+    sparsity = ca.Sparsity.triplet(
+        rows, columns, [j % rows for j in places], [j // rows for j in places]
+    )
+    return ca.SX(sparsity, ca.vertcat(*(work[j] for j in nodes)))

@@ -1,0 +1,115 @@
+"""Progress bars for long work: tqdm where someone watches, nothing (and no import) where nobody
+does.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from importlib.util import find_spec
+from threading import Event, Thread
+from time import perf_counter
+from types import NoneType
+from typing import Any
+
+from varint.errors import InputError
+
+PATIENCE = 1.0  # seconds before a bar appears unasked
+SILENCE, MOST_SILENT = 1.9, 10.0  # seconds until a notice appears, and at most between two
+
+
+Move = Callable[[int, Callable[[], str]], object]
+
+
+def progress_bar(
+    total: int | None, unit: str, wanted: bool | None, done: int = 0
+) -> AbstractContextManager[Move]:
+    """A function of (finished units, () → note) that moves the bar; it shows the rate, and the note
+    beside it.
+
+    Parameters
+    ----------
+    total : int or None
+        Number of units, if it is known.
+    unit : str
+        What is counted.
+    wanted : bool or None
+        None: a bar in a terminal or notebook, once the work has taken longer than a second.
+    done : int
+        Units that were finished before.
+    """
+    if not isinstance(wanted, (bool, NoneType)):
+        raise InputError(
+            f"progress must be True, False or None (a bar where someone watches), got {wanted!r}"
+        )
+    if wanted is False or (wanted is None and not _is_watched()):
+        return nullcontext(_unseen)
+    return _bar(total, unit, bool(wanted), done)
+
+
+def _unseen(count: int, note: Callable[[], str]) -> None:
+    """Nobody watches."""
+
+
+@contextmanager
+def _bar(total: int | None, unit: str, wanted: bool, done: int) -> Iterator[Move]:
+    tqdm = bar_class()
+    delay = 0 if wanted else PATIENCE
+    with tqdm(
+        total=total, initial=done, unit=unit, unit_scale=True, delay=delay, leave=wanted
+    ) as bar:
+        latest: list[Callable[[], str]] = []
+
+        def move(count: int, note: Callable[[], str]) -> None:
+            latest[:] = [note]
+            if bar.update(count):  # drawn: then the note is worth working out
+                bar.set_postfix_str(note(), refresh=False)
+
+        yield move
+        if latest and wanted:  # the bar stays: with the last word
+            bar.set_postfix_str(latest[0](), refresh=False)
+
+
+@contextmanager
+def notice(what: str) -> Iterator[None]:
+    """Say what is being done where that takes longer than `SILENCE`, and again every so often, if
+    someone watches.
+    """
+    if not _is_watched():
+        yield
+        return
+    began, done = perf_counter(), Event()
+
+    def tell() -> None:
+        wait = SILENCE
+        while not done.wait(wait):
+            print(f"{what}: {perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
+            wait = min(2 * wait, MOST_SILENT)
+
+    teller = Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        done.set()
+        teller.join()
+
+
+def bar_class() -> Any:
+    """tqdm's bar for where we are: that of notebooks needs ipywidgets, without which a text bar
+    does as well, and without a warning.
+    """
+    if "IPython" in sys.modules and find_spec("ipywidgets"):
+        from tqdm.auto import tqdm
+
+        return tqdm
+    from tqdm.std import tqdm as plain
+
+    return plain
+
+
+def _is_watched() -> bool:
+    """Whether what is printed goes to a terminal or a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return sys.stderr.isatty() or type(shell).__name__ == "ZMQInteractiveShell"

@@ -1,0 +1,161 @@
+"""Between the nodes of a trajectory: shorter steps of the same rule, and the controls that act
+in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError
+from varint.numerics.arrays import over_columns
+from varint.results.trajectory import Trajectory
+from varint.rules.polynomials import lagrange_values
+from varint.scene.system import System
+
+ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
+
+
+def node_tolerance(motion: Trajectory) -> float:
+    """Of a step: a time this close to a node is the node. It is the round-off of the times
+    themselves.
+    """
+    return float(ROUNDING * max(np.abs(motion.t).max(), abs(motion.h)) / abs(motion.h))
+
+
+def functions_of(motion: Trajectory, scene: System) -> tuple[ca.Function, ca.Function]:
+    """Step function and action function of the system itself, or of a scene in which less is
+    held.
+    """
+    return motion.functions() if scene is motion.system else motion.functions(scene)
+
+
+def states_at(
+    motion: Trajectory, times: np.ndarray, side: str = "after"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """q, p, whole steps before, and active set at any times of the motion, by steps from the node
+    at or before each; for the side "before" from the one before it, where there is one.
+
+    Raises
+    ------
+    InputError
+        If a time lies outside the trajectory.
+    """
+    slack = require_within(motion, times)
+    direction = 1.0 if motion.h > 0 else -1.0
+    shifted = direction * times + (slack if side == "after" else -slack)
+    node = np.searchsorted(direction * motion.t, shifted, side="right") - 1
+    node = np.clip(node, 0, len(motion) - 1)
+    states = [motion.q[node], motion.p[node], motion.k[node]]
+    for _ in steps_ahead(motion, node, times - motion.t[node], states):
+        continue
+    q, p, k = states
+    return q, p, k, None if motion.active_set is None else motion.active_set[node]
+
+
+def require_within(motion: Trajectory, times: np.ndarray) -> float:
+    """Refuse times before the first and after the last node; the round-off allowed for."""
+    low, high = min(motion.t[0], motion.t[-1]), max(motion.t[0], motion.t[-1])
+    slack = node_tolerance(motion) * abs(motion.h)
+    if not ((times >= low - slack) & (times <= high + slack)).all():
+        raise InputError(f"times must lie between {low:g} and {high:g}, got {times}")
+    return slack
+
+
+def steps_ahead(
+    motion: Trajectory, node: np.ndarray, ahead: np.ndarray, states: list[np.ndarray] | None = None
+) -> Iterator[tuple[np.ndarray, System, tuple[np.ndarray, ...]]]:
+    """From each node ahead by a time: whole steps, then a shorter one, round after round.
+
+    Yields which of them step now, the scene that holds for them, and their arguments of its step
+    function. `states` (q, p, k at the nodes) are advanced in place.
+    """
+    q, p, k = states or [motion.q[node], motion.p[node], motion.k[node]]
+    t, active_set, close = (
+        motion.t[node],
+        None if motion.active_set is None else motion.active_set[node],
+        node_tolerance(motion),
+    )
+    first, done = k.copy(), np.zeros(len(t))
+    while True:
+        left, full = ahead - done, _sizes(motion, k)
+        going = left / full > close
+        if not going.any():
+            return
+        whole = going & (left / full > 1 - close)
+        size = np.where(whole, full, left)
+        for i, held in enumerate((None,) if active_set is None else motion.active_sets):
+            active = going if active_set is None else going & (active_set == i)
+            if not active.any():
+                continue
+            scene = motion.system if held is None else held.scene(motion.system)
+            u = step_controls(motion, k[active], (size / full)[active], (t + done)[active])
+            arguments = (
+                q[active],
+                p[active],
+                u,
+                motion.c,
+                (t + done)[active][:, None],
+                size[active][:, None],
+            )
+            yield active, scene, arguments
+            q[active], p[active], _ = over_columns(functions_of(motion, scene)[0], *arguments)
+        k += whole
+        done = np.where(
+            whole, (k - first) * motion.h if motion.sizes is None else done + size, done
+        )
+        done = np.where(going & ~whole, ahead, done)
+
+
+def _sizes(motion: Trajectory, k: np.ndarray) -> np.ndarray:
+    """Sizes of the steps k."""
+    sizes = motion.sizes
+    return np.full(len(k), motion.h) if sizes is None else sizes[np.clip(k, 0, len(sizes) - 1)]
+
+
+def step_controls(
+    motion: Trajectory, steps: np.ndarray, fraction: np.ndarray, times: np.ndarray | None = None
+) -> np.ndarray:
+    """Controls at the rule's nodes of parts of steps, (len(steps), r·k), that begin at `times`
+    or with the step.
+    """
+    count, r = len(steps), len(motion.rule.nodes)
+    if not motion.system.structure.controls:
+        return np.empty((count, 0))
+    u = motion.u[np.clip(steps, 0, len(motion.u) - 1)]
+    if u.shape[1] == 1:
+        return np.repeat(u, r, axis=1).reshape(count, -1)
+    nodes = np.array(motion.rule.nodes)
+    short = fraction < 1 - node_tolerance(motion)
+    begin = _elapsed(motion, steps, times)[short, None]
+    tables = lagrange_values(nodes, (begin + nodes * fraction[short, None]).ravel()).reshape(
+        -1, r, r
+    )
+    u = u.copy()
+    u[short] = tables @ u[short]
+    return u.reshape(count, -1)
+
+
+def _elapsed(motion: Trajectory, steps: np.ndarray, times: np.ndarray | None) -> np.ndarray:
+    """How much of the steps has passed at the times: none at the nodes of the grid, but at those
+    of events.
+    """
+    if times is None or motion.sizes is not None or motion.origin is None:
+        return np.zeros(len(steps))
+    return np.clip((times - motion.origin) / motion.h - steps, 0.0, 1.0)
+
+
+def controls_at_nodes(motion: Trajectory) -> np.ndarray:
+    """Controls at every node: those of the step that begins there; at the last node of the step
+    that ends there.
+    """
+    if not motion.system.structure.controls:
+        return np.empty((len(motion), 0))
+    last = motion.k >= len(motion.u)
+    u = motion.u[np.minimum(motion.k, len(motion.u) - 1)]
+    if u.shape[1] == 1:
+        return u[:, 0]
+    within = np.where(last, 1.0, _elapsed(motion, motion.k, motion.t))
+    return np.einsum("ki,kij->kj", lagrange_values(np.array(motion.rule.nodes), within), u)

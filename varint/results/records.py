@@ -1,0 +1,89 @@
+"""One instant of a motion, and something that happened between its nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+
+class State(NamedTuple):
+    """One instant of a trajectory: t, and q, v, p of shape (n,)."""
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    p: np.ndarray
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened between nodes.
+
+    Attributes
+    ----------
+    time : float
+        When, located with the accuracy of the rule.
+    kind : str
+        ``"impact"`` (a contact bounces), ``"stop"`` (a contact closes and holds), ``"detachment"``
+        (it lets go), or the user's name of the expression that crossed zero.
+    contact : int or None
+        Index of the contact.
+    impulse : float
+        Normal impulse Λ of the contact: p changes by Λ ∂gap/∂q (and what constraints add).
+    energy_before, energy_after : float
+        Energy on both sides.
+    q : tuple of float
+        Coordinates there; they do not jump.
+    v_before, p_before, v_after, p_after : tuple of float
+        Velocities and momenta on both sides: they differ at an impact. Tuples, so that events
+        compare; `before` and `after` have them as arrays.
+
+    Examples
+    --------
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("y")
+    >>> ball = vi.System(q, v, v**2 / 2 - q, contact=q, restitution=0.5)
+    >>> hit = vi.simulate(ball, q0=0.5, v0=0.0, h=0.1, steps=12).events[0]
+    >>> round(hit.time, 12), hit.before.v.round(12), hit.after.v.round(12)
+    (1.0, array([-1.]), array([0.5]))
+    """
+
+    time: float
+    kind: str
+    contact: int | None
+    impulse: float
+    energy_before: float
+    energy_after: float
+    q: tuple[float, ...] = ()
+    v_before: tuple[float, ...] = ()
+    p_before: tuple[float, ...] = ()
+    v_after: tuple[float, ...] = ()
+    p_after: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("q", "v_before", "p_before", "v_after", "p_after"):  # a file has lists
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+
+    @property
+    def before(self) -> State:
+        """The state in which the motion comes to the event."""
+        return State(self.time, *map(np.array, (self.q, self.v_before, self.p_before)))
+
+    @property
+    def after(self) -> State:
+        """The state in which the motion goes on."""
+        return State(self.time, *map(np.array, (self.q, self.v_after, self.p_after)))
+
+
+class Costates(NamedTuple):
+    """Derivatives of the optimal cost-to-go with respect to q (at constant p) and p, at every node,
+    (N + 1, n) each.
+
+    `p` are the multipliers μ_k of the rows p⁺_{k−1} − p⁻_k = 0 (at the ends ∂L/∂v(q_0, v_0) − p⁻_0
+    and p⁺_{N−1} − ∂L/∂v(q_N, v_N)) in the Lagrangian cost + μ·row.
+    """
+
+    q: np.ndarray
+    p: np.ndarray

@@ -1,0 +1,93 @@
+"""What users hand over as numbers, checked and converted where it enters."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from varint.errors import InputError, parsed_or_refused
+from varint.numerics.arrays import finite
+
+
+def finite_array(what: str, value: Any) -> np.ndarray:
+    """value as an array of finite numbers."""
+    array = parsed_or_refused(
+        lambda: np.array(value, dtype=float),
+        lambda: f"{what} must be a number or an array of numbers, got {value!r}",
+    )
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} is not finite: {value!r}")
+    return array
+
+
+def number(what: str, x: Any) -> float:
+    """x as a finite number."""
+    value = (
+        x
+        if type(x) is float
+        else parsed_or_refused(lambda: float(x), lambda: f"{what} must be a number, got {x!r}")
+    )
+    if not math.isfinite(value):
+        raise InputError(f"{what} must be finite, got {x!r}")
+    return value
+
+
+def positive_integer(what: str, x: Any, least: int = 1) -> int:
+    """x as a whole number that is not too small."""
+    if not isinstance(x, (int, np.integer)) or isinstance(x, bool) or x < least:
+        raise InputError(f"{what} must be a whole number, at least {least}, got {x!r}")
+    return int(x)
+
+
+def generator(seed: Any) -> np.random.Generator:
+    """Random numbers of a seed."""
+    return parsed_or_refused(
+        lambda: np.random.default_rng(seed),
+        lambda: f"seed must be a whole number, at least 0, got {seed!r}",
+    )
+
+
+def guesses_of(starts: Any) -> list[Any]:
+    """The guesses that many starts begin with."""
+    if isinstance(starts, str):
+        raise InputError(f"starts must be a number or a list of guesses, got {starts!r}")
+    return parsed_or_refused(
+        lambda: list(starts),
+        lambda: f"starts must be a number or a list of guesses, got {starts!r}",
+    )
+
+
+def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
+    """x as n finite numbers."""
+    try:
+        value = np.array(x, dtype=float)
+    except (TypeError, ValueError, RuntimeError):
+        raise InputError(
+            f"{what} must be {n} numbers, one for each of {list(names)}, got {x!r}"
+        ) from None
+    if value.ndim == 0 and n == 1:
+        value = value.reshape(1)
+    if value.shape != (n,):
+        raise InputError(
+            f"{what} has shape {value.shape}; it must be ({n},), one number for each of "
+            f"{list(names)}"
+        )
+    if not finite(value):
+        bad = [names[i] for i in np.flatnonzero(~np.isfinite(value))]
+        raise InputError(f"{what} is not finite in {bad}: {value}")
+    return value
+
+
+def times_of(t: Any) -> np.ndarray:
+    """Times as numbers (k,), or an error that says what they must be."""
+    times = parsed_or_refused(
+        lambda: np.atleast_1d(np.asarray(t, dtype=float)),
+        lambda: f"a time or several (k,) must be given, got {t!r}",
+    )
+    if times.ndim > 1 or not times.size:
+        raise InputError(
+            f"a time or several (k,) must be given, got an array of shape {times.shape}"
+        )
+    return times

@@ -1,0 +1,122 @@
+"""What a scene has and what it lacks, found exactly by dependence and sparsity.
+
+Every answer follows from the expression graph (`depends_on`, Hessian sparsity), never from samples:
+an expression that cancels only numerically counts as present, so a "no" costs time but never
+correctness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import casadi as ca
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a system has and lacks; see `structure_of`."""
+
+    n: int
+    controls: int
+    constraints: int
+    nonholonomic: int
+    contacts: int
+    separable: bool
+    constant_mass: bool
+    diagonal_mass: bool
+    quadratic_kinetic: bool
+    degenerate: bool
+    linear: bool
+    autonomous: bool
+    forced: bool
+    force_on_velocity: bool
+    cyclic: tuple[int, ...]
+    blocks: tuple[tuple[int, ...], ...]
+
+    @property
+    def explicit(self) -> bool:
+        """L = ½ vᵀMv − V(q, t) with constant M, forces free of v, nothing else: kick and drift
+        suffice.
+        """
+        extra = self.constraints or self.nonholonomic or self.contacts
+        return (
+            self.separable
+            and self.constant_mass
+            and not self.degenerate
+            and not self.force_on_velocity
+            and not extra
+        )
+
+    def __str__(self) -> str:
+        return "\n".join(f"{f.name:>18}: {getattr(self, f.name)}" for f in fields(self))
+
+
+def structure_of(q, v, t, u, lagrangian, force, constraint, nonholonomic, contact) -> Structure:
+    """Structure of the scene with Lagrangian L(q, v, t), force F(q, v, u, t) and constraints g(q,
+    t).
+
+    Parameters
+    ----------
+    q, v, t, u : SX
+        The symbols.
+    lagrangian, force, constraint, nonholonomic, contact : SX
+        Expressions; empty where the scene has none.
+
+    Returns
+    -------
+    Structure
+    """
+    n = q.numel()
+    state, gradient = ca.vertcat(q, v), ca.gradient(lagrangian, ca.vertcat(q, v))
+    hessian = ca.jacobian(gradient, state)
+    mixed, mass = hessian[n:, :n], hessian[n:, n:]
+    p_of_t = ca.depends_on(gradient[n:], t)
+    force_slope = ca.jacobian(force, state)
+    slopes = [hessian, force_slope, ca.jacobian(force, u)]
+    held = ca.vertcat(constraint, contact, ca.vec(nonholonomic))
+    return Structure(
+        n=n,
+        controls=u.numel(),
+        constraints=constraint.numel(),
+        nonholonomic=nonholonomic.shape[0],
+        contacts=contact.numel(),
+        separable=mixed.nnz() == 0 and not p_of_t,
+        constant_mass=not ca.depends_on(mass, ca.vertcat(state, t)),
+        diagonal_mass=mass.sparsity().is_diag(),
+        quadratic_kinetic=not ca.depends_on(mass, v),
+        degenerate=mass.nnz() == 0,
+        linear=not any(ca.depends_on(s, ca.vertcat(state, t, u)) for s in slopes)
+        and held.numel() == 0,
+        autonomous=not any(ca.depends_on(e, t) for e in (lagrangian, force, held)),
+        forced=force.nnz() > 0,
+        force_on_velocity=force_slope[:, n:].nnz() > 0,
+        cyclic=tuple(i for i in range(n) if not ca.depends_on(lagrangian, q[i])),
+        blocks=_blocks(n, hessian, force_slope, ca.jacobian(held, state)),
+    )
+
+
+def _blocks(n: int, hessian, force_slope, held_slope) -> tuple[tuple[int, ...], ...]:
+    """Groups of coordinates that no derivative couples: connected components of the sparsity
+    graph.
+    """
+    group = list(range(n))
+
+    def root(i: int) -> int:
+        while group[i] != i:
+            i = group[i] = group[group[i]]
+        return i
+
+    def join(pattern, offset_rows: bool) -> None:
+        rows, cols = pattern.sparsity().get_triplet()
+        first: dict[int, int] = {}
+        for r, c in zip(rows, cols, strict=True):
+            i = r % n if offset_rows else first.setdefault(r, c % n)
+            group[root(i)] = root(c % n)
+
+    join(hessian, True)
+    join(force_slope, True)
+    join(held_slope, False)
+    members: dict[int, list[int]] = {}
+    for i in range(n):
+        members.setdefault(root(i), []).append(i)
+    return tuple(tuple(m) for m in members.values())

@@ -1,0 +1,340 @@
+"""The scene: symbols, Lagrangian, forces and constraints as CasADi expressions."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, wraps
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError
+from varint.scene.description import description, parts_of
+from varint.scene.parameters import (
+    Parameters,
+    ParameterValues,
+    parameter_array,
+    parameters_of,
+    values_by_name,
+)
+from varint.scene.structure import Structure, structure_of
+from varint.scene.validation import check_symbols, expression, restitution_of, symbols
+
+
+def coordinates(*names: str) -> tuple[ca.SX, ca.SX]:
+    """Symbols q and v = dq/dt of a scene, one of each per name.
+
+    Parameters
+    ----------
+    *names : str
+        One name a coordinate; the velocity of ``x`` is called ``x_dot``.
+
+    Returns
+    -------
+    q, v : SX (n,)
+        Column vectors of symbols.
+
+    Raises
+    ------
+    InputError
+        If no name is given, or a name is empty, repeated or no string.
+
+    Examples
+    --------
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("r", "theta")
+    >>> q, v
+    (SX([r, theta]), SX([r_dot, theta_dot]))
+    """
+    if not names:
+        raise InputError('coordinates() was given no name; write for example coordinates("theta")')
+    for name in names:
+        if not isinstance(name, str) or not name:
+            raise InputError(f"coordinate names are non-empty strings, got {name!r}")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(
+            f"coordinate names {twice} are given more than once; each names one coordinate"
+        )
+    return (
+        ca.vertcat(*(ca.SX.sym(name) for name in names)),
+        ca.vertcat(*(ca.SX.sym(f"{name}_dot") for name in names)),
+    )
+
+
+def time() -> ca.SX:
+    """The symbol t of an explicitly time-dependent scene; hand it to `System` as ``t=``."""
+    return ca.SX.sym("t")
+
+
+def parameter_values(system: System, overrides: ParameterValues | None) -> np.ndarray:
+    """The vector of parameter values of one run: the defaults with `overrides` put in, in the
+    order of `system.c`.
+    """
+    if overrides is None:
+        return system.default_vector
+    given = given_parameters(system, overrides)
+    if not given:
+        return system.default_vector
+    parts = [
+        parameter_array(name, given.get(name, default), default.shape, "default")
+        for name, default in system.defaults.items()
+    ]
+    return np.concatenate([part.ravel(order="F") for part in parts])
+
+
+def parameters_by_name(system: System, c: np.ndarray) -> dict[str, np.ndarray]:
+    """The vector of parameter values as arrays by name."""
+    values, first = {}, 0
+    for name, default in system.defaults.items():
+        values[name] = c[first : first + default.size].reshape(default.shape, order="F")
+        first += default.size
+    return values
+
+
+def given_parameters(system: System, params: ParameterValues | None) -> dict[str, Any]:
+    """What a user gives for parameters of the system, by name."""
+    given = {} if params is None else values_by_name(params)
+    if unknown := [name for name in given if name not in system.defaults]:
+        raise InputError(f"unknown parameters {unknown}; known: {list(system.defaults)}")
+    return given
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class System:
+    """A mechanical scene by the principle of least action: δ∫ (L + λ·g) dt + ∫ F·δq dt = 0.
+
+    Its equations of motion are ``d/dt ∂L/∂v − ∂L/∂q = Gᵀλ + F`` with ``G = ∂g/∂q``.
+
+    Parameters
+    ----------
+    q, v : SX (n,)
+        Coordinates and velocities, from `coordinates`.
+    lagrangian : SX
+        L(q, v, t), a scalar, in any consistent units.
+    constraint : SX (m,), optional
+        Holonomic constraints g(q, t) = 0.
+    nonholonomic : SX (k, n), optional
+        Rows A(q) of the velocity constraints A(q) v = 0.
+    contact : SX (c,), optional
+        Gaps of unilateral, frictionless contacts, gap(q, t) ≥ 0; they need a Lobatto rule
+        (`trapezoidal`, `lobatto`) and a Lagrangian quadratic in the velocities.
+    restitution : float or sequence of c floats, optional
+        Coefficients of restitution of the contacts, between 0 and 1 (default 0: no bounce). A
+        contact at rest under a blow elsewhere stays closed if its own is 0, and hands the blow on
+        otherwise (Newton's cradle).
+    force : SX (n,), optional
+        Generalised force F(q, v, u, t) (Lagrange–d'Alembert).
+    control : SX (k,), optional
+        Control symbols u; each must act through `force`.
+    params : Parameters or dict, optional
+        Named constants: `Parameters`, or your own symbols with their default values, ``{m: 1.0}``
+        with ``m = ca.SX.sym("m")``. CasADi takes no vectors as keys; give those as a list of
+        pairs, ``[(m, 1.0), (a, [1, 2, 3])]``.
+    t : SX, optional
+        The time symbol from `time`, where the scene depends on time.
+
+    Raises
+    ------
+    InputError
+        If an expression has undeclared symbols or the wrong shape, or L has no velocities.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
+    >>> pendulum.structure.separable, pendulum.momentum
+    (True, SX(theta_dot))
+    >>> m, k = ca.SX.sym("m"), ca.SX.sym("k")
+    >>> spring = vi.System(q, v, m * v**2 / 2 - k * q**2 / 2, params={m: 1.0, k: 4.0})
+    >>> vi.simulate(spring, q0=1, v0=0, h=0.1, steps=10, params={k: 2.0}).parameters["k"]
+    array(2.)
+    """
+
+    q: ca.SX
+    v: ca.SX
+    lagrangian: ca.SX
+    constraint: Any = None
+    nonholonomic: Any = None
+    contact: Any = None
+    restitution: Any = 0.0
+    force: Any = None
+    control: Any = None
+    params: Parameters | None = None
+    t: Any = None
+
+    def __init__(
+        self,
+        q: ca.SX,
+        v: ca.SX,
+        lagrangian: ca.SX,
+        *,
+        constraint: ca.SX | None = None,
+        nonholonomic: ca.SX | None = None,
+        contact: ca.SX | None = None,
+        restitution: Any = 0.0,
+        force: ca.SX | None = None,
+        control: ca.SX | None = None,
+        params: Parameters | ParameterValues | None = None,
+        t: ca.SX | None = None,
+    ):
+        q, v = symbols("q", q), symbols("v", v)
+        n = q.numel()
+        if n == 0 or v.numel() != n:
+            raise InputError(
+                f"q has {n} and v has {v.numel()} components; take both from coordinates(...)"
+            )
+        t = ca.SX.sym("t") if t is None else symbols("t", t)
+        if t.numel() != 1:
+            raise InputError(f"t has {t.numel()} components; take it from time()")
+        u = ca.SX(0, 1) if control is None else symbols("control", control)
+        values = dict(
+            q=q,
+            v=v,
+            t=t,
+            control=u,
+            params=None if params is None else parameters_of(params),
+            lagrangian=expression("the Lagrangian", lagrangian, (1, 1)),
+            force=expression("the force", ca.SX(n, 1) if force is None else force, (n, 1)),
+            constraint=expression(
+                "the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)
+            ),
+            nonholonomic=expression(
+                "nonholonomic", ca.SX(0, n) if nonholonomic is None else nonholonomic, (None, n)
+            ),
+            contact=expression(
+                "the contact", ca.SX(0, 1) if contact is None else contact, (None, 1)
+            ),
+        )
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        parts = {
+            "the Lagrangian": self.lagrangian,
+            "the force": self.force,
+            "the constraint": self.constraint,
+            "nonholonomic": ca.vec(self.nonholonomic),
+            "the contact": self.contact,
+        }
+        check_symbols(self.q, self.v, self.t, self.control, self.c, parts)
+        object.__setattr__(self, "restitution", restitution_of(restitution, self.contact.numel()))
+
+    def __repr__(self) -> str:
+        parts = [f"q=[{', '.join(self.names)}]"]
+        parts += [
+            f"{what}={count}"
+            for what in ("controls", "constraints", "nonholonomic", "contacts")
+            if (count := getattr(self.structure, what))
+        ]
+        if self.params is not None:
+            parts.append(f"params={list(self.defaults)}")
+        return f"System({', '.join(parts)})"
+
+    def __reduce__(self) -> tuple[Callable[[str], System], tuple[str]]:
+        """To another process it travels as plain data: names, numbers and elementary operations."""
+        return _system_of, (json.dumps(description(self)),)
+
+    def __copy__(self) -> System:
+        """Itself: nothing in it changes."""
+        return self
+
+    def __deepcopy__(self, memo: Any) -> System:
+        """Itself, so that expressions of its symbols stay expressions of the copy's."""
+        return self
+
+    @cached_property
+    def structure(self) -> Structure:
+        """What the scene has and lacks."""
+        return structure_of(
+            self.q,
+            self.v,
+            self.t,
+            self.control,
+            self.lagrangian,
+            self.force,
+            self.constraint,
+            self.nonholonomic,
+            self.contact,
+        )
+
+    @cached_property
+    def momentum(self) -> ca.SX:
+        """Canonical momentum p = ∂L/∂v, (n,)."""
+        return ca.gradient(self.lagrangian, self.v)
+
+    @cached_property
+    def energy(self) -> ca.SX:
+        """Energy H = v·∂L/∂v − L as an expression of q, v, t."""
+        return ca.dot(self.v, self.momentum) - self.lagrangian
+
+    @cached_property
+    def mass_matrix(self) -> ca.SX:
+        """Mass matrix M = ∂²L/∂v², (n, n)."""
+        found = ca.jacobian(self.momentum, self.v)
+        if found.sparsity().is_symmetric():
+            return found
+        # SX sees of some entry that it is zero, but not of its mirror image
+        return ca.project(found, found.sparsity().intersect(found.T.sparsity()))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(s.name() for s in ca.symvar(self.q))
+
+    @cached_property
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the controls."""
+        return tuple(s.name() for s in ca.symvar(self.control)) if self.control.numel() else ()
+
+    @cached_property
+    def c(self) -> ca.SX:
+        """All parameters as one column vector of symbols."""
+        symbols = self.params._symbols.values() if self.params is not None else ()
+        return ca.vertcat(ca.SX(0, 1), *(ca.vec(s) for s in symbols))
+
+    @property
+    def defaults(self) -> dict[str, np.ndarray]:
+        """Default values of the parameters by name."""
+        return self.params._defaults if self.params is not None else {}
+
+    @cached_property
+    def default_vector(self) -> np.ndarray:
+        """Default values of the parameters, in the order of `c`."""
+        return np.concatenate([np.zeros(0), *(v.ravel(order="F") for v in self.defaults.values())])
+
+
+def _system_of(text: str) -> System:
+    return System(**parts_of(json.loads(text)))
+
+
+Built = TypeVar("Built")
+_BUILDING = threading.RLock()
+
+
+def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
+    """Remember what `build(system, *key)` returns as long as the system lives; several threads
+    build it once.
+    """
+
+    @wraps(build)
+    def remembered(system: System, *key: Any) -> Built:
+        store = system.__dict__.get("_built") or system.__dict__.setdefault("_built", {})
+        name = (build, *key)
+        if name not in store:
+            with _BUILDING:
+                if name not in store:
+                    store[name] = build(system, *key)
+        return store[name]
+
+    return remembered
+
+
+def require_system(x: Any) -> None:
+    """Refuse what is no system where one is expected."""
+    if not isinstance(x, System):
+        raise InputError(f"the first argument must be a varint System, got {type(x).__name__}")

@@ -1,0 +1,126 @@
+"""What a scene may be made of: symbols, expressions of them, and where each may act."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError, parsed_or_refused
+from varint.scene.inputs import finite_array
+
+
+def symbols(what: str, x: Any) -> ca.SX:
+    """x as a column of distinct SX symbols."""
+    if isinstance(x, ca.MX):
+        raise InputError(
+            f"{what} is an MX; varint takes SX symbols (coordinates, time, Parameters, ca.SX.sym)"
+        )
+    if not isinstance(x, ca.SX) or not x.is_valid_input():
+        raise InputError(f"{what} must be SX symbols, got {x!r}")
+    x = ca.vec(x)
+    if len({s.element_hash() for s in ca.symvar(x)}) < x.numel():
+        raise InputError(f"{what} holds the same symbol twice: {x}")
+    return x
+
+
+def expression(what: str, x: Any, shape: tuple[int | None, int]) -> ca.SX:
+    """x as a dense-shaped SX of the wanted shape (None: any number of rows)."""
+    if isinstance(x, ca.MX):
+        raise InputError(
+            f"{what} is an MX expression; write it with SX symbols (coordinates, time, Parameters)"
+        )
+    x = parsed_or_refused(
+        lambda: ca.SX(x), lambda: f"{what} must be a CasADi SX expression, got {type(x).__name__}"
+    )
+    rows, cols = shape
+    if x.shape[1] != cols or (rows is not None and x.shape[0] != rows):
+        wanted = f"({'any' if rows is None else rows}, {cols})"
+        raise InputError(f"{what} has shape {x.shape}; it must have {wanted}")
+    return x
+
+
+def _hashes(x: ca.SX) -> set[int]:
+    return {s.element_hash() for s in ca.symvar(x)}
+
+
+def check_symbols(
+    q: ca.SX, v: ca.SX, t: ca.SX, control: ca.SX, c: ca.SX, parts: Mapping[str, ca.SX]
+) -> None:
+    """Every symbol is declared, has a name of its own, and acts where it may.
+
+    `parts` are the expressions of the scene by the names that `_MAY_DEPEND` has for them.
+    """
+    declared = ca.vertcat(q, v, t, control, c)
+    names = [x.name() for x in ca.vertsplit(declared)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    moving = {x.name() for x in ca.vertsplit(ca.vertcat(q, v, control, c))}
+    if t.name() in moving:
+        raise InputError(
+            f"{t.name()!r} is the name of time, and of a coordinate, velocity, control or "
+            "parameter too; give that another name, such as 'tau'"
+        )
+    if twice:
+        raise InputError(f"the names {twice} are used for more than one symbol; give each its own")
+    base = _hashes(ca.vertcat(q, t, c))
+    more = {"the Lagrangian": _hashes(v), "the force": _hashes(v) | _hashes(control)}
+    known = _hashes(declared)
+    for what, expression in parts.items():
+        used = {x.element_hash(): x.name() for x in ca.symvar(expression)}
+        strange = sorted(name for key, name in used.items() if key not in known)
+        if strange:
+            raise InputError(
+                f"undeclared symbols {strange} in {what}; declare them: coordinates(...) for q and "
+                "v, params={m: 1.0} or Parameters(...) for constants, t=time() for time, control= "
+                "for controls"
+            )
+        may = base | more.get(what, set())
+        wrong = sorted(name for key, name in used.items() if key not in may)
+        if wrong:
+            raise InputError(
+                f"{what} may not depend on {wrong}; it is a function of {_MAY_DEPEND[what]}"
+            )
+    if not ca.depends_on(parts["the Lagrangian"], v):
+        raise InputError(
+            "the Lagrangian has no velocities: it must depend on "
+            f"{[x.name() for x in ca.symvar(v)]}; use the v that coordinates(...) returned "
+            "together with this q"
+        )
+    force = parts["the force"]
+    idle = (
+        [x.name() for x in ca.symvar(control) if not ca.depends_on(force, x)]
+        if control.numel()
+        else []
+    )
+    if idle:
+        raise InputError(
+            f"the controls {idle} do not act: the force does not depend on them; leave them out"
+        )
+
+
+_MAY_DEPEND = {
+    "the Lagrangian": "q, v, t and the parameters; controls act through force=",
+    "the force": "q, v, t, the controls and the parameters",
+    "the constraint": "q, t and the parameters; constraints on velocities are nonholonomic=",
+    "nonholonomic": "q, t and the parameters (the rows A of A(q) v = 0)",
+    "the contact": "q, t and the parameters",
+}
+
+
+def restitution_of(value: Any, contacts: int) -> np.ndarray:
+    """One coefficient between 0 and 1 for every contact."""
+    e = finite_array("restitution", value)
+    if e.shape not in ((), (contacts,)):
+        raise InputError(
+            f"restitution has shape {e.shape}; give one number or one per contact ({contacts})"
+        )
+    if (e < 0).any() or (e > 1).any():
+        raise InputError(f"restitution must lie between 0 and 1, got {value!r}")
+    if not contacts and np.any(e != 0):
+        raise InputError(
+            f"restitution={value!r} was given, but the system has no contact; give contact=gap as "
+            "well"
+        )
+    return np.broadcast_to(e, (contacts,)).copy()
