@@ -15,12 +15,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-sys.path.insert(0, str(DOCS / "_tools"))
+sys.path[:0] = [str(DOCS), str(DOCS / "_tools"), str(ROOT / "benchmarks")]
 
 import benchmark_page  # noqa: E402  (only findable now)
+import images  # noqa: E402
 from blocks import FIGURE, marked_blocks, outcome, python_blocks  # noqa: E402  (only findable now)
 from chapters import CHAPTERS  # noqa: E402
 from gallery import example  # noqa: E402
+from tools import record  # noqa: E402
 
 import varint as vi  # noqa: E402
 from varint.rules.compositions import COMPOSITIONS  # noqa: E402
@@ -297,8 +299,6 @@ def test_every_stored_result_has_a_title_and_words_on_the_page():
 
 
 def test_a_benchmark_stores_date_machine_and_versions():
-    import record  # benchmark_page has put its folder on the path
-
     about = record.measured_with()
     assert set(about) >= {
         "date",
@@ -325,9 +325,6 @@ def test_the_readme_lists_the_rules_that_there_are():
 
 
 def test_the_readme_s_run_times_are_those_of_the_benchmark():
-    sys.path.insert(0, str(DOCS))
-    import images
-
     def scene(**seconds):
         return {
             "rows": [
