@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+pytest.register_assert_rewrite("fuzzing", "stopped_runs")  # they judge for several tests
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 

@@ -2,6 +2,8 @@
 on failure.
 """
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -80,17 +82,7 @@ def non_holonomic_on_a_sphere():
         q, v, ca.sumsqr(v) / 2 - 9.81 * q[2], constraint=ca.sumsqr(q) - 1, nonholonomic=rows
     )
     q0, v0 = vi.project(system, [0.6, 0.0, -0.8], [0.5, 0.2, 0.1])
-    return vi.models.Model(
-        name="sphere",
-        system=system,
-        q0=q0,
-        v0=v0,
-        duration=1.0,
-        h=0.01,
-        claim="",
-        source="",
-        invariants={},
-    )
+    return SimpleNamespace(system=system, q0=q0, v0=v0, h=0.01)
 
 
 @needs_compiler

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 from scenes import cartesian_pendulum, slopes
 
 import varint as vi
@@ -17,7 +16,7 @@ from varint.integration.steppers.constrained import constrained_stepper
 from varint.integration.steppers.rattle import rattle_stepper
 
 LOBATTO = [vi.lobatto(2), vi.lobatto(3), vi.lobatto(4)]
-REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "a.json").read_text())
+REFERENCE = entries("a")
 
 
 def quartic_surface() -> vi.System:
