@@ -68,7 +68,8 @@ class Trajectory:
         The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t``
         holds τ.
     dense_output : callable or None
-        (trajectory, times) → the trajectory with nodes at the times, of a run in fictitious time.
+        (trajectory, times) → the trajectory with nodes at the times, of a run in fictitious time
+        or a path that leans on bounds.
     solution : ControlSolution, ActiveBounds or None
         What an optimal control has beside its motion: cost, costates, active bounds, the solver's
         way; or where a path of least action leans on its bounds.
@@ -379,9 +380,7 @@ class Trajectory:
         if side not in ("after", "before"):
             raise InputError(f"side must be 'after' or 'before', got {side!r}")
         times = times_of(t)
-        if self.fictitious is not None:
-            # whoever made the run in fictitious time knows its clock
-            assert self.dense_output is not None
+        if self.dense_output is not None:  # whoever made it knows its clock, or its bounds
             found = self.dense_output(self, times)
         else:
             from varint.results.dense_output import states_at
