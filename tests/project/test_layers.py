@@ -17,6 +17,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     "errors",
     "numerics",
+    "notation",
     "rules",
     "scene",
     "discrete",
@@ -45,6 +46,7 @@ BEHIND = {
     "varint.drawing.sketch",
     "varint.drawing.figures",
     "varint.drawing.animation",
+    "varint.drawing.notebook",
     "varint.diagnostics.momentum",
     "varint.diagnostics.second_variation",
 }

@@ -91,6 +91,12 @@ class ControlSolution:
     def __repr__(self) -> str:
         return f"ControlSolution(cost {self.cost:.9g}, {self.status}, {self.iterations} iterations)"
 
+    def _repr_html_(self) -> str:
+        """For notebooks: a short table and the controls."""
+        from varint.drawing.notebook import solution_html
+
+        return solution_html(self)
+
     def __getstate__(self) -> dict[str, Any]:
         """A copy, or what travels to another process, is what a file keeps: without the program
         and its functions.

@@ -115,6 +115,12 @@ class Trajectory:
             f"{self.rule})"
         )
 
+    def _repr_html_(self) -> str:
+        """For notebooks: a short table and a small picture."""
+        from varint.drawing.notebook import trajectory_html
+
+        return trajectory_html(self)
+
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process or into a copy: the fields, not what follows from
         them.

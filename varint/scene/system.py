@@ -14,6 +14,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.scene.description import description, parts_of
+from varint.scene.letters import lagrangian_latex
 from varint.scene.parameters import (
     Parameters,
     ParameterValues,
@@ -234,6 +235,10 @@ class System:
         if self.params is not None:
             parts.append(f"params={list(self.defaults)}")
         return f"System({', '.join(parts)})"
+
+    def _repr_latex_(self) -> str | None:
+        """For notebooks: the Lagrangian, where SymPy is installed and it is not too long."""
+        return lagrangian_latex(self)
 
     def __reduce__(self) -> tuple[Callable[[str], System], tuple[str]]:
         """To another process it travels as plain data: names, numbers and elementary operations."""
