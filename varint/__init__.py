@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
     from varint.symmetry.table import Symmetries
+    from varint.typeset.equations import Equations, equations
+    from varint.typeset.sympy_systems import from_sympy
 
 __version__ = VERSION
 
@@ -46,6 +48,7 @@ __all__ = [
     "Controller",
     "ConvergenceError",
     "Ensemble",
+    "Equations",
     "InputError",
     "Link",
     "Parameters",
@@ -67,7 +70,9 @@ __all__ = [
     "coordinates",
     "diagnostics",
     "ensemble",
+    "equations",
     "free",
+    "from_sympy",
     "gauss",
     "geodesic",
     "least_action",
@@ -96,6 +101,7 @@ __all__ = [
 # loaded when first named: nobody pays for what he does not use
 _LATER = {
     "Ensemble": "varint.ensembles.result",
+    "Equations": "varint.typeset.equations",
     "Controller": "varint.control.controller",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
@@ -109,7 +115,9 @@ _LATER = {
     "close_encounters": "varint.integration.time_transformation.time_scale",
     "closed_loop": "varint.control.mpc",
     "ensemble": "varint.ensembles.ensemble",
+    "equations": "varint.typeset.equations",
     "free": "varint.scene.free",
+    "from_sympy": "varint.typeset.sympy_systems",
     "geodesic": "varint.scene.geodesic",
     "least_action": "varint.boundary.least_action",
     "load": "varint.load",

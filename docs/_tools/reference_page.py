@@ -26,12 +26,14 @@ ORDER = [
     ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
     ("Results", ["Trajectory", "State", "load", "Sketch"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
+    ("Equations to read", ["equations", "Equations", "from_sympy"]),
 ]
 ERRORS = ["VarintError", "InputError", "ConvergenceError", "SolverError"]
 MODULES = ["diagnostics", "models"]
 
 # what other modules of the package use of a public class, and users need not know
 INTERNAL = {
+    "Equations": ("sections",),
     "Ensemble": ("k",),
     "Rule": (
         "points",

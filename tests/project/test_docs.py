@@ -43,6 +43,8 @@ def name_of(page):
 def test_every_python_block_runs(page):
     namespace = {"__name__": "page"}
     for number, code in enumerate(python_blocks(page.read_text(encoding="utf-8"))):
+        if re.search(r"vi\.(equations|from_sympy)\(|import sympy", code):
+            pytest.importorskip("sympy", reason="needs the extra varint-mechanics[sympy]")
         # GitHub shows no comment as a caption: README has its picture below the block
         if page.parent == ROOT:
             code = code.replace("motion.plot()", "motion.plot()\n# figure: below")

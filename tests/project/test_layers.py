@@ -22,6 +22,7 @@ FLOORS = (
     "scene",
     "discrete",
     "symmetry",
+    "typeset",
     "results",
     "drawing",
     "nlp",
