@@ -11,6 +11,7 @@ from varint.notation.extra import sympy_module
 
 SHORT = 12  # digits of a decimal that somebody wrote
 SMALL = 1000  # denominators of fractions, and …
+LARGEST = 10**9  # whole numbers that are written out
 TURN = 360  # … of fractions of π
 ROOT = 100  # denominators of what stands under a root
 CLOSE = 4e-16  # relative: one rounding
@@ -49,7 +50,8 @@ def exact_number(x: float) -> Any:
 
 def decimal_text(p: int, q: int) -> str | None:
     """p/q as the decimal that one writes, ``9.81``; None where it reads better as a fraction."""
-    written = repr(p / q)
-    if (q > SMALL and q % 5) or (q % 5 == 0 and Fraction(written) == Fraction(p, q)):
-        return written
-    return None
+    if q == 1 and abs(p) < LARGEST:
+        return None
+    written = f"{p / q:.{SHORT}g}"
+    exact = q % 5 == 0 and Fraction(written) == Fraction(p, q)
+    return written if exact or q > SMALL or abs(p) >= LARGEST else None

@@ -27,6 +27,8 @@ class Style(NamedTuple):
     ----------
     name : callable
         (name, number of dots) → text.
+    decimal : callable
+        ``9.81`` or ``6.67e-11`` → text.
     number : callable
         (p, q) → text of a fraction, q > 1; None where it is written as a fraction of terms.
     fraction : callable
@@ -50,6 +52,7 @@ class Style(NamedTuple):
     """
 
     name: Callable[[str, int], str]
+    decimal: Callable[[str], str]
     number: Callable[[int, int], str | None]
     fraction: Callable[[Text, Text], Text]
     power: Callable[[Text, str], Text]
@@ -69,6 +72,11 @@ def held(x: Text, level: int, group: Callable[[str], str]) -> str:
 
 def _latex_group(text: str) -> str:
     return rf"\left({text}\right)"
+
+
+def _latex_decimal(text: str) -> str:
+    digits, _, power = text.partition("e")
+    return rf"{digits} \cdot 10^{{{int(power)}}}" if power else digits
 
 
 def _latex_product(factors: list[str]) -> str:
@@ -114,6 +122,7 @@ LATEX_FUNCTIONS = {name: "\\" + name for name in _SAME.split()} | {
 
 LATEX = Style(
     name=latex_name,
+    decimal=_latex_decimal,
     number=lambda p, q: None,
     fraction=lambda above, below: Text(rf"\frac{{{above.text}}}{{{below.text}}}", PRODUCT),
     power=_latex_power,
@@ -179,6 +188,7 @@ def _plain_choice(branches: list[tuple[str, str]]) -> str:
 
 PLAIN = Style(
     name=plain_name,
+    decimal=str,
     number=lambda p, q: VULGAR.get((p, q)),
     fraction=lambda above, below: Text(
         f"{held(above, PRODUCT, _plain_group)}/{held(below, POWER, _plain_group)}", PRODUCT

@@ -16,6 +16,7 @@ from typing import Any
 from varint.notation.extra import sympy_module
 
 LONG = 120  # operations of a coefficient that is still shortened
+HIGHEST = 4  # power of a sum that is still multiplied out
 NESTED = 3  # operations that a fraction inside of a product counts for
 
 
@@ -52,11 +53,19 @@ def terms(e: Any, by: Sequence[Any], moving: Sequence[Any]) -> list[Any]:
     return found
 
 
+def opened(e: Any) -> Any:
+    """The expression multiplied out, functions, denominators and high powers of sums left alone."""
+    sp = sympy_module("opened()")
+    letters: dict[Any, Any] = {}
+    flat = sp.expand(_frozen(e, letters, sp))
+    return flat.xreplace({dummy: inner for inner, dummy in letters.items()})
+
+
 def _frozen(e: Any, letters: dict[Any, Any], sp: Any) -> Any:
     """The expression as a polynomial: functions, roots and denominators as letters of their own."""
     if e.is_Atom or (e.is_Pow and e.base.is_Symbol and e.exp.is_Rational):
         return e
-    if e.is_Add or e.is_Mul or (e.is_Pow and e.exp.is_Integer and e.exp.is_positive):
+    if e.is_Add or e.is_Mul or (e.is_Pow and e.exp.is_Integer and 0 < e.exp <= HIGHEST):
         return e.func(*(_frozen(x, letters, sp) for x in e.args))
     if e not in letters:
         letters[e] = sp.Dummy(real=True)
@@ -113,7 +122,18 @@ def _collected(e: Any, moving: Sequence[Any], sp: Any) -> Any:
     for term in sp.Add.make_args(e):
         constant, rest = term.as_independent(*moving, as_Add=False) if moving else (term, 1)
         groups.setdefault(sp.sympify(rest), []).append(constant)
-    return sp.Add(*(rest * sp.factor(sp.Add(*parts)) for rest, parts in groups.items()))
+    sums = [(rest, sp.Add(*parts)) for rest, parts in groups.items()]
+    return sp.Add(*(rest * (sp.factor(x) if sp.count_ops(x) <= LONG else x) for rest, x in sums))
+
+
+def slope(e: Any, x: Any) -> Any:
+    """∂e/∂x, where steps such as those of sign(x) have none, as in CasADi."""
+    sp = sympy_module("slope()")
+    found = e.diff(x)
+    steps = (sp.DiracDelta, sp.Derivative, sp.Subs)
+    return (
+        found.replace(lambda y: isinstance(y, steps), lambda y: 0) if found.has(*steps) else found
+    )
 
 
 def common_factor(parts: Sequence[Any], moving: Sequence[Any]) -> Any:

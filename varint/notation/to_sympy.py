@@ -49,6 +49,7 @@ def sympy_of(inputs: Sequence[ca.SX], letters: Sequence[Any], outputs: Sequence[
     table, tests = _table(sp), _tests(sp)
     work: list[Any] = []
     conditions: dict[int, Any] = {}  # of nodes that are 1 where something holds, else 0
+    branches: dict[int, tuple[Any, Any]] = {}  # of nodes that are a value where something holds
 
     def holds(j: int) -> Any:
         return conditions[j] if j in conditions else sp.Ne(work[j], 0)
@@ -59,7 +60,11 @@ def sympy_of(inputs: Sequence[ca.SX], letters: Sequence[Any], outputs: Sequence[
         elif name == "input":
             work.append(letters[operands[0]][operands[1]])
         elif name == "if_else_zero":
-            work.append(sp.Piecewise((work[operands[1]], holds(operands[0])), (0, True)))
+            branches[i] = holds(operands[0]), work[operands[1]]
+            work.append(sp.Piecewise(branches[i][::-1], (0, True)))
+        elif name == "add" and _are_complements(sp, branches, operands):
+            (condition, one), (_, other) = (branches[j] for j in operands)
+            work.append(sp.Piecewise((one, condition), (other, True)))
         elif name in tests or name in ("and", "or", "not"):
             if name in tests:
                 conditions[i] = tests[name](*(work[j] for j in operands))
@@ -85,6 +90,16 @@ def lengths(operations: Operations) -> list[int]:
     for name, *operands in operations.nodes:
         size.append(1 if name in ("const", "input") else 1 + sum(size[j] for j in operands))
     return [sum(size[j] for j in output.nodes) for output in operations.outputs]
+
+
+def _are_complements(
+    sp: Any, branches: Mapping[int, tuple[Any, Any]], operands: Sequence[int]
+) -> bool:
+    """Whether two values are added that hold one where the other does not: CasADi's `if_else`."""
+    if not all(j in branches for j in operands):
+        return False
+    one, other = (branches[j][0] for j in operands)
+    return bool(other == sp.Not(one))
 
 
 def _table(sp: Any) -> Mapping[str, Callable[..., Any]]:

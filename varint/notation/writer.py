@@ -43,7 +43,8 @@ def write(expression: Any, style: Style, order: Sequence[str] = ()) -> str:
         Names in the order in which they come in sums and products.
     """
     hand = Hand(style, {name: i for i, name in enumerate(order)}, sympy_module("write()"))
-    return _text(expression, hand).text
+    found = _sum(expression, hand, whole=True) if expression.is_Add else _text(expression, hand)
+    return found.text
 
 
 def letter_of(e: Any, sp: Any) -> Letter | None:
@@ -91,18 +92,19 @@ def _text(e: Any, hand: Hand) -> Text:
 
 
 def _number(e: Any, hand: Hand) -> Text:
-    p, q = int(e.p), int(e.q)
-    if q == 1:
-        return Text(str(p), ATOM if p >= 0 else SUM)
-    known = decimal_text(p, q) or hand.style.number(p, q)
-    if known:
-        return Text(known, ATOM if p >= 0 else SUM)
-    sign = "-" if p < 0 else ""
-    part = hand.style.fraction(Text(str(abs(p)), ATOM), Text(str(q), ATOM))
-    return Text(sign + part.text, SUM if sign else part.level)
+    p, q = abs(int(e.p)), int(e.q)
+    decimal = decimal_text(p, q)
+    known = hand.style.decimal(decimal) if decimal else hand.style.number(p, q)
+    if q == 1 and not decimal:
+        known = str(p)
+    part = (
+        Text(known, ATOM) if known else hand.style.fraction(Text(str(p), ATOM), Text(str(q), ATOM))
+    )
+    return part if e.p >= 0 else Text(MINUS + part.text, SUM)
 
 
-def _sum(e: Any, hand: Hand) -> Text:
+def _sum(e: Any, hand: Hand, *, whole: bool = False) -> Text:
+    """A sum; one that is part of something begins with no minus where it can."""
     places = {x: _place_in_sum(x, hand) for x in e.args}
     terms = sorted(e.args, key=places.__getitem__)
     # no minus in front where a term of the same kind has none; M + m sin² θ, but x² + y² − ℓ²
@@ -110,6 +112,7 @@ def _sum(e: Any, hand: Hand) -> Text:
     plus = [x for x in terms if not x.could_extract_minus_sign()]
     ahead = [x for x in plus if places[x][0] == 0] if still else []
     ahead = ahead or [x for x in plus if places[x][0] == places[terms[0]][0]][:1]
+    ahead = ahead or ([] if whole else plus[:1])
     terms = [*ahead, *(x for x in terms if x not in ahead)]
     text = ""
     for term in terms:
@@ -141,6 +144,8 @@ def _rank(name: str, hand: Hand) -> tuple[int, str]:
 def _place_in_product(factor: Any, hand: Hand) -> tuple:
     """Constants, coordinates, velocities, accelerations, functions."""
     letters = _letters(factor, hand.sp)
+    if factor.is_number:
+        return False, 0, False, [], 0, hand.sp.default_sort_key(factor)
     base = factor.base if factor.is_Pow else factor
     rank = max((x.dots + x.moves for x in letters), default=0)
     is_letter = letter_of(base, hand.sp) is not None
@@ -165,23 +170,25 @@ def _product(e: Any, hand: Hand) -> Text:
         (below if divides else above).append(1 / factor if divides else factor)
     above = [x for x in above if x != 1]
     constants = not any(x.moves for d in below for x in _letters(d, sp))
-    p, q = int(number.p), int(number.q)
+    p, q = number.p, number.q
+    if decimal_text(p, q):
+        p, q = number, 1
     front: list[Text] = []  # what is written before everything else
-    if q > 1 and (decimal_text(p, q) or not below):
+    if q > 1 and not below:
         front, p, q = [_front(_number(number, hand), hand)], 1, 1
     still = [x for x in above if not any(y.moves for y in _letters(x, sp))]
     moving = [x for x in above if x not in still]
     if constants and still and moving and below:
         # constants over constants, then what moves
-        upper = _factors(sp.Integer(p), still, hand)
+        upper = _factors(sp.Rational(p), still, hand)
         part = style.fraction(upper, _factors(sp.Integer(q), below, hand))
         front, above, p, q, below = [*front, _front(part, hand)], moving, 1, 1, []
     if below or q > 1:
-        upper = _factors(sp.Integer(p), above, hand)
+        upper = _factors(sp.Rational(p), above, hand)
         lower = _factors(sp.Integer(q), below, hand)
         body = style.fraction(upper, lower)
     else:
-        body = _factors(sp.Integer(p), above, hand)
+        body = _factors(sp.Rational(p), above, hand)
         if front and body.text == "1":
             body = front.pop()
     text = style.product([*(x.text for x in front), held(body, PRODUCT, style.group)])

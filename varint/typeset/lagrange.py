@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from varint.notation.extra import sympy_module
-from varint.notation.tidy import common_factor, terms, tidied
+from varint.notation.tidy import common_factor, slope, terms, tidied
 from varint.scene.letters import Letters
 
 
@@ -37,13 +37,13 @@ class Mechanics(NamedTuple):
     def momenta(self) -> list[Any]:
         """∂L/∂v, tidied."""
         x = self.letters
-        return [tidied(self.lagrangian.diff(v), x.v, x.moving) for v in x.v]
+        return [tidied(slope(self.lagrangian, v), x.v, x.moving) for v in x.v]
 
     @property
     def energy(self) -> Any:
         """v·∂L/∂v − L, tidied."""
         x = self.letters
-        whole = sum(v * self.lagrangian.diff(v) for v in x.v) - self.lagrangian
+        whole = sum(v * slope(self.lagrangian, v) for v in x.v) - self.lagrangian
         return tidied(whole, x.v, x.moving)
 
     @property
@@ -51,9 +51,9 @@ class Mechanics(NamedTuple):
         """Gradients of constraints, rows of A, gradients of gaps: what multipliers act along."""
         x = self.letters
         return [
-            *([g.diff(q) for q in x.q] for g in self.constraint),
+            *([slope(g, q) for q in x.q] for g in self.constraint),
             *self.nonholonomic,
-            *([g.diff(q) for q in x.q] for g in self.contact),
+            *([slope(g, q) for q in x.q] for g in self.contact),
         ]
 
     @property
@@ -83,10 +83,10 @@ def euler_lagrange(m: Mechanics, multipliers: Sequence[Any]) -> list[tuple[Any, 
 def _equation(m: Mechanics, multipliers: Sequence[Any], i: int) -> tuple[Any, Any]:
     x = m.letters
     sp = sympy_module("euler_lagrange()")
-    p = m.lagrangian.diff(x.v[i])
-    left = p.diff(x.t) - m.lagrangian.diff(x.q[i])
+    p = slope(m.lagrangian, x.v[i])
+    left = slope(p, x.t) - slope(m.lagrangian, x.q[i])
     for q, v, a in zip(x.q, x.v, x.a, strict=True):
-        left += p.diff(q) * v + p.diff(v) * a
+        left += slope(p, q) * v + slope(p, v) * a
     right = sum((row[i] * y for row, y in zip(m.slopes, multipliers, strict=True)), m.force[i])
     on_left = terms(left, (*x.a, *x.v), x.moving)
     on_right = terms(right, (*multipliers, *x.v), x.moving)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from varint.notation.extra import sympy_module
-from varint.notation.tidy import shortest, tidied
+from varint.notation.tidy import opened, shortest, slope, tidied
 from varint.typeset.lagrange import Mechanics
 
 LARGEST = 3  # coordinates that the mass matrix couples and that are still solved for
@@ -24,8 +24,8 @@ def quadratic(m: Mechanics) -> Quadratic | None:
     """The parts of a Lagrangian that is quadratic in the velocities; None where it is not."""
     sp = sympy_module("quadratic()")
     x = m.letters
-    slopes = [m.lagrangian.diff(v) for v in x.v]
-    mass = sp.Matrix([[shortest(p.diff(v), x.moving) for v in x.v] for p in slopes])
+    slopes = [slope(m.lagrangian, v) for v in x.v]
+    mass = sp.Matrix([[shortest(slope(p, v), x.moving) for v in x.v] for p in slopes])
     if mass.has(*x.v):
         return None
     still = dict.fromkeys(x.v, 0)
@@ -62,12 +62,12 @@ def _kinetic(m: Mechanics, parts: Quadratic, p: Sequence[Any], which: Sequence[i
         block = mass.extract(group, group)
         if len(group) > LARGEST:
             return None
-        size = shortest(sp.expand(block.det(method="berkowitz")), moving)
+        size = shortest(opened(block.det(method="berkowitz")), moving)
         if size == 0:
             return None
         adjugate = block.adjugate()
         for a, i in enumerate(group):
             for b, j in enumerate(group):
-                part = shortest(sp.expand(adjugate[a, b]), moving) / size
+                part = shortest(opened(adjugate[a, b]), moving) / size
                 total += sp.Rational(1, 2) * shortest(part, moving) * shifted[i] * shifted[j]
     return total
