@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
 from varint.integration.backend import blocks_of, kernel_for, subdivide_failed_step
 from varint.integration.events.crossings import (
@@ -18,7 +19,7 @@ from varint.integration.events.crossings import (
     impacts_in,
     log_crossings,
 )
-from varint.integration.fold_watch import folds, with_folds_watched
+from varint.integration.fold_watch import with_folds_watched
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.row_watch import BlocksFrom, watch_rows
