@@ -230,7 +230,6 @@ def simulated(model, case, times, nudge=0.0):
         **start,
         duration=times[-1],
         steps=steps,
-        backend="interpreted",  # whatever is compiled already
     ).at(times)
     return case.columns(motion.q, motion.v)[:, : case.width]
 

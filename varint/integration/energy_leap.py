@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from varint.integration.energy_check import energies, keeps_energy
-from varint.integration.fold_watch import folds, rows_of_fold
+from varint.discrete.row_independence import folds
+from varint.integration.energy_check import energies
+from varint.integration.fold_watch import rows_of_fold
+from varint.integration.work_bound import keeps_energy
 from varint.results.trajectory import Trajectory
 
-APART = 50  # steps between two energies that are compared in long runs: they cost little then
+APART = 500  # steps between two energies that are compared in long runs: they cost little then
 ALL = 100  # nodes of a run of which every one is looked at
 LEAP = 100.0  # times what other steps nearby do at most
 LEAST = 1e-8  # of the largest p·v: less is round-off that a fold makes larger
@@ -57,7 +59,8 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     A change of energy is a leap where it is large beside those of other steps nearby and stays.
     """
     system = motion.system
-    if not (folds(system) and keeps_energy(system)) or system.structure.contacts:
+    other = system.structure.contacts or system.structure.nonholonomic
+    if not (folds(system) and keeps_energy(system)) or other:
         return None
     if motion.active_set is not None or len(motion) <= FEW:
         return None
