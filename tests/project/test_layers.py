@@ -47,6 +47,7 @@ BEHIND = {
     "varint.drawing.animation",
     "varint.diagnostics.momentum",
     "varint.diagnostics.second_variation",
+    "varint.control.prepared",
 }
 LONGEST = 250  # lines of code: without blank lines, comments and docstrings
 
