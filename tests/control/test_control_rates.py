@@ -188,7 +188,7 @@ def goddard(rule, steps, **given):
 
 
 def test_rocket_of_goddard_rises_to_the_height_of_cops():
-    """1.01283 (Dolan, Moré, Munson, COPS 3.0, §16: "Goddard rocket")."""
+    """1.01283 (Dolan, Moré, Munson, Benchmarking optimization software with COPS 3.0, 2004)."""
     flight = goddard(vi.gauss(2), 50)
     assert flight.q[-1, 0] == pytest.approx(1.01283, abs=1e-5)
     mass = flight.stats["states"]["mass"]
