@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 
 import casadi as ca
@@ -197,6 +198,20 @@ def test_rocket_of_goddard_rises_to_the_height_of_cops():
     assert replay_defect(flight) < 1e-9
     assert flight.u[0, 0, 0] == pytest.approx(3.5, abs=1e-6)
     assert flight.u[-1, -1, 0] == pytest.approx(0, abs=1e-6)
+
+
+def test_states_and_softened_bounds_travel_with_their_motion():
+    flight = goddard(vi.gauss(2), 20)
+    copied = pickle.loads(pickle.dumps(flight))
+    assert copied.stats["states"]["mass"] == pytest.approx(flight.stats["states"]["mass"], abs=0)
+    soft = move(vi.gauss(2), 10, bounds=[vi.soft(U, -5, 5, 1.0)])
+    assert pickle.loads(pickle.dumps(soft)).stats["softened"] == soft.stats["softened"]
+
+
+def test_predictive_control_refuses_states_that_nobody_measures():
+    rocket, _, states = _rocket()
+    with pytest.raises(vi.InputError, match="no measured start"):
+        vi.mpc(vi.Phase(rocket, vi.gauss(2), 1.0, 5, U**2, states=states))
 
 
 def test_states_go_on_from_phase_to_phase():

@@ -140,9 +140,7 @@ class Controller:
             return raise_unless_converged(self.problem, own)[0]
         plan = build_trajectories(self.problem, own, data)[0]
         softened = {**plan.stats.get("softened", {}), **self._violations(elastic, outcome)}
-        return replace(
-            plan, stats=MappingProxyType({**plan.stats, "softened": MappingProxyType(softened)})
-        )
+        return replace(plan, stats=MappingProxyType({**plan.stats, "softened": softened}))
 
     def _violations(self, elastic: ElasticProgram, outcome: SolverResult) -> dict[str, float]:
         """Largest violation of every softened bound that is violated."""

@@ -95,13 +95,14 @@ def _trajectory(
 
 def _extras(transcription: PhaseTranscription, x: np.ndarray) -> dict[str, Any]:
     """What only some problems have: violations of soft bounds, states beside the mechanics."""
-    phase, found = transcription.phase, {}
+    phase = transcription.phase
+    found: dict[str, Any] = {}
     if phase.slacks.names:
-        found["softened"] = MappingProxyType(violations(x, transcription))
+        found["softened"] = violations(x, transcription)
     if len(phase.states.index):
         names = phase.states.names(phase.system)
         values = x[transcription.slots.states].T
-        found["states"] = MappingProxyType(dict(zip(names, values, strict=True)))
+        found["states"] = dict(zip(names, values, strict=True))
     return found
 
 

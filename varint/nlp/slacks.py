@@ -66,7 +66,7 @@ def soft(expression: Any, low: Any, high: Any, weight: float) -> Soft:
     ...     cart, vi.gauss(3), duration=1, steps=20, cost=force**2, start=dict(q=[0], v=[0]),
     ...     end=dict(q=[1], v=[0]), bounds=[vi.soft(v, None, 1.2, 30.0)])
     >>> move.stats["softened"]  # doctest: +ELLIPSIS
-    mappingproxy({'x_dot above': 0.1...})
+    {'x_dot above': 0.1...}
     """
     price = parsed_or_refused(
         lambda: float(weight), lambda: f"the weight of soft must be a number, got {weight!r}"
