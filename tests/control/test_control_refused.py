@@ -42,7 +42,7 @@ def _free_fall():
         (dict(bounds=[(None, U, [1, 2])]), "one number or 1"),
         (dict(bounds=[(0.5, particle().q, 2)]), "the start has x = 0"),
         (dict(bounds=[(0, particle().t, 1)]), "does not depend on the path"),
-        (dict(control="linear"), "'nodes'"),
+        (dict(control="quadratic"), "'nodes'"),
         (dict(solver="nosuch"), "unknown solver"),
         (dict(options={"nonsense": 1}), "nonsense"),
         (dict(guess=dict(x=1)), "unknown keys"),

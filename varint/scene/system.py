@@ -131,7 +131,8 @@ class System:
     force : SX (n,), optional
         Generalised force F(q, v, u, t) (Lagrange–d'Alembert).
     control : SX (k,), optional
-        Control symbols u; each must act through `force`.
+        Control symbols u; they act through `force`. In optimal control one that stands in the cost
+        or in bounds only is a slack.
     params : Parameters or dict, optional
         Named constants: `Parameters`, or your own symbols with their default values, ``{m: 1.0}``
         with ``m = ca.SX.sym("m")``. CasADi takes no vectors as keys; give those as a list of
