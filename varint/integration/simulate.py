@@ -33,7 +33,7 @@ def simulate(
     save_every: int = 1,
     until: ca.SX | tuple[ca.SX, int] | None = None,
     events: Mapping[str, Any] | None = None,
-    time_scale: ca.SX | None = None,
+    time_scale: ca.SX | str | None = None,
     tol: float | None = None,
     scale: Any = None,
     iteration_tol: float | None = None,
@@ -72,10 +72,14 @@ def simulate(
     events : dict of SX or (SX, int), optional
         Log where these expressions cross zero: `Trajectory.events` has a record with the time and
         the name of each. Every step is watched, whatever `save_every` keeps.
-    time_scale : SX, optional
+    time_scale : SX or "auto", optional
         σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ,
         dt = σ(q) dτ, the nodes' ``t`` are physical times, and `duration` is physical too (the last
-        step ends there). Give h and either steps or duration; see `close_encounters`.
+        step ends there). Give h and either steps or duration; see `close_encounters`. ``"auto"`` is
+        σ = 1/ω with the scene's own local rate ω(q), from ∂a/∂q: h is then the angle in radians by
+        which the fastest small motions turn in a step, the same number for all scenes (0.5 to 1
+        for `gauss(8)`). It takes scenes with constant mass, no constraints, and forces whose
+        change depends on q alone.
     tol : float, optional
         Wanted error of every coordinate at every node, divided by its `scale`. With `duration`
         alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that
