@@ -17,7 +17,9 @@ product of V' and the third derivative has the unit of V''² and stands beside i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 from math import isfinite
+from operator import or_
 
 import casadi as ca
 import numpy as np
@@ -72,6 +74,16 @@ def local_rate(system: System) -> LocalRate:
     return LocalRate(total)
 
 
+@dataclass(frozen=True, eq=False)
+class _Graph:
+    """A potential as operations: their expressions, and a bit for each coordinate that they use."""
+
+    system: System
+    nodes: list[tuple]
+    expressions: list[ca.SX]
+    used: list[int]
+
+
 def _of_potential(system: System, potential: ca.SX, inverse: ca.SX) -> ca.SX:
     """Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½, or of the whole where a term is no function of one form."""
     found = ca.SX(0)
@@ -80,9 +92,11 @@ def _of_potential(system: System, potential: ca.SX, inverse: ca.SX) -> ca.SX:
     except VarintError:
         return _whole(system, potential, inverse)
     nodes = operations.nodes
-    moving = _depending(nodes)
-    for factor, root in _terms(system, nodes, moving, operations.outputs[0].nodes[0]):
-        part = _of_term(system, nodes, moving, root, inverse, factor)
+    each = [Output((1, 1), [0], [i]) for i in range(len(nodes))]
+    expressions = expressions_of(Operations(nodes, each), [system.q, system.c])
+    graph = _Graph(system, nodes, expressions, _coordinates(nodes))
+    for factor, root in _terms(graph, operations.outputs[0].nodes[0]):
+        part = _of_term(graph, root, inverse, factor)
         if part is None:
             return _whole(system, potential, inverse)
         found += part
@@ -103,50 +117,43 @@ def _root(fourth: ca.SX, system: System, power: int = 2) -> ca.SX:
     return found if power == 2 else ca.sqrt(found)
 
 
-def _depending(nodes: list[tuple]) -> list[bool]:
-    """Which nodes depend on q, the first argument."""
-    moving: list[bool] = []
+def _coordinates(nodes: list[tuple]) -> list[int]:
+    """A bit for each coordinate that a node depends on."""
+    found: list[int] = []
     for name, *operands in nodes:
         if name == "input":
-            moving.append(operands[0] == 0)
+            found.append(1 << operands[1] if operands[0] == 0 else 0)
         else:
-            moving.append(name != "const" and any(moving[i] for i in operands))
-    return moving
+            found.append(0 if name == "const" else reduce(or_, (found[i] for i in operands)))
+    return found
 
 
-def _node(system: System, nodes: list[tuple], i: int) -> ca.SX:
-    output = Output((1, 1), [0], [i])
-    return expressions_of(Operations(nodes[: i + 1], [output]), [system.q, system.c])[0]
-
-
-def _terms(
-    system: System, nodes: list[tuple], moving: list[bool], root: int
-) -> list[tuple[ca.SX, int]]:
-    """Terms that add up to a node, each with a factor free of q."""
-    found, open_nodes = [], [(ca.SX(1), root)]
+def _terms(graph: _Graph, root: int) -> list[tuple[ca.SX, int]]:
+    """Terms that add up to a node, each with a factor free of q; no sign matters."""
+    found, open_nodes, moving = [], [(ca.SX(1), root)], graph.used
     while open_nodes:
         factor, i = open_nodes.pop()
         if not moving[i]:
             continue
-        name, *operands = nodes[i]
+        name, *operands = graph.nodes[i]
         if name in ("add", "sub"):
             a, b = operands
-            open_nodes += [(factor, a), (factor, b)]  # squared in the end: a sign does not matter
+            open_nodes += [(factor, a), (factor, b)]
         elif name in ("neg", "assign"):
             open_nodes.append((factor, operands[0]))
         elif name == "twice":
             open_nodes.append((2 * factor, operands[0]))
         elif name == "mul" and not all(moving[j] for j in operands):
-            a, b = sorted(operands, key=lambda j: moving[j])
-            open_nodes.append((factor * _node(system, nodes, a), b))
+            a, b = sorted(operands, key=lambda j: bool(moving[j]))
+            open_nodes.append((factor * graph.expressions[a], b))
         elif name == "div" and not moving[operands[1]]:
-            open_nodes.append((factor / _node(system, nodes, operands[1]), operands[0]))
+            open_nodes.append((factor / graph.expressions[operands[1]], operands[0]))
         else:
             found.append((factor, i))
     return found[::-1]
 
 
-def _forms(nodes: list[tuple], moving: list[bool], root: int) -> list[int]:
+def _forms(graph: _Graph, root: int) -> list[int]:
     """Nodes through which all of q enters a term, the innermost first."""
     found: list[int] = []
     front = {root}
@@ -155,25 +162,45 @@ def _forms(nodes: list[tuple], moving: list[bool], root: int) -> list[int]:
             found += front
         i = max(front)
         front.remove(i)
-        name, *operands = nodes[i]
+        name, *operands = graph.nodes[i]
         if name == "input":
             break
-        front |= {j for j in operands if moving[j]}
+        front |= {j for j in operands if graph.used[j]}
     return found[::-1]
 
 
-def _of_term(
-    system: System,
-    nodes: list[tuple],
-    moving: list[bool],
-    root: int,
-    inverse: ca.SX,
-    factor: ca.SX,
-) -> ca.SX | None:
+def _in_form(graph: _Graph, root: int, form: int, s: ca.SX) -> ca.SX:
+    """A term with a symbol in place of the form through which q enters."""
+    known: dict[int, ca.SX] = {form: s}
+    inside = {root}
+    open_nodes = [root]
+    while open_nodes:
+        for j in graph.nodes[open_nodes.pop()][1:]:
+            if j == form or j in inside:
+                continue
+            if not graph.used[j]:
+                known[j] = graph.expressions[j]
+                continue
+            inside.add(j)
+            open_nodes.append(j)
+    if root == form:
+        return s
+    order = [*known, *sorted(inside)]
+    place = {j: k for k, j in enumerate(order)}
+    nodes: list[tuple] = [("input", 0, k) for k in range(len(known))]
+    for j in sorted(inside):
+        name, *operands = graph.nodes[j]
+        nodes.append((name, *(place[i] for i in operands)))
+    whole = Operations(nodes, [Output((1, 1), [0], [place[root]])])
+    return expressions_of(whole, [ca.vertcat(*known.values())])[0]
+
+
+def _of_term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> ca.SX | None:
     """tr((M⁻¹ ∂²V/∂q²)²)^½ of V(s) with a linear or quadratic form s; None where there is none."""
-    for i in _forms(nodes, moving, root):
-        form = _node(system, nodes, i)
-        used = [j for j in range(system.q.numel()) if ca.depends_on(form, system.q[j])]
+    system = graph.system
+    for i in _forms(graph, root):
+        form = graph.expressions[i]
+        used = [j for j in range(system.q.numel()) if graph.used[i] >> j & 1]
         q = system.q[used]
         curvature, slope = ca.hessian(form, q)
         if not ca.depends_on(curvature, q):
@@ -181,22 +208,20 @@ def _of_term(
     else:
         return None
     s, inverse = ca.SX.sym("s"), inverse[used, used]
-    within = [*nodes[:i], ("input", 2, 0), *nodes[i + 1 : root + 1]]
-    operations = Operations(within, [Output((1, 1), [0], [root])])
-    value = factor * expressions_of(operations, [system.q, system.c, s])[0]
+    value = factor * _in_form(graph, root, i, s)
     first = ca.gradient(value, s)
     second = ca.gradient(first, s)
     speed = ca.dot(slope, inverse @ slope)
     a = inverse @ curvature
     size, trace = ca.sum1(ca.vec(a * a.T)), ca.trace(a)
-    if _vanishes(system, [size]):
+    if curvature.is_zero():
         beside = first * ca.gradient(second, s)
         if beside.is_zero():
             return ca.fabs(ca.substitute(second, s, form) * speed)
         eighth = ca.substitute(second**4 + beside**2, s, form) * speed**4
         return _root(eighth, system, 4)
     share = size / trace
-    if not _vanishes(system, [speed, -2 * share * form]):
+    if not _vanishes(system, q, [speed, -2 * share * form]):
         gap = ca.dot(slope, a @ inverse @ slope)
         one, two = (ca.substitute(x, s, form) for x in (first, second))
         return _root(one**2 * size + 2 * one * two * gap + (two * speed) ** 2, system)
@@ -206,7 +231,7 @@ def _of_term(
     if power is not None:
         bracket = (2 * power - 1) ** 2 + rank - 1
         size = abs(power) * bracket**0.5 * ca.fabs(share * factor)
-        return size * ca.fabs(_node(system, nodes, root) / form)  # of one sign
+        return size * ca.fabs(graph.expressions[root] / form)  # of one sign
     inner = (first + 2 * s * second) ** 2 + (rank - 1) * first**2
     return _root(share**2 * ca.substitute(inner, s, form), system)
 
@@ -244,12 +269,12 @@ def _whole_number(x: float) -> bool:
     return abs(x - round(x)) <= SAME * max(abs(x), 1.0)
 
 
-def _vanishes(system: System, parts: list[ca.SX]) -> bool:
-    """Whether expressions of q and c add up to nothing wherever they are looked at."""
-    f = ca.Function("parts", [system.q, system.c], [ca.densify(x) for x in parts])
+def _vanishes(system: System, used: ca.SX, parts: list[ca.SX]) -> bool:
+    """Whether expressions of some q and c add up to nothing wherever they are looked at."""
+    f = ca.Function("parts", [used, system.c], [ca.densify(x) for x in parts])
     rng = np.random.default_rng(4)
     for _ in range(PLACES):
-        q = rng.normal(size=system.q.numel())
+        q = rng.normal(size=used.numel())
         found = [float(x) for x in f.call([q, _parameters(system, rng)])]
         if all(map(isfinite, found)) and abs(sum(found)) > SAME * max(map(abs, found)):
             return False

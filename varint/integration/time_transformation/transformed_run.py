@@ -26,6 +26,7 @@ from varint.integration.time_transformation.fictitious_start import (
     in_fictitious_time,
     rate_at,
     slowest_rate,
+    start_velocity,
 )
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_end import (
@@ -37,6 +38,7 @@ from varint.integration.time_transformation.physical_time import (
     in_physical_time,
     physical_events,
 )
+from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.time_scale import (
     AUTO,
     TransformedScene,
@@ -79,11 +81,11 @@ def simulate_transformed(
     if isinstance(events, Mapping):
         events = {name: inside(wanted, name) for name, wanted in events.items()}
     watches = parse_watches(events)
-    rate = (
-        slowest_rate(system, scene, chosen, problem, start.v0, total, options.backend)
-        if own
-        else 0.0
-    )
+    rate = 0.0
+    if own:
+        v = start_velocity(system, problem, start.v0)
+        pilot = rate_pilot(system, problem.q0, v, problem.c, total, problem.h < 0)
+        rate = slowest_rate(pilot, total)
     inner_problem = in_fictitious_time(system, scene, problem, start.v0, rate, total)
     run = start_run(scene.system, chosen, inner_problem, began, backend=options.backend)
     if total is not None:
