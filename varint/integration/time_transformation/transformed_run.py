@@ -6,21 +6,27 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 from varint.errors import ConvergenceError, InputError
 from varint.integration.energy_check import energy_jump
-from varint.integration.events.crossings import parse_watch, parse_watches
+from varint.integration.events.crossings import Watch, parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
-from varint.integration.plan import plan
-from varint.integration.problem import WHOLE, RunOptions, Start, initial_value_problem
+from varint.integration.plan import Plan, plan
+from varint.integration.problem import (
+    WHOLE,
+    InitialValueProblem,
+    RunOptions,
+    Start,
+    initial_value_problem,
+)
 from varint.integration.run import collect, start_run
 from varint.integration.time_transformation.fictitious_start import (
     in_fictitious_time,
@@ -38,7 +44,7 @@ from varint.integration.time_transformation.physical_time import (
     in_physical_time,
     physical_events,
 )
-from varint.integration.time_transformation.rate_pilot import rate_pilot
+from varint.integration.time_transformation.rate_pilot import RatePilot, rate_pilot
 from varint.integration.time_transformation.time_scale import (
     AUTO,
     TransformedScene,
@@ -55,8 +61,7 @@ def simulate_transformed(
     system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
 ) -> Trajectory:
     """`simulate` with a time scale: h is the step of τ, dt = σ(q) dτ; nodes at physical times."""
-    began = perf_counter()
-    h, steps, duration, events = options.h, options.steps, options.duration, options.events
+    h, steps, duration = options.h, options.steps, options.duration
     if h is None or (steps is None) == (duration is None):
         raise InputError(
             "with time_scale give h, the step of the fictitious time, and either steps or duration"
@@ -64,36 +69,71 @@ def simulate_transformed(
     total = None if duration is None else number("duration", duration)
     if total is not None and not total * number("h", h) > 0:
         raise InputError(f"h={h} and duration={duration} must have the same sign and not be zero")
-    own = isinstance(sigma, str)
+    if isinstance(sigma, str):
+        transformed_scene(system, sigma)
+        if reason := local_rate(system).reason:
+            return _equal_steps(system, rule, reason, start, options)
+    prepared = prepare(system, rule, sigma, start, options)
+    motion = run_prepared(prepared, prepared.problem)
+    assert motion.fictitious is not None
+    if jump := energy_jump(motion.fictitious):
+        warnings.warn(jump.alarm(prepared.problem.h), stacklevel=3)
+    return motion
+
+
+class Prepared(NamedTuple):
+    """A run in fictitious time, ready to go: the scene, its problem with the clock at zero, and
+    what is looked for on the way.
+    """
+
+    system: System
+    scene: TransformedScene
+    chosen: Plan
+    problem: InitialValueProblem
+    t0: float
+    total: float | None
+    stop: Watch | None
+    watches: Sequence[Watch]
+    options: RunOptions
+    pilot: RatePilot | None
+
+
+def prepare(
+    system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
+) -> Prepared:
+    """Checked and completed input of a run with steps h and a duration, or a number of steps."""
     scene = transformed_scene(system, sigma)
-    if own and (reason := local_rate(system).reason):
-        return _equal_steps(system, rule, reason, start, options)
     chosen = plan(scene.system, rule)
+    total = None if options.duration is None else float(options.duration)
+    count = 1 if options.steps is None else options.steps
     problem = initial_value_problem(
-        system,
-        chosen.rule,
-        start,
-        options._replace(steps=1 if steps is None else steps, duration=None),
+        system, chosen.rule, start, options._replace(steps=count, duration=None)
     )
     inside = partial(_inside, system, scene, problem.t0)
-    until = options.until
+    until, events = options.until, options.events
     stop = None if until is None else parse_watch("until", inside(until, "until"))
     if isinstance(events, Mapping):
         events = {name: inside(wanted, name) for name, wanted in events.items()}
     watches = parse_watches(events)
-    rate = 0.0
-    if own:
+    rate, pilot = 0.0, None
+    if isinstance(sigma, str):
         v = start_velocity(system, problem, start.v0)
         pilot = rate_pilot(system, problem.q0, v, problem.c, total, problem.h < 0)
         rate = slowest_rate(pilot, total)
-    inner_problem = in_fictitious_time(system, scene, problem, start.v0, rate, total)
-    run = start_run(scene.system, chosen, inner_problem, began, backend=options.backend)
+    inner = in_fictitious_time(system, scene, problem, start.v0, rate, total)
+    return Prepared(system, scene, chosen, inner, problem.t0, total, stop, watches, options, pilot)
+
+
+def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory:
+    """The run with the step, the number of steps and the level of iterations of `problem`."""
+    system, scene, chosen, _, t0, total, stop, watches, options, _ = prepared
+    run = start_run(scene.system, chosen, problem, perf_counter(), backend=options.backend)
     if total is not None:
         run = run._replace(blocks=blocks_until(scene, run, total))
     try:
         inner = collect(run, stop=stop, watches=watches, progress=options.progress)
     except ConvergenceError as error:
-        motion = in_physical_time(system, problem.t0, error.trajectory)
+        motion = in_physical_time(system, t0, error.trajectory)
         raise ConvergenceError(
             f"in fictitious time (dt = σ dτ): {error}; it is physical time t = {motion.t[-1]:g}",
             step=error.step,
@@ -104,14 +144,10 @@ def simulate_transformed(
     require_level(scene, run, inner)
     if total is not None and abs(inner.q[-1, -1]) >= abs(total):
         inner = end_at_duration(run, inner, total)
-    motion = in_physical_time(system, problem.t0, inner)
-    if jump := energy_jump(inner):
-        warnings.warn(jump.alarm(problem.h), stacklevel=3)
-    return (
-        replace(motion, events=physical_events(system, problem.t0, inner))
-        if inner.events
-        else motion
-    )
+    motion = in_physical_time(system, t0, inner)
+    if not inner.events:
+        return motion
+    return replace(motion, events=physical_events(system, t0, inner))
 
 
 def _equal_steps(
