@@ -9,10 +9,12 @@ from typing import Any
 import casadi as ca
 
 from varint.errors import InputError
+from varint.integration.asked_times import only_at, until_last
 from varint.integration.fixed_steps import simulate_steps
 from varint.integration.problem import RunOptions, Start
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
+from varint.scene.inputs import times_of
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, require_system
 
@@ -31,6 +33,7 @@ def simulate(
     u: Any = None,
     params: ParameterValues | None = None,
     save_every: int = 1,
+    at: Any = None,
     until: ca.SX | tuple[ca.SX, int] | None = None,
     events: Mapping[str, Any] | None = None,
     time_scale: ca.SX | str | None = None,
@@ -65,6 +68,11 @@ def simulate(
         Parameter values that differ from the defaults, by name or symbol.
     save_every : int
         Keep every so many steps (the last step is always kept).
+    at : array (k,), optional
+        Times that become the nodes of the result, in place of the run's own: between two of its own
+        the state is a shorter step of the same rule. Later and later ones; the run lasts until the
+        last of them if nothing else is said. ``simulate(..., at=times)`` alone runs to the accuracy
+        1e-9.
     until : SX or (SX, int), optional
         Stop where this expression of q, v, t and the parameters crosses zero; the last node is the
         crossing, located with the rule's own accuracy. With a direction: +1 only where it rises, -1
@@ -83,8 +91,10 @@ def simulate(
     tol : float, optional
         Wanted error of every coordinate at every node, divided by its `scale`. With `duration`
         alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that
-        come together; ``stats["error_estimate"]`` is what their differences say, with a warning
-        where that stays above tol, as round-off and chaos may have it.
+        come together; where the scene's time scale varies much, as in close encounters, steps
+        follow it as with ``time_scale="auto"``. ``stats["error_estimate"]`` is what the runs'
+        differences say, with a warning where that stays above tol, as round-off and chaos may have
+        it.
     scale : float or array (n,), optional
         What errors of the coordinates are divided by. Default: the range of each coordinate during
         the motion (of a body's x, y, z together; of an angle at most a radian).
@@ -148,7 +158,10 @@ def simulate(
         backend,
         checkpoint,
         on_failure,
+        at,
     )
+    if at is not None:
+        options = until_last(start, options, time_scale is not None)
     if time_scale is not None:
         if u is not None:
             raise InputError(
@@ -158,12 +171,14 @@ def simulate(
             raise InputError(f"time_scale takes no {given}: leave one of them out")
         from varint.integration.time_transformation.transformed_run import simulate_transformed
 
-        return simulate_transformed(system, rule, time_scale, start, options)
-    if h is None and steps is None:
+        motion = simulate_transformed(system, rule, time_scale, start, options)
+    elif h is None and steps is None:
         from varint.integration.to_tolerance import simulate_to_tolerance
 
-        return simulate_to_tolerance(system, rule, start, options)
-    return simulate_steps(system, rule, start, options)
+        motion = simulate_to_tolerance(system, rule, start, options)
+    else:
+        motion = simulate_steps(system, rule, start, options)
+    return motion if at is None else only_at(motion, times_of(at))
 
 
 def _tolerances(

@@ -33,11 +33,11 @@ QUANTILES = (0.25, 0.5, 0.75, 0.9, 1.0)
 ROUNDED = 1e-14  # relative error of the energy that is round-off
 NO_SHRINKAGE = 0.3  # of the energy errors of two runs: they have not come to the range of the rule
 SAMPLES = 20_000  # nodes at which the energy is looked at
-LONG, PARTS = 2000, 32  # steps of a run that is worth a look at a part of it first
+LONG, PARTS = 500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 ATTEMPTS = 6
 CAUTION = 0.75  # of the rule's order is counted on at most
-LEAST, MOST = 1.25, 2.5  # ratio of the steps of two runs
+LEAST, GOOD, MOST = 1.25, 2.0, 2.5  # ratio of the steps of two runs
 
 Trial = Callable[[int, float, int], Trajectory | None]  # (steps, wanted error, part of the run)
 Apart = Callable[[Trajectory, int, Trajectory, int], float]  # two runs and their steps → distance
@@ -94,6 +94,10 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             if motion is None or not expected <= LOST:
                 steps = _in_fours(steps * _ratio(expected, rough, p, 2.0))
                 continue
+            wanted = _ratio(MARGIN * expected, tol, p, math.inf)
+            if wanted > MOST:
+                steps = _in_fours(steps * wanted / GOOD)
+                continue
             coarse = motion
         more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, MOST))
         fine, runs = course.trial(more, tol, 1), runs + 1
@@ -101,6 +105,8 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             return None
         apart, after = course.apart(coarse, steps, fine, more), energy_errors(fine)
         shrinkage = _shrinkage(swing, after, more / steps, p, course.linear)
+        if shrinkage is None and apart * EVIDENCE <= tol:
+            shrinkage = 0.5  # both are as good as asked for by far, whatever the order is
         if shrinkage is None or not math.isfinite(apart):
             return None
         estimate = max(SPREAD * apart * shrinkage / (1 - shrinkage), floor)
