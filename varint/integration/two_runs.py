@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from varint.integration.energy_check import keeps_energy
+from varint.integration.energy_check import energies, keeps_energy
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -125,9 +125,14 @@ def energy_errors(motion: Trajectory | None) -> np.ndarray:
     """
     if motion is None or not np.isfinite(motion.q[-1]).all():
         return np.full(len(QUANTILES), np.inf)
-    some = motion[:: max(1, len(motion) // SAMPLES)]
-    energy = some.energy
-    size = float(np.median(np.abs((some.p * some.v).sum(axis=1))))
+    some = slice(None, None, max(1, len(motion) // SAMPLES))
+    if motion.active_set is None:
+        at = motion.q[None, some], motion.p[None, some], motion.t[some]
+        energy, moving, _ = (x[0] for x in energies(motion.system, *at, motion.c[None], motion.h))
+    else:
+        few = motion[some]
+        energy, moving = few.energy, np.abs((few.p * few.v).sum(axis=1))
+    size = float(np.sort(moving)[len(moving) // 2])
     error = np.sort(np.abs(energy - energy[0])[1:])
     found = error[[round(part * (len(error) - 1)) for part in QUANTILES]]
     return found / size if size > 0 and math.isfinite(error[-1]) else np.full(len(found), np.inf)
