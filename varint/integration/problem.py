@@ -49,6 +49,7 @@ class RunOptions(NamedTuple):
     backend: str = "auto"
     checkpoint: Any = None
     on_failure: str = "raise"
+    at: Any = None
 
 
 def initial_value_problem(

@@ -9,10 +9,12 @@ from typing import Any
 import casadi as ca
 
 from varint.errors import InputError
+from varint.integration.asked_times import only_at, until_last
 from varint.integration.fixed_steps import simulate_steps
 from varint.integration.problem import RunOptions, Start
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
+from varint.scene.inputs import times_of
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, require_system
 
@@ -31,9 +33,10 @@ def simulate(
     u: Any = None,
     params: ParameterValues | None = None,
     save_every: int = 1,
+    at: Any = None,
     until: ca.SX | tuple[ca.SX, int] | None = None,
     events: Mapping[str, Any] | None = None,
-    time_scale: ca.SX | None = None,
+    time_scale: ca.SX | str | None = None,
     tol: float | None = None,
     scale: Any = None,
     iteration_tol: float | None = None,
@@ -65,6 +68,11 @@ def simulate(
         Parameter values that differ from the defaults, by name or symbol.
     save_every : int
         Keep every so many steps (the last step is always kept).
+    at : array (k,), optional
+        Times that become the nodes of the result, in place of the run's own: between two of its own
+        the state is a shorter step of the same rule. Later and later ones; the run lasts until the
+        last of them if nothing else is said. ``simulate(..., at=times)`` alone runs to the accuracy
+        1e-9.
     until : SX or (SX, int), optional
         Stop where this expression of q, v, t and the parameters crosses zero; the last node is the
         crossing, located with the rule's own accuracy. With a direction: +1 only where it rises, -1
@@ -72,15 +80,21 @@ def simulate(
     events : dict of SX or (SX, int), optional
         Log where these expressions cross zero: `Trajectory.events` has a record with the time and
         the name of each. Every step is watched, whatever `save_every` keeps.
-    time_scale : SX, optional
+    time_scale : SX or "auto", optional
         σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ,
         dt = σ(q) dτ, the nodes' ``t`` are physical times, and `duration` is physical too (the last
-        step ends there). Give h and either steps or duration; see `close_encounters`.
+        step ends there). Give h and either steps or duration; see `close_encounters`. ``"auto"`` is
+        σ = 1/ω with the scene's own local rate ω(q), from ∂a/∂q: h is then the angle in radians by
+        which the fastest small motions turn in a step, the same number for all scenes (0.5 to 1
+        for `gauss(8)`). It takes scenes with constant mass, no constraints, and forces whose
+        change depends on q alone.
     tol : float, optional
         Wanted error of every coordinate at every node, divided by its `scale`. With `duration`
         alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that
-        come together; ``stats["error_estimate"]`` is what their differences say, with a warning
-        where that stays above tol, as round-off and chaos may have it.
+        come together; where the scene's time scale varies much, as in close encounters, steps
+        follow it as with ``time_scale="auto"``. ``stats["error_estimate"]`` is what the runs'
+        differences say, with a warning where that stays above tol, as round-off and chaos may have
+        it.
     scale : float or array (n,), optional
         What errors of the coordinates are divided by. Default: the range of each coordinate during
         the motion (of a body's x, y, z together; of an angle at most a radian).
@@ -144,7 +158,10 @@ def simulate(
         backend,
         checkpoint,
         on_failure,
+        at,
     )
+    if at is not None:
+        options = until_last(start, options, time_scale is not None)
     if time_scale is not None:
         if u is not None:
             raise InputError(
@@ -154,12 +171,14 @@ def simulate(
             raise InputError(f"time_scale takes no {given}: leave one of them out")
         from varint.integration.time_transformation.transformed_run import simulate_transformed
 
-        return simulate_transformed(system, rule, time_scale, start, options)
-    if h is None and steps is None:
+        motion = simulate_transformed(system, rule, time_scale, start, options)
+    elif h is None and steps is None:
         from varint.integration.to_tolerance import simulate_to_tolerance
 
-        return simulate_to_tolerance(system, rule, start, options)
-    return simulate_steps(system, rule, start, options)
+        motion = simulate_to_tolerance(system, rule, start, options)
+    else:
+        motion = simulate_steps(system, rule, start, options)
+    return motion if at is None else only_at(motion, times_of(at))
 
 
 def _tolerances(

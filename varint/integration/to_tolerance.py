@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from time import perf_counter
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,12 +14,15 @@ from varint.integration.energy_check import energy_jump
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
 from varint.integration.plan import plan
-from varint.integration.problem import RunOptions, Start, initial_value_problem
+from varint.integration.problem import LEVEL, RunOptions, Start, initial_value_problem
+from varint.integration.rule_choice import iteration_level
+from varint.integration.time_transformation.time_scale import AUTO
+from varint.integration.time_transformation.transformed_run import simulate_transformed
+from varint.integration.time_transformation.variable_course import choose_varying_steps
 from varint.integration.tolerance import (
+    Choice,
     choose_steps,
-    iteration_level,
     problem_with_steps,
-    with_estimate,
 )
 from varint.integration.trajectories import subsample
 from varint.results.trajectory import Trajectory
@@ -53,14 +58,21 @@ def simulate_to_tolerance(
     rows = _rows(system, start)
     whole = RunOptions(steps=rows, duration=options.duration)
     problem = initial_value_problem(system, plan(system, rule).rule, start, whole)
-    choice = choose_steps(
-        system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
-    )
+    choice = choose_varying_steps(system, rule, problem, start, options, tol)
+    if choice is None:
+        choice = choose_steps(
+            system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
+        )
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
         if jump := energy_jump(motion):
             warnings.warn(jump.alarm(motion.h), stacklevel=3)
         motion = motion if every == 1 else subsample(motion, every)
+    elif choice.motion.fictitious is not None:
+        h = choice.motion.fictitious.h
+        level = iteration_level(tol, choice.steps) / LEVEL
+        asked = options._replace(h=h, steps=None, tol=None, iteration_tol=level)
+        motion = simulate_transformed(system, choice.rule, AUTO, start, asked)
     else:
         u = problem_with_steps(choice.rule, problem, choice.steps).u if rows > 1 else start.u
         motion = simulate_steps(
@@ -71,6 +83,26 @@ def simulate_to_tolerance(
             iteration_level(tol, choice.steps),
         )
     return with_estimate(motion, choice, tol, began)
+
+
+def with_estimate(motion: Trajectory, choice: Choice, tol: float, began: float) -> Trajectory:
+    """The motion with what is known of its error; a warning where that is more than tol."""
+    if not choice.reached:
+        warnings.warn(
+            f"tol={tol:g} is out of reach: with more than {choice.steps} steps of {choice.rule} "
+            f"the error is still estimated at {choice.estimate:.1e}. Round-off times the growth of "
+            "errors (chaos), or a force that jumps, is the limit: take a shorter duration or a "
+            "larger tol, or judge invariants and statistics",
+            stacklevel=3,
+        )
+    stats = dict(motion.stats) | {
+        "tol": tol,
+        "error_estimate": choice.estimate,
+        "rule": str(choice.rule),
+        "runs": choice.runs,
+        "seconds": perf_counter() - began,
+    }
+    return replace(motion, stats=MappingProxyType(stats))
 
 
 def _rows(system: System, start: Start) -> int:

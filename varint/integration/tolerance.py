@@ -9,8 +9,7 @@ may pass, and forces that act for less than a step. Where the runs stop to come 
 chaos or the steps' number is the limit: the best run is returned with its honest estimate and a
 warning.
 
-The choice of rule is by the number of operations, never by the clock: the same input gives the same
-digits.
+Where the scene keeps its energy, two runs prove the error (`two_runs`); all this is for the rest.
 """
 
 from __future__ import annotations
@@ -20,26 +19,33 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
 from varint.errors import ConvergenceError, InputError
-from varint.integration.cost import interpreted_seconds, repays
+from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
 from varint.integration.failures import frequencies
 from varint.integration.hidden import missed_impulse
-from varint.integration.plan import default_rule, plan
-from varint.integration.problem import LEVEL, InitialValueProblem
+from varint.integration.plan import plan
+from varint.integration.problem import InitialValueProblem
+from varint.integration.rule_choice import (
+    RADIANS,
+    candidates,
+    choose_rule,
+    iteration_level,
+    steps_for,
+)
 from varint.integration.run import collect, start_run, trajectory_of
 from varint.integration.trajectories import Run, first_node
+from varint.integration.two_runs import Course, run_twice, shows_its_error
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
-from varint.rules.rule import Rule, composition, gauss, lobatto
+from varint.rules.rule import Rule
 from varint.scene.system import System
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
@@ -50,9 +56,7 @@ SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
-RADIANS = 3.0  # of the fastest motion in a step where the trials begin
 SAMPLES = 200  # nodes at which frequencies are looked at
-SECULAR = 2.0  # divided by the square of the number of steps: what iterations leave adds up
 TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
 
 Trial = Callable[[Rule, int], Trajectory | None]  # (rule, steps) → the run; None where it failed
@@ -68,53 +72,6 @@ class Choice:
     estimate: float
     runs: int
     reached: bool
-
-
-def candidates(system: System, compiled: bool) -> dict[Rule, float]:
-    """Rules worth a try, with the work of a step: evaluations of a compiled one, seconds of an
-    interpreted one.
-    """
-    s = system.structure
-    if s.nonholonomic or s.degenerate or s.contacts:
-        return {default_rule(system): 1.0}
-    if s.constraints:
-        return {lobatto(k): (k - 1) ** 1.5 for k in (3, 5, 7)}
-    # stages run side by side in vector registers
-    rules = {gauss(k): 5.0 * k / min(k, 4) for k in (2, 4, 6, 8)}
-    if s.explicit:
-        explicit = (composition("blanes-moan4"), composition("kahan-li8"))
-        rules |= {r: float(len(r.kicks)) for r in explicit}
-    return rules if compiled else {rule: interpreted_seconds(system, rule) for rule in rules}
-
-
-def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
-    """The rule of least work for a small oscillation over so many radians."""
-
-    def cost(rule: Rule) -> float:
-        growth = max(radians, 1.0) * phase_error(rule) / tol
-        return rules[rule] * max(growth ** (1 / rule.order), 1 / RADIANS)
-
-    return min(rules, key=cost)
-
-
-def phase_error(rule: Rule) -> float:
-    """Error of the phase ωt of an oscillator, divided by ωt (ωh)^order, as h → 0."""
-    if rule.points:
-        s = rule.order // 2
-        return math.factorial(s) ** 2 / (math.factorial(2 * s) * math.factorial(2 * s + 1))
-    x, step = 0.25, np.eye(2)
-    for i, kick in enumerate(rule.kicks):
-        if i:
-            step = np.array([[1.0, rule.drifts[i - 1] * x], [0.0, 1.0]]) @ step
-        step = np.array([[1.0, 0.0], [-kick * x, 1.0]]) @ step
-    return max(abs(math.acos(np.clip(np.trace(step) / 2, -1, 1)) - x), 1e-16) / x ** (
-        rule.order + 1
-    )
-
-
-def iteration_level(tol: float, steps: int) -> float:
-    """Where compiled iterations may stop, so that what they leave adds up to less than tol."""
-    return tol * min(LEVEL, SECULAR / steps**2)
 
 
 def choose_steps(
@@ -162,10 +119,10 @@ def choose_steps(
         )
         own = choose_rule(candidates(system, compiled), radians, tol)
 
-    def trial(chosen: Rule, steps: int, part: int = 1) -> Trajectory | None:
+    def trial(chosen: Rule, steps: int, part: int = 1, wanted: float = tol) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
         problem = problem._replace(
-            level=iteration_level(tol, steps), steps=max(problem.steps // part, 1)
+            level=iteration_level(wanted, steps), steps=max(problem.steps // part, 1)
         )
         try:
             run = start_run(system, plan(system, chosen), problem, began, backend=backend)
@@ -176,7 +133,35 @@ def choose_steps(
     first = 2 ** max(3, math.ceil(math.log2(max(radians / RADIANS, 1.0))))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
+        if start.steps == 1 and shows_its_error(system):
+            found = _from_two_runs(system, own, tol, radians, trial, scale, stop is not None)
+            if found:
+                return found
         return _refine(system, own, start, tol, trial, start.steps * first, scale, stop is not None)
+
+
+def _from_two_runs(
+    system: System,
+    rule: Rule,
+    tol: float,
+    radians: float,
+    trial: Callable[..., Trajectory | None],
+    scale: Any,
+    ends_early: bool,
+) -> Choice | None:
+    """The choice that two runs and their energies prove, where they do."""
+
+    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
+        scales = error_scales(system, other, scale)
+        seen = distance(one, few, other, many, scales)
+        return max(seen, _ends_apart(one, other, scales)) if ends_early else seen
+
+    def run(steps: int, wanted: float, part: int) -> Trajectory | None:
+        return trial(rule, steps, part, wanted)
+
+    course = Course(run, apart, radians, system.structure.linear)
+    found = run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
+    return found and Choice(rule, found.steps, found.motion, found.estimate, found.runs, True)
 
 
 def _refine(
@@ -256,9 +241,25 @@ def _resolves(motion: Trajectory) -> bool:
 def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
     """Largest difference of two runs with so many steps at the nodes of both, by the scales."""
     unit = math.gcd(few, many)
+    if _equally_spaced(one) and _equally_spaced(other):
+        q1, q2 = one.q[:: few // unit], other.q[:: many // unit]
+        count = min(len(q1), len(q2))
+        return float((np.abs(q1[:count] - q2[:count]) / scales).max())
     (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
     _, i, j = np.intersect1d(k1, k2, return_indices=True)
     return float((np.abs(q1[i] - q2[j]) / scales).max())
+
+
+def _equally_spaced(motion: Trajectory) -> bool:
+    """Whether every step made a node, and nothing else did."""
+    last = motion.k[-1]
+    return last == len(motion) - 1 and not motion.events and on_grid(motion, last)
+
+
+def on_grid(motion: Trajectory, k: int) -> bool:
+    assert motion.origin is not None
+    close = 1e-6 * abs(motion.h)
+    return bool(abs(motion.t[-1] - (motion.origin + motion.h * k)) <= close)
 
 
 def _ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
@@ -317,23 +318,3 @@ def _radians(system: System, rule: Rule, start: InitialValueProblem) -> float:
     fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
     turned = abs(start.h * start.steps) * fastest
     return min(float(turned), 1e6) if math.isfinite(turned) else 0.0
-
-
-def with_estimate(motion: Trajectory, choice: Choice, tol: float, began: float) -> Trajectory:
-    """The motion with what is known of its error; a warning where that is more than tol."""
-    if not choice.reached:
-        warnings.warn(
-            f"tol={tol:g} is out of reach: with more than {choice.steps} steps of {choice.rule} "
-            f"the error is still estimated at {choice.estimate:.1e}. Round-off times the growth of "
-            "errors (chaos), or a force that jumps, is the limit: take a shorter duration or a "
-            "larger tol, or judge invariants and statistics",
-            stacklevel=3,
-        )
-    stats = dict(motion.stats) | {
-        "tol": tol,
-        "error_estimate": choice.estimate,
-        "rule": str(choice.rule),
-        "runs": choice.runs,
-        "seconds": perf_counter() - began,
-    }
-    return replace(motion, stats=MappingProxyType(stats))

@@ -56,6 +56,12 @@ from varint.models.driven import (
     lengthening_pendulum,
     linear_drag,
 )
+from varint.models.encounters import (
+    ARENSTORF_PERIOD,
+    arenstorf,
+    pleiades,
+    pythagorean_three_body,
+)
 from varint.models.fields import (
     charged_particle,
     growing_field,
@@ -158,6 +164,9 @@ catalogue = {
         spring_cluster,
         lennard_jones,
         outer_solar_system,
+        pleiades,
+        pythagorean_three_body,
+        arenstorf,
         rotating_frame,
         turntable,
         foucault_pendulum,
@@ -222,6 +231,7 @@ control_catalogue = {
 }
 
 __all__ = [
+    "ARENSTORF_PERIOD",
     "FIGURE_EIGHT_PERIOD",
     "ControlModel",
     "Model",

@@ -49,7 +49,7 @@ def _kept(system: System, count: int) -> dict[str, ca.SX]:
     return energy(system) | {"momentum": ca.sum2(p), "angular momentum": ca.sum2(each)}
 
 
-def _many(
+def many_bodies(
     name: str,
     q0,
     v0,
@@ -61,6 +61,7 @@ def _many(
     source: str,
     exact: Motion | None = None,
 ) -> Model:
+    """The model of particles (N, d) with a pair potential, and what such a scene keeps."""
     system = pairs(q0, params, potential)
     return Model(
         name=name,
@@ -76,7 +77,8 @@ def _many(
     )
 
 
-def _newtonian(c: Parameters) -> PairPotential:
+def newtonian(c: Parameters) -> PairPotential:
+    """Gravity, V = −G mᵢ mⱼ / r."""
     return lambda r, i, j: -c.G * c.m[i] * c.m[j] / r
 
 
@@ -103,12 +105,12 @@ def two_body(
         middle = np.asarray(centre) + np.outer(t, drift)
         return middle[:, None] + parts * r[:, None], np.asarray(drift) + parts * rdot[:, None]
 
-    return _many(
+    return many_bodies(
         "two_body",
         centre + parts * apart,
         drift + parts * closing,
         c,
-        _newtonian(c),
+        newtonian(c),
         40.0,
         0.02,
         "The relative motion is Kepler's with the reduced mass; the centre of mass moves "
@@ -136,12 +138,12 @@ def lagrange_triangle(
         place = np.einsum("tab,ib->tia", turned, corners)
         return place, omega * np.stack([-place[..., 1], place[..., 0]], -1)
 
-    return _many(
+    return many_bodies(
         "lagrange_triangle",
         corners,
         exact(np.zeros(1))[1][0],
         c,
-        _newtonian(c),
+        newtonian(c),
         2.5,
         0.005,
         "The triangle turns rigidly, whatever the masses.",
@@ -154,12 +156,12 @@ def figure_eight() -> Model:
     """Three equal bodies that chase each other along one figure-eight."""
     c = Parameters(m=np.ones(3), G=1.0)
     v = np.array([0.34711688811892694, 0.5327249453880303])
-    return _many(
+    return many_bodies(
         "figure_eight",
         [[-1, 0], [1, 0], [0, 0]],
         [v, v, -2 * v],
         c,
-        _newtonian(c),
+        newtonian(c),
         FIGURE_EIGHT_PERIOD,
         FIGURE_EIGHT_PERIOD / 600,
         "After a third of the period each body is where the next one was.",
@@ -178,7 +180,7 @@ def spring_cluster(d: int = 3, stiffness: float = 10.0, rest: float = 1.0) -> Mo
     c = Parameters(m=[1.0, 1.5, 2.0, 2.5], stiffness=stiffness, rest=rest)
     q0 = np.array([[0.1, 0, 0], [1.2, 0, 0.1], [0.4, 1, -0.1], [0.5, 0.4, 0.9]])[:, :d]
     v0 = np.array([[0, 0.3, 0], [0, -0.2, 0.4], [0.5, 0, 0], [-0.2, 0, -0.1]])[:, :d]
-    return _many(
+    return many_bodies(
         "spring_cluster",
         q0,
         v0,
@@ -204,7 +206,7 @@ def lennard_jones(
     )
     c = Parameters(m=np.ones(len(grid)), epsilon=epsilon, sigma=sigma)
     v0 = heat * np.random.default_rng(1).standard_normal(grid.shape)
-    return _many(
+    return many_bodies(
         "lennard_jones",
         grid,
         v0 - v0.mean(0),
@@ -224,12 +226,12 @@ def outer_solar_system() -> Model:
     """
     c = Parameters(m=[body[0] for body in OUTER_SOLAR_SYSTEM.values()], G=2.95912208286e-4)
     q0, v0 = (np.array([body[i] for body in OUTER_SOLAR_SYSTEM.values()]) for i in (1, 2))
-    return _many(
+    return many_bodies(
         "outer_solar_system",
         q0,
         v0,
         c,
-        _newtonian(c),
+        newtonian(c),
         200_000.0,
         100.0,
         "Over 200,000 days the energy error stays bounded and every orbit stays in place.",

@@ -208,6 +208,12 @@ def _planet(s: System) -> Sketch:
     return Sketch({"centre": [0, 0], "body": polar(s.q[0], s.q[1])}, traces=["body"])
 
 
+def _satellite(s: System) -> Sketch:
+    mu = parameters_of(s).mu
+    points = {"Earth": ca.vertcat(-mu, 0), "Moon": ca.vertcat(1 - mu, 0), "satellite": s.q}
+    return Sketch(points, traces=["satellite"], marks=["satellite"])
+
+
 _SKETCHES: dict[str, Callable[[System], Sketch]] = {
     "pendulum": _pendulum,
     "inclined_axis": lambda s: _hung([0, 0], arm(s.q, parameters_of(s).distance)),
@@ -239,6 +245,7 @@ _SKETCHES: dict[str, Callable[[System], Sketch]] = {
     "guiding_centre": _in_space,
     "central_force": _planet,
     "rosette": _planet,
+    "arenstorf": _satellite,
     "accelerated_pivot": _pendulum,  # as seen in the car
     "lengthening_pendulum": _lengthening,
     "forced_oscillator": _in_a_row(lambda s: [s.q]),

@@ -53,7 +53,7 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
         for block in blocks_of(
             own,
             run.plan.rule,
-            problem._replace(steps=done + count, save_every=each),
+            problem._replace(steps=done + count, save_every=each, u=np.empty((done + count, 1, 0))),
             run.kernel,
             at,
         ):
@@ -169,4 +169,5 @@ def _level_function(moving: System, scene: TransformedScene) -> ca.Function:
         for name, size in zip("qpc", (n + 1, n + 1, moving.c.numel()), strict=True)
     )
     v, t = velocity(q, p, 0, c), ca.DM.zeros(1)
-    return ca.Function("level", [q, p, c], [scene.energy(q[:n], v[:n] / v[n], t, c[:-2])[0]])
+    energy, _ = scene.energy(q[:n], v[:n] / v[n], t, c[:-3], c[-3])
+    return ca.Function("level", [q, p, c], [energy])

@@ -33,7 +33,7 @@ def in_physical_time(system: System, t0: float, inner: Trajectory) -> Trajectory
         t=t0 + inner.q[:, n],
         q=inner.q[:, :n],
         p=inner.p[:, :n],
-        c=inner.c[:-2],
+        c=inner.c[: system.c.numel()],
         functions=partial(step_functions, inner.rule, system),
         events=(),
         fictitious=inner,

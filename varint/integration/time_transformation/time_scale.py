@@ -16,19 +16,22 @@ from typing import Any
 import casadi as ca
 
 from varint.errors import InputError
+from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
 from varint.scene.expressions import in_own_symbols
 from varint.scene.parameters import Parameters
-from varint.scene.system import System, coordinates
+from varint.scene.system import System, coordinates, per_system
 
 # names that no scene of a user's has; σ0 t' changes no motion, but round-off in t' − σ has a
 # momentum to compare with
-TIME, ENERGY, START = "physical time", "initial energy", "initial time scale"
+TIME, SLOWEST = "physical time", SLOWEST_RATE.name()
+ENERGY, START = "initial energy", "initial time scale"
+AUTO = "auto"  # the time scale that the scene itself has
 MOST_SCALES = 32  # rescaled scenes remembered for one system
 
 
 @dataclass(frozen=True, eq=False)
 class TransformedScene:
-    """A scene in fictitious time: coordinates (q, t), parameters (c, E0, σ0).
+    """A scene in fictitious time: coordinates (q, t), parameters (c, slowest rate, E0, σ0).
 
     Attributes
     ----------
@@ -36,7 +39,7 @@ class TransformedScene:
     translate : callable
         Expression of q, v, t, c of the original scene → the same in symbols of the rescaled one.
     energy : Function
-        (q, p, t, c) → energy E0, velocities, and σ.
+        (q, v, t, c, slowest rate) → energy E0, and σ.
     """
 
     system: System
@@ -91,10 +94,29 @@ def close_encounters(distances: Any, power: float = 1.5) -> ca.SX:
     return ca.sum1(ca.densify(r) ** -2.0) ** (-power / 2) if r.numel() > 1 else r**power
 
 
-def transformed_scene(system: System, sigma: Any) -> TransformedScene:
-    """The scene with the time scale σ(q); scenes already seen are remembered, by the expression
-    and by its meaning.
+def natural_time_scale(system: System) -> ca.SX:
+    """σ(q) = (ω(q)² + ω₀²)^(−1/2), the inverse of the scene's local rate; ω₀ is `SLOWEST_RATE`.
+
+    Raises
+    ------
+    InputError
+        If the scene has no such rate.
     """
+    rate = local_rate(system)
+    if rate.square is None:
+        raise InputError(
+            f"time_scale='auto' takes the rate of the scene from ∂a/∂q as a function of q, but "
+            f"{rate.reason}; give a time scale of your own, or leave it out and choose a smaller h"
+        )
+    return 1 / ca.sqrt(rate.square + SLOWEST_RATE**2)
+
+
+def transformed_scene(system: System, sigma: Any) -> TransformedScene:
+    """The scene with the time scale σ(q), or its own where that is "auto"; scenes already seen are
+    remembered, by the expression and by its meaning.
+    """
+    if isinstance(sigma, str):
+        return _natural(system, sigma)
     known = system.__dict__.setdefault("_rescaled", {})
     seen = known.get(id(sigma))
     if seen and seen[0] is sigma:
@@ -104,6 +126,14 @@ def transformed_scene(system: System, sigma: Any) -> TransformedScene:
         known.clear()
     known[id(sigma)] = sigma, scene
     return scene
+
+
+@per_system
+def _natural(system: System, word: str) -> TransformedScene:
+    if word != AUTO:
+        raise InputError(f"time_scale must be an SX expression of q or {AUTO!r}, got {word!r}")
+    _require_energy(system)
+    return _built(system, natural_time_scale(system))
 
 
 def _by_meaning(system: System, sigma: ca.SX) -> TransformedScene:
@@ -116,7 +146,7 @@ def _by_meaning(system: System, sigma: ca.SX) -> TransformedScene:
     return known[key]
 
 
-def _check_scale(system: System, sigma: Any) -> ca.SX:
+def _require_energy(system: System) -> None:
     s = system.structure
     reasons = {
         "the scene depends on time explicitly": not s.autonomous,
@@ -130,6 +160,10 @@ def _check_scale(system: System, sigma: Any) -> ca.SX:
                 f"time_scale needs the energy of the start all along, but {reason}; leave "
                 "time_scale out and choose a smaller h"
             )
+
+
+def _check_scale(system: System, sigma: Any) -> ca.SX:
+    _require_energy(system)
     sigma = in_own_symbols(sigma, system, "time_scale")
     if sigma.numel() != 1:
         raise InputError(
@@ -145,12 +179,12 @@ def _check_scale(system: System, sigma: Any) -> ca.SX:
 
 
 def _built(system: System, sigma: ca.SX) -> TransformedScene:
-    params = Parameters(**system.defaults, **{ENERGY: 0.0, START: 1.0})
+    params = Parameters(**system.defaults, **{SLOWEST: 0.0, ENERGY: 0.0, START: 1.0})
     q, v = coordinates(*system.names, TIME)
     n = system.q.numel()
-    symbols = [system.q, system.c]
+    symbols = [system.q, system.c, SLOWEST_RATE]
     constants = (ca.vec(getattr(params, name)) for name in system.defaults)
-    own = [q[:n], ca.vertcat(ca.SX(0, 1), *constants)]
+    own = [q[:n], ca.vertcat(ca.SX(0, 1), *constants), getattr(params, SLOWEST)]
     (scale,) = ca.substitute([sigma], symbols, own)
     before, after = [*symbols, system.v, system.t], [*own, v[:n] / scale, q[n]]
 
@@ -164,7 +198,6 @@ def _built(system: System, sigma: ca.SX) -> TransformedScene:
     new = System(
         q, v, lagrangian, constraint=translate(system.constraint), nonholonomic=rows, params=params
     )
-    energy = ca.Function(
-        "start_energy", [system.q, system.v, system.t, system.c], [system.energy, sigma]
-    )
+    inputs = [system.q, system.v, system.t, system.c, SLOWEST_RATE]
+    energy = ca.Function("start_energy", inputs, [system.energy, sigma])
     return TransformedScene(new, translate, energy)

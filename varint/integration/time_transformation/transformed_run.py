@@ -6,30 +6,35 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import casadi as ca
-import numpy as np
 
-from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError, InputError
 from varint.integration.energy_check import energy_jump
-from varint.integration.events.crossings import parse_watch, parse_watches
-from varint.integration.plan import plan
+from varint.integration.events.crossings import Watch, parse_watch, parse_watches
+from varint.integration.fixed_steps import simulate_steps
+from varint.integration.plan import Plan, plan
 from varint.integration.problem import (
+    WHOLE,
     InitialValueProblem,
     RunOptions,
     Start,
     initial_value_problem,
 )
-from varint.integration.run import (
-    collect,
-    start_run,
+from varint.integration.run import collect, start_run
+from varint.integration.time_transformation.fictitious_start import (
+    in_fictitious_time,
+    rate_at,
+    slowest_rate,
+    start_velocity,
 )
+from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_end import (
     blocks_until,
     end_at_duration,
@@ -39,9 +44,12 @@ from varint.integration.time_transformation.physical_time import (
     in_physical_time,
     physical_events,
 )
-from varint.integration.time_transformation.time_scale import TransformedScene, transformed_scene
-from varint.numerics.arrays import call
-from varint.numerics.limits import MOST_STEPS, check_steps
+from varint.integration.time_transformation.rate_pilot import RatePilot, rate_pilot
+from varint.integration.time_transformation.time_scale import (
+    AUTO,
+    TransformedScene,
+    transformed_scene,
+)
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
@@ -53,9 +61,7 @@ def simulate_transformed(
     system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
 ) -> Trajectory:
     """`simulate` with a time scale: h is the step of τ, dt = σ(q) dτ; nodes at physical times."""
-    began = perf_counter()
-    h, steps, duration, events = options.h, options.steps, options.duration, options.events
-    scene = transformed_scene(system, sigma)
+    h, steps, duration = options.h, options.steps, options.duration
     if h is None or (steps is None) == (duration is None):
         raise InputError(
             "with time_scale give h, the step of the fictitious time, and either steps or duration"
@@ -63,48 +69,71 @@ def simulate_transformed(
     total = None if duration is None else number("duration", duration)
     if total is not None and not total * number("h", h) > 0:
         raise InputError(f"h={h} and duration={duration} must have the same sign and not be zero")
+    if isinstance(sigma, str):
+        transformed_scene(system, sigma)
+        if reason := local_rate(system).reason:
+            return _equal_steps(system, rule, reason, start, options)
+    prepared = prepare(system, rule, sigma, start, options)
+    motion = run_prepared(prepared, prepared.problem)
+    assert motion.fictitious is not None
+    if jump := energy_jump(motion.fictitious):
+        warnings.warn(jump.alarm(prepared.problem.h), stacklevel=3)
+    return motion
+
+
+class Prepared(NamedTuple):
+    """A run in fictitious time, ready to go: the scene, its problem with the clock at zero, and
+    what is looked for on the way.
+    """
+
+    system: System
+    scene: TransformedScene
+    chosen: Plan
+    problem: InitialValueProblem
+    t0: float
+    total: float | None
+    stop: Watch | None
+    watches: Sequence[Watch]
+    options: RunOptions
+    pilot: RatePilot | None
+
+
+def prepare(
+    system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
+) -> Prepared:
+    """Checked and completed input of a run with steps h and a duration, or a number of steps."""
+    scene = transformed_scene(system, sigma)
     chosen = plan(scene.system, rule)
+    total = None if options.duration is None else float(options.duration)
+    count = 1 if options.steps is None else options.steps
     problem = initial_value_problem(
-        system,
-        chosen.rule,
-        start,
-        options._replace(steps=1 if steps is None else steps, duration=None),
+        system, chosen.rule, start, options._replace(steps=count, duration=None)
     )
-    energy, start_scale = _start(system, scene, problem, start.v0)
-    check_steps(problem.t0, problem.h * start_scale, problem.steps)
     inside = partial(_inside, system, scene, problem.t0)
-    until = options.until
+    until, events = options.until, options.events
     stop = None if until is None else parse_watch("until", inside(until, "until"))
     if isinstance(events, Mapping):
         events = {name: inside(wanted, name) for name, wanted in events.items()}
     watches = parse_watches(events)
-    pace = 0.0 if total is None else total / float(problem.h * start_scale)
-    if pace > MOST_STEPS:
-        raise InputError(
-            f"duration={total:g} takes {pace:.3g} steps of h={h}, more than any run can; take "
-            "larger ones"
-        )
-    count = problem.steps if total is None else max(1, math.ceil(pace))
-    run = start_run(
-        scene.system,
-        chosen,
-        problem._replace(
-            q0=np.append(problem.q0, 0.0),
-            p0=np.append(problem.p0, start_scale),
-            t0=0.0,
-            steps=count,
-            u=np.empty((count, 1, 0)),
-            c=np.append(problem.c, (energy, start_scale)),
-        ),
-        began,
-        backend=options.backend,
-    )
+    rate, pilot = 0.0, None
+    if isinstance(sigma, str):
+        v = start_velocity(system, problem, start.v0)
+        pilot = rate_pilot(system, problem.q0, v, problem.c, total, problem.h < 0)
+        rate = slowest_rate(pilot, total)
+    inner = in_fictitious_time(system, scene, problem, start.v0, rate, total)
+    return Prepared(system, scene, chosen, inner, problem.t0, total, stop, watches, options, pilot)
+
+
+def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory:
+    """The run with the step, the number of steps and the level of iterations of `problem`."""
+    system, scene, chosen, _, t0, total, stop, watches, options, _ = prepared
+    run = start_run(scene.system, chosen, problem, perf_counter(), backend=options.backend)
     if total is not None:
         run = run._replace(blocks=blocks_until(scene, run, total))
     try:
         inner = collect(run, stop=stop, watches=watches, progress=options.progress)
     except ConvergenceError as error:
-        motion = in_physical_time(system, problem.t0, error.trajectory)
+        motion = in_physical_time(system, t0, error.trajectory)
         raise ConvergenceError(
             f"in fictitious time (dt = σ dτ): {error}; it is physical time t = {motion.t[-1]:g}",
             step=error.step,
@@ -115,29 +144,34 @@ def simulate_transformed(
     require_level(scene, run, inner)
     if total is not None and abs(inner.q[-1, -1]) >= abs(total):
         inner = end_at_duration(run, inner, total)
-    motion = in_physical_time(system, problem.t0, inner)
-    if jump := energy_jump(inner):
-        warnings.warn(jump.alarm(problem.h), stacklevel=3)
-    return (
-        replace(motion, events=physical_events(system, problem.t0, inner))
-        if inner.events
-        else motion
-    )
+    motion = in_physical_time(system, t0, inner)
+    if not inner.events:
+        return motion
+    return replace(motion, events=physical_events(system, t0, inner))
 
 
-def _start(
-    system: System, scene: TransformedScene, problem: InitialValueProblem, v0: Any
-) -> tuple[float, float]:
-    """Energy and σ at the start."""
-    t = np.array([problem.t0])
-    if v0 is None:
-        (velocity,) = call(velocity_function(system), problem.q0, problem.p0, t, problem.c)
+def _equal_steps(
+    system: System, rule: Rule | None, reason: str, start: Start, options: RunOptions
+) -> Trajectory:
+    """The run of a scene whose own time scale is the same everywhere: equal steps dt = h/ω, or a
+    little less where they end with the duration.
+    """
+    rate = rate_at(system, transformed_scene(system, AUTO), start)
+    if not rate > 0:
+        raise InputError(
+            "time_scale='auto' takes steps of h over the rate of the forces' change, which is "
+            f"{rate:g} here: nothing pulls or turns; leave time_scale out"
+        )
+    step = number("h", options.h) / rate
+    if options.steps is None:
+        count = max(1, math.ceil(abs(number("duration", options.duration) / step) * (1 - WHOLE)))
+        grid = options._replace(h=None, steps=count)
     else:
-        velocity = np.array(v0, dtype=float).ravel()
-    (energy,), (scale,) = call(scene.energy, problem.q0, velocity, t, problem.c)
-    if not (math.isfinite(scale) and scale > 0):
-        raise InputError(f"time_scale must be positive, but it is {scale:g} at the start")
-    return energy, scale
+        grid = options._replace(h=step)
+    motion = simulate_steps(system, rule, start, grid)
+    chosen = motion.stats["plan"]
+    skipped = replace(chosen, skipped=(*chosen.skipped, f"time scale: {reason}"))
+    return replace(motion, stats=MappingProxyType({**motion.stats, "plan": skipped}))
 
 
 def _inside(system: System, scene: TransformedScene, t0: float, wanted: Any, what: str) -> Any:

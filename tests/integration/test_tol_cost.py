@@ -1,0 +1,131 @@
+"""What `tol` costs, and that it follows the scene: two runs where the energy tells their errors."""
+
+import json
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.integration import tolerance
+from varint.integration.error_scale import error_scales
+
+PLEIADES = json.loads((Path(__file__).parents[1] / "reference" / "f.json").read_text())
+
+
+def run(model, tol, **more):
+    start = dict(q0=model.q0, v0=model.v0, duration=model.duration, backend="interpreted")
+    return vi.simulate(model.system, tol=tol, **start | more)
+
+
+def error(motion, q):
+    return float((np.abs(motion.q - q) / error_scales(motion.system, motion)).max())
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("e", [0.9, 0.99])
+def test_steps_follow_an_orbit_from_both_ends_and_the_promise_holds(e, tol):
+    model = vi.models.kepler(e=e)
+    near = run(model, tol, duration=6 * np.pi)
+    assert error(near, model.exact(near.t)[0]) <= tol
+    far = dict(q0=[-(1 + e), 0.0], v0=[0.0, -np.sqrt((1 - e) / (1 + e))])
+    distant = run(model, tol, duration=6 * np.pi, **far)
+    assert error(distant, model.exact(distant.t + np.pi)[0]) <= tol
+    for motion in (near, distant):
+        assert motion.stats["error_estimate"] <= tol
+        assert motion.t[-1] == pytest.approx(6 * np.pi, rel=1e-15)
+        assert motion.fictitious is not None and len(motion) <= 3 * 40
+
+
+@pytest.mark.parametrize("tol", [1e-6, 1e-9])
+def test_a_satellite_of_earth_and_moon_is_back_within_tol_after_a_hundred_steps(tol):
+    model = vi.models.arenstorf()
+    motion = run(model, tol)
+    scales = error_scales(model.system, motion)
+    assert (np.abs(motion.q[-1] - model.q0) / scales).max() <= tol
+    assert motion.fictitious is not None and len(motion) < 130
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tol", [1e-3, 1e-6, 1e-9])
+def test_seven_stars_are_where_the_published_solution_has_them_within_tol(tol):
+    model = vi.models.pleiades()
+    motion = run(model, tol, backend="compiled")
+    true = np.array(PLEIADES["F01_pleiades"]["reference"]["state"][0])
+    assert (np.abs(motion.q[-1] - true) / error_scales(model.system, motion)).max() <= tol
+    assert len(motion) < 100
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tol", [1e-6, 1e-9])
+def test_three_bodies_from_rest_are_followed_through_their_encounters(tol):
+    model = vi.models.pythagorean_three_body()
+    motion = run(model, tol, backend="compiled")
+    start = dict(q0=model.q0, v0=model.v0, duration=10.0, h=0.2, time_scale="auto")
+    tight = vi.simulate(model.system, vi.gauss(10), **start)
+    assert error(motion, tight.at(motion.t).q) <= tol
+
+
+@pytest.mark.parametrize(
+    ("name", "duration", "tol"),
+    [
+        ("kepler", 100 * np.pi, 1e-6),
+        ("kepler", 100 * np.pi, 1e-9),
+        ("henon_heiles", 500.0, 1e-9),
+        ("pendulum", 200.0, 1e-9),
+    ],
+)
+def test_all_runs_together_take_at_most_three_quarters_more_steps_than_the_last(
+    monkeypatch, name, duration, tol
+):
+    counted, start = [], tolerance.start_run
+
+    def counting(system, chosen, problem, *rest, **more):
+        counted.append(problem.steps)
+        return start(system, chosen, problem, *rest, **more)
+
+    monkeypatch.setattr(tolerance, "start_run", counting)
+    model = vi.models.catalogue[name]()
+    motion = run(model, tol, duration=duration)
+    assert sum(counted) <= 1.75 * motion.k[-1]
+    if model.exact:
+        assert error(motion, model.exact(motion.t)[0]) <= tol
+
+
+def test_crossings_saved_nodes_and_other_times_are_as_with_equal_steps():
+    model = vi.models.kepler(e=0.9)
+    y = model.system.q[1]
+    motion = run(model, 1e-9, duration=20.0, until=(y, -1))
+    assert motion.fictitious is not None
+    assert motion.t[-1] == pytest.approx(np.pi, abs=1e-8)
+    motion = run(model, 1e-9, duration=20.0, events={"apse": (y, -1)}, save_every=5)
+    times = [event.time for event in motion.events]
+    assert times == pytest.approx([np.pi, 3 * np.pi, 5 * np.pi], abs=1e-8)
+    every = run(model, 1e-9, duration=20.0)
+    assert len(motion) < len(every) / 4 and motion.t[-1] == 20.0
+    grid = np.linspace(0, 20, 77)
+    assert np.abs(every.at(grid).q - model.exact(grid)[0]).max() < 1e-7
+    assert motion.stats["error_estimate"] == every.stats["error_estimate"]
+
+
+def test_what_needs_equal_steps_gets_them(tmp_path):
+    model = vi.models.kepler(e=0.8)
+    kept = run(model, 1e-6, duration=6.0, checkpoint=tmp_path / "run", backend="compiled")
+    explicit = run(model, 1e-6, duration=6.0, rule=vi.composition("kahan-li8"))
+    for motion in (kept, explicit):
+        assert motion.fictitious is None
+        assert error(motion, model.exact(motion.t)[0]) <= 1e-6
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-4])
+def test_a_potential_with_a_kink_is_met_by_the_shrinkage_that_shows(tol):
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - ca.fabs(q))
+    motion = vi.simulate(system, q0=0.5, v0=0.0, duration=6.0, tol=tol)
+    quarter = 1.0  # of the period: ½ t² = ½
+    t = (motion.t % 4) / quarter
+    fall = np.where(t <= 1, 0.5 - t**2 / 2, np.where(t <= 3, (t - 2) ** 2 / 2 - 0.5, 0))
+    true = np.where(t > 3, 0.5 - (4 - t) ** 2 / 2, fall)
+    assert np.abs(motion.q[:, 0] - true).max() <= tol
+    assert motion.stats["error_estimate"] <= tol

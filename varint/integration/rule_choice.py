@@ -1,0 +1,76 @@
+"""Which rule, and about how many steps, for a wanted error: by small oscillations and operations.
+
+The choice is by the number of operations, never by the clock: the same input gives the same digits.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from varint.integration.cost import interpreted_seconds
+from varint.integration.plan import default_rule
+from varint.integration.problem import LEVEL
+from varint.rules.rule import Rule, composition, gauss, lobatto
+from varint.scene.system import System
+
+RADIANS = 3.0  # of the fastest motion in a step where the trials begin
+SECULAR = 2.0  # divided by the square of the number of steps: what iterations leave adds up
+ANHARMONIC = 1.5  # more steps than a small oscillation takes
+ROUGH = 0.01  # error of a run that says something
+
+
+def candidates(system: System, compiled: bool) -> dict[Rule, float]:
+    """Rules worth a try, with the work of a step: evaluations of a compiled one, seconds of an
+    interpreted one.
+    """
+    s = system.structure
+    if s.nonholonomic or s.degenerate or s.contacts:
+        return {default_rule(system): 1.0}
+    if s.constraints:
+        return {lobatto(k): (k - 1) ** 1.5 for k in (3, 5, 7)}
+    # stages run side by side in vector registers
+    rules = {gauss(k): 5.0 * k / min(k, 4) for k in (2, 4, 6, 8)}
+    if s.explicit:
+        explicit = (composition("blanes-moan4"), composition("kahan-li8"))
+        rules |= {r: float(len(r.kicks)) for r in explicit}
+    return rules if compiled else {rule: interpreted_seconds(system, rule) for rule in rules}
+
+
+def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
+    """The rule of least work for a small oscillation over so many radians."""
+
+    def cost(rule: Rule) -> float:
+        growth = max(radians, 1.0) * phase_error(rule) / tol
+        return rules[rule] * max(growth ** (1 / rule.order), 1 / RADIANS)
+
+    return min(rules, key=cost)
+
+
+def phase_error(rule: Rule) -> float:
+    """Error of the phase ωt of an oscillator, divided by ωt (ωh)^order, as h → 0."""
+    if rule.points:
+        s = rule.order // 2
+        return math.factorial(s) ** 2 / (math.factorial(2 * s) * math.factorial(2 * s + 1))
+    x, step = 0.25, np.eye(2)
+    for i, kick in enumerate(rule.kicks):
+        if i:
+            step = np.array([[1.0, rule.drifts[i - 1] * x], [0.0, 1.0]]) @ step
+        step = np.array([[1.0, 0.0], [-kick * x, 1.0]]) @ step
+    return max(abs(math.acos(np.clip(np.trace(step) / 2, -1, 1)) - x), 1e-16) / x ** (
+        rule.order + 1
+    )
+
+
+def iteration_level(tol: float, steps: int) -> float:
+    """Where compiled iterations may stop, so that what they leave adds up to less than tol."""
+    return tol * min(LEVEL, SECULAR / steps**2)
+
+
+def steps_for(rule: Rule, radians: float, tol: float) -> int:
+    """Steps of a coarse run to begin with: those of a small oscillation, and half as many more."""
+    rough = min(ROUGH, tol * 2.0**rule.order)
+    turned = max(radians, 1.0)
+    each = (turned * phase_error(rule) / rough) ** (1 / rule.order)
+    return math.ceil(ANHARMONIC * turned * max(each, 1 / RADIANS))

@@ -1,0 +1,281 @@
+"""How fast a scene moves where it is: the rate ω(q) behind ``time_scale="auto"``.
+
+Small motions about a point of the way obey δa = A δq + B δv with A = ∂a/∂q and B = ∂a/∂v; where A
+depends on q alone its size says how short steps must be. The measure tr(A²) of A = −M⁻¹ ∂²V/∂q² is
+the sum of the fourth powers of the local frequencies, the same in all linear coordinates, so it has
+every linear symmetry of the scene: its square root is the Frobenius norm of A where the masses are
+one. A potential is a sum: its terms are taken one by one where each is a function of one linear or
+quadratic form (a distance), which costs a few operations a term, and terms that cancel in A do not
+then hide how fast each of them varies. Elsewhere it is the whole matrix. The terms' ω² add up: the
+fastest sets the pace, and the smoothest way to let it is the most accurate (seven bodies in 84
+steps: 7e-12 by the sum of ω², 7e-8 by that of ω⁴).
+
+Where V'' of a function of a linear form passes through zero, its force does not stop to change: the
+product of V' and the third derivative has the unit of V''² and stands beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from math import isfinite
+from operator import or_
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.legendre import mass_solve
+from varint.errors import VarintError
+from varint.numerics.operations import Operations, Output, expressions_of, operations_of
+from varint.scene.system import System, per_system
+
+# in expressions of the rate: a small one, a parameter of each run
+SLOWEST_RATE = ca.SX.sym("slowest rate")
+FLAT = 0.25  # of the slowest rate: what a term counts at least
+PLACES = 5  # at which an identity is tried
+SAME = 1e-9  # relative: an identity holds
+DENOMINATOR = 24  # denominator of powers that are written without their round-off
+
+
+@dataclass(frozen=True, eq=False)
+class LocalRate:
+    """ω² as an expression of q and the parameters, or why there is none.
+
+    Attributes
+    ----------
+    square : SX or None
+        Of q and c, and of `SLOWEST_RATE` where a root could be one of zero.
+    reason : str
+        Empty where there is a rate that varies.
+    """
+
+    square: ca.SX | None
+    reason: str = ""
+
+
+@per_system
+def local_rate(system: System) -> LocalRate:
+    """ω(q)² = Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½ − ½ tr B² over the terms V_k of the potential."""
+    s = system.structure
+    if s.constraints or s.nonholonomic:
+        return LocalRate(None, "constraints take part in ∂a/∂q")
+    if not s.constant_mass:
+        return LocalRate(None, "the mass matrix is not constant, so ∂a/∂q depends on velocities")
+    turn = ca.jacobian(system.momentum, system.q)
+    if ca.depends_on(turn, ca.vertcat(system.q, system.v)):
+        return LocalRate(None, "∂a/∂q depends on velocities (a magnetic field that varies)")
+    inverse = mass_solve(system.mass_matrix, ca.SX.eye(s.n))
+    spin = inverse @ (turn - turn.T)
+    gyration = -ca.trace(spin @ spin) / 2
+    potential = ca.substitute(system.lagrangian, system.v, ca.SX.zeros(s.n))
+    total = _of_potential(system, potential, inverse) + gyration
+    if not ca.depends_on(total, system.q):
+        return LocalRate(total, "∂a/∂q is constant: variable steps would change nothing")
+    return LocalRate(total)
+
+
+@dataclass(frozen=True, eq=False)
+class _Graph:
+    """A potential as operations: their expressions, and a bit for each coordinate that they use."""
+
+    system: System
+    nodes: list[tuple]
+    expressions: list[ca.SX]
+    used: list[int]
+
+
+def _of_potential(system: System, potential: ca.SX, inverse: ca.SX) -> ca.SX:
+    """Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½, or of the whole where a term is no function of one form."""
+    found = ca.SX(0)
+    try:
+        operations = operations_of(ca.Function("V", [system.q, system.c], [ca.densify(potential)]))
+    except VarintError:
+        return _whole(system, potential, inverse)
+    nodes = operations.nodes
+    each = [Output((1, 1), [0], [i]) for i in range(len(nodes))]
+    expressions = expressions_of(Operations(nodes, each), [system.q, system.c])
+    graph = _Graph(system, nodes, expressions, _coordinates(nodes))
+    for factor, root in _terms(graph, operations.outputs[0].nodes[0]):
+        part = _of_term(graph, root, inverse, factor)
+        if part is None:
+            return _whole(system, potential, inverse)
+        found += part
+    return found
+
+
+def _whole(system: System, potential: ca.SX, inverse: ca.SX) -> ca.SX:
+    a = inverse @ ca.hessian(potential, system.q)[0]
+    return _root(ca.sum1(ca.vec(a * a.T)), system)
+
+
+def _root(fourth: ca.SX, system: System, power: int = 2) -> ca.SX:
+    """ω² from ω⁴, or from ω⁸ with the power 4; with slopes where it is zero."""
+    if not ca.depends_on(fourth, system.q):
+        return fourth ** (1 / power)
+    least = (FLAT * SLOWEST_RATE) ** (2 * power)
+    found = ca.sqrt(fourth + least)
+    return found if power == 2 else ca.sqrt(found)
+
+
+def _coordinates(nodes: list[tuple]) -> list[int]:
+    """A bit for each coordinate that a node depends on."""
+    found: list[int] = []
+    for name, *operands in nodes:
+        if name == "input":
+            found.append(1 << operands[1] if operands[0] == 0 else 0)
+        else:
+            found.append(0 if name == "const" else reduce(or_, (found[i] for i in operands)))
+    return found
+
+
+def _terms(graph: _Graph, root: int) -> list[tuple[ca.SX, int]]:
+    """Terms that add up to a node, each with a factor free of q; no sign matters."""
+    found, open_nodes, moving = [], [(ca.SX(1), root)], graph.used
+    while open_nodes:
+        factor, i = open_nodes.pop()
+        if not moving[i]:
+            continue
+        name, *operands = graph.nodes[i]
+        if name in ("add", "sub"):
+            a, b = operands
+            open_nodes += [(factor, a), (factor, b)]
+        elif name in ("neg", "assign"):
+            open_nodes.append((factor, operands[0]))
+        elif name == "twice":
+            open_nodes.append((2 * factor, operands[0]))
+        elif name == "mul" and not all(moving[j] for j in operands):
+            a, b = sorted(operands, key=lambda j: bool(moving[j]))
+            open_nodes.append((factor * graph.expressions[a], b))
+        elif name == "div" and not moving[operands[1]]:
+            open_nodes.append((factor / graph.expressions[operands[1]], operands[0]))
+        else:
+            found.append((factor, i))
+    return found[::-1]
+
+
+def _forms(graph: _Graph, root: int) -> list[int]:
+    """Nodes through which all of q enters a term, the innermost first."""
+    found: list[int] = []
+    front = {root}
+    while front:
+        if len(front) == 1:
+            found += front
+        i = max(front)
+        front.remove(i)
+        name, *operands = graph.nodes[i]
+        if name == "input":
+            break
+        front |= {j for j in operands if graph.used[j]}
+    return found[::-1]
+
+
+def _in_form(graph: _Graph, root: int, form: int, s: ca.SX) -> ca.SX:
+    """A term with a symbol in place of the form through which q enters."""
+    known: dict[int, ca.SX] = {form: s}
+    inside = {root}
+    open_nodes = [root]
+    while open_nodes:
+        for j in graph.nodes[open_nodes.pop()][1:]:
+            if j == form or j in inside:
+                continue
+            if not graph.used[j]:
+                known[j] = graph.expressions[j]
+                continue
+            inside.add(j)
+            open_nodes.append(j)
+    if root == form:
+        return s
+    order = [*known, *sorted(inside)]
+    place = {j: k for k, j in enumerate(order)}
+    nodes: list[tuple] = [("input", 0, k) for k in range(len(known))]
+    for j in sorted(inside):
+        name, *operands = graph.nodes[j]
+        nodes.append((name, *(place[i] for i in operands)))
+    whole = Operations(nodes, [Output((1, 1), [0], [place[root]])])
+    return expressions_of(whole, [ca.vertcat(*known.values())])[0]
+
+
+def _of_term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> ca.SX | None:
+    """tr((M⁻¹ ∂²V/∂q²)²)^½ of V(s) with a linear or quadratic form s; None where there is none."""
+    system = graph.system
+    for i in _forms(graph, root):
+        form = graph.expressions[i]
+        used = [j for j in range(system.q.numel()) if graph.used[i] >> j & 1]
+        q = system.q[used]
+        curvature, slope = ca.hessian(form, q)
+        if not ca.depends_on(curvature, q):
+            break
+    else:
+        return None
+    s, inverse = ca.SX.sym("s"), inverse[used, used]
+    value = factor * _in_form(graph, root, i, s)
+    first = ca.gradient(value, s)
+    second = ca.gradient(first, s)
+    speed = ca.dot(slope, inverse @ slope)
+    a = inverse @ curvature
+    size, trace = ca.sum1(ca.vec(a * a.T)), ca.trace(a)
+    if curvature.is_zero():
+        beside = first * ca.gradient(second, s)
+        if beside.is_zero():
+            return ca.fabs(ca.substitute(second, s, form) * speed)
+        eighth = ca.substitute(second**4 + beside**2, s, form) * speed**4
+        return _root(eighth, system, 4)
+    share = size / trace
+    if not _vanishes(system, q, [speed, -2 * share * form]):
+        gap = ca.dot(slope, a @ inverse @ slope)
+        one, two = (ca.substitute(x, s, form) for x in (first, second))
+        return _root(one**2 * size + 2 * one * two * gap + (two * speed) ** 2, system)
+    # s = ½ (q − c)ᵀS(q − c) with S M⁻¹ S = share · S, as of every distance
+    rank = _rank(system, trace**2 / size)
+    power = _power(system, value, first, second, s)
+    if power is not None:
+        bracket = (2 * power - 1) ** 2 + rank - 1
+        size = abs(power) * bracket**0.5 * ca.fabs(share * factor)
+        return size * ca.fabs(graph.expressions[root] / form)  # of one sign
+    inner = (first + 2 * s * second) ** 2 + (rank - 1) * first**2
+    return _root(share**2 * ca.substitute(inner, s, form), system)
+
+
+def _parameters(system: System, rng: np.random.Generator) -> np.ndarray:
+    """Values near the defaults: what holds for these by chance alone does not count."""
+    c = np.asarray(system.default_vector)
+    return np.where(c == 0, 1.0, c) * rng.uniform(0.8, 1.25, c.shape)
+
+
+def _rank(system: System, rank: ca.SX) -> int:
+    f, rng = ca.Function("rank", [system.c], [rank]), np.random.default_rng(2)
+    return round(float(f(_parameters(system, rng))))
+
+
+def _power(system: System, value: ca.SX, first: ca.SX, second: ca.SX, s: ca.SX) -> float | None:
+    """p where V = A sᵖ; None where it is no power."""
+    # the factor of the term drops out
+    f = ca.Function("ratio", [s, system.c], [1 + s * second / first, s * first / value])
+    rng = np.random.default_rng(3)
+    found = np.array(
+        [[float(x) for x in f(y, _parameters(system, rng))] for y in rng.uniform(0.5, 2, PLACES)]
+    )
+    power = found[0, 0]
+    if not (np.isfinite(found).all() and (np.abs(found - power) <= SAME * abs(power)).all()):
+        return None
+    return (
+        round(DENOMINATOR * power) / DENOMINATOR
+        if _whole_number(DENOMINATOR * power)
+        else float(power)
+    )
+
+
+def _whole_number(x: float) -> bool:
+    return abs(x - round(x)) <= SAME * max(abs(x), 1.0)
+
+
+def _vanishes(system: System, used: ca.SX, parts: list[ca.SX]) -> bool:
+    """Whether expressions of some q and c add up to nothing wherever they are looked at."""
+    f = ca.Function("parts", [used, system.c], [ca.densify(x) for x in parts])
+    rng = np.random.default_rng(4)
+    for _ in range(PLACES):
+        q = rng.normal(size=used.numel())
+        found = [float(x) for x in f.call([q, _parameters(system, rng)])]
+        if all(map(isfinite, found)) and abs(sum(found)) > SAME * max(map(abs, found)):
+            return False
+    return True

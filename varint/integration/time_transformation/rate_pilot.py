@@ -1,0 +1,128 @@
+"""How the local rate of a scene varies along its motion: a rough look ahead by explicit steps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.legendre import mass_solve
+from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
+from varint.numerics.arrays import call
+from varint.scene.system import System, per_system
+
+STEPS = 80
+ANGLE = 0.4  # of the local rate in a step: a Runge–Kutta method of order 4 is right to 1e-3
+ASTRAY = 0.05  # of the largest p·v: an energy error where the look ahead ends
+REMEMBERED = 16
+GROWTH = 1.5  # of steps at most, where the rate vanishes
+
+
+class RatePilot(NamedTuple):
+    """Mean of ω over time, and its largest value, as far as was looked: so many time units."""
+
+    mean: float
+    largest: float
+    duration: float
+
+
+def rate_pilot(
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    c: np.ndarray,
+    total: float | None,
+    backwards: bool = False,
+) -> RatePilot | None:
+    """A look at ω along the first steps of the motion, within the duration; None where nothing
+    pulls at the start, or all goes astray at once. The last ones are remembered.
+    """
+    known = _seen(system)
+    key = (q.tobytes(), v.tobytes(), c.tobytes(), total, backwards)
+    if key not in known:
+        if len(known) >= REMEMBERED:
+            known.clear()
+        known[key] = _looked_at(system, q, v, c, total, backwards)
+    return known[key]
+
+
+@per_system
+def _seen(system: System) -> dict[tuple, RatePilot | None]:
+    """Pilots of the last starts: a run chooses its steps and is then made from the same one."""
+    return {}
+
+
+def _looked_at(
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    c: np.ndarray,
+    total: float | None,
+    backwards: bool,
+) -> RatePilot | None:
+    sign = np.array([-1.0 if backwards else 1.0])
+    start = call(_rate_function(system), q, c)[0]
+    if not (np.isfinite(start).all() and start[0] > 0):
+        return None
+    with np.errstate(all="ignore"):
+        passed, rates, energy, size = call(_look_ahead(system), q, v, ANGLE / start, c, sign)
+        astray = np.abs(energy - energy[0]) > ASTRAY * np.maximum.accumulate(np.abs(size))
+    rates = np.concatenate([start, rates])
+    times = np.concatenate([[0.0], np.cumsum(passed)])
+    good = np.isfinite(times) & np.isfinite(rates) & ~np.append(astray, False)
+    if total is not None:
+        good &= np.concatenate([[True], times[:-1] < abs(total)])
+    count = int(np.argmin(good)) if not good.all() else len(good)
+    if count < 2:
+        return None
+    times, rates = times[:count], rates[:count]
+    turned = ((rates[1:] + rates[:-1]) / 2 * np.diff(times)).sum()
+    return RatePilot(turned / times[-1], rates.max(), times[-1])
+
+
+@per_system
+def _rate_function(system: System) -> ca.Function:
+    """(q, c) → ω."""
+    return ca.Function("rate", [system.q, system.c], [_rate(system)], {"cse": True})
+
+
+def _rate(system: System) -> ca.SX:
+    square = local_rate(system).square
+    assert square is not None
+    return ca.sqrt(ca.substitute(square, SLOWEST_RATE, 0.0))
+
+
+@per_system
+def _look_ahead(system: System) -> ca.Function:
+    """(q, v, dt, c, sign) → steps dt, the rates ω after each, energy and p·v before each."""
+    s = system
+    q, v, c = s.q, s.v, s.c
+    dt, sign = ca.SX.sym("dt"), ca.SX.sym("sign")
+    push = ca.gradient(s.lagrangian, q) - ca.jtimes(s.momentum, q, v)
+    slope = ca.Function("slope", [q, v, c], [mass_solve(s.mass_matrix, push)])
+    rate = ca.Function("rate", [q, c], [_rate(s)])
+    h = sign * dt
+    ways = [(v, slope(q, v, c))]  # the classical Runge–Kutta method
+    for part in (0.5, 0.5, 1.0):
+        dq, dv = ways[-1]
+        ways.append((v + part * h * dv, slope(q + part * h * dq, v + part * h * dv, c)))
+    new_q, new_v = (
+        x + h / 6 * (a + 2 * b + 2 * d + e)
+        for x, (a, b, d, e) in zip((q, v), zip(*ways, strict=True), strict=True)
+    )
+    omega = rate(new_q, c)
+    following = ca.fmin(ANGLE / omega, GROWTH * dt)
+    step = ca.Function(
+        "step",
+        [ca.vertcat(q, v, dt), c, sign],
+        [ca.vertcat(new_q, new_v, following), dt, omega, s.energy, ca.dot(s.momentum, v)],
+        {"cse": True},
+    )
+    n = s.structure.n
+    y, c, sign = ca.MX.sym("y", 2 * n + 1), ca.MX.sym("c", c.numel()), ca.MX.sym("sign")
+    walk = step.mapaccum(STEPS)
+    _, *found = walk(y, ca.repmat(c, 1, STEPS), ca.repmat(sign, 1, STEPS))
+    start = [ca.MX.sym(name, size) for name, size in (("q", n), ("v", n), ("dt", 1))]
+    ahead = ca.Function("ahead", [y, c, sign], found)
+    return ca.Function("look_ahead", [*start, c, sign], ahead(ca.vertcat(*start), c, sign))

@@ -1,0 +1,116 @@
+"""Runs to a wanted accuracy with steps that follow the scene, where its time scale varies."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from varint.errors import VarintError
+from varint.integration.error_scale import error_scales
+from varint.integration.problem import InitialValueProblem, RunOptions, Start
+from varint.integration.rule_choice import (
+    candidates,
+    choose_rule,
+    iteration_level,
+    steps_for,
+)
+from varint.integration.time_transformation.fictitious_start import start_velocity
+from varint.integration.time_transformation.local_rate import local_rate
+from varint.integration.time_transformation.rate_pilot import rate_pilot
+from varint.integration.time_transformation.time_scale import AUTO
+from varint.integration.time_transformation.transformed_run import (
+    Prepared,
+    prepare,
+    run_prepared,
+)
+from varint.integration.tolerance import FLOOR, Choice
+from varint.integration.two_runs import Course, run_twice, shows_its_error
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+# largest rate over the mean one: equal steps would be as many times as many, less what a step of
+# the rescaled scene costs more
+WORTH = 8.0
+MOST_COORDINATES = 40  # beyond, finding the rate takes seconds
+
+
+def choose_varying_steps(
+    system: System,
+    rule: Rule | None,
+    problem: InitialValueProblem,
+    start: Start,
+    options: RunOptions,
+    tol: float,
+) -> Choice | None:
+    """The run with steps that follow the local rate of the scene; None where that is not worth it
+    or not possible, or where its error cannot be shown to be below tol.
+    """
+    if not _possible(system, rule, options) or problem.steps > 1:
+        return None
+    total, v = problem.h, start_velocity(system, problem, start.v0)
+    pilot = rate_pilot(system, problem.q0, v, problem.c, total, total < 0)
+    if pilot is None or pilot.largest < WORTH * pilot.mean:
+        return None
+    span = pilot.mean * total
+    asked = options._replace(h=span, tol=None, scale=None, save_every=1, progress=False)
+    asked = asked._replace(steps=None, events=None)
+    own = rule
+    if own is None:
+        stages = {r: work for r, work in candidates(system, True).items() if r.points}
+        own = choose_rule(stages, abs(span), tol)
+    with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
+        warnings.simplefilter("ignore")
+        prepared = prepare(system, own, AUTO, start, asked)
+        course = _course(prepared, span, options.scale, prepared.stop is not None)
+        found = run_twice(own, course, steps_for(own, abs(span), tol), tol, FLOOR)
+    return found and Choice(own, found.steps, found.motion, found.estimate, found.runs, True)
+
+
+def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
+    """Whether the scene has a rate that varies, and nothing is asked that needs equal steps."""
+    s = system.structure
+    return (
+        (rule is None or bool(rule.points))
+        and options.checkpoint is None
+        and options.on_failure == "raise"
+        and s.n <= MOST_COORDINATES
+        and s.constant_mass
+        and not (s.controls or s.constraints or s.linear)
+        and shows_its_error(system)
+        and not local_rate(system).reason
+    )
+
+
+def _course(prepared: Prepared, span: float, scale: Any, ends_early: bool) -> Course:
+    system = prepared.system
+
+    def trial(steps: int, wanted: float, part: int) -> Trajectory | None:
+        problem = prepared.problem._replace(
+            h=span / steps, level=iteration_level(wanted, steps), steps=max(steps // part, 1)
+        )
+        ready = prepared
+        if part > 1:
+            assert prepared.total is not None
+            ready = prepared._replace(total=prepared.total / part)
+        try:
+            return run_prepared(ready, problem)
+        except VarintError:  # steps too large for the motion
+            return None
+
+    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
+        scales = error_scales(system, other, scale)
+        unit = np.gcd(few, many)
+        i, j = np.arange(0, len(one) - 1, few // unit), np.arange(0, len(other) - 1, many // unit)
+        count = min(len(i), len(j))
+        i, j = i[:count], j[:count]
+        late = (one.t[i] - other.t[j])[:, None]
+        off = np.abs(one.q[i] - other.q[j] - late * other.v[j])
+        end = np.abs(one.q[-1] - other.q[-1])
+        if ends_early:
+            end = end + abs(one.t[-1] - other.t[-1]) * np.abs(other.v[-1])
+        return float((np.vstack([off, end]) / scales).max())
+
+    return Course(trial, apart, abs(span))

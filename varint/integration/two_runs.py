@@ -1,0 +1,173 @@
+"""Steps for a wanted error from two runs: a coarse one and the run itself, and their energies.
+
+Two runs that differ by d bound the error of the finer one only together with how fast errors
+shrink. Where the scene keeps its energy, every run shows that by itself: its energy error is known
+without another run, and both errors are those of the same modified scene (Hairer, Lubich & Wanner,
+Geometric Numerical Integration, IX.8 and X.3). So the shrinkage is measured over the whole motion,
+not assumed from the rule's order, and a coarse run of half the steps is all that the proof costs.
+The first energy error, of a part of a long run, says how many steps to begin with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.integration.energy_check import energies, keeps_energy
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+ROUGH = 0.01  # error of a coarse run at most, for its difference to say something
+HALF = 4.0  # less than the errors of runs of half the steps: what a coarse run aims at
+LOST = 0.3  # predicted errors beyond which a run is none
+GAIN = 2.0  # error of the phase over the relative error of the energy times the angle turned
+MARGIN = 3.0  # of the error: predictions are as uncertain
+SAFETY = 4.0  # of the measured shrinkage
+SPREAD = 1.5  # of errors between the nodes that two runs share
+EVIDENCE = 30.0  # times its round-off: an energy error that says something
+QUANTILES = (0.25, 0.5, 0.75, 0.9, 1.0)
+ROUNDED = 1e-14  # relative error of the energy that is round-off
+NO_SHRINKAGE = 0.3  # of the energy errors of two runs: they have not come to the range of the rule
+SAMPLES = 20_000  # nodes at which the energy is looked at
+LONG, PARTS = 500, 16  # steps of a run that is worth a look at a part of it first
+PART_CLOSE = 20.0  # factor that a prediction from a part may be off
+ATTEMPTS = 6
+CAUTION = 0.75  # of the rule's order is counted on at most
+LEAST, GOOD, MOST = 1.25, 2.0, 2.5  # ratio of the steps of two runs
+
+Trial = Callable[[int, float, int], Trajectory | None]  # (steps, wanted error, part of the run)
+Apart = Callable[[Trajectory, int, Trajectory, int], float]  # two runs and their steps → distance
+
+
+class Course(NamedTuple):
+    """How a motion is run with so many steps and two runs are compared; how far its fastest small
+    motions turn; where the rule's order is sure for all steps that resolve them (linear scenes).
+    """
+
+    trial: Trial
+    apart: Apart
+    radians: float
+    linear: bool = False
+
+
+class Proved(NamedTuple):
+    """A run with so many steps, its estimated error, and how many runs it took."""
+
+    steps: int
+    motion: Trajectory
+    estimate: float
+    runs: int
+
+
+def shows_its_error(system: System) -> bool:
+    """Whether the energy of a run tells of its error."""
+    return keeps_energy(system) and not system.structure.contacts
+
+
+def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) -> Proved | None:
+    """A run whose error is below tol by the difference to a coarser one; None where that cannot be
+    shown so.
+
+    Parameters
+    ----------
+    rule : Rule
+    course : Course
+    first : int
+        Steps to begin with.
+    tol, floor : float
+        Wanted error, and the one that no comparison resolves.
+    """
+    p = rule.order
+    rough = min(ROUGH, tol * 2.0**p / HALF)
+    steps, runs = _by_a_part(course, _in_fours(first), rough, p)
+    coarse: Trajectory | None = None
+    expected = math.inf
+    for _ in range(ATTEMPTS):
+        if coarse is None:
+            motion, runs = course.trial(steps, rough, 1), runs + 1
+            swing = energy_errors(motion)
+            expected = GAIN * float(swing[-1]) * max(course.radians, 1.0)
+            if motion is None or not expected <= LOST:
+                steps = _in_fours(steps * _ratio(expected, rough, p, 2.0))
+                continue
+            wanted = _ratio(MARGIN * expected, tol, p, math.inf)
+            if wanted > MOST:
+                steps = _in_fours(steps * wanted / GOOD)
+                continue
+            coarse = motion
+        more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, MOST))
+        fine, runs = course.trial(more, tol, 1), runs + 1
+        if fine is None:
+            return None
+        apart, after = course.apart(coarse, steps, fine, more), energy_errors(fine)
+        shrinkage = _shrinkage(swing, after, more / steps, p, course.linear)
+        if shrinkage is None and apart * EVIDENCE <= tol:
+            shrinkage = 0.5  # both are as good as asked for by far, whatever the order is
+        if shrinkage is None or not math.isfinite(apart):
+            return None
+        estimate = max(SPREAD * apart * shrinkage / (1 - shrinkage), floor)
+        if apart < ROUGH * EVIDENCE and estimate <= tol:
+            return Proved(more, fine, estimate, runs)
+        coarse, steps, swing = fine, more, after
+        expected = estimate if apart < ROUGH * EVIDENCE else apart
+    return None
+
+
+def energy_errors(motion: Trajectory | None) -> np.ndarray:
+    """Quantiles of |H − H0| over the middle one of |p·v|, the largest last; infinite where there is
+    no run.
+
+    The largest alone is where a node happens to lie nearest to where it is largest.
+    """
+    if motion is None or not np.isfinite(motion.q[-1]).all():
+        return np.full(len(QUANTILES), np.inf)
+    some = slice(None, None, max(1, len(motion) // SAMPLES))
+    if motion.active_set is None:
+        at = motion.q[None, some], motion.p[None, some], motion.t[some]
+        energy, moving, _ = (x[0] for x in energies(motion.system, *at, motion.c[None], motion.h))
+    else:
+        few = motion[some]
+        energy, moving = few.energy, np.abs((few.p * few.v).sum(axis=1))
+    size = float(np.sort(moving)[len(moving) // 2])
+    error = np.sort(np.abs(energy - energy[0])[1:])
+    found = error[[round(part * (len(error) - 1)) for part in QUANTILES]]
+    return found / size if size > 0 and math.isfinite(error[-1]) else np.full(len(found), np.inf)
+
+
+def _by_a_part(course: Course, steps: int, rough: float, p: int) -> tuple[int, int]:
+    """Steps of the coarse run by the energy error of a part of it, and how many parts were run."""
+    runs = 0
+    while steps > LONG and runs < 3:
+        swing, runs = energy_errors(course.trial(steps, rough, PARTS)), runs + 1
+        expected = GAIN * float(swing[-1]) * max(course.radians, 1.0)
+        if rough / PART_CLOSE < expected < rough * PART_CLOSE:
+            break
+        factor = (max(expected, 1e-300) / rough) ** (1 / p) if math.isfinite(expected) else 2.0
+        steps = _in_fours(steps * min(max(factor, 0.5), 2.0))
+    return steps, runs
+
+
+def _shrinkage(
+    before: np.ndarray, after: np.ndarray, ratio: float, p: int, linear: bool
+) -> float | None:
+    """Part of the coarse run's error that the finer one has left; None where it does not shrink."""
+    sure = ratio ** (-CAUTION * p)
+    says = before > EVIDENCE * ROUNDED
+    if says.any():
+        left = float((np.maximum(after, ROUNDED) / before)[says].max())
+        return None if left > NO_SHRINKAGE else max(min(SAFETY * left, 0.5), sure)
+    return sure if linear else 0.5
+
+
+def _ratio(error: float, wanted: float, p: int, most: float) -> float:
+    if not math.isfinite(error):
+        return most
+    return min(max((error / wanted) ** (1 / p), LEAST), most)
+
+
+def _in_fours(steps: float) -> int:
+    return 4 * max(math.ceil(steps / 4), 2)
