@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.discrete.row_independence import folds
-from varint.integration.energy_check import energies
+from varint.integration.energy_check import energies, energy_jump
 from varint.integration.fold_watch import rows_of_fold
 from varint.integration.work_bound import keeps_energy
 from varint.results.trajectory import Trajectory
@@ -51,6 +51,14 @@ class EnergyLeap(NamedTuple):
             f"{t1:.6g}, where steps nearby change it by {self.usual:.1e} at most: "
             + (fold if self.rows else "h is too large there, try a smaller one")
         )
+
+
+def energy_alarm(motion: Trajectory) -> str | None:
+    """What the energy says is wrong with a run that came to its end, and what to do."""
+    if jump := energy_jump(motion):
+        return jump.alarm(motion.h)
+    leap = energy_leap(motion)
+    return leap and leap.alarm()
 
 
 @np.errstate(all="ignore")  # what is not finite is no leap, and told elsewhere

@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
-from varint.integration.energy_check import energy_jump
+from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
 from varint.integration.plan import plan
@@ -58,8 +58,8 @@ def simulate_to_tolerance(
     )
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
-        if jump := energy_jump(motion):
-            warnings.warn(jump.alarm(motion.h), stacklevel=3)
+        if alarm := energy_alarm(motion):
+            warnings.warn(alarm, stacklevel=3)
         motion = motion if every == 1 else subsample(motion, every)
     else:
         u = problem_with_steps(choice.rule, problem, choice.steps).u if rows > 1 else start.u

@@ -17,7 +17,7 @@ import numpy as np
 
 from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError, InputError
-from varint.integration.energy_check import energy_jump
+from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.plan import plan
 from varint.integration.problem import (
@@ -116,8 +116,8 @@ def simulate_transformed(
     if total is not None and abs(inner.q[-1, -1]) >= abs(total):
         inner = end_at_duration(run, inner, total)
     motion = in_physical_time(system, problem.t0, inner)
-    if jump := energy_jump(inner):
-        warnings.warn(jump.alarm(problem.h), stacklevel=3)
+    if alarm := energy_alarm(inner):
+        warnings.warn(alarm, stacklevel=3)
     return (
         replace(motion, events=physical_events(system, problem.t0, inner))
         if inner.events
