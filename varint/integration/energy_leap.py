@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.discrete.row_independence import folds
-from varint.integration.energy_check import energies
+from varint.integration.energy_check import energies, energy_jump
 from varint.integration.fold_watch import rows_of_fold
 from varint.integration.work_bound import keeps_energy
 from varint.results.trajectory import Trajectory
@@ -20,6 +20,7 @@ APART = 500  # steps between two energies that are compared in long runs: they c
 ALL = 100  # nodes of a run of which every one is looked at
 LEAP = 100.0  # times what other steps nearby do at most
 LEAST = 1e-8  # of the largest p·v: less is round-off that a fold makes larger
+ROUND_OFF = 1e-12  # of the energy, which a scene at rest has alone
 GROSS = 1e-3  # of the largest p·v: the branch is another one
 AROUND = 10  # differences on either side that tell what is usual
 BESIDE = 2  # next to the leap, which may take two steps: into the fold and out of it
@@ -52,6 +53,14 @@ class EnergyLeap(NamedTuple):
         )
 
 
+def energy_alarm(motion: Trajectory) -> str | None:
+    """What the energy says is wrong with a run that came to its end, and what to do."""
+    if jump := energy_jump(motion):
+        return jump.alarm(motion.h)
+    leap = energy_leap(motion)
+    return leap and leap.alarm()
+
+
 @np.errstate(all="ignore")  # what is not finite is no leap, and told elsewhere
 def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     """The first leap of the energy of a scene with constraints that should keep it.
@@ -70,7 +79,8 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     q, p, c = motion.q[i][None], motion.p[i][None], motion.c[None]
     energy, moving, _ = (x[0] for x in energies(system, q, p, motion.t[i], c, motion.h))
     change = np.abs(np.diff(energy))
-    large = (change > LEAST * moving.max()) & (change > LEAP * np.median(change))
+    least = max(LEAST * moving.max(), ROUND_OFF * np.abs(energy).max())
+    large = (change > least) & (change > LEAP * np.median(change))
     for j in np.flatnonzero(large).tolist():
         usual = _usual(change, j, change[j] > GROSS * moving.max())
         if change[j] > LEAP * usual and _stays(energy, j):
