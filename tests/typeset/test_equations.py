@@ -301,6 +301,14 @@ def test_notes_say_what_is_missing():
         vi.equations(vi.models.toda_chain().system)
 
 
+def test_strange_names_break_no_latex():
+    q, v = vi.coordinates("x_1_2", "50%", "a&b")
+    found = vi.equations(vi.System(q, v, ca.sumsqr(v) / 2 - q[1] * q[2]))
+    assert [x.name for x in found.cyclic] == ["x_1_2"]
+    bare = re.sub(r"\\[%&_]", "", found.latex().replace("&\\quad", "").replace(r"&\text", ""))
+    assert not re.search("[%&#]", bare)
+
+
 def test_without_sympy_the_message_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr("varint.notation.extra.find_spec", lambda name: None)
     system = vi.models.pendulum(m=1.5).system

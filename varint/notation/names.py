@@ -112,3 +112,8 @@ def plain_name(name: str, dots: int = 0) -> str:
     letter = unicodedata.normalize("NFC", dotted)  # one character where there is one
     below = f"_{plain_name(parts.below)}" if parts.below else ""
     return letter + parts.number.translate(SUBSCRIPTS) + below
+
+
+def latex_text(text: str, face: str = "text") -> str:
+    """Plain words within LaTeX; what LaTeX would take for a command becomes a space."""
+    return rf"\{face}{{{SPECIAL.sub(' ', text)}}}"
