@@ -124,8 +124,6 @@ def test_what_is_written_has_the_values_of_the_scene(name):
         assert value(found.lagrangian.sympy(), table) == pytest.approx(lagrangian[0], rel=1e-11)
         if found.hamiltonian is not None:
             assert value(found.hamiltonian.sympy(), table) == pytest.approx(energy[0], rel=1e-10)
-    if name in ("kapitza_pendulum", "caldirola_kanai", "linear_drag"):
-        ratios = [ratios[0]] * 3 if not s.structure.autonomous else ratios
     np.testing.assert_allclose(ratios[1:], [ratios[0]] * 2, rtol=1e-9)
     assert all(x > 0 for x in ratios[0])
 

@@ -55,7 +55,7 @@ LATEX_DOTS = ("{}", r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 SPECIAL = re.compile(r"[_#$%&{}]")  # of LaTeX
-WORD = re.compile(r"([^\W\d_]+)_?(\d*)(?:_([^\W_]+))?")
+WORD = re.compile(r"([^\W\d_]+)_?(\d*)(?:_([^\W_]+(?:_\d+)?))?")
 
 
 class Name(NamedTuple):
