@@ -91,7 +91,10 @@ def write(path: Path) -> None:
 def _entry(module: str, name: str) -> str:
     what = getattr(importlib.import_module(module), name)
     if inspect.isclass(what):
-        hidden = ", ".join(INTERNAL.get(name, ()))
+        # fields of a named tuple that its section Attributes describes must not come twice
+        described = "Attributes\n" in (inspect.getdoc(what) or "")
+        fields = getattr(what, "_fields", ()) if described else ()
+        hidden = ", ".join([*INTERNAL.get(name, ()), *fields])
         options = "   :members:\n" + (f"   :exclude-members: {hidden}\n" if hidden else "")
         return f".. autoclass:: {module}.{name}\n{options}"
     return f".. autofunction:: {module}.{name}\n"

@@ -118,6 +118,8 @@ def test_a_system_shows_its_lagrangian():
         r" + m \, \mathrm{length} \, g \cos \theta$"
     )
     assert vi.models.toda_chain().system._repr_latex_() is None  # too long to be read
+    q, v = vi.coordinates("x")
+    assert vi.System(q, v, v**2 - ca.remainder(q, 2))._repr_latex_() is None  # SymPy has it not
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from varint.notation.names import latex_name, plain_name
         ("omega_0", r"\omega_{0}", "ω₀"),
         ("p_theta", r"p_{\theta}", "p_θ"),
         ("p_theta2", r"p_{\theta_{2}}", "p_θ₂"),
+        ("p_theta_1", r"p_{\theta_{1}}", "p_θ₁"),
         ("Omega", r"\Omega", "Ω"),
         ("Alpha", r"\mathrm{Alpha}", "Alpha"),  # LaTeX has no \Alpha
         ("ell", r"\ell", "ℓ"),

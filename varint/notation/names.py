@@ -55,7 +55,7 @@ LATEX_DOTS = ("{}", r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 SPECIAL = re.compile(r"[_#$%&{}]")  # of LaTeX
-WORD = re.compile(r"([^\W\d_]+)_?(\d*)(?:_([^\W_]+))?")
+WORD = re.compile(r"([^\W\d_]+)_?(\d*)(?:_([^\W_]+(?:_\d+)?))?")
 
 
 class Name(NamedTuple):
@@ -112,3 +112,8 @@ def plain_name(name: str, dots: int = 0) -> str:
     letter = unicodedata.normalize("NFC", dotted)  # one character where there is one
     below = f"_{plain_name(parts.below)}" if parts.below else ""
     return letter + parts.number.translate(SUBSCRIPTS) + below
+
+
+def latex_text(text: str, face: str = "text") -> str:
+    """Plain words within LaTeX; what LaTeX would take for a command becomes a space."""
+    return rf"\{face}{{{SPECIAL.sub(' ', text)}}}"

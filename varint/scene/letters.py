@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from varint.errors import InputError
+from varint.errors import InputError, VarintError
 from varint.notation.extra import is_there, sympy_module, time_symbol
 from varint.notation.styles import LATEX
 from varint.notation.tidy import tidied
@@ -100,13 +100,18 @@ def length_of(system: Any, expression: ca.SX) -> int:
 
 
 def lagrangian_latex(system: Any) -> str | None:
-    """The Lagrangian for notebooks; None where SymPy is not installed or it is too long to be
-    read.
+    """The Lagrangian for notebooks; None where SymPy is not installed, or it is too long to be
+    read or cannot be written in SymPy: then they show the plain text.
     """
-    if not is_there() or length_of(system, system.lagrangian) > READABLE:
+    if not is_there():
         return None
-    letters = letters_of(system)
-    [[lagrangian]] = in_letters(system, letters, [system.lagrangian])
+    try:
+        if length_of(system, system.lagrangian) > READABLE:
+            return None
+        letters = letters_of(system)
+        [[lagrangian]] = in_letters(system, letters, [system.lagrangian])
+    except VarintError:
+        return None
     shown = tidied(lagrangian, letters.v, letters.moving).xreplace(letters.functions)
     return rf"$\displaystyle L = {write(shown, LATEX, letters.order)}$"
 

@@ -9,7 +9,7 @@ import casadi as ca
 
 from varint.errors import InputError
 from varint.notation.extra import sympy_module
-from varint.notation.names import plain_name
+from varint.notation.names import latex_text, plain_name
 from varint.notation.tidy import tidied
 from varint.scene.letters import READABLE, Letters, in_letters, length_of, letters_of
 from varint.scene.system import System, per_system, require_system
@@ -88,7 +88,7 @@ class Equations(NamedTuple):
         """All of it as one LaTeX environment ``aligned``, without dollar signs."""
         rows = []
         for heading, formulas in self.sections:
-            rows.append(rf"&\textbf{{{heading}}}")
+            rows.append(f"&{latex_text(heading, 'textbf')}")
             rows += [
                 rf"&\quad {x.latex_in_words() if isinstance(x, Conserved) else x.latex()}"
                 for x in formulas

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from varint.notation.extra import sympy_module
-from varint.notation.names import latex_name, plain_name
+from varint.notation.names import latex_name, latex_text, plain_name
 from varint.notation.styles import LATEX, PLAIN
 from varint.notation.writer import write
 
@@ -116,8 +116,8 @@ class Conserved(NamedTuple):
 
     def latex_in_words(self) -> str:
         """LaTeX with its name, and whether it is conserved."""
-        name = plain_name(self.name).replace("_", " ")
-        return rf"\text{{{name}: }} {self.quantity.latex()} \text{{, {self.kept}}}"
+        before, after = latex_text(f"{plain_name(self.name)}: "), latex_text(f", {self.kept}")
+        return f"{before} {self.quantity.latex()} {after}"
 
     @property
     def kept(self) -> str:
