@@ -23,6 +23,10 @@ ORDER = [
         "Optimal control",
         ["optimal_control", "optimal_phases", "Phase", "Link", "refine", "multistart"],
     ),
+    (
+        "How good an optimal control is",
+        ["ControlSolution", "Sensitivity", "SecondOrder", "Contradiction", "live_plot"],
+    ),
     ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
     ("Results", ["Trajectory", "State", "load", "Sketch"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
@@ -32,6 +36,7 @@ MODULES = ["diagnostics", "models"]
 
 # what other modules of the package use of a public class, and users need not know
 INTERNAL = {
+    "ControlSolution": ("origin", "verdict", "to_arrays"),
     "Ensemble": ("k",),
     "Rule": (
         "points",

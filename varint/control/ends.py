@@ -31,6 +31,8 @@ class End:
     ----------
     q, v : ndarray (3, n)
         Guess (NaN where there is none), lower and upper bounds of coordinates and velocities.
+    momenta : list of int
+        Of which coordinates the momentum is bounded: the first rows, in this order.
     rows : SX (e,)
         Further expressions of q, v, t, c.
     low, high : ndarray (e,)
@@ -42,6 +44,7 @@ class End:
 
     q: np.ndarray
     v: np.ndarray
+    momenta: list[int]
     rows: ca.SX
     low: np.ndarray
     high: np.ndarray
@@ -80,6 +83,7 @@ def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -
     return End(
         q=np.array(_component_bounds(system, f"q of {what}", given.get("q"))),
         v=np.array(_component_bounds(system, f"v of {what}", given.get("v"))),
+        momenta=bound,
         rows=ca.vertcat(*rows),
         low=np.concatenate(low),
         high=np.concatenate(high),
