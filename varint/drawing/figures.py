@@ -59,7 +59,7 @@ def _overview(motion: Trajectory) -> Figure:
         for draw, present in (
             (_draw_multipliers, np.any(motion.multipliers)),
             (_draw_momenta, _conserved_momenta(motion)),
-            (_draw_controls, structure.controls),
+            (draw_controls, structure.controls),
         )
         if present
     ]
@@ -161,7 +161,8 @@ def _draw_momenta(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
     axes.legend(fontsize="small", loc="best")
 
 
-def _draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+def draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    """Controls at their nodes, or as stairs where they are constant on a step."""
     names = [label(name) for name in motion.system.control_names]
     shown = shown_indices(len(names))
     steps, r, _ = motion.u.shape
