@@ -132,11 +132,11 @@ def _end(
     """
     system, states = phase.system, phase.states
     plain = named <= set(VALUES)
-    found = (
-        replace(known, **bounds_at(system, what, merged, states))
-        if plain
-        else end_conditions(system, what, merged, states)
-    )
+    if plain:
+        at = bounds_at(system, what, merged, states)
+        found = replace(known, q=at["q"], v=at["v"], states=at["states"])
+    else:
+        found = end_conditions(system, what, merged, states)
     for letter, entries, old, new in (
         ("q", system.names, known.q, found.q),
         ("v", system.names, known.v, found.v),
