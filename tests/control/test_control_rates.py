@@ -16,8 +16,8 @@ RATE = vi.control_rate(U)
 
 
 def test_least_rate_of_a_linear_control_converges_to_its_closed_form_with_order_two():
-    """∫ (du/dt)² of a rest to rest transfer with free forces at its ends: x is a polynomial of
-    degree 5, u = 60 t − 180 t² + 120 t³ − 60·… with ∫ = 120.
+    """∫ (du/dt)² of a rest to rest transfer with free forces at its ends: du/dt = −60 t (1 − t),
+    and the integral is 120.
     """
     errors = [move(vi.gauss(2), n, cost=RATE**2, control="linear").cost - 120 for n in (10, 20, 40)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.02)
