@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from varint.boundary.derivatives import action_derivatives
     from varint.boundary.families import paths
     from varint.boundary.least_action import least_action
+    from varint.control.contradiction import Contradiction
     from varint.control.controller import Controller
     from varint.control.links import Link
     from varint.control.lqr import lqr
@@ -23,7 +24,11 @@ if TYPE_CHECKING:
     from varint.control.phase import Phase
     from varint.control.prepared import Prepared, prepare
     from varint.control.refine import refine
+    from varint.control.second_order import SecondOrder
+    from varint.control.sensitivity import Sensitivity
+    from varint.control.solution import ControlSolution
     from varint.discrete.projection import project
+    from varint.drawing.live import live_plot
     from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
     from varint.ensembles.result import Ensemble
@@ -49,6 +54,8 @@ if TYPE_CHECKING:
 __version__ = VERSION
 
 __all__ = [
+    "Contradiction",
+    "ControlSolution",
     "Controller",
     "ConvergenceError",
     "Ensemble",
@@ -60,6 +67,8 @@ __all__ = [
     "Plan",
     "Prepared",
     "Rule",
+    "SecondOrder",
+    "Sensitivity",
     "Sketch",
     "Soft",
     "SolverError",
@@ -84,6 +93,7 @@ __all__ = [
     "gauss",
     "geodesic",
     "least_action",
+    "live_plot",
     "load",
     "lobatto",
     "lqr",
@@ -113,11 +123,15 @@ __all__ = [
 _LATER = {
     "Ensemble": "varint.ensembles.result",
     "Equations": "varint.typeset.equations",
+    "Contradiction": "varint.control.contradiction",
+    "ControlSolution": "varint.control.solution",
     "Controller": "varint.control.controller",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
     "Plan": "varint.integration.plan",
     "Prepared": "varint.control.prepared",
+    "SecondOrder": "varint.control.second_order",
+    "Sensitivity": "varint.control.sensitivity",
     "Sketch": "varint.drawing.sketch",
     "Soft": "varint.nlp.slacks",
     "State": "varint.results.records",
@@ -135,6 +149,7 @@ _LATER = {
     "from_sympy": "varint.typeset.sympy_systems",
     "geodesic": "varint.scene.geodesic",
     "least_action": "varint.boundary.least_action",
+    "live_plot": "varint.drawing.live",
     "load": "varint.load",
     "lqr": "varint.control.lqr",
     "max": "varint.scene.epigraph",

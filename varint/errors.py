@@ -77,11 +77,16 @@ class SolverError(VarintError, RuntimeError):
         The solver's own word for how it ended.
     iterate : Trajectory or None
         The last iterate.
+    contradiction : Contradiction or None
+        Of an optimal control that no motion can keep: which conditions the motion nearest to all of
+        them breaks (``broken``), and which stand in the way (``opposed``), with the times.
     """
 
-    def __init__(self, message: str, *, status: str, iterate: Any = None):
+    def __init__(
+        self, message: str, *, status: str, iterate: Any = None, contradiction: Any = None
+    ):
         super().__init__(message)
-        self.status, self.iterate = status, iterate
+        self.status, self.iterate, self.contradiction = status, iterate, contradiction
 
 
 def parsed_or_refused(make: Callable[[], T], complaint: Callable[[], str]) -> T:

@@ -37,6 +37,10 @@ ORDER = [
             "control_rate",
         ],
     ),
+    (
+        "How good an optimal control is",
+        ["ControlSolution", "Sensitivity", "SecondOrder", "Contradiction", "live_plot"],
+    ),
     ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
     ("Results", ["Trajectory", "State", "load", "Sketch"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
@@ -48,6 +52,7 @@ MODULES = ["diagnostics", "models"]
 # what other modules of the package use of a public class, and users need not know
 INTERNAL = {
     "Equations": ("sections",),
+    "ControlSolution": ("origin", "verdict", "to_arrays"),
     "Ensemble": ("k",),
     "Rule": (
         "points",

@@ -35,6 +35,8 @@ class End:
         Guess (NaN where there is none), lower and upper bounds of coordinates and velocities.
     states : ndarray (3, m)
         Guess, lower and upper bounds of states beside the mechanics.
+    momenta : list of int
+        Of which coordinates the momentum is bounded: the first rows, in this order.
     rows : SX (e,)
         Further expressions of q, v, states, t, c.
     low, high : ndarray (e,)
@@ -47,6 +49,7 @@ class End:
     q: np.ndarray
     v: np.ndarray
     states: np.ndarray
+    momenta: list[int]
     rows: ca.SX
     low: np.ndarray
     high: np.ndarray
@@ -86,6 +89,7 @@ def end_conditions(
         high.append(sides[1])
     return End(
         **bounds_at(system, what, given, states),
+        momenta=bound,
         rows=ca.vertcat(*rows),
         low=np.concatenate(low),
         high=np.concatenate(high),

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from varint.control.build import build_control_solver
+from varint.control.contradiction import Contradiction, least_violation
 from varint.control.links import Link
 from varint.control.phase import Phase
 from varint.control.problem import ControlProblem, transcribe
@@ -28,6 +30,9 @@ from varint.scene.free import Free
 from varint.scene.inputs import number
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
+
+# (iteration, cost, violation, paths) → true to stop
+Callback = Callable[[int, float, float, list[Trajectory]], Any]
 
 
 def optimal_control(
@@ -55,6 +60,7 @@ def optimal_control(
     progress: bool | None = None,
     integral: Sequence[tuple[Any, Any, Any]] = (),
     states: Mapping[Any, Any] | None = None,
+    callback: Callable[[int, float, float, Any], Any] | None = None,
 ) -> Trajectory:
     """Controls of least cost ∫ cost dt + terminal_cost under discrete mechanics, p⁺_{k−1} = p⁻_k
     (DMOC).
@@ -116,6 +122,10 @@ def optimal_control(
         mechanics, such as a mass that burns, collocated at the nodes of the rule. ``start`` and
         ``end`` take their values as ``states={mass: 1.0}``; ``stats["states"]`` has them at the
         nodes of the path, ``u`` at the quadrature nodes.
+    callback : callable, optional
+        (iteration, cost, violation, path) of every iterate (Ipopt): the largest violation of a
+        condition, and the path as a Trajectory. What it returns stops the solver if it is true.
+        `live_plot` draws them.
 
     Returns
     -------
@@ -169,8 +179,23 @@ def optimal_control(
         integral,
         states,
     )
-    found = solve_phases([phase], None, t0, solver, options, backend, progress)
+    told = callback if callback is None else _single(_require_callback(callback, solver))
+    found = solve_phases([phase], None, t0, solver, options, backend, progress, told)
     return assess(found, stacklevel=3)[0]
+
+
+def _require_callback(callback: Any, solver: str) -> Callable[..., Any]:
+    if callable(callback) and solver == "ipopt":
+        return callback
+    raise InputError(
+        "callback must be a function of (iteration, cost, violation, path), and "
+        f'solver="ipopt" calls it; got {callback!r} and solver={solver!r}'
+    )
+
+
+def _single(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """A callback that gets the only path of a list."""
+    return lambda iteration, cost, violation, paths: callback(iteration, cost, violation, paths[0])
 
 
 def optimal_phases(
@@ -182,6 +207,7 @@ def optimal_phases(
     options: Mapping[str, Any] | None = None,
     backend: str = "auto",
     progress: bool | None = None,
+    callback: Callable[[int, float, float, list[Trajectory]], Any] | None = None,
 ) -> list[Trajectory]:
     """Several motions in one problem, Σ cost → min, tied by links.
 
@@ -191,8 +217,8 @@ def optimal_phases(
         Each with its own system, rule, mesh, duration, cost, ends and bounds.
     links : sequence of Link, optional
         Default: each phase continues where the one before ended.
-    t0, solver, options, backend, progress
-        As in `optimal_control`.
+    t0, solver, options, backend, progress, callback
+        As in `optimal_control`; the callback gets the paths of all phases as a list.
 
     Returns
     -------
@@ -204,7 +230,7 @@ def optimal_phases(
     InputError, SolverError
         As in `optimal_control`.
     """
-    found = solve_phases(phases, links, t0, solver, options, backend, progress)
+    found = solve_phases(phases, links, t0, solver, options, backend, progress, callback)
     return assess(found, stacklevel=3)
 
 
@@ -216,6 +242,7 @@ def solve_phases(
     options: Mapping[str, Any] | None,
     backend: str,
     progress: bool | None,
+    callback: Callback | None = None,
 ) -> list[Trajectory]:
     """`optimal_phases` without a judgement of its accuracy."""
     phases = parsed_or_refused(
@@ -224,11 +251,14 @@ def solve_phases(
     if not phases or not all(isinstance(phase, Phase) for phase in phases):
         raise InputError("optimal_phases takes a list of varint.Phase, at least one")
     ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else links
+    if callback is not None:
+        _require_callback(callback, solver)
     return solve(
         transcribe(phases, ties, number("t0", t0), choose_backend(solver, backend)),
         solver,
         options,
         progress,
+        callback,
     )
 
 
@@ -250,35 +280,69 @@ def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
 
 
 def solve(
-    problem: ControlProblem, name: str, options: Mapping[str, Any] | None, progress: bool | None
+    problem: ControlProblem,
+    name: str,
+    options: Mapping[str, Any] | None,
+    progress: bool | None,
+    callback: Callback | None = None,
 ) -> list[Trajectory]:
     """Build the solver, solve from the guess or from one default guess after the other, judge the
     end.
     """
     starts = default_starts(problem)
     x = next(starts)
-    run = build_control_solver(problem, x, name, options)
-    problem = replace(problem, solver=run)
+    solver = build_control_solver(problem, x, name, options)
+    problem = replace(problem, solver=solver)
+    run = partial(solver, progress=progress, callback=_teller(problem, callback))
     multipliers = carry_multipliers(problem)
     if multipliers is not None:
-        outcome = run(x, multipliers, progress=progress)
+        outcome = run(x, multipliers)
         if outcome.success or outcome.stopped:
             return raise_unless_converged(problem, outcome)
         # multipliers of another problem can mislead
     guessed = all(part.phase.guess is not None for part in problem.phases)
-    first = outcome = run(x, progress=progress, patience=np.inf if guessed else PATIENCE)
+    first = outcome = run(x, patience=np.inf if guessed else PATIENCE)
     while not has_converged(outcome) and not outcome.stopped:
         other = next(starts, None)
         if other is None:  # a start that was given up may have needed more than that
-            outcome = run(x, progress=progress) if first.gave_up else first
+            outcome = run(x) if first.gave_up else first
             break
-        outcome = run(other, progress=progress, patience=PATIENCE)
+        outcome = run(other, patience=PATIENCE)
+    if not has_converged(outcome) and outcome.status in UNMET and not outcome.stopped:
+        nearest = least_violation(problem, outcome)
+        if nearest is None or nearest.broken:
+            return raise_unless_converged(problem, outcome, nearest)
+        feasible = np.clip(nearest.x, problem.nlp.x_low, problem.nlp.x_high)
+        again = run(feasible)
+        outcome = again if has_converged(again) or again.stopped else outcome
     return raise_unless_converged(problem, outcome)
+
+
+def _teller(
+    problem: ControlProblem, callback: Callback | None
+) -> Callable[[SolverResult], Any] | None:
+    """The callback of the solver that makes trajectories for the user's."""
+    if callback is None:
+        return None
+
+    def tell(iterate: SolverResult) -> Any:
+        paths = build_trajectories(problem, iterate)
+        return callback(iterate.iterations, iterate.cost, iterate.violation, paths)
+
+    return tell
 
 
 # iterations without getting closer to what is asked for, as in a long restoration: another default
 # guess is tried
 PATIENCE = 50
+# ends of a solver that has met no motion which keeps all conditions
+UNMET = (
+    "Infeasible_Problem_Detected",
+    "Restoration_Failed",
+    "Error_In_Step_Computation",
+    "Not_Enough_Degrees_Of_Freedom",
+    "Not_Solved",
+)
 FEASIBLE = 1e-6  # a row or bound violated by more is violated
 
 
@@ -287,8 +351,12 @@ def has_converged(outcome: SolverResult) -> bool:
     return outcome.success and outcome.violation <= FEASIBLE
 
 
-def raise_unless_converged(problem: ControlProblem, outcome: SolverResult) -> list[Trajectory]:
-    """The trajectories, or an error in words."""
+def raise_unless_converged(
+    problem: ControlProblem, outcome: SolverResult, nearest: Contradiction | None = None
+) -> list[Trajectory]:
+    """The trajectories, or an error in words: those of the conditions that contradict each other
+    where they are known.
+    """
     found = build_trajectories(problem, outcome)
     if outcome.stopped:
         warnings.warn(
@@ -300,9 +368,12 @@ def raise_unless_converged(problem: ControlProblem, outcome: SolverResult) -> li
         return found
     status = outcome.status.removeprefix("EXIT: ")
     words = WORDS.get(status, "no solution was found from this guess")
+    if nearest is not None:
+        words = f"the conditions contradict each other: {nearest}. Relax one of these"
     raise SolverError(
         f"{status}: {words}. Largest violation of a condition: {outcome.violation:.1e}; "
         "error.iterate is the last iterate",
         status=status,
         iterate=found[0] if len(found) == 1 else found,
+        contradiction=nearest,
     )

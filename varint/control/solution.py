@@ -10,23 +10,23 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
+from varint.control.active import active_bounds
 from varint.control.balances import energy_balance, momentum_balance
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
 from varint.control.replay import LARGE, defect, error_estimate, replay
+from varint.control.second_order import SecondOrder, second_order
+from varint.control.sensitivity import Sensitivity, sensitivity
 from varint.control.swings import CURE, swinging_controls
-from varint.control.transcription import PhaseTranscription, control_points, control_samples
+from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.solver import SolverResult
 from varint.numerics.plain import field_of, plain
 from varint.results.records import Costates
 from varint.results.trajectory import Trajectory
-
-ACTIVE = 1e-6  # of a range: this close to its bound a quantity is at it
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +69,8 @@ class ControlSolution:
         loading a file.
     kept : mapping
         What a file held of `active`.
+    verdict : str
+        What a file held of `second_order`, in words.
     """
 
     cost: float
@@ -87,6 +89,7 @@ class ControlSolution:
     timings: Mapping[str, float]
     origin: Origin | None = None
     kept: Mapping[str, np.ndarray] = field(default_factory=dict)
+    verdict: str = ""
 
     def __repr__(self) -> str:
         return f"ControlSolution(cost {self.cost:.9g}, {self.status}, {self.iterations} iterations)"
@@ -107,12 +110,89 @@ class ControlSolution:
             "timings": dict(self.timings),
             "origin": None,
             "kept": self.active,
+            "verdict": self._verdict,
         }
+
+    @property
+    def _verdict(self) -> str:
+        return self.verdict if self.origin is None else str(self.second_order)
 
     @cached_property
     def active(self) -> dict[str, np.ndarray]:
         """Bounds along the path that are met with equality, and the times where they are."""
-        return dict(self.kept) if self.origin is None else _active(self.origin)
+        if self.origin is None:
+            return dict(self.kept)
+        return active_bounds(self.origin.transcription, self.origin.outcome)
+
+    @cached_property
+    def second_order(self) -> SecondOrder:
+        """Whether it is a strict minimum: the reduced Hessian along all changes that the active
+        bounds allow, and its direction of least curvature.
+
+        Raises
+        ------
+        InputError
+            If the solution was loaded from a file, which does not hold its problem.
+        """
+        origin = self._origin("second_order")
+        return second_order(origin.problem, origin.transcription, origin.outcome)
+
+    def sensitivity(self, *wrt: str) -> Sensitivity:
+        """Derivatives of cost, path and controls with respect to what was given, dJ/dθ = ∂L/∂θ,
+        the active bounds fixed.
+
+        Parameters
+        ----------
+        *wrt : str
+            Names of parameters, ``"duration"``, ``"t0"``, ends such as ``"start.q.x"``,
+            ``"end.v.theta"``, ``"start.p.x"``, and bounds in the words of `active`, such as
+            ``"force <= 20"``. Default: all that was given. Where coordinates and constraints are
+            given at one end, only their changes along the constraints mean something.
+
+        Returns
+        -------
+        Sensitivity
+            ``cost`` (k,), ``q`` (N + 1, n, k), ``u`` (N, r, controls, k), ``v_ends``,
+            ``duration``, ``parameters``.
+
+        Raises
+        ------
+        InputError
+            If a name is not known or was free, or the solution was loaded from a file.
+        SolverError
+            When path and controls are asked for and are not determined to second order; see
+            `second_order`.
+
+        Notes
+        -----
+        Fiacco, Introduction to Sensitivity and Stability Analysis in Nonlinear Programming, §3.2.
+
+        Examples
+        --------
+        The least effort from rest to rest is J = 12 d² / T³.
+
+        >>> import casadi as ca
+        >>> import varint as vi
+        >>> q, v = vi.coordinates("x")
+        >>> force = ca.SX.sym("force")
+        >>> cart = vi.System(q, v, v**2 / 2, force=force, control=force)
+        >>> move = vi.optimal_control(
+        ...     cart, vi.gauss(2), duration=1, steps=5, cost=force**2,
+        ...     q0=0, v0=0, end=dict(q=[1], v=[0]))
+        >>> move.solution.sensitivity("end.q.x", "duration").cost.round(6)
+        array([ 24., -36.])
+        """
+        origin = self._origin("sensitivity()")
+        part, outcome = origin.transcription, origin.outcome
+        return sensitivity(origin.problem, part, outcome, wrt)
+
+    def _origin(self, what: str) -> Origin:
+        if self.origin is None:
+            raise InputError(
+                f"{what}: this solution was loaded from a file or copied, which does not hold its "
+                "problem; solve it with guess=motion"
+            )
+        return self.origin
 
     def replay(self, motion: Trajectory) -> Trajectory:
         """`simulate` from the optimal start with the optimal controls: the same motion to
@@ -140,6 +220,8 @@ class ControlSolution:
             f"  time                 {self.timings['build']:.3f} s to build, "
             f"{self.timings['solve']:.3f} s to solve",
         ]
+        if verdict := self._verdict:
+            lines.append(f"  second order         {verdict}")
         gained, work = energy_balance(motion, self.q)
         lines.append(f"  energy               gained {gained:.9g}, work of the forces {work:.9g}")
         for name, change, impulse in momentum_balance(motion, self.q):
@@ -167,7 +249,7 @@ class ControlSolution:
         header: dict[str, Any] = {
             name: plain(getattr(self, name)) for name in (*PLAIN, "history", "timings")
         }
-        header["active"] = list(self.active)
+        header |= {"active": list(self.active), "verdict": self._verdict}
         arrays = {
             "mesh": self.mesh,
             "v_ends": self.v_ends,
@@ -188,60 +270,6 @@ def error_in_words(motion: Trajectory, controls: Piecewise) -> str:
     error = error_estimate(motion, controls) if known is None else float(known)
     cure = ": too coarse, take more steps, a higher rule, or vi.refine" if error > LARGE else ""
     return f"{error:.1e} of its range, by a replay in quarter steps{cure}"
-
-
-def _active(origin: Origin) -> dict[str, np.ndarray]:
-    """Times at which each bound along the path is met with equality."""
-    transcription, outcome, problem = origin.transcription, origin.outcome, origin.problem
-    phase, rule = transcription.phase, transcription.phase.rule
-    s, mesh, steps = phase.system, phase.mesh, np.diff(phase.mesh)
-    shared = transcription.shared_values(outcome.x)
-    t0, duration = float(shared[0]), float(shared[1])
-    points = mesh[:-1, None] + steps[:, None] * np.array(rule.points)
-    nodes = mesh[:-1, None] + steps[:, None] * np.array(rule.nodes)
-    q = control_points(outcome.x, transcription)
-    found: dict[str, np.ndarray] = {}
-    u = control_samples(outcome.x, transcription)
-    at_u = mesh[:-1, None] + steps[:, None] * phase.control_places
-    g = np.array(problem.nlp.program.value(outcome.x, problem.nlp.p)[1]).ravel()
-    values_at_nodes = g[transcription.rows.nodes].reshape(phase.steps, len(rule.nodes), -1)
-    at_points = phase.bounds.at_points.numel()
-    rows = (
-        transcription.rows.points.reshape(phase.steps, rule.degree, -1)
-        if at_points
-        else np.zeros((phase.steps, 0, 0), int)
-    )
-    values_at_points = (
-        np.where(rows < 0, np.nan, g[rows]) if at_points else np.zeros((phase.steps, 0, 0))
-    )
-    quantities: list[tuple] = [
-        (s.names, q, points, phase.bounds.q),
-        (s.control_names, u, at_u, phase.bounds.u),
-        (
-            _texts(phase.bounds.at_nodes),
-            values_at_nodes,
-            nodes,
-            (phase.bounds.nodes_low, phase.bounds.nodes_high),
-        ),
-        (
-            _texts(phase.bounds.at_points),
-            values_at_points,
-            points[:, 1:],
-            (phase.bounds.points_low, phase.bounds.points_high),
-        ),
-    ]
-    for names, values, at, (low, high) in quantities:
-        for i, name in enumerate(names):
-            for sign, bound in ((">=", low[i]), ("<=", high[i])):
-                if np.isfinite(bound):
-                    close = np.abs(values[..., i] - bound) <= ACTIVE * max(1.0, abs(bound))
-                    if close.any():
-                        found[f"{name} {sign} {bound:g}"] = np.unique(t0 + duration * at[close])
-    return found
-
-
-def _texts(expressions: ca.SX) -> list[str]:
-    return [str(x) for x in ca.vertsplit(expressions)] if expressions.numel() else []
 
 
 PIECES = ("q", "u", "costate")
@@ -285,6 +313,7 @@ def from_arrays(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> 
         costates=Costates(_held(arrays, "mu_q", 2), _held(arrays, "mu_p", 2)),
         history=MappingProxyType(field_of(header, "history", dict[str, list[float]])),
         timings=MappingProxyType(field_of(header, "timings", dict[str, float])),
+        verdict=field_of({"verdict": "", **header}, "verdict", str),
         kept={name: _held(arrays, f"active_{i}", 1) for i, name in enumerate(active)},
     )
 

@@ -170,7 +170,7 @@ def _draw_momenta(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
 
 
 def draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
-    """Controls over time."""
+    """Controls at their nodes, or as stairs where they are constant on a step."""
     names = [label(name) for name in motion.system.control_names]
     shown = shown_indices(len(names))
     steps, r, _ = motion.u.shape

@@ -124,6 +124,24 @@ def assemble(
     )
 
 
+def with_constants_as_unknowns(elements: Sequence[Element], unknowns: int) -> list[Element]:
+    """The same elements where the constants are unknowns too, behind so many others: their program
+    has derivatives with respect to both.
+    """
+    return [
+        Element(
+            ca.vertcat(x.variables, x.constants),
+            ca.SX(0, 1),
+            x.cost,
+            x.rows,
+            np.hstack([x.x, unknowns + x.p]),
+            np.zeros((len(x.x), 0), dtype=int),
+            x.g,
+        )
+        for x in elements
+    ]
+
+
 def assemble_equations(
     elements: Sequence[Element], unknowns: int, constants: int
 ) -> tuple[ca.Function, ca.Function]:

@@ -57,7 +57,8 @@ class ElasticProgram:
         x, lam_x = outcome.x[:n], outcome.lam_x[:n].copy()
         lam_x[self.unknowns] += outcome.lam_g[m:]
         cost = float(self.own.program.value(x, p)[0])
-        return replace(outcome, x=x, lam_x=lam_x, lam_g=outcome.lam_g[:m], cost=cost)
+        own = replace(self.own, p=p)
+        return replace(outcome, nlp=own, x=x, lam_x=lam_x, lam_g=outcome.lam_g[:m], cost=cost)
 
 
 def soften(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -17,13 +17,16 @@ from varint.nlp.options import DIFFERENTIATED, EXTRA, FATROP, IPOPT, KNOWN
 from varint.nlp.program import NonlinearProgram, Program, full_derivatives, scale_program
 from varint.nlp.watch import Watch
 
+ITERATING = "Iterating"
+
 
 @dataclass(frozen=True, eq=False)
 class SolverResult:
-    """What a solver returned: the point, the multipliers of f + λ·g + λ_x·x, how it ended, the
-    way there.
+    """What a solver returned: the program as it was solved, the point, the multipliers of f + λ·g +
+    λ_x·x, how it ended, the way there.
     """
 
+    nlp: NonlinearProgram
     x: np.ndarray
     lam_x: np.ndarray
     lam_g: np.ndarray
@@ -74,10 +77,11 @@ class Solver:
         p: np.ndarray | None = None,
         progress: bool | None = None,
         patience: float = np.inf,
+        callback: Callable[[SolverResult], Any] | None = None,
     ) -> SolverResult:
         """Solve from x, warm if multipliers (lam_x, lam_g) are given, with other bounds or
-        constants where given; give up when for so many iterations the
-        rows come no closer (Ipopt).
+        constants where given; give up when for so many iterations the rows come no closer;
+        `callback` gets every iterate and stops the solver by returning something true (Ipopt).
         """
         began, own = perf_counter(), self.nlp
         nlp = replace(
@@ -89,6 +93,7 @@ class Solver:
             p=own.p if p is None else p,
         )
         self.watch.patience = patience
+        self.watch.told = None if callback is None else _teller(self, nlp, callback)
         arguments = _to_solver(self, nlp, x, multipliers)
         found, stats = _solve(
             self, self.cold if multipliers is None else self.warm, arguments, progress
@@ -144,6 +149,18 @@ def _solve(
     return found, stats
 
 
+def _teller(
+    solver: Solver, nlp: NonlinearProgram, callback: Callable[[SolverResult], Any]
+) -> Callable[[int, dict[str, ca.DM]], Any]:
+    """What a watch calls: the callback with every iterate as a result."""
+
+    def tell(iteration: int, iterate: dict[str, ca.DM]) -> Any:
+        stats = {"success": False, "return_status": ITERATING, "iter_count": iteration}
+        return callback(_from_solver(solver, nlp, iterate, stats, 0.0))
+
+    return tell
+
+
 def _from_solver(
     solver: Solver,
     nlp: NonlinearProgram,
@@ -160,6 +177,7 @@ def _from_solver(
     x = (point * sx)[z.x]
     g, success = nlp.program.value(x, nlp.p)[1].full().ravel(), bool(stats["success"])
     return SolverResult(
+        nlp=nlp,
         x=x,
         lam_x=(lam_x / sx)[z.x] / sf,
         lam_g=(lam_g * sg)[z.g] / sf,
@@ -295,3 +313,4 @@ def _history(stats: Mapping[str, Any], factor: float) -> dict[str, list[float]]:
 
 
 NAMES = {"cost": "obj", "violation": "inf_pr", "optimality": "inf_du", "barrier": "mu"}
+NAMES |= {"regularisation": "regularization_size"}

@@ -1,10 +1,10 @@
-"""A solver watched while it runs: a progress bar, and Ctrl-C as a request to stop."""
+"""A solver watched while it runs: a progress bar, a callback, and Ctrl-C as a request to stop."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -28,6 +28,9 @@ class Watch(ca.Callback):
         self.stop = False
         self.move: Move | None = None
         self.patience, self.least, self.waited = np.inf, np.inf, 0
+        self.told: Callable[[int, dict[str, ca.DM]], Any] | None = None
+        self.iteration = 0
+        self.error: BaseException | None = None
         self.g_low = self.g_high = np.zeros(rows)
         self.factor = 1.0
         self.construct("watch", {})
@@ -48,7 +51,7 @@ class Watch(ca.Callback):
         return ca.Sparsity.dense(self.sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arg):
-        if self.move is None and not np.isfinite(self.patience):
+        if self.move is None and self.told is None and not np.isfinite(self.patience):
             return [int(self.stop)]
         g = arg[2].full().ravel()
         off = max(np.max(self.g_low - g, initial=0.0), np.max(g - self.g_high, initial=0.0))
@@ -56,7 +59,18 @@ class Watch(ca.Callback):
         self.least, self.waited = min(self.least, off), 0 if progress else self.waited + 1
         if self.move is not None:
             self.move(1, lambda: f"cost {float(arg[1]) / self.factor:.8g}, violation {off:.1e}")
+        if self.told is not None and self.error is None:
+            self._tell(dict(zip(self.sizes, arg, strict=True)))
+        self.iteration += 1
         return [int(self.stop or self.gave_up)]
+
+    def _tell(self, iterate: dict[str, ca.DM]) -> None:
+        """Call back; what the caller raises waits until the solver has returned."""
+        assert self.told is not None
+        try:
+            self.stop = bool(self.told(self.iteration, iterate)) or self.stop
+        except BaseException as error:  # CasADi would lose it
+            self.stop, self.error = True, error
 
     @property
     def gave_up(self) -> bool:
@@ -69,6 +83,7 @@ class Watch(ca.Callback):
         after the iteration.
         """
         self.stop, self.least, self.waited = False, np.inf, 0
+        self.iteration, self.error = 0, None
         with progress_bar(None, "iteration", progress if called else False) as self.move:
             stops = called and threading.current_thread() is threading.main_thread()
             previous = signal.signal(signal.SIGINT, self._ask) if stops else None
@@ -78,6 +93,8 @@ class Watch(ca.Callback):
                 if stops:
                     signal.signal(signal.SIGINT, previous)
                 self.move = None
+        if self.error is not None:
+            raise self.error
 
     def _ask(self, *_: Any) -> None:
         self.stop = True

@@ -97,6 +97,17 @@ def parameters_by_name(system: System, c: np.ndarray) -> dict[str, np.ndarray]:
     return values
 
 
+def parameter_entries(system: System) -> list[str]:
+    """A name for every entry of the vector of parameters: ``g``, ``mass[0]``, ``mass[1]``."""
+    at = parameters_by_name(system, np.arange(system.c.numel()))
+    named = {
+        int(places[index]): f"{name}[{', '.join(map(str, index))}]" if index else name
+        for name, places in at.items()
+        for index in np.ndindex(places.shape)
+    }
+    return [named[i] for i in range(len(named))]
+
+
 def given_parameters(system: System, params: ParameterValues | None) -> dict[str, Any]:
     """What a user gives for parameters of the system, by name."""
     given = {} if params is None else values_by_name(params)
