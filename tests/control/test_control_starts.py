@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
 from control_scenes import U, coarse, move, pendulum, swing
 
 import varint as vi
+from varint.control.build import build_control_solver
+from varint.control.coarse import coarse_start
 from varint.control.guess import build_start
 from varint.control.problem import transcribe
 from varint.control.starts import default_starts
+from varint.control.trial import can_be_tried, tried
 from varint.errors import SolverError
 
 THRUST, BURN, DURATION = 0.1405, 0.0749, 3.3207  # Bryson & Ho, Applied Optimal Control, §2.5
@@ -145,3 +150,103 @@ def test_a_guess_of_the_user_is_the_only_start():
 def test_what_cannot_be_done_is_refused_after_all_starts():
     with pytest.raises(SolverError, match="violation"):
         move(vi.gauss(2), 10, 1.0, start=dict(q=[0], v=[1]), bounds=[(-1, U, 1)])
+
+
+def cart_with_pole(mass: float) -> vi.System:
+    """A cart of mass 1 with a pole of length 0.5; theta = 0 hangs."""
+    q, v = vi.coordinates("x", "theta")
+    lagrangian = (
+        (1 + mass) * v[0] ** 2 / 2
+        + mass * (0.5 * ca.cos(q[1]) * v[0] * v[1] + v[1] ** 2 / 8)
+        + mass * 9.81 * 0.5 * ca.cos(q[1])
+    )
+    return vi.System(q, v, lagrangian, force=ca.vertcat(U, 0), control=U)
+
+
+@coarse
+@pytest.mark.long
+def test_a_motor_too_weak_for_one_swing_finds_several_by_itself():
+    system, rest = cart_with_pole(0.1), [0, 0]
+    motion = vi.optimal_control(
+        system,
+        vi.gauss(2),
+        duration=6,
+        steps=50,
+        cost=U**2,
+        start=dict(q=rest, v=rest),
+        end=dict(q=[0, np.pi], v=rest),
+        bounds=[(-2, U, 2), (-2, system.q[0], 2)],
+    )
+    swings = np.count_nonzero(np.diff(np.sign(motion.v[:, 1])))
+    assert swings >= 5 and np.abs(motion.u).max() <= 2 + 1e-9
+    assert motion.q[-1] == pytest.approx([0, np.pi], abs=1e-9)
+
+
+def test_a_motion_found_by_trial_keeps_the_equations_and_the_limits():
+    system, rest = cart_with_pole(0.1), [0, 0]
+    phase = vi.Phase(
+        system,
+        vi.gauss(1),
+        3.0,
+        20,
+        U**2,
+        start=dict(q=rest, v=rest),
+        end=dict(q=[0, np.pi], v=rest),
+        bounds=[(-4, U, 4)],
+    )
+    part = transcribe([phase], [], 0.0).phases[0]
+    assert can_be_tried(part)
+    found = tried(part)
+    at = np.linspace(0, 1, 21)
+    u = found.u((at[1:] + at[:-1]) / 2)
+    motion = vi.simulate(system, vi.gauss(1), q0=rest, v0=rest, h=0.15, steps=20, u=u)
+    assert np.abs(u).max() <= 4
+    assert motion.q == pytest.approx(found.q(at), abs=1e-9)
+    # nearer to its goal than rest
+    assert np.abs(motion.q[-1] - [0, np.pi]).max() < np.pi / 2
+
+
+@coarse
+@pytest.mark.long
+def test_a_wavy_guess_is_first_solved_by_the_trapezoidal_rule():
+    """From waves that a rule of order six does not follow."""
+    phase = vi.models.swing_up_acrobot().phases[0]
+    waves = np.random.default_rng(0).normal(size=(4, 2)) / np.arange(1, 5)[:, None]
+    first, last = np.zeros(2), np.array([np.pi, 0.0])
+
+    def path(t: float) -> np.ndarray:
+        s = t / 3.0
+        return (
+            first + s * (last - first) + np.sin(np.pi * s * np.arange(1, 5)) @ (waves * [np.pi, 1])
+        )
+
+    guessed = replace(phase, rule=vi.gauss(3), steps=60, guess=dict(q=path))
+    problem = transcribe([guessed], [], 0.0)
+    rough = coarse_start(problem)
+    run = build_control_solver(problem, rough)
+    found = run(rough, progress=False)
+    assert found.success and found.iterations < 60
+
+
+@coarse
+def test_several_passive_joints_have_their_neighbours_tried(capsys):
+    q, v = vi.coordinates("x", "a", "b")
+    place, lagrangian = ca.vertcat(q[0], 0), v[0] ** 2 / 2
+    for i in (1, 2):
+        place = place + 0.5 * ca.vertcat(ca.sin(q[i]), -ca.cos(q[i]))
+        lagrangian += 0.2 * (ca.sumsqr(ca.jtimes(place, q, v)) / 2 - 9.81 * place[1])
+    system = vi.System(q, v, lagrangian, force=ca.vertcat(U, 0, 0), control=U)
+    still = [0, 0, 0]
+    motion = vi.optimal_control(
+        system,
+        vi.gauss(1),
+        duration=2,
+        steps=20,
+        cost=U**2,
+        start=dict(q=still, v=still),
+        end=dict(q=[0.5, 0, 0], v=still),
+    )
+    costs = motion.stats["starts"]
+    assert motion.cost == costs[0] == min(costs) and len(costs) > 1
+    motion.report()
+    assert "costs of the minima found near the first start" in capsys.readouterr().out

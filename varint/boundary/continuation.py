@@ -22,6 +22,7 @@ from varint.boundary.stationary import BoundaryValueProblem, momenta_and_action
 from varint.nlp.arrangement import Scales
 
 FAR = 1.0  # range of a coordinate: a path this far from the first one may be of another kind
+ASTRAY = 3.0  # times the extent of the first path: where Newton's method has jumped elsewhere
 SHORTEST = 1024  # continuation begins at this part of the duration at the latest
 FIRST_GROWTH, SMALLEST_GROWTH = np.sqrt(2.0), 1.0005
 MOST_STAGES = 100
@@ -36,25 +37,39 @@ CLOSE = 1e-3  # relative: durations this close are one to Newton's method
 
 
 def solve_with_continuation(problem: BoundaryValueProblem, iterate: Iterate) -> NewtonResult:
-    """Newton's method; where it fails between fixed ends, continuation from the duration that
-    the first path nearly takes by itself, then from a short one; where that ends far from the first
-    path, the minimum of the action too, and the nearest of them is taken.
+    """Newton's method; where it fails between fixed ends or lands far away, continuation from the
+    duration that the first path nearly takes by itself, then from a short one; where that ends far
+    from the first path, the minimum of the action too, and the nearest of them is taken.
     """
     outcome = newton(problem, iterate)
     only = problem.closure is not None or problem.energy is not None
     stationary = outcome.residual <= RESIDUAL_LIMIT  # but for a family of paths
-    if outcome.solved or stationary or only or problem.system.structure.linear:
+    if only or problem.system.structure.linear or (stationary and not outcome.solved):
         return outcome
-    iterations, ranges = outcome.iterations, coordinate_ranges(iterate.points)
-    best, nearest = outcome, np.inf
+    if outcome.solved and not _is_astray(iterate, outcome):
+        return outcome
+    iterations, best = outcome.iterations, outcome
+    nearest = _apart(iterate, outcome) if outcome.solved else np.inf
     for attempt in _attempts(problem, iterate):
         iterations += attempt.iterations
-        apart = float((np.abs(attempt.iterate.points - iterate.points) / ranges).max())
-        if attempt.solved and apart < nearest:
-            best, nearest = attempt, apart
+        if attempt.solved and _apart(iterate, attempt) < nearest:
+            best, nearest = attempt, _apart(iterate, attempt)
         if nearest <= FAR:
             break
     return replace(best, iterations=iterations)
+
+
+def _apart(first: Iterate, outcome: NewtonResult) -> float:
+    """How far a path is from the first one, in ranges of each coordinate."""
+    change = np.abs(outcome.iterate.points - first.points)
+    return float((change / coordinate_ranges(first.points)).max())
+
+
+def _is_astray(first: Iterate, outcome: NewtonResult) -> bool:
+    """Has Newton's method left the first path by several times all of its extent?"""
+    extent = float(np.ptp(first.points, axis=0).max())
+    away = float(np.abs(outcome.iterate.points - first.points).max())
+    return extent > 0 and away > ASTRAY * extent
 
 
 def _attempts(problem: BoundaryValueProblem, iterate: Iterate) -> Iterator[NewtonResult]:

@@ -16,6 +16,7 @@ from varint.control.numbers import constants
 from varint.control.optimal import has_converged, raise_unless_converged
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
+from varint.control.source import controller_function, write_source
 from varint.control.trajectories import build_trajectories
 from varint.control.transcription import PhaseTranscription
 from varint.discrete.constraints import rows_function
@@ -126,6 +127,48 @@ class Controller:
             if outcome.stopped or self._elastic is None:
                 return raise_unless_converged(self.problem, outcome)[0]
         return self._softened(x, low, high, data)
+
+    def source(self, path: Any, name: str = "controller_step") -> ca.Function:
+        """Write one call of the controller as a C file that stands alone, and return the same
+        function in CasADi.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the file, ending in ``.c``; it needs no header and nothing but the C library.
+        name : str
+            Of the C function. ``<name>_start`` gives the start of the first call: ``x, lam_x,
+            lam_g, params``.
+
+        Returns
+        -------
+        Function
+            ``(q, v, t, params, x0, lam_x0, lam_g0) → (u, x, lam_x, lam_g, residual)``: u (controls,
+            values a step) of the step that begins now; x, lam_x and lam_g, moved on by a step, are
+            x0, lam_x0 and lam_g0 of the next call; residual is the largest violation of rows,
+            bounds and stationarity, to be checked: about 1e-9 where a solution was found. Bounds on
+            states are not softened.
+
+        Raises
+        ------
+        InputError
+            If the scene has constraints, or the path or the name cannot be used.
+
+        Notes
+        -----
+        Sequential quadratic programming with exact Hessians, Nocedal & Wright, §18.1. In C the
+        arguments are arrays of pointers, as CasADi's documentation describes.
+        """
+        if not isinstance(name, str) or not name.isidentifier() or not name.isascii():
+            raise InputError(f"name must be a name in C such as 'controller_step', got {name!r}")
+        part, nlp = self.problem.phases[0], self.problem.nlp
+        ahead = (
+            _shifted_unknowns(part, np.arange(nlp.unknowns)),
+            _shifted_rows(part, np.arange(nlp.rows)),
+        )
+        functions = controller_function(self.problem, self.start, ahead, name)
+        write_source(path, functions)
+        return functions[0]
 
     def _softened(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, data: np.ndarray

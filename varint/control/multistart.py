@@ -10,19 +10,18 @@ from typing import Any
 import numpy as np
 
 from varint.control.build import build_control_solver
-from varint.control.guess import Guess, build_start, read_guess, write_guess
+from varint.control.guess import build_start, read_guess, write_guess
+from varint.control.neighbours import wave
 from varint.control.optimal import FEASIBLE
 from varint.control.phase import Phase
 from varint.control.problem import ControlProblem, transcribe
 from varint.control.trajectories import build_trajectories
-from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError, SolverError
 from varint.nlp.solver import choose_backend
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import generator, guesses_of, number, positive_integer
 
 SAME = 1e-5  # relative to the cost and to the path's extent: closer solutions are one
-WAVES = 4  # sine waves of a random path
 
 
 def multistart(
@@ -115,25 +114,13 @@ def _starts(
     t0 = transcription.t0
     if isinstance(starts, (int, np.integer)):
         own = read_guess(transcription.phase, t0)
-        guesses = [own, *(_wave(own, transcription, spread, rng) for _ in range(starts - 1))]
+        guesses = [own, *(wave(own, transcription, spread, rng) for _ in range(starts - 1))]
     else:
         guesses = [read_guess(replace(transcription.phase, guess=g), t0) for g in starts]
     for guess in guesses:
         x = build_start(problem)
         write_guess(x, transcription, guess)
         yield np.clip(x, problem.nlp.x_low, problem.nlp.x_high)
-
-
-def _wave(
-    own: Guess, transcription: PhaseTranscription, spread: float, rng: np.random.Generator
-) -> Guess:
-    """The path plus sine waves of random height that vanish at the ends."""
-    path = own.q(transcription.phase.mesh)
-    reach = np.maximum(np.ptp(path, axis=0), 1e-3 * np.abs(path).max(initial=0.0))
-    reach = np.where(reach > 0, reach, 1.0)
-    waves = np.arange(1, WAVES + 1)
-    heights = spread * reach * rng.normal(size=(WAVES, path.shape[1])) / waves[:, None]
-    return replace(own, q=lambda s: own.q(s) + np.sin(np.pi * s[:, None] * waves) @ heights, u=None)
 
 
 def _same(a: Trajectory, b: Trajectory) -> bool:

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from varint.control.build import build_control_solver
+from varint.control.coarse import coarse_start
 from varint.control.contradiction import Contradiction, least_violation
 from varint.control.links import Link
+from varint.control.neighbours import cheapest_neighbour, has_many_minima
 from varint.control.phase import Phase
 from varint.control.problem import ControlProblem, transcribe
 from varint.control.replay import LARGE, error_estimate
@@ -293,15 +295,25 @@ def solve(
     x = next(starts)
     solver = build_control_solver(problem, x, name, options)
     problem = replace(problem, solver=solver)
-    run = partial(solver, progress=progress, callback=_teller(problem, callback))
+    tell = _teller(problem, callback)
+    run = partial(solver, progress=progress, callback=tell)
     multipliers = carry_multipliers(problem)
     if multipliers is not None:
         outcome = run(x, multipliers)
         if outcome.success or outcome.stopped:
             return raise_unless_converged(problem, outcome)
         # multipliers of another problem can mislead
-    guessed = all(part.phase.guess is not None for part in problem.phases)
-    first = outcome = run(x, patience=np.inf if guessed else PATIENCE)
+    guesses = [part.phase.guess for part in problem.phases]
+    known = all(isinstance(guess, Trajectory) for guess in guesses)
+    first = outcome = run(x, patience=np.inf if known else PATIENCE)
+    drawn = all(isinstance(guess, Mapping) for guess in guesses)
+    if drawn and not has_converged(outcome) and not outcome.stopped:
+        rough = coarse_start(problem)
+        outcome = first if rough is None else run(rough, patience=PATIENCE)
+    if name == "ipopt" and has_converged(outcome) and has_many_minima(problem):
+        outcome, costs = cheapest_neighbour(problem, run, x, outcome, tell)
+        found = raise_unless_converged(problem, outcome)
+        return [replace(x, stats=MappingProxyType({**x.stats, "starts": costs})) for x in found]
     while not has_converged(outcome) and not outcome.stopped:
         other = next(starts, None)
         if other is None:  # a start that was given up may have needed more than that
@@ -369,7 +381,7 @@ def raise_unless_converged(
     status = outcome.status.removeprefix("EXIT: ")
     words = WORDS.get(status, "no solution was found from this guess")
     if nearest is not None:
-        words = f"the conditions contradict each other: {nearest}. Relax one of these"
+        words = f"the conditions contradict each other near the last iterate: {nearest}. Relax one"
     raise SolverError(
         f"{status}: {words}. Largest violation of a condition: {outcome.violation:.1e}; "
         "error.iterate is the last iterate",

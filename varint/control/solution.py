@@ -228,6 +228,12 @@ class ControlSolution:
             lines.append(
                 f"  {name}: momentum gained {change:.9g}, impulse of the force {impulse:.9g}"
             )
+        if starts := motion.stats.get("starts"):
+            costs = ", ".join(f"{cost:.6g}" for cost in starts)
+            lines.append(
+                f"  starts               costs of the minima found near the first start: {costs}; "
+                "multistart looks further"
+            )
         for i, at in swinging_controls(self.u).items():
             times = motion.t[0] + motion.duration * at
             lines.append(

@@ -3,6 +3,7 @@
 A straight line with the controls that come closest to it serves a scene that starts from rest. A
 scene that starts in motion (an orbit) is better served by its own motion without controls, bent to
 where it shall end: a line that ignores the start's velocity breaks the equations of motion at once.
+Where nothing else helps a motion is found by trial.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from varint.control.inverse_dynamics import rest_controls
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
 from varint.control.transcription import PhaseTranscription
+from varint.control.trial import can_be_tried, tried
 from varint.errors import VarintError
 from varint.integration.simulate import simulate
 from varint.scene.system import parameters_by_name
@@ -50,6 +52,10 @@ def default_starts(problem: ControlProblem) -> Iterator[np.ndarray]:
     unforced = _with_guesses(problem, line, {part: _unforced(part) for part in controlled})
     if unforced is not None:
         yield unforced
+    weak = [part for part in open_phases if len(problem.phases) == 1 and can_be_tried(part)]
+    found = _with_guesses(problem, line, {part: tried(part) for part in weak})
+    if found is not None:
+        yield found
 
 
 def _start_is_given(part: PhaseTranscription) -> bool:

@@ -1,0 +1,80 @@
+"""Cheaper minima beside the first one: a few more starts where a scene is known for many minima.
+
+Each joint without a motor multiplies the minima of a swing-up; from the straight line the solver
+ends in one of them, often not the cheapest. A few paths near the line are tried, each for at most
+twice the iterations of the first one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from varint.control.guess import Guess, read_guess, write_guess
+from varint.control.problem import ControlProblem
+from varint.control.transcription import PhaseTranscription
+from varint.nlp.solver import SolverResult
+
+PASSIVE = 2  # coordinates beyond the controls: one has few minima
+NEIGHBOURS = 4
+SPREAD = 0.3  # height of the waves, of each coordinate's range
+LONGER = 2  # times the iterations of the first solve
+PATIENCE = 25
+FEASIBLE = 1e-6
+WAVES = 4  # sine waves of a random path
+
+Run = Callable[..., SolverResult]
+
+
+def has_many_minima(problem: ControlProblem) -> bool:
+    """One phase without a guess, between given configurations, with several passive joints."""
+    part, structure = problem.phases[0], problem.phases[0].phase.system.structure
+    ends = (part.phase.start.q, part.phase.end.q)
+    return (
+        len(problem.phases) == 1
+        and part.phase.guess is None
+        and not structure.linear
+        and structure.controls > 0
+        and structure.n - structure.constraints - structure.controls >= PASSIVE
+        and all((q[1] == q[2]).all() for q in ends)
+    )
+
+
+def cheapest_neighbour(
+    problem: ControlProblem, run: Run, x: np.ndarray, first: SolverResult, tell: Any
+) -> tuple[SolverResult, tuple[float, ...]]:
+    """The cheapest of the first solution and of those from random paths about the default one, and
+    the costs of all that were found.
+    """
+    part, random = problem.phases[0], np.random.default_rng(0)
+    own = read_guess(part.phase, part.t0)
+    most = LONGER * max(first.iterations, 1)
+    found = [first]
+
+    def enough(iterate: SolverResult) -> bool:
+        return bool(tell is not None and tell(iterate)) or iterate.iterations > most
+
+    for _ in range(NEIGHBOURS):
+        start = x.copy()
+        write_guess(start, part, wave(own, part, SPREAD, random))
+        start = np.clip(start, problem.nlp.x_low, problem.nlp.x_high)
+        outcome = run(start, patience=PATIENCE, callback=enough)
+        if outcome.success and outcome.violation <= FEASIBLE:
+            found.append(outcome)
+    found.sort(key=lambda outcome: outcome.cost)
+    return found[0], tuple(outcome.cost for outcome in found)
+
+
+def wave(
+    own: Guess, transcription: PhaseTranscription, spread: float, rng: np.random.Generator
+) -> Guess:
+    """The path plus sine waves of random height that vanish at the ends."""
+    path = own.q(transcription.phase.mesh)
+    reach = np.maximum(np.ptp(path, axis=0), 1e-3 * np.abs(path).max(initial=0.0))
+    reach = np.where(reach > 0, reach, 1.0)
+    waves = np.arange(1, WAVES + 1)
+    heights = spread * reach * rng.normal(size=(WAVES, path.shape[1])) / waves[:, None]
+    return replace(own, q=lambda s: own.q(s) + np.sin(np.pi * s[:, None] * waves) @ heights, u=None)
