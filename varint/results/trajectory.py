@@ -111,10 +111,8 @@ class Trajectory:
 
     def __repr__(self) -> str:
         what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
-        return (
-            f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, "
-            f"{self.rule})"
-        )
+        ends = f"t = {self.t[0]:g} … {self.t[-1]:g}"
+        return f"Trajectory({what}: {len(self)} nodes, {ends}, {self.rule})"
 
     def _repr_html_(self) -> str:
         """For notebooks: a short table and a small picture."""
