@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from varint.results.records import State
     from varint.results.trajectory import Trajectory
     from varint.scene.control_rate import control_rate
-    from varint.scene.epigraph import abs, max
+    from varint.scene.epigraph import abs as abs
+    from varint.scene.epigraph import max as max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
     from varint.symmetry.noether import noether, symmetries
@@ -78,7 +79,6 @@ __all__ = [
     "System",
     "Trajectory",
     "VarintError",
-    "abs",
     "action_derivatives",
     "close_encounters",
     "closed_loop",
@@ -97,7 +97,6 @@ __all__ = [
     "load",
     "lobatto",
     "lqr",
-    "max",
     "midpoint",
     "models",
     "mpc",
@@ -118,6 +117,8 @@ __all__ = [
     "time",
     "trapezoidal",
 ]
+
+LIKE_PYTHON = ("abs", "max")  # public, but `import *` must not take Python's own away
 
 # loaded when first named: nobody pays for what he does not use
 _LATER = {
@@ -182,4 +183,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, *LIKE_PYTHON])

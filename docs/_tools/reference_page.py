@@ -73,10 +73,10 @@ INTERNAL = {
 def write(path: Path) -> None:
     """Sections in reading order; public names without a place come under "More"."""
     placed = {name for _, names in ORDER for name in names} | {*ERRORS, *MODULES}
-    sections = [*ORDER, ("More", sorted(set(vi.__all__) - placed)), ("Errors", ERRORS)]
+    sections = [*ORDER, ("More", sorted(set(dir(vi)) - placed)), ("Errors", ERRORS)]
     parts = ["Reference\n=========\n\nEvery public name, ``import varint as vi``.\n"]
     for title, names in sections:
-        there = [name for name in names if name in vi.__all__]
+        there = [name for name in names if name in dir(vi)]
         if there:
             parts.append(
                 f"{title}\n{'-' * len(title)}\n\n"

@@ -138,3 +138,10 @@ def test_old_names_of_active_sets_work_for_one_release(old, new):
         value = getattr(motion, old)
     assert said[0].filename == __file__
     assert value is getattr(motion, new) and len(value)
+
+
+def test_importing_everything_leaves_python_its_own_names():
+    names: dict = {}
+    exec("from varint import *", names)
+    assert {"System", "simulate"} <= set(names) and not {"abs", "max"} & set(names)
+    assert {"abs", "max"} <= set(dir(vi))
