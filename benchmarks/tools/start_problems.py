@@ -147,7 +147,9 @@ class Outcome:
 
 
 def by_varint(phase: vi.Phase, path: Path | None) -> Outcome:
-    """From a path, or from the default start; its iterations are those of all attempts."""
+    """From a path, or from the default start; its iterations are those of all attempts by the rule
+    that is asked for.
+    """
     began, count = perf_counter(), 0
 
     def counted(*_) -> None:

@@ -250,3 +250,20 @@ def test_several_passive_joints_have_their_neighbours_tried(capsys):
     assert motion.cost == costs[0] == min(costs) and len(costs) > 1
     motion.report()
     assert "costs of the minima found near the first start" in capsys.readouterr().out
+
+
+def test_a_guess_that_leads_nowhere_is_left_and_the_report_says_so(capsys):
+    """A guess with a path that no control follows; the default start has no trouble."""
+    phase = orbit_raising("polar", steps=15)
+    waves = np.random.default_rng(0).normal(size=(4, 2))
+
+    def path(t: float) -> np.ndarray:
+        return np.array([1, 0]) + 3 * np.sin(t / DURATION * np.pi * np.arange(1, 5)) @ waves
+
+    given = {k: getattr(phase, k) for k in ("terminal_cost", "start", "end", "bounds", "steps")}
+    motion = vi.optimal_control(
+        phase.system, vi.gauss(2), duration=phase.duration, guess=dict(q=path), **given
+    )
+    assert -motion.cost == pytest.approx(HIGHEST, abs=1e-3)
+    motion.report()
+    assert "from the guess no solution was found" in capsys.readouterr().out

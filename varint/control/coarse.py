@@ -19,7 +19,13 @@ from varint.control.problem import ControlProblem, transcribe
 from varint.control.trajectories import build_trajectories
 from varint.rules.rule import trapezoidal
 
-ROUGH = {"tol": 1e-3, "acceptable_tol": 1e-2, "constr_viol_tol": 1e-4, "max_iter": 300}
+ROUGH = {
+    "tol": 1e-3,
+    "acceptable_tol": 1e-2,
+    "constr_viol_tol": 1e-4,
+    "bound_relax_factor": 1e-8,
+    "max_iter": 300,
+}
 
 
 def coarse_start(problem: ControlProblem) -> np.ndarray | None:

@@ -19,7 +19,7 @@ from varint.control.neighbours import cheapest_neighbour, has_many_minima
 from varint.control.phase import Phase
 from varint.control.problem import ControlProblem, transcribe
 from varint.control.replay import LARGE, error_estimate
-from varint.control.starts import default_starts
+from varint.control.starts import default_starts, without_guesses
 from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
 from varint.errors import InputError, SolverError, parsed_or_refused
@@ -308,8 +308,10 @@ def solve(
     first = outcome = run(x, patience=np.inf if known else PATIENCE)
     drawn = all(isinstance(guess, Mapping) for guess in guesses)
     if drawn and not has_converged(outcome) and not outcome.stopped:
-        rough = coarse_start(problem)
+        rough, starts = coarse_start(problem), default_starts(without_guesses(problem))
         outcome = first if rough is None else run(rough, patience=PATIENCE)
+        if not has_converged(outcome) and not outcome.stopped:
+            return _from_elsewhere(problem, run, x, starts)
     if name == "ipopt" and has_converged(outcome) and has_many_minima(problem):
         outcome, costs = cheapest_neighbour(problem, run, x, outcome, tell)
         found = raise_unless_converged(problem, outcome)
@@ -328,6 +330,24 @@ def solve(
         again = run(feasible)
         outcome = again if has_converged(again) or again.stopped else outcome
     return raise_unless_converged(problem, outcome)
+
+
+def _from_elsewhere(
+    problem: ControlProblem, run: Callable[..., SolverResult], x: np.ndarray, starts: Any
+) -> list[Trajectory]:
+    """Where a guess by its coordinates has led nowhere: the default starts, then the guess with all
+    the time that it wants; the trajectories say so.
+    """
+    for start in starts:
+        outcome = run(start, patience=PATIENCE)
+        if has_converged(outcome) or outcome.stopped:
+            found = raise_unless_converged(problem, outcome)
+            note = {"start": "a default start: from the guess no solution was found"}
+            return [replace(y, stats=MappingProxyType({**y.stats, **note})) for y in found]
+    outcome = run(x)
+    contradictory = outcome.status in UNMET and not outcome.stopped
+    nearest = least_violation(problem, outcome) if contradictory else None
+    return raise_unless_converged(problem, outcome, nearest)
 
 
 def _teller(
@@ -353,7 +373,6 @@ UNMET = (
     "Restoration_Failed",
     "Error_In_Step_Computation",
     "Not_Enough_Degrees_Of_Freedom",
-    "Not_Solved",
 )
 FEASIBLE = 1e-6  # a row or bound violated by more is violated
 
@@ -380,7 +399,7 @@ def raise_unless_converged(
         return found
     status = outcome.status.removeprefix("EXIT: ")
     words = WORDS.get(status, "no solution was found from this guess")
-    if nearest is not None:
+    if nearest is not None and nearest.broken:
         words = f"the conditions contradict each other near the last iterate: {nearest}. Relax one"
     raise SolverError(
         f"{status}: {words}. Largest violation of a condition: {outcome.violation:.1e}; "

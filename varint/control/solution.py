@@ -228,6 +228,8 @@ class ControlSolution:
             lines.append(
                 f"  {name}: momentum gained {change:.9g}, impulse of the force {impulse:.9g}"
             )
+        if start := motion.stats.get("start"):
+            lines.append(f"  start                {start}")
         if starts := motion.stats.get("starts"):
             costs = ", ".join(f"{cost:.6g}" for cost in starts)
             lines.append(

@@ -58,6 +58,12 @@ def default_starts(problem: ControlProblem) -> Iterator[np.ndarray]:
         yield found
 
 
+def without_guesses(problem: ControlProblem) -> ControlProblem:
+    """The same problem as if nobody had given a guess."""
+    phases = [replace(part, phase=replace(part.phase, guess=None)) for part in problem.phases]
+    return replace(problem, phases=phases)
+
+
 def _start_is_given(part: PhaseTranscription) -> bool:
     start = part.phase.start
     return bool((start.q[1] == start.q[2]).all() and (start.v[1] == start.v[2]).all())
