@@ -7,10 +7,12 @@ give the same discrete motion to round-off (tests).
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from time import process_time
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 from tools.record import save, table
 
 import varint as vi
@@ -32,12 +34,21 @@ from varint.numerics.arrays import call
 REPEATS, STEPS = 9, 2000
 
 
+@dataclass(frozen=True)
+class Scene:
+    """What is stepped, and from where."""
+
+    system: vi.System
+    q0: ArrayLike
+    v0: ArrayLike
+
+
 def interpreted(
-    stepper: Stepper, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS
+    stepper: Stepper, scene: Scene | vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS
 ) -> Callable[[], None]:
-    task = task_of(model, rule, h, steps)
+    task = task_of(scene, rule, h, steps)
     t, size = np.zeros(1), np.array([h])
-    scale = call(scale_function(model.system), task.q0, task.p0, np.zeros(0), t, size, task.c)[0]
+    scale = call(scale_function(scene.system), task.q0, task.p0, np.zeros(0), t, size, task.c)[0]
     x = call(stepper.start, task.q0, task.p0, np.zeros(0), t, size, task.c)[0]
     rolled = stepper.step.mapaccum(steps)
     many = [np.tile(a, steps) for a in (t, size, task.c, scale)]
@@ -45,9 +56,9 @@ def interpreted(
 
 
 def compiled(
-    kernel: Kernel, model: vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS
+    kernel: Kernel, scene: Scene | vi.models.Model, rule: vi.Rule, h: float, steps: int = STEPS
 ) -> Callable[[], None]:
-    task = task_of(model, rule, h, steps)
+    task = task_of(scene, rule, h, steps)
 
     def once() -> None:
         assert (
@@ -60,48 +71,34 @@ def compiled(
     return once
 
 
-def task_of(model: vi.models.Model, rule: vi.Rule, h: float, steps: int):
+def task_of(scene: Scene | vi.models.Model, rule: vi.Rule, h: float, steps: int):
     return initial_value_problem(
-        model.system, rule, Start(model.q0, model.v0), RunOptions(h=h, steps=steps, save_every=1)
+        scene.system, rule, Start(scene.q0, scene.v0), RunOptions(h=h, steps=steps, save_every=1)
     )
 
 
-def gyroscope() -> vi.models.Model:
+def gyroscope() -> Scene:
     """Two coupled oscillators in a magnetic field: linear, not separable."""
     q, v = vi.coordinates("x", "y")
     system = vi.System(
         q, v, ca.sumsqr(v) / 2 + 0.7 * (q[0] * v[1] - q[1] * v[0]) - q[0] ** 2 - 2 * q[1] ** 2
     )
-    return _model(system, [1.0, 0.0], [0.0, 1.0])
+    return Scene(system, [1.0, 0.0], [0.0, 1.0])
 
 
-def pendulums(count: int = 8) -> vi.models.Model:
+def pendulums(count: int = 8) -> Scene:
     """Pendulums that nothing couples, with a mass that depends on the place: independent blocks."""
     q, v = vi.coordinates(*(f"a{i}" for i in range(count)))
     system = vi.System(q, v, ca.dot(1 + ca.sin(q) ** 2 / 3, v**2) / 2 + ca.sum1(ca.cos(q)))
-    return _model(system, np.linspace(0.1, 1, count), np.zeros(count))
+    return Scene(system, np.linspace(0.1, 1, count), np.zeros(count))
 
 
-def coupled(count: int = 8) -> vi.models.Model:
+def coupled(count: int = 8) -> Scene:
     """The same with every one coupled to every other: one block."""
-    model = pendulums(count)
-    system = model.system
+    scene = pendulums(count)
+    system = scene.system
     lagrangian = system.lagrangian + 1e-3 * ca.sin(ca.sum1(system.q)) * ca.sum1(system.v) ** 2
-    return _model(vi.System(system.q, system.v, lagrangian), model.q0, model.v0)
-
-
-def _model(system: vi.System, q0, v0) -> vi.models.Model:
-    return vi.models.Model(
-        name="scene",
-        system=system,
-        q0=q0,
-        v0=v0,
-        duration=1.0,
-        h=0.01,
-        claim="",
-        source="",
-        invariants={},
-    )
+    return Scene(vi.System(system.q, system.v, lagrangian), scene.q0, scene.v0)
 
 
 def pairs():

@@ -4,18 +4,17 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 
 import varint as vi
 from varint.control.replay import defect
 
-REFERENCE = json.loads((Path(__file__).parent / "reference" / "d.json").read_text(encoding="utf-8"))
+REFERENCE = entries("d")
 U = ca.SX.sym("u")
 # of tests that take too few steps on purpose
 coarse = pytest.mark.filterwarnings("ignore:the solution is too coarse")
@@ -81,3 +80,29 @@ def move(rule, steps: int, duration=1.0, **given) -> vi.Trajectory:
     """The particle from rest at 0 to rest at 1."""
     given = dict(cost=U**2, start=dict(q=[0], v=[0]), end=dict(q=[1], v=[0])) | given
     return vi.optimal_control(particle(), rule, duration=duration, steps=steps, **given)
+
+
+def rod():
+    """The pendulum as a particle on a rod; the torque u acts through F = u ∂θ/∂q."""
+    q, v = vi.coordinates("x", "y")
+    force = U * ca.vertcat(-q[1], q[0])
+    return vi.System(
+        q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], constraint=ca.sumsqr(q) - 1, force=force, control=U
+    )
+
+
+def rod_swing(rule, steps, end=None, **given):
+    def circle(t):
+        return [np.sin(np.pi * t / 3), -np.cos(np.pi * t / 3)]
+
+    return vi.optimal_control(
+        rod(),
+        rule,
+        duration=3.0,
+        steps=steps,
+        cost=U**2,
+        start=dict(q=[0, -1], v=[0, 0]),
+        end=end or dict(q=[0, 1], v=[0, 0]),
+        guess=dict(q=circle),
+        **given,
+    )

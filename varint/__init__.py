@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from varint.control.multistart import multistart
     from varint.control.optimal import optimal_control, optimal_phases
     from varint.control.phase import Phase
+    from varint.control.prepared import Prepared, prepare
     from varint.control.refine import refine
     from varint.discrete.projection import project
     from varint.drawing.sketch import Sketch
@@ -32,13 +33,18 @@ if TYPE_CHECKING:
     from varint.integration.step_function import step_function
     from varint.integration.time_transformation.time_scale import close_encounters
     from varint.load import load
+    from varint.nlp.slacks import Soft, soft
     from varint.results.records import State
     from varint.results.trajectory import Trajectory
+    from varint.scene.control_rate import control_rate
+    from varint.scene.epigraph import abs, max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
     from varint.symmetry.table import Symmetries
+    from varint.typeset.equations import Equations, equations
+    from varint.typeset.sympy_systems import from_sympy
 
 __version__ = VERSION
 
@@ -46,13 +52,16 @@ __all__ = [
     "Controller",
     "ConvergenceError",
     "Ensemble",
+    "Equations",
     "InputError",
     "Link",
     "Parameters",
     "Phase",
     "Plan",
+    "Prepared",
     "Rule",
     "Sketch",
+    "Soft",
     "SolverError",
     "State",
     "Symmetries",
@@ -60,20 +69,25 @@ __all__ = [
     "System",
     "Trajectory",
     "VarintError",
+    "abs",
     "action_derivatives",
     "close_encounters",
     "closed_loop",
     "composition",
+    "control_rate",
     "coordinates",
     "diagnostics",
     "ensemble",
+    "equations",
     "free",
+    "from_sympy",
     "gauss",
     "geodesic",
     "least_action",
     "load",
     "lobatto",
     "lqr",
+    "max",
     "midpoint",
     "models",
     "mpc",
@@ -83,9 +97,11 @@ __all__ = [
     "optimal_phases",
     "paths",
     "plan",
+    "prepare",
     "project",
     "refine",
     "simulate",
+    "soft",
     "start_momentum",
     "step_function",
     "symmetries",
@@ -96,24 +112,32 @@ __all__ = [
 # loaded when first named: nobody pays for what he does not use
 _LATER = {
     "Ensemble": "varint.ensembles.result",
+    "Equations": "varint.typeset.equations",
     "Controller": "varint.control.controller",
     "Link": "varint.control.links",
     "Phase": "varint.control.phase",
     "Plan": "varint.integration.plan",
+    "Prepared": "varint.control.prepared",
     "Sketch": "varint.drawing.sketch",
+    "Soft": "varint.nlp.slacks",
     "State": "varint.results.records",
     "Symmetries": "varint.symmetry.table",
     "Symmetry": "varint.symmetry.symmetry",
     "Trajectory": "varint.results.trajectory",
+    "abs": "varint.scene.epigraph",
     "action_derivatives": "varint.boundary.derivatives",
     "close_encounters": "varint.integration.time_transformation.time_scale",
     "closed_loop": "varint.control.mpc",
+    "control_rate": "varint.scene.control_rate",
     "ensemble": "varint.ensembles.ensemble",
+    "equations": "varint.typeset.equations",
     "free": "varint.scene.free",
+    "from_sympy": "varint.typeset.sympy_systems",
     "geodesic": "varint.scene.geodesic",
     "least_action": "varint.boundary.least_action",
     "load": "varint.load",
     "lqr": "varint.control.lqr",
+    "max": "varint.scene.epigraph",
     "mpc": "varint.control.mpc",
     "multistart": "varint.control.multistart",
     "noether": "varint.symmetry.noether",
@@ -121,9 +145,11 @@ _LATER = {
     "optimal_phases": "varint.control.optimal",
     "paths": "varint.boundary.families",
     "plan": "varint.integration.plan",
+    "prepare": "varint.control.prepared",
     "project": "varint.discrete.projection",
     "refine": "varint.control.refine",
     "simulate": "varint.integration.simulate",
+    "soft": "varint.nlp.slacks",
     "start_momentum": "varint.integration.start_momentum",
     "step_function": "varint.integration.step_function",
     "symmetries": "varint.symmetry.noether",

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.boundary import leaning
 from varint.boundary.minimise import ActiveBounds
 from varint.control.solution import ControlSolution, from_arrays
 from varint.discrete.constraints import ActiveSet
@@ -100,18 +101,31 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
     )
     motion = _assembled(header, arrays, trust)
     solution: ControlSolution | ActiveBounds | None = None
+    dense_output = at_times if inner else None
     if control:
         solution = from_arrays(field_of(header, "control", dict), control)
     elif "bounds" in header:
-        solution = record_of(ActiveBounds, "bounds", header["bounds"])
+        solution = _bounds(motion, header["bounds"])
+        dense_output = leaning.at_times
     return replace(
         motion,
         fictitious=_assembled(field_of(header, "fictitious", dict), inner, trust)
         if inner
         else None,
-        dense_output=at_times if inner else None,
+        dense_output=dense_output,
         solution=solution,
     )
+
+
+def _bounds(motion: Trajectory, data: Any) -> ActiveBounds:
+    """Where a path leans on its bounds, for every control point of the path."""
+    bounds: ActiveBounds = record_of(ActiveBounds, "bounds", data)
+    degree, count = len(motion.rule.points) - 1, len(bounds.t)
+    each = (count, len(bounds.bounds))
+    shapes = (bounds.t.ndim, bounds.points.shape, bounds.values.shape, bounds.multipliers.shape)
+    if shapes != (1, (count, motion.q.shape[1]), each, each) or degree < 1 or (count - 1) % degree:
+        raise InputError(f"the bounds do not fit a path by {motion.rule}: {shapes}")
+    return bounds
 
 
 def _assembled(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -> Trajectory:

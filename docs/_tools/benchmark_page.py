@@ -42,6 +42,12 @@ KNOWN = {
         "collocations written by hand in CasADi, and rockit and opty where they are installed "
         "(opty's time includes its compiler's).",
     ),
+    "optimal_control_again": Benchmark(
+        "Optimal control solved again",
+        "The second solve of a problem, with another end, beside Hermite–Simpson collocation written "
+        'by hand in CasADi\'s Opti, which starts from its last solution ("warm": and its '
+        "multipliers). CPU times, the methods taking turns; the error is that of the cost, relative.",
+    ),
     "optimal_control_assembly": Benchmark(
         "Assembly of large control problems",
         "Cart with 4 links, 2000 steps, 12,015 unknowns: one interval differentiated, interpreted "

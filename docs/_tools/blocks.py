@@ -4,6 +4,7 @@ printed is true.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import io
 import os
@@ -11,6 +12,7 @@ import re
 import tempfile
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 FENCE = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
 MARKED = re.compile(r"^```\{code-block\} python\n:class: (\w+)\n\n?(.*?)^```$", re.M | re.S)
@@ -20,10 +22,13 @@ DPI = 110
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a block printed, and the figures it left open as PNG, each with its description."""
+    """What a block printed, the figures it left open as PNG, each with its description, and the
+    LaTeX of its value where that has one, as a notebook shows it.
+    """
 
     text: str
     figures: tuple[tuple[str, bytes], ...]
+    formula: str = ""
 
 
 def python_blocks(markdown: str) -> list[str]:
@@ -51,7 +56,7 @@ def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Out
         with plt.rc_context(namespace.get("__style__")):  # a page's style is its own
             with contextlib.redirect_stdout(printed), warnings.catch_warnings():
                 warnings.simplefilter("error")
-                exec(compile(code, where, "exec"), namespace)
+                value = run(code, namespace, where)
             namespace["__style__"] = {"axes.prop_cycle": plt.rcParams["axes.prop_cycle"]}
             pictures = []
             for number in plt.get_fignums():
@@ -68,4 +73,16 @@ def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Out
             f"{where}: {len(pictures)} figures but {len(words)} lines '# figure: …' to describe "
             "them"
         )
-    return Outcome(printed.getvalue(), tuple(zip(words, pictures, strict=True)))
+    formula = value._repr_latex_() if hasattr(value, "_repr_latex_") else None
+    figures = tuple(zip(words, pictures, strict=True))
+    return Outcome(printed.getvalue(), figures, (formula or "").strip("$ "))
+
+
+def run(code: str, namespace: dict, where: str) -> Any:
+    """The value of the block's last line, where that is an expression."""
+    tree = ast.parse(code, where)
+    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, where, "exec"), namespace)
+    if last is None:
+        return None
+    return eval(compile(ast.Expression(last.value), where, "eval"), namespace)

@@ -102,6 +102,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "control_minima": r"L = \tfrac12 m\ell^2\dot\theta^2 + m g \ell\cos\theta,\quad F = u,\qquad"
         r" \min \int_0^3 u^2\,dt",
         "control_fastest": r"\min T:\qquad L = \tfrac12 \dot x^2,\quad F = u,\quad |u| \le 1",
+        "control_rocket": r"\max r(T):\qquad L = \tfrac12 \dot r^2 + \frac{1}{r},\quad"
+        r" F = \frac{u - D(r, \dot r)}{m},\quad \dot m = -\frac{u}{c},\quad 0 \le u \le u_{\max}",
         "control_machines": r"\min \int_0^T \ell(q, \dot q, u)\,dt,"
         r"\qquad \frac{d}{dt}\frac{\partial L}{\partial\dot q} - \frac{\partial L}{\partial q}"
         r" = F(u) + G^{\mathsf T}\lambda",

@@ -64,6 +64,11 @@ class Execute(SphinxTransform):
             text["language"] = "text"
             parent.insert(at, text)
             at += 1
+        if result.formula:
+            math = nodes.math_block(result.formula, result.formula, classes=["formula"])
+            math["number"] = math["label"] = None
+            parent.insert(at, math)
+            at += 1
         for words, png in result.figures:
             parent.insert(at, figure(self._stored(png), words))
             at += 1

@@ -11,6 +11,8 @@ from pathlib import Path
 from blocks import Outcome, outcome
 from gallery import package_state, say
 
+FORMAT = "text, figures, formula"  # of what is kept
+
 
 class PageError(Exception):
     """A block of a page failed."""
@@ -26,12 +28,12 @@ def outcomes(codes: list[str], page: str, scratch: Path) -> list[Outcome]:
     """
     if not codes:
         return []
-    text = "\0".join([package_state(), *codes])
+    text = "\0".join([FORMAT, package_state(), *codes])
     kept = scratch / "executed" / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
     if kept.exists():
         return [
-            Outcome(text, tuple((words, b64decode(png)) for words, png in figures))
-            for text, figures in json.loads(kept.read_text(encoding="utf-8"))
+            Outcome(text, tuple((words, b64decode(png)) for words, png in figures), formula)
+            for text, figures, formula in json.loads(kept.read_text(encoding="utf-8"))
         ]
     namespace: dict = {"__name__": "page"}
     results, started = [], time.perf_counter()
@@ -41,7 +43,9 @@ def outcomes(codes: list[str], page: str, scratch: Path) -> list[Outcome]:
         except Exception as error:
             raise PageError(k, error) from error
     say(f"executed {page}: {len(codes)} blocks in {time.perf_counter() - started:.1f} s")
-    rows = [[x.text, [[w, b64encode(png).decode()] for w, png in x.figures]] for x in results]
+    rows = [
+        [x.text, [[w, b64encode(png).decode()] for w, png in x.figures], x.formula] for x in results
+    ]
     kept.parent.mkdir(parents=True, exist_ok=True)
     kept.write_text(json.dumps(rows), encoding="utf-8")
     return results

@@ -21,17 +21,33 @@ ORDER = [
     ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
     (
         "Optimal control",
-        ["optimal_control", "optimal_phases", "Phase", "Link", "refine", "multistart"],
+        [
+            "optimal_control",
+            "optimal_phases",
+            "Phase",
+            "Link",
+            "refine",
+            "multistart",
+            "prepare",
+            "Prepared",
+            "soft",
+            "Soft",
+            "abs",
+            "max",
+            "control_rate",
+        ],
     ),
     ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
     ("Results", ["Trajectory", "State", "load", "Sketch"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
+    ("Equations to read", ["equations", "Equations", "from_sympy"]),
 ]
 ERRORS = ["VarintError", "InputError", "ConvergenceError", "SolverError"]
 MODULES = ["diagnostics", "models"]
 
 # what other modules of the package use of a public class, and users need not know
 INTERNAL = {
+    "Equations": ("sections",),
     "Ensemble": ("k",),
     "Rule": (
         "points",
@@ -75,7 +91,10 @@ def write(path: Path) -> None:
 def _entry(module: str, name: str) -> str:
     what = getattr(importlib.import_module(module), name)
     if inspect.isclass(what):
-        hidden = ", ".join(INTERNAL.get(name, ()))
+        # fields of a named tuple that its section Attributes describes must not come twice
+        described = "Attributes\n" in (inspect.getdoc(what) or "")
+        fields = getattr(what, "_fields", ()) if described else ()
+        hidden = ", ".join([*INTERNAL.get(name, ()), *fields])
         options = "   :members:\n" + (f"   :exclude-members: {hidden}\n" if hidden else "")
         return f".. autoclass:: {module}.{name}\n{options}"
     return f".. autofunction:: {module}.{name}\n"

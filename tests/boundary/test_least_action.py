@@ -2,18 +2,16 @@
 forces, refusals.
 """
 
-import json
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 from scenes import double_pendulum, driven_damped, pendulum, slopes
 from scipy.integrate import solve_ivp
 
 import varint as vi
 
-REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "b.json").read_text())
+REFERENCE = entries("b")
 
 
 def reference(name):

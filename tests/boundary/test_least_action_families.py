@@ -2,17 +2,15 @@
 derivatives.
 """
 
-import json
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 from scenes import pendulum
 
 import varint as vi
 
-REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "b.json").read_text())
+REFERENCE = entries("b")
 
 
 def reference(name):

@@ -2,17 +2,15 @@
 constraints.
 """
 
-import json
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 from scenes import double_pendulum, driven_damped, pendulum
 
 import varint as vi
 
-REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "b.json").read_text())
+REFERENCE = entries("b")
 RULES = [
     vi.gauss(1),
     vi.gauss(4),
@@ -151,6 +149,51 @@ def test_holonomic_constraints_restrict_the_variations():
     held = vi.simulate(rod, vi.lobatto(6), q0=[0.0, -1.0], v0=[1.0, 0.0], h=0.05, steps=180)
     assert held.morse_index == free.morse_index == 2
     assert np.abs(held.conjugate_times - free.conjugate_times).max() < 1e-9
+
+
+def bowl(stretch=1.0, centre=0.0, g=9.81):
+    """A bead on the ellipsoid (x − centre)² + a y² + z² = 1."""
+    q, v = vi.coordinates("x", "y", "z")
+    surface = (q[0] - centre) ** 2 + stretch * q[1] ** 2 + q[2] ** 2 - 1
+    return vi.System(q, v, ca.sumsqr(v) / 2 - g * q[2], constraint=surface)
+
+
+@pytest.mark.parametrize("centre", [0.0, 1e6])
+@pytest.mark.parametrize("speed", [1e-3, 1e-6, 1e-9, 1e-12, 0.0])
+def test_slow_motions_and_short_steps_are_no_reason_to_refuse(speed, centre):
+    """Small oscillations at the bottom, to round-off of the place where they are."""
+    run = dict(q0=[centre, 0, -1], v0=[speed, 0, 0], backend="interpreted")
+    motion = vi.simulate(bowl(centre=centre), vi.lobatto(3), **run, h=0.004, steps=300)
+    half = np.pi / np.sqrt(9.81)
+    assert motion.conjugate_times == pytest.approx([half, half], rel=3e-6)
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(2), vi.lobatto(3), vi.composition("yoshida4")], ids=repr)
+def test_a_motion_backwards_in_time_has_the_conjugate_times_of_its_mirror(rule):
+    run = dict(q0=1.0, steps=120)
+    ahead = vi.simulate(pendulum(), rule, v0=0.4, h=0.05, **run)
+    back = vi.simulate(pendulum(), rule, v0=-0.4, h=-0.05, **run)
+    assert len(ahead.conjugate_times) == ahead.morse_index == back.morse_index > 0
+    np.testing.assert_allclose(back.conjugate_times, -ahead.conjugate_times, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("kind", ["bowl", "rods", "bead"])
+def test_no_start_on_constraints_is_refused(kind):
+    rng = np.random.default_rng(3)
+    q, v = vi.coordinates(*"abcd")
+    chain = ca.vertcat(ca.sumsqr(q[:2]) - 1, ca.sumsqr(q[2:] - q[:2]) - 1)
+    rods = vi.System(q, v, ca.sumsqr(v) / 2 - q[1] - q[3], constraint=chain)
+    x, w = vi.coordinates("x", "y")
+    bead = vi.System(x, w, ca.sumsqr(w) / 2 - x[1], constraint=x[1] - x[0] ** 2)
+    for i in range(4):
+        system = {"bowl": bowl(10 ** rng.uniform(-1, 1), g=i), "rods": rods, "bead": bead}[kind]
+        n = system.structure.n
+        q0, v0 = vi.project(system, rng.normal(size=n), rng.normal(size=n))
+        run = dict(q0=q0, v0=v0, steps=60, backend="interpreted")
+        motion = vi.simulate(system, vi.lobatto(3), h=0.04, **run)
+        times = motion.conjugate_times
+        assert len(times) == motion.morse_index
+        assert ((times > 0) & (times <= motion.duration)).all() and (np.diff(times) >= 0).all()
 
 
 def test_what_has_no_index_says_so():

@@ -345,3 +345,54 @@ def test_a_tolerance_out_of_reach_says_so_and_keeps_the_path():
     with pytest.raises(vi.SolverError, match="tol=1e-13") as caught:
         vi.least_action(kicked, vi.gauss(1), q_start=-1.0, q_end=2.0, duration=0.7, tol=1e-13)
     assert np.isfinite(caught.value.iterate.q).all()
+
+
+def round_the_disc(rule, steps):
+    """Free motion from one side of a disc to the other, past it."""
+    q, v = vi.coordinates("x", "y")
+    free = vi.System(q, v, ca.sumsqr(v) / 2)
+    guess = [[-1, 0.1], [0, 1], [1, 0]]
+    bounds = [(0.25, ca.sumsqr(q), ca.inf)]
+    ends = dict(q0=[-1, 0.1], q_end=[1, 0], duration=1.0)
+    return vi.least_action(free, rule, steps=steps, guess=guess, bounds=bounds, **ends)
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(2), vi.gauss(4)], ids=str)
+def test_a_path_that_leans_on_an_obstacle_knows_its_error(rule):
+    fine = round_the_disc(rule, 280)
+    for steps in (7, 20, 40):
+        path = round_the_disc(rule, steps)
+        apart = np.abs(path.q - fine.q[:: 280 // steps]) / np.ptp(fine.q, axis=0)
+        assert 0.5 * apart.max() < path.stats["error_estimate"] < 4 * apart.max()
+
+
+def test_a_path_that_leans_on_an_obstacle_keeps_out_of_it_between_its_nodes(tmp_path):
+    """Steps from node to node would know nothing of the disc, and lead through it."""
+    depth = []
+    for steps in (20, 40):
+        path = round_the_disc(vi.gauss(2), steps)
+        path.save(tmp_path / "path.npz")
+        for motion in (path, vi.load(tmp_path / "path.npz")):
+            dense = motion.at(np.linspace(0, 1, 501))
+            radius = np.linalg.norm(dense.q, axis=1)
+            speed = np.linalg.norm(dense.v, axis=1)
+            np.testing.assert_allclose(speed, np.linalg.norm(path.v[0]), rtol=0.1)
+            np.testing.assert_allclose(motion.at(path.t).q, path.q, atol=1e-14)
+        depth.append(0.5 - radius.min())
+    assert depth[0] < 4e-4 and depth[1] < 2e-4  # by steps: 1.6e-2 and 4e-3
+
+
+def test_a_path_of_free_duration_knows_its_error():
+    model = vi.models.brachistochrone(2.0, 1.0, 9.81)
+    share = np.linspace(0, 1, 30)[:, None]
+    deep = np.sqrt(2.0)
+    ends = dict(q0=[0, 0], q_end=[2, deep], guess=np.hstack([2 * share, deep * np.sqrt(share)]))
+    paths = [
+        vi.least_action(
+            model.system, vi.gauss(2), steps=steps, duration=vi.free(0.8, 0.01, 9.0), **ends
+        )
+        for steps in (10, 20, 80)
+    ]
+    for path in paths[:2]:
+        apart = np.abs(path.q - paths[2].q[:: 80 // path.stats["steps"]]).max()
+        assert apart < path.stats["error_estimate"] < 1e-4

@@ -282,25 +282,21 @@ def random_expression(generator, atoms, depth):
     ][generator.integers(8)]
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_random_products_powers_and_sums_keep_their_values(seed):
+def random_case(seed, more=lambda x, c: ()):
+    """Four random expressions and more as a function; points, parameters and its values there."""
     generator = np.random.default_rng(seed)
     x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
-    atoms = [
-        x[0],
-        x[1],
-        x[2],
-        c[0],
-        c[1],
-        x[0] + x[1],
-        x[1] * x[2] + c[0],
-        ca.SX(1.5),
-        ca.sumsqr(x),
-    ]
-    wanted = ca.vertcat(*(random_expression(generator, atoms, 4) for _ in range(4)))
+    sums = [x[0] + x[1], x[1] * x[2] + c[0], ca.SX(1.5), ca.sumsqr(x)]
+    atoms = [*ca.vertsplit(x), *ca.vertsplit(c), *sums]
+    wanted = ca.vertcat(*(random_expression(generator, atoms, 4) for _ in range(4)), *more(x, c))
     f = ca.Function("f", [x, c], [ca.cse(wanted)])
     points, constants = generator.uniform(0.5, 2, (8, 3)), np.array([0.7, 1.3])
-    exact = np.array([np.array(f(p, constants)).ravel() for p in points])
+    return f, points, constants, np.array([np.array(f(p, constants)).ravel() for p in points])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_products_powers_and_sums_keep_their_values(seed):
+    f, points, constants, exact = random_case(seed)
     found = evaluator(f, 8)(points, constants)
     defined = np.isfinite(exact)
     assert np.isfinite(found[defined]).all()
@@ -310,28 +306,7 @@ def test_random_products_powers_and_sums_keep_their_values(seed):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_loops_over_operations_of_the_same_form_keep_the_values(seed):
-    generator = np.random.default_rng(seed)
-    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
-    atoms = [
-        x[0],
-        x[1],
-        x[2],
-        c[0],
-        c[1],
-        x[0] + x[1],
-        x[1] * x[2] + c[0],
-        ca.SX(1.5),
-        ca.sumsqr(x),
-    ]
-    wanted = ca.vertcat(
-        *(random_expression(generator, atoms, 4) for _ in range(4)),
-        ca.sin(x[0]),
-        ca.cos(x[0]),
-        c[0],
-    )
-    f = ca.Function("f", [x, c], [ca.cse(wanted)])
-    points, constants = generator.uniform(0.5, 2, (8, 3)), np.array([0.7, 1.3])
-    exact = np.array([np.array(f(p, constants)).ravel() for p in points])
+    f, points, constants, exact = random_case(seed, lambda x, c: (ca.sin(x[0]), ca.cos(x[0]), c[0]))
     found, defined = evaluator(f, 8, written_out=0)(points, constants), np.isfinite(exact)
     np.testing.assert_allclose(found[defined], exact[defined], rtol=1e-11, atol=1e-11)
 

@@ -1,5 +1,5 @@
-"""Control of constrained scenes: closed loops cost what their reduced form costs; guesses are
-brought onto g = 0.
+"""Control of constrained scenes: rods and closed loops cost what their reduced form costs; guesses
+are brought onto g = 0.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from control_scenes import U, coarse, replay_defect
+from control_scenes import U, coarse, pendulum, replay_defect, rod_swing, swing
 
 import varint as vi
 from varint.control.constrained_guess import move_onto_constraints
@@ -17,6 +17,24 @@ from varint.control.guess import build_start
 from varint.control.problem import transcribe
 
 models = vi.models
+
+
+@pytest.mark.parametrize("stages", [3, 4])
+def test_particle_on_a_rod_costs_what_the_pendulum_costs_to_the_order_of_the_rule(stages):
+    exact = swing(pendulum(9.81), 3.0, 40).cost
+    errors = [abs(rod_swing(vi.lobatto(stages), steps).cost - exact) for steps in (20, 40)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2 * stages - 2, abs=0.25)
+    assert errors[1] < 2e-5 * exact if stages == 4 else 1e-3 * exact
+
+
+def test_constraints_hold_in_positions_and_velocities_and_multipliers_are_the_tension():
+    motion = rod_swing(vi.lobatto(4), 40)
+    q, v = motion.q, motion.v
+    assert np.abs((q**2).sum(axis=1) - 1).max() < 1e-12
+    assert np.abs((q * v).sum(axis=1)).max() < 1e-11
+    tension = (v**2).sum(axis=1) - 9.81 * q[:, 1]
+    assert -2 * motion.multipliers[:, 0] == pytest.approx(tension, abs=1e-10)
+    assert replay_defect(motion) < 1e-9
 
 
 @pytest.fixture(scope="module")

@@ -89,3 +89,41 @@ def test_where_no_step_is_possible_both_gears_raise_the_same_error():
     assert errors[0].step == errors[1].step > 0
     assert np.isnan(errors[0].residual) == np.isnan(errors[1].residual)
     np.testing.assert_allclose(errors[0].trajectory.q, errors[1].trajectory.q, rtol=0, atol=1e-12)
+
+
+def charge_in_a_field():
+    """Linear: bound in a plane, a magnetic field across it, pulled along x."""
+    q, v = vi.coordinates("x", "y")
+    magnetic = 0.75 * (q[0] * v[1] - q[1] * v[0])
+    bound = (q[0] ** 2 + q[0] * q[1] + q[1] ** 2) / 2 - 0.3 * q[0]
+    return vi.System(q, v, ca.sumsqr(v) / 2 + magnetic - bound)
+
+
+def test_large_linear_scenes_are_solved_to_round_off_compiled_as_interpreted():
+    """The factors are the same in every step, so their round-off would add up in one direction."""
+    run = dict(q0=[1, 0.5], v0=[0.3, 1], h=0.02, steps=1000)
+    rule = vi.gauss(7)  # 14 unknowns: more than a constant map is made for
+    ours, other = (
+        vi.simulate(charge_in_a_field(), rule, **run, backend=backend)
+        for backend in ("compiled", "interpreted")
+    )
+    assert "factorised once" in ours.stats["backend"]
+    assert np.abs(ours.q - other.q).max() < 1e-14
+    assert np.abs(ours.energy - ours.energy[0]).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("scene", "rule"),
+    [
+        (charge_in_a_field, vi.gauss(2)),
+        (charge_in_a_field, vi.gauss(7)),
+        (lambda: duffing(2), vi.gauss(2)),
+        (lambda: duffing(2), vi.lobatto(3)),
+    ],
+    ids=["map", "linear", "stages", "newton"],
+)
+def test_compiled_runs_state_the_residual_that_they_leave(rule, scene):
+    """Not zero, which no sum of rounded terms is, and no more than round-off."""
+    run = dict(q0=[1, 0.5], v0=[0.3, 1], h=0.05, steps=200)
+    motion = vi.simulate(scene(), rule, **run, backend="compiled")
+    assert 1e-18 < motion.stats["residual"] < 1e-12

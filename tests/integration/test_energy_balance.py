@@ -75,3 +75,93 @@ def test_scenes_that_gain_and_lose_much_energy_raise_no_false_alarm(every):
         warnings.simplefilter("error")
         for system, controls in quiet:
             vi.simulate(system, q0=1, v0=0, h=0.05, steps=2000, save_every=every, u=controls)
+
+
+def bead_on_a_line_that_moves(omega: float) -> vi.System:
+    """A spring along a line that goes up and down: what the line does is known, the spring's
+    motion is not changed by it.
+    """
+    q, v = vi.coordinates("x", "y")
+    t = vi.time()
+    line = q[1] - 0.3 * ca.sin(2 * t) - 0.1 * q[0]
+    return vi.System(q, v, ca.sumsqr(v) / 2 - omega**2 * q[0] ** 2 / 2, constraint=line, t=t)
+
+
+def skate(omega: float, **more) -> vi.System:
+    """ẏ = x ż: no work is done by what holds it."""
+    q, v = vi.coordinates("x", "y", "z")
+    rows = ca.horzcat(0, 1, -q[0])
+    energy = ca.sumsqr(v) / 2 - omega**2 * ca.sumsqr(q) / 2
+    return vi.System(q, v, energy, nonholonomic=rows, **more)
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+@pytest.mark.parametrize("scene", ["moving", "skate"])
+def test_an_unstable_step_is_told_of_under_constraints_that_move_or_bind_velocities(scene, backend):
+    system = bead_on_a_line_that_moves(2.3) if scene == "moving" else skate(2.3)
+    start = ([1, 0.1], [0, 0.6]) if scene == "moving" else ([1, 0, 0], [0, 0, 0])
+    run = dict(q0=start[0], v0=start[1], h=1.0, backend=backend)
+    with pytest.warns(UserWarning, match=SILENT):
+        motion = vi.simulate(system, vi.lobatto(2), **run, steps=60)
+    assert np.abs(motion.q).max() > 1e6
+
+
+def test_constraints_that_move_or_bind_velocities_raise_no_false_alarm():
+    t, (q, v) = vi.time(), vi.coordinates("x", "y")
+    pivot = q - ca.vertcat(0.5 * ca.sin(3 * t), 2 * t)
+    swing = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], constraint=ca.sumsqr(pivot) - 1, t=t)
+    table = vi.System(
+        q,
+        v,
+        ca.sumsqr(v) / 2 - 9.81 * q[1],
+        contact=q[1] - 0.2 * ca.sin(9 * t),
+        restitution=0.5,
+        t=t,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        vi.simulate(swing, q0=[0, -1], v0=[1.5, 2], h=0.02, steps=1000)
+        vi.simulate(bead_on_a_line_that_moves(2.3), q0=[1, 0.1], v0=[0, 0.6], h=0.05, steps=1000)
+        vi.simulate(skate(1.0), vi.lobatto(2), q0=[1, 0, 0.5], v0=[0, 1, 1], h=0.05, steps=1000)
+        slowed = skate(1.0, force=ca.vertcat(0, 0, -1))
+        vi.simulate(slowed, vi.lobatto(2), q0=[1, 0, 0.5], v0=[0, 1, 1], h=0.05, steps=1000)
+        vi.simulate(table, q0=[0, 1], v0=[1, 0], h=0.01, steps=400)
+
+
+def test_a_motion_that_comes_back_between_evenly_spaced_nodes_is_told_of():
+    """Verlet turns by 8π/9 a step here, so that every ninth node has the energy of the start."""
+    h, steps = 2 * np.sin(4 * np.pi / 9), 81 * 4
+    with pytest.warns(UserWarning, match=SILENT):
+        motion = vi.simulate(oscillator(), vi.composition("verlet"), q0=1, v0=0, h=h, steps=steps)
+    even = motion.energy[:: steps // 9]
+    assert np.ptp(even) < 1e-9 and np.ptp(motion.energy) > 0.4
+
+
+@pytest.mark.parametrize("every", [1, 10])
+@pytest.mark.parametrize("driven", ["drag", "time", "control"])
+def test_members_of_an_ensemble_are_watched_under_forces_and_explicit_time(driven, every):
+    t, u, c = vi.time(), ca.SX.sym("u"), vi.Parameters(k=1.0)
+    q, v = vi.coordinates("x")
+    more = {
+        "drag": dict(force=-1e-3 * v),
+        "time": dict(force=1e-3 * ca.cos(t), t=t),
+        "control": dict(force=1e-3 * u, control=u),
+    }[driven]
+    system = vi.System(q, v, v**2 / 2 - c.k * q**2 / 2, params=c, **more)
+    run = dict(q0=1, v0=0, h=1.0, steps=100, save_every=every, backend="interpreted")
+    run |= dict(u=np.cos(np.arange(100.0))[:, None]) if driven == "control" else {}
+    k = [0.1, 5.0, 0.2, 6.0]
+    with pytest.warns(UserWarning, match=r"energy of 2 members .*members \[1, 3\]"):
+        vi.ensemble(system, vi.lobatto(2), params={"k": k}, **run)
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_members_that_gain_and_lose_much_energy_raise_no_false_alarm(every):
+    t, c = vi.time(), vi.Parameters(k=1.0)
+    q, v = vi.coordinates("x")
+    for force in (-c.k * v, 5 * ca.cos(c.k * t), -ca.tanh(20 * v)):
+        system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=force, params=c, t=t)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            run = dict(q0=1, v0=0, h=0.05, steps=500, save_every=every, backend="interpreted")
+            vi.ensemble(system, vi.gauss(1), params={"k": [0.1, 0.5, 1.0, 1.5]}, **run)

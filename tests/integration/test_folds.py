@@ -197,3 +197,25 @@ def test_a_scene_without_constraints_is_not_watched(monkeypatch):
     x, w = vi.coordinates("a", "b")  # rows that are the same everywhere have the same rank
     flat = vi.System(x, w, ca.sumsqr(w) / 2, constraint=x[0] - x[1])
     vi.simulate(flat, q0=[1, 1], v0=[0, 0], h=0.1, steps=10)
+
+
+def test_a_compiled_loop_looks_at_its_nodes_itself(monkeypatch):
+    """So that saving every step costs no more than saving: nodes are handed over near a fold."""
+    from varint.integration import fold_watch
+
+    seen, look = [], fold_watch._independence
+
+    def counted(scene, problem, q, k):
+        seen.append(len(q))
+        return look(scene, problem, q, k)
+
+    monkeypatch.setattr(fold_watch, "_independence", counted)
+    x, w = vi.coordinates("a", "b", "c", "d")
+    rods = ca.vertcat(ca.sumsqr(x[:2]) - 1, ca.sumsqr(x[2:] - x[:2]) - 1)
+    chain = vi.System(x, w, ca.sumsqr(w) / 2 - 9.81 * (x[1] + x[3]), constraint=rods)
+    run = dict(q0=[1, 0, 2, 0], v0=[0, 0, 0, 0], h=0.01, steps=2000)
+    vi.simulate(chain, vi.lobatto(2), **run, backend="compiled")
+    assert 0 < sum(seen) < 50
+    seen.clear()
+    vi.simulate(chain, vi.lobatto(2), **run, backend="interpreted")
+    assert sum(seen) > 2000

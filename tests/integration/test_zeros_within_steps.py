@@ -180,3 +180,88 @@ def test_controls_that_vary_within_a_step_are_watched_between_its_nodes():
     times = {kind: [e.time for e in motion.events if e.kind == kind] for kind in ("turn", "half")}
     np.testing.assert_allclose(times["turn"], [1.3], rtol=0, atol=1e-12)
     np.testing.assert_allclose(times["half"], exact, rtol=0, atol=1e-7)
+
+
+def roller():
+    """A bead on a circle."""
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 - G * q[1], constraint=ca.sumsqr(q) - 1)
+
+
+def swing():
+    """A pendulum whose pivot shakes."""
+    t, (q, v) = vi.time(), vi.coordinates("theta")
+    return vi.System(q, v, v**2 / 2 + (G + ca.cos(3 * t)) * ca.cos(q), force=-0.1 * v, t=t)
+
+
+@pytest.mark.parametrize(
+    ("scene", "rule", "start", "watched"),
+    [
+        (swing, vi.gauss(4), (1.0, 0.0), lambda s: {"low": (s.q, 1), "late": ca.sin(s.t + s.q)}),
+        (lambda: OSCILLATOR, vi.gauss(2), (1.0, 0.0), lambda s: {"low": s.q * s.v - 0.3}),
+        (lambda: OSCILLATOR, vi.composition("suzuki4"), (1.0, 0.0), lambda s: {"slow": s.v}),
+        (roller, vi.lobatto(3), ([1, 0], [0, 0]), lambda s: {"low": s.q[0], "deep": s.q[1] + 0.5}),
+    ],
+    ids=["time", "map", "explicit", "constraint"],
+)
+def test_both_gears_find_the_same_zeros(scene, rule, start, watched):
+    system = scene()
+    run = dict(q0=start[0], v0=start[1], h=0.03, steps=400, events=watched(system))
+    ours, other = (
+        vi.simulate(system, rule, **run, backend=backend).events
+        for backend in ("compiled", "interpreted")
+    )
+    assert [e.kind for e in ours] == [e.kind for e in other] and len(ours) >= 3
+    for a, b in zip(ours, other, strict=True):
+        assert abs(a.time - b.time) < 1e-11
+        np.testing.assert_allclose(a.q, b.q, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(a.p_after, b.p_after, rtol=0, atol=1e-11)
+
+
+WATCHED = [
+    ca.sin(40 * Q),
+    (V - Q) ** 2 - 1e-4,
+    ca.fabs(V) - 0.01,
+    Q * V - 0.4999,
+    ca.tan(2 * Q),
+    ca.sign(Q) + 0.1,
+    Q - 0.999999,
+    1 / Q,
+]
+
+
+@pytest.mark.parametrize("expression", WATCHED, ids=str)
+def test_boxes_around_many_steps_lose_no_zero(expression, monkeypatch):
+    from varint.integration.events import crossings
+
+    all_at_once = found(expression, h=0.1, steps=2000, backend="interpreted")
+
+    def never(search, motion, left, right):
+        return np.zeros(len(left.t)), np.zeros(len(left.t), dtype=bool)
+
+    monkeypatch.setattr(crossings, "look_at_groups", never)
+    one_by_one = found(expression, h=0.1, steps=2000, backend="interpreted")
+    np.testing.assert_array_equal(all_at_once, one_by_one)
+
+
+def test_three_substeps_locate_a_zero_and_functions_are_built_once():
+    from varint.integration.events import crossings as c
+    from varint.integration.events.substeps import interpreted_substeps
+
+    motion = vi.simulate(OSCILLATOR, vi.gauss(8), q0=1.0, v0=0.0, h=0.2, steps=3000)
+    search, taken = c.crossing_search(OSCILLATOR, c.Watch("zero", Q - 0.3, 0)), []
+
+    def counted(motion, node, t):
+        taken.append(len(t))
+        return interpreted_substeps(motion, node, t)
+
+    zeros = c.find_crossings(search, motion, {}, counted).before
+    turns = 2 * np.pi * np.arange(96)
+    exact = np.sort(np.concatenate([turns + np.arccos(0.3), turns - np.arccos(0.3)]))
+    exact = exact[(exact > 0) & (exact < 600)]
+    np.testing.assert_allclose(zeros.t, exact, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(zeros.q[:, 0], 0.3, rtol=0, atol=1e-12)
+    assert sum(taken) <= 3 * len(exact)
+    again = c.crossing_search(OSCILLATOR, c.Watch("other", Q - 0.3, 1))
+    assert again.values is search.values and again.box is search.box
+    assert c.crossing_search(OSCILLATOR, c.Watch("zero", Q - 0.31, 0)).values is not search.values

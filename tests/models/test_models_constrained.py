@@ -4,18 +4,15 @@ models in angles.
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 
 import varint as vi
 from varint import models
 
-FOLDER = Path(__file__).parents[1] / "reference"
-MECHANICS, MULTIBODY = (json.loads((FOLDER / f"{name}.json").read_text()) for name in ("a", "c"))
+MECHANICS, MULTIBODY = entries("a"), entries("c")
 
 
 def test_andrews_mechanism_squeezes_as_recomputed_in_multipliers_too():

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from control_scenes import REFERENCE, replay_defect
+from references import entries
 
 import varint as vi
 
@@ -21,9 +22,7 @@ ACCURACY = {
     "falling_cat": 1e-8,
     "carried_load": 1e-7,
 }
-COMPUTED = json.loads(
-    (Path(__file__).parents[1] / "reference" / "e.json").read_text(encoding="utf-8")
-)
+COMPUTED = entries("e")
 
 
 @pytest.fixture(scope="module")

@@ -1,23 +1,16 @@
 """Every model meets its reference values: in closed form, and simulated by an accurate rule."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pytest
+from references import entries
 
 import varint as vi
 from varint import models
 
-REFERENCE = {
-    name: entry
-    for file in ("a", "b", "c")
-    for name, entry in json.loads(
-        (Path(__file__).parents[1] / "reference" / f"{file}.json").read_text()
-    ).items()
-}
+REFERENCE = entries("a") | entries("b") | entries("c")
 ROUND_OFF = 1e-13  # of the state's size: a few hundred roundings
 GROWTH = 100  # roundings of 1e-16 on the way, each grown as a change of the start grows
 NUDGE = 1e-9  # relative change of start and clock that measures this growth
@@ -237,7 +230,6 @@ def simulated(model, case, times, nudge=0.0):
         **start,
         duration=times[-1],
         steps=steps,
-        backend="interpreted",  # whatever is compiled already
     ).at(times)
     return case.columns(motion.q, motion.v)[:, : case.width]
 

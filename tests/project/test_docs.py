@@ -15,12 +15,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-sys.path.insert(0, str(DOCS / "_tools"))
+sys.path[:0] = [str(DOCS), str(DOCS / "_tools"), str(ROOT / "benchmarks")]
 
 import benchmark_page  # noqa: E402  (only findable now)
+import images  # noqa: E402
 from blocks import FIGURE, marked_blocks, outcome, python_blocks  # noqa: E402  (only findable now)
 from chapters import CHAPTERS  # noqa: E402
 from gallery import example  # noqa: E402
+from tools import record  # noqa: E402
 
 import varint as vi  # noqa: E402
 from varint.rules.compositions import COMPOSITIONS  # noqa: E402
@@ -41,6 +43,8 @@ def name_of(page):
 def test_every_python_block_runs(page):
     namespace = {"__name__": "page"}
     for number, code in enumerate(python_blocks(page.read_text(encoding="utf-8"))):
+        if re.search(r"vi\.(equations|from_sympy)\(|import sympy", code):
+            pytest.importorskip("sympy", reason="needs the extra varint-mechanics[sympy]")
         # GitHub shows no comment as a caption: README has its picture below the block
         if page.parent == ROOT:
             code = code.replace("motion.plot()", "motion.plot()\n# figure: below")
@@ -297,8 +301,6 @@ def test_every_stored_result_has_a_title_and_words_on_the_page():
 
 
 def test_a_benchmark_stores_date_machine_and_versions():
-    import record  # benchmark_page has put its folder on the path
-
     about = record.measured_with()
     assert set(about) >= {
         "date",
@@ -325,9 +327,6 @@ def test_the_readme_lists_the_rules_that_there_are():
 
 
 def test_the_readme_s_run_times_are_those_of_the_benchmark():
-    sys.path.insert(0, str(DOCS))
-    import images
-
     def scene(**seconds):
         return {
             "rows": [

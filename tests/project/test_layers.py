@@ -17,10 +17,12 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     "errors",
     "numerics",
+    "notation",
     "rules",
     "scene",
     "discrete",
     "symmetry",
+    "typeset",
     "results",
     "drawing",
     "nlp",
@@ -45,8 +47,10 @@ BEHIND = {
     "varint.drawing.sketch",
     "varint.drawing.figures",
     "varint.drawing.animation",
+    "varint.drawing.notebook",
     "varint.diagnostics.momentum",
     "varint.diagnostics.second_variation",
+    "varint.control.prepared",
 }
 LONGEST = 250  # lines of code: without blank lines, comments and docstrings
 

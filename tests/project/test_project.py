@@ -5,7 +5,6 @@ what it claims.
 from __future__ import annotations
 
 import importlib.util
-import json
 import re
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from references import entries
 
 import varint as vi
 from varint.rules.compositions import COMPOSITIONS
@@ -63,9 +63,7 @@ def test_tasks_without_a_known_task_say_which_there_are(arguments):
 
 
 def test_the_demo_starts_from_the_published_data_and_is_measured_against_the_reference():
-    published = json.loads((ROOT / "tests/reference/c.json").read_text(encoding="utf-8"))[
-        "C_outer_solar_system"
-    ]
+    published = entries("c")["C_outer_solar_system"]
     demo, model = module("examples/outer_solar_system.py"), vi.models.outer_solar_system()
     row = published["reference"]["state"][published["times"].index(demo.DAYS)]
     assert np.array_equal(demo.REFERENCE.ravel(), row[:18])

@@ -81,6 +81,14 @@ def test_internals_of_public_classes_exist_and_are_left_out_of_the_reference(tmp
         assert f":exclude-members: {', '.join(internals)}" in entry
 
 
+def test_fields_of_a_named_tuple_are_described_once(tmp_path):
+    reference_page.write(tmp_path / "reference.rst")
+    text = (tmp_path / "reference.rst").read_text(encoding="utf-8")
+    entry = text.partition(".. autoclass:: varint.Equations\n")[2].partition("\n\n")[0]
+    assert all(f", {field}" in entry for field in vi.Equations._fields)
+    assert "latex" not in entry and "\n   :members:\n" in f"\n{entry}"
+
+
 def test_a_colon_in_the_first_line_of_a_property_ends_no_type():
     pytest.importorskip("sphinx")
     from docstrings import process, restore

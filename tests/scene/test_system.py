@@ -39,7 +39,10 @@ def refused(message: str):
             lambda: vi.System(q, v, free, constraint=v[0]),
             r"constraint may not depend on \['x_dot'\].*nonholonomic=",
         ),
-        (lambda: vi.System(q, v, free, control=ca.SX.sym("u")), r"controls \['u'\] do not act"),
+        (
+            lambda: vi.System(q, v, free - vi.abs(q[0])),
+            r"\['abs\(x\)'\] in the Lagrangian: vi.abs and vi.max belong to the costs",
+        ),
         (lambda: vi.System(q, v[0], free), "q has 2 and v has 1 components"),
         (lambda: vi.System(q, q, free), r"names \['x', 'y'\] are used for more than one symbol"),
         (lambda: vi.System(ca.MX.sym("q", 2), v, free), "q is an MX"),

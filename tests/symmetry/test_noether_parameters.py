@@ -174,3 +174,13 @@ def test_a_long_chain_lists_what_is_recognisable_and_counts_the_rest():
         "more of L alone: linear ones that the rest of the scene breaks" in found.note
         and len(found) < 30
     )
+
+
+def test_coefficients_of_singular_equations_end_the_search_in_no_error():
+    """A field that oscillates evenly: some coefficients solve equations that are singular for all
+    parameters.
+    """
+    found = vi.symmetries(vi.models.oscillating_field().system)
+    assert {f"translation along {x}" for x in "xyz"} <= {s.name for s in found}
+    assert "give params={}" in found.note
+    assert all(s.conserved for s in found)

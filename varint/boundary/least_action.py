@@ -101,8 +101,8 @@ def least_action(
         With forces it is the path of the Lagrange–d'Alembert principle. Started from its first q
         and p, `simulate` reproduces it to round-off, where all steps are equal. With bounds,
         `solution` tells where the path leans on them (`ActiveBounds`). ``stats["error_estimate"]``
-        is the path's own error as for `tol`, measured by the path with every step halved; where it
-        is large a warning says so.
+        is the path's own error as for `tol` (of a path of least action that of q and the duration
+        alone), measured by the path with every step halved; where it is large a warning says so.
 
     Raises
     ------
@@ -148,7 +148,9 @@ def least_action(
     )
     first = first_path(problem, nodes, time)
     if minimise:
-        return minimise_action(problem, first, (window[0], window[1]), bounds or [], began)
+        path = minimise_action(problem, first, (window[0], window[1]), bounds or [], began)
+        _check_error(path, path.stats["error_estimate"], None)
+        return path
     if tol is None:
         outcome = solve_with_continuation(problem, first)
         error = path_error(problem, outcome.iterate).nodes if outcome.solved else np.inf

@@ -16,12 +16,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.boundary.divided_steps import split_steps
 from varint.boundary.iterate import Iterate, iterate_through
+from varint.boundary.leaning import at_times
 from varint.boundary.least_action_program import (
     Layout,
     least_action_program,
     program_layout,
 )
+from varint.boundary.newton import coordinate_ranges
 from varint.boundary.result import trajectory_of
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.errors import InputError, SolverError
@@ -48,6 +51,8 @@ class ActiveBounds:
         The bounded expressions.
     t : ndarray (K,)
         Times of all control points.
+    points : ndarray (K, n)
+        The control points themselves, those of every step through which its polynomial leads.
     values, multipliers : ndarray (K, b)
         Value of each expression, and how fast the least action grows with its bound, per unit of
         time and bound: positive where the path leans on the lower bound, negative on the upper one.
@@ -57,6 +62,7 @@ class ActiveBounds:
 
     bounds: tuple[str, ...]
     t: np.ndarray
+    points: np.ndarray
     values: np.ndarray
     multipliers: np.ndarray
     status: str
@@ -79,22 +85,43 @@ def minimise_action(
     bounded = bounds_of_path(problem, bounds)
     layout = program_layout(problem, iterate.increments.shape[1], bounded.at_points.numel())
     minimum, outcome = least_action_near(problem, layout, iterate, window, bounded)
+    found = has_succeeded(outcome)
+    error = _error_of(problem, minimum, window, bounded) if found else np.inf
     stats = {
         "plan": f"{problem.rule}: least action by Ipopt, {len(outcome.x)} unknowns",
         "steps": problem.steps,
         "status": outcome.status,
         "iterations": len(outcome.history.get("cost", ())) - 1,
         "residual": outcome.violation,
+        "error_estimate": error,
         "seconds": perf_counter() - began,
     }
     active = _active_bounds(problem, layout, minimum, bounded, outcome)
-    path = trajectory_of(problem, minimum, stats, active)
-    if not has_succeeded(outcome):
+    path = trajectory_of(problem, minimum, stats, active, at_times)
+    if not found:
         words = WORDS.get(outcome.status, "the least action was not found; try another guess")
         raise SolverError(
             f"Ipopt ended with {outcome.status}: {words}", status=outcome.status, iterate=path
         )
     return path
+
+
+def _error_of(
+    problem: BoundaryValueProblem,
+    minimum: Iterate,
+    window: tuple[float, float],
+    bounded: PathBounds,
+) -> float:
+    """Largest change of a coordinate at the control points relative to its range, or of a free
+    duration, when every step is halved; infinite where no least action is found then.
+    """
+    halved, start = split_steps(problem, minimum, np.full(problem.steps, 2))
+    layout = program_layout(halved, start.increments.shape[1], bounded.at_points.numel())
+    finer, outcome = least_action_near(halved, layout, start, window, bounded)
+    if not has_succeeded(outcome):
+        return np.inf
+    moved = np.abs(finer.points - start.points) / coordinate_ranges(minimum.points)
+    return max(float(moved.max()), abs(finer.duration / minimum.duration - 1))
 
 
 def bounds_of_path(
@@ -192,6 +219,7 @@ def _active_bounds(
     return ActiveBounds(
         tuple(str(x) for x in ca.vertsplit(expressions)),
         t,
+        minimum.points,
         over_columns(values, minimum.points, t[:, None], problem.c)[0],
         -lam / _point_weights(problem, minimum.duration)[:, None],
         outcome.status,

@@ -21,6 +21,11 @@ from varint.scene.system import System, per_system
 
 LAST_CORRECTION = 1e-9
 ROUNDING = 1e-6  # of a step
+# of the coordinates: corrections of a motion so slow, or of steps so short, are not known better
+ROUND_OFF = 1e-14
+# of a step: corrections that no longer shrink to this part of the last ones are round-off there, as
+# where constraints bind small coordinates to large ones
+NOISE, STALLED = 1e-4, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +105,7 @@ def interval_paths(
     u = step_controls(trajectory, trajectory.k[k], size / whole)
     # where a motion turns its own step is no measure
     longest = np.abs(np.diff(trajectory.q, axis=0)).max()
-    reach = (longest + np.finfo(float).tiny) * size / np.abs(whole)
+    reach = (longest + np.finfo(float).tiny) * np.abs(size / whole)
     target = np.zeros((count, (d + 1) * block))
     target[:, :n] = -p
     y = np.array(
@@ -109,7 +114,8 @@ def interval_paths(
     rows = np.array(
         [j * block + i for j in range(d + 1) for i in range(block) if (j < d if i < n else j > 0)]
     )
-    polish = False
+    polish, last = False, np.full(count, np.inf)
+    rounding = ROUND_OFF * np.abs(trajectory.q).max(axis=0)
     for _ in range(RECOVERY_ITERATIONS):
         flat = ahead.reshape(count, -1), lam.reshape(count, -1)
         values, slopes = over_columns(kernel, q, *flat, u, trajectory.c, t, h)
@@ -127,7 +133,10 @@ def interval_paths(
             ) from None
         change = step.reshape(count, d + 1, block)
         ahead, lam = ahead + change[:, 1:, :n], lam + change[:, :, n:]
-        polish = bool((np.abs(change[:, :, :n]).max(axis=(1, 2)) <= LAST_CORRECTION * reach).all())
+        moved = np.abs(change[:, :, :n]).max(axis=1)
+        noise = (moved.max(axis=1) >= STALLED * last) & (moved.max(axis=1) <= NOISE * reach)
+        found = (moved <= np.maximum(LAST_CORRECTION * reach[:, None], rounding)).all(axis=1)
+        polish, last = bool((found | noise).all()), moved.max(axis=1)
     if not polish or not np.isfinite(slopes).all():
         raise InputError(
             "the steps are too long to find the path between their nodes; use more steps"

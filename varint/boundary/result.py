@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from time import perf_counter
 from types import MappingProxyType
@@ -46,7 +47,11 @@ def path_of(
 
 
 def trajectory_of(
-    problem: BoundaryValueProblem, iterate: Iterate, stats: dict[str, Any], solution: Any = None
+    problem: BoundaryValueProblem,
+    iterate: Iterate,
+    stats: dict[str, Any],
+    solution: Any = None,
+    dense_output: Callable[[Trajectory, np.ndarray], Trajectory] | None = None,
 ) -> Trajectory:
     """Nodes, momenta and action of an iterate."""
     system, rule, mean = problem.system, problem.rule, iterate.duration / problem.steps
@@ -65,6 +70,7 @@ def trajectory_of(
         closure=problem.closure,
         stats=MappingProxyType(stats),
         solution=solution,
+        dense_output=dense_output,
         sizes=None if problem.equal_steps else mean * problem.sizes,
     )
     # the sum over the path itself: stepping from node to node again would know nothing of bounds,

@@ -44,6 +44,25 @@ class RunArguments(Structure):
     ]
 
 
+class PartsArguments(Structure):
+    """One step from each of many states; see c/parts.c."""
+
+    _fields_ = [
+        ("count", c_int64),
+        ("told", c_int64),
+        ("used", c_int64),
+        ("most", c_int64),
+        ("start", c_void_p),
+        ("t", c_void_p),
+        ("h", c_void_p),
+        ("c", c_void_p),
+        ("u", c_void_p),
+        ("opening", c_void_p),
+        ("rows", c_void_p),
+        ("good", c_void_p),
+    ]
+
+
 class RunStats(Structure):
     """What a run tells of itself, before (q, p, v) of the node where it ended; see c/run.h."""
 
@@ -53,7 +72,11 @@ class RunStats(Structure):
         ("iterations", c_double),
         ("most_iterations", c_double),
         ("residual", c_double),
+        ("failed", c_double),
         ("contraction", c_double),
+        ("nearest", c_double),
+        ("farthest", c_double),
+        ("shrunk", c_double),
     ]
 
 

@@ -11,7 +11,14 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.algebra import graph_of
-from varint.codegen.arguments import DONE, RunArguments, RunStats, c_source, packing
+from varint.codegen.arguments import (
+    DONE,
+    PartsArguments,
+    RunArguments,
+    RunStats,
+    c_source,
+    packing,
+)
 from varint.codegen.cache import library
 from varint.codegen.emit import WRITTEN_OUT, Emitted, emit_graph
 from varint.codegen.graph import Graph, NotCompilable, halves
@@ -25,7 +32,7 @@ MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 LARGE_SOURCE = 20_000
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
 AT_STAGES = ("rhs",)
-_ARGUMENTS = packing(RunArguments)
+_ARGUMENTS, _PARTS = packing(RunArguments), packing(PartsArguments)
 _STATS = len(RunStats._fields_)
 
 
@@ -42,7 +49,7 @@ class Kernel:
     operations : int
         Operations of one right-hand side, or of the equations of a step.
     opening : callable or None
-        (q0, p0, u, t, h, c) → what the loop must be told besides at a fresh start.
+        (q0, p0, u, t, h, c) of many fresh starts → what the loop must be told besides, a row each.
     """
 
     about: str
@@ -51,6 +58,7 @@ class Kernel:
     nodes: int
     operations: int
     entry: Callable[[bytes], int]
+    parts: Callable[[bytes], int]
     carry_size: int
     opening: Callable[..., np.ndarray] | None = None
 
@@ -69,10 +77,16 @@ class LoopResult(NamedTuple):
         Steps done, right-hand sides of all stages, and most of them in one step (0 for explicit
         methods).
     residual : float
-        Relative change of the unknowns where the iteration of a failed step ended.
+        The worst of the solved steps: what remains of their equations, or what the change of the
+        stages in the last iteration lets expect (0 for explicit methods).
+    failed : float
+        Residual, or relative change of the unknowns, where the iteration of a failed step ended.
     contraction : float
         Slowest ratio of two changes seen: near 1 the iteration hardly contracts and Newton's method
         is better.
+    independence : tuple or None
+        Smallest and largest pivot of the constraint rows at the saved nodes, and the least length
+        of a row there by its largest; None where they are not looked at.
     last : array (3n,)
         q, p, v of the node where the run ended, saved or not.
     carry : array
@@ -85,7 +99,9 @@ class LoopResult(NamedTuple):
     iterations: int
     most_iterations: int
     residual: float
+    failed: float
     contraction: float
+    independence: tuple[float, float, float] | None
     last: np.ndarray
     carry: np.ndarray
 
@@ -145,23 +161,68 @@ def run_loop(
     if carry is None:
         block[kept] = 0.0
         if kernel.opening:
-            told = kernel.opening(q0, p0, u, t0 + h * first, h, c)
-            block[kept + 1 : kept + 1 + told.size] = told
+            at = np.array([t0 + h * first]), np.array([h])
+            used = None if u is None else np.abs(u.reshape(-1, kernel.controls)).max(0)
+            told = kernel.opening(q0[None], p0[None], used, *at, c)
+            block[kept + 1 : kept + 1 + told.size] = told[0]
     else:
         block[kept:] = carry
-    at = _address(block)
+    address = _address(block)
     controls = 0 if u is None else _address(u)
-    results = at + 8 * rows, at + 8 * kept, at + 8 * stats
+    results = (address + 8 * place for place in (rows, kept, stats))
     status = kernel.entry(
         _ARGUMENTS.pack(
-            steps, save_every, first, most, t0, h, level, at, at + 16 * n, controls, *results
+            steps,
+            save_every,
+            first,
+            most,
+            t0,
+            h,
+            level,
+            address,
+            address + 16 * n,
+            controls,
+            *results,
         )
     )
-    _, done, iterations, largest, residual, contraction = block[stats:last].tolist()
+    _, done, iterations, largest, *told, near, far, shrunk = block[stats:last].tolist()
     end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
     table = block[rows:end].reshape(-1, 3, n)
     counts = int(done), int(iterations), int(largest)
-    return LoopResult(table, status, *counts, residual, contraction, block[last:rows], block[kept:])
+    looked = (near, far, shrunk) if far else None
+    residual, failed, contraction = told
+    ends = block[last:rows], block[kept:]
+    return LoopResult(table, status, *counts, residual, failed, contraction, looked, *ends)
+
+
+def take_parts(
+    kernel: Kernel,
+    q: np.ndarray,
+    p: np.ndarray,
+    c: np.ndarray,
+    *,
+    t: np.ndarray,
+    h: np.ndarray,
+    u: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """One step of its own size from each of many states: (q, p, v) there (M, 3, n), and which of
+    the steps are solved.
+
+    q and p are (M, n), t and h (M,), u (M, nodes · controls).
+    """
+    count, n = q.shape
+    start = np.hstack([q, p])
+    t, h, u = (np.ascontiguousarray(x, dtype=float) for x in (t, h, u))
+    opening = np.empty((count, 0))
+    if kernel.opening:
+        used = np.abs(u.reshape(count, -1, kernel.controls)).max(1) if kernel.controls else None
+        opening = kernel.opening(q, p, used, t, h, c)
+    rows, good = np.empty((count, 3, n)), np.empty(count, dtype=np.int64)
+    most = FIXED_POINT_ITERATIONS
+    arrays = (start, t, h, c, u, opening, rows, good)
+    places = [x.ctypes.data if x.size else 0 for x in arrays]
+    kernel.parts(_PARTS.pack(count, opening.shape[1], u.shape[1], most, *places))
+    return rows, good > 0
 
 
 def _address(array: np.ndarray) -> int:
@@ -188,14 +249,23 @@ def build(
     source = FAST_COMPILATION if sum(f.length for f in functions.values()) > LARGE_SOURCE else ""
     source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
     source += "".join(map(c_source, ("lanes.h", "run.h"))) + data
-    source += "\n".join(f.source for f in functions.values()) + "".join(map(c_source, loop))
+    source += "\n".join(f.source for f in functions.values())
+    source += "".join(map(c_source, (*loop, "parts.c")))
     compiled = library(source)
-    entry = compiled.run
-    entry.argtypes, entry.restype = [c_char_p], c_int
+    for entry in (compiled.run, compiled.parts):
+        entry.argtypes, entry.restype = [c_char_p], c_int
     size = c_int64.in_dll(compiled, "carry_size").value
     operations = next(iter(functions.values())).operations
     return Kernel(
-        about, system.q.numel(), system.control.numel(), nodes, operations, entry, size, opening
+        about,
+        system.q.numel(),
+        system.control.numel(),
+        nodes,
+        operations,
+        compiled.run,
+        compiled.parts,
+        size,
+        opening,
     )
 
 

@@ -23,11 +23,12 @@ from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.kick_drift import kick_function
 from varint.discrete.legendre import velocity_function
+from varint.discrete.row_independence import folds, pivot_and_lengths
 from varint.discrete.scales import SMALLEST, scale_function
 from varint.discrete.shake_equations import eliminates_path, shake_equations
 from varint.discrete.shake_equations import hidden_functions as multiplier_parts
-from varint.discrete.tolerances import LAST_CORRECTION, RESIDUAL_LIMIT
-from varint.numerics.arrays import call
+from varint.discrete.tolerances import LAST_CORRECTION, LAST_LINEAR_CORRECTION, RESIDUAL_LIMIT
+from varint.numerics.arrays import over_columns
 from varint.numerics.limits import STEP_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -86,6 +87,8 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
     if not projection or not projection.speed:
         p = ca.SX.sym("p", s.n)
         functions["speed"] = [system.q, p, system.t], [velocity(system, p)]
+    if folds(system):
+        functions["independence"] = [system.q, system.t], list(pivot_and_lengths(system))
     if eliminates:
         functions["kick"] = (
             [e.q, e.t, system.control],
@@ -171,16 +174,18 @@ def _definitions(
         "MAP": int(solve.map),
         "KICKED": int(eliminates),
         "HELD": int(projection is not None),
+        "WATCHED": int(folds(system)),
+        "VELOCITY_ROWS": s.constraints + s.nonholonomic,
         "BELOW": solve.band.below,
         "REACH": solve.band.reach,
         "BAND_SIZE": size,
         "NONZEROS": len(solve.band.places),
-        "LAST_CORRECTION": LAST_CORRECTION,
+        "LAST_CORRECTION": LAST_LINEAR_CORRECTION if solve.linear else LAST_CORRECTION,
         "MOST_ITERATIONS": STEP_ITERATIONS,
         "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
         "SMALLEST": SMALLEST,
     }
-    for name in ("units", "kick", "sized", "hidden", "pulled", "slope"):
+    for name in ("units", "kick", "sized", "hidden", "pulled", "slope", "checked", "independence"):
         defines[f"{name.upper()}_W"] = 0
     if solve.tables:
         defines["COUPLED"] = len(solve.tables["COUPLED_ROW"])
@@ -254,16 +259,21 @@ def _lagrange(at: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _opening_values(system: System):
-    """(q0, p0, u, t, h, c) → typical sizes and velocity at a fresh start; u of all steps."""
-    controls = system.control.numel()
+    """(q0, p0, u, t, h, c) → typical sizes and velocity at fresh starts, a row each; u are the
+    sizes of the controls.
+    """
+    none = np.zeros(system.control.numel())
 
     def told(
-        q0: np.ndarray, p0: np.ndarray, u: np.ndarray | None, t: float, h: float, c: np.ndarray
+        q: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None,
+        t: np.ndarray,
+        h: np.ndarray,
+        c: np.ndarray,
     ) -> np.ndarray:
-        at, size = np.array([t]), np.array([h])
-        q, p = np.ascontiguousarray(q0, dtype=float), np.ascontiguousarray(p0, dtype=float)
-        typical = np.zeros(controls) if u is None else np.abs(u).reshape(-1, controls).max(axis=0)
-        scale = call(scale_function(system), q, p, typical, at, size, c)[0]
-        return np.concatenate([scale, call(velocity_function(system), q, p, at, c)[0]])
+        used = none if u is None else u
+        scale = over_columns(scale_function(system), q, p, used, t[:, None], h[:, None], c)[0]
+        return np.hstack([scale, over_columns(velocity_function(system), q, p, t[:, None], c)[0]])
 
     return told

@@ -99,9 +99,10 @@ def _written_out(e: Equations, linear: bool) -> Solution:
     linear = linear and not ca.depends_on(matrix, ca.vertcat(e.y, e.q, e.p, e.t, e.u))
     unordered = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
     if linear and e.y.numel() <= MAPPED:
-        return Solution(
-            {"finish": ([e.q, e.p, e.t, e.u], _map(e, left, matrix))}, unordered, True, True, True
-        )
+        moved, remains = _map(e, left, matrix)
+        start = [e.q, e.p, e.t, e.u]
+        functions: Functions = {"finish": (start, moved), "checked": (start, [remains])}
+        return Solution(functions, unordered, True, True, True)
     after = {
         "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
         "units": ([], [e.y_size]),
@@ -115,17 +116,16 @@ def _written_out(e: Equations, linear: bool) -> Solution:
     order = band(matrix.sparsity())
     ordered = left[order.order.tolist()]
     if linear:
-        at_rest = ca.substitute(ordered, e.y, ca.SX.zeros(e.y.shape))
-        functions = {"equations": (inputs[1:], [at_rest]), "slope": ([], [matrix.nz[:]])}
+        functions = {"equations": (inputs, [ordered]), "slope": ([], [matrix.nz[:]])}
         return Solution(functions | after, order, False, True, False)
     return Solution(
         {"equations": (inputs, [ordered, matrix.nz[:]]), **after}, order, False, False, False
     )
 
 
-def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> list[ca.SX]:
+def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """Increment of q and gain of p as constant matrices times (q, p), and what time and controls
-    add.
+    add; the residual that the unknowns of this map leave.
     """
     start, n = ca.vertcat(e.q, e.p), e.q.numel()
     zeros = ca.SX.zeros(e.y.shape)
@@ -133,4 +133,4 @@ def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> list[ca.SX]:
     after = ca.substitute(ca.vertcat(e.increment, e.gain), e.y, y)
     slope = ca.substitute(ca.jacobian(after, start), start, ca.SX.zeros(start.shape))
     moved = ca.mtimes(slope, start) + ca.substitute(after, start, ca.SX.zeros(start.shape))
-    return [moved[:n], moved[n:]]
+    return [moved[:n], moved[n:]], ca.substitute(e.remains, e.y, y)

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from varint.control.constrained_guess import dense_constraint_function
+from varint.control.numbers import constants
 from varint.control.optimal import has_converged, raise_unless_converged
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
@@ -23,11 +24,9 @@ from varint.nlp.arrangement import plain_order
 from varint.nlp.elastic import ElasticProgram, elastic_scales, soften
 from varint.nlp.solver import Solver, SolverResult, build_solver
 from varint.numerics.arrays import over_columns
-from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
-from varint.scene.inputs import number, vector
+from varint.scene.inputs import vector
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import given_parameters, parameter_values, parameters_by_name
 
 PRICE = 1e3  # of a violation of size one, in units of the cost: above usual multipliers
 SEEN = 1e-7  # a bound violated by less is kept
@@ -96,11 +95,9 @@ class Controller:
         """
         part, nlp = self.problem.phases[0], self.problem.nlp
         phase, slots = part.phase, part.slots
-        if t is not None:
-            check_steps(number("t", t), phase.shortest_step, 1)
         names = phase.system.names
         q, v = vector("q", q, len(names), names), vector("v", v, len(names), names)
-        data = self._constants(t, params)
+        data = constants(part, nlp.p, t, params)
         _on_constraints(part, q, v, 0.0 if t is None else float(t), data)
         low, high = nlp.x_low.copy(), nlp.x_high.copy()
         outside = False
@@ -130,20 +127,6 @@ class Controller:
                 return raise_unless_converged(self.problem, outcome)[0]
         return self._softened(x, low, high, data)
 
-    def _constants(self, t: float | None, params: ParameterValues | None) -> np.ndarray:
-        """The program's constants at this time and with these parameters."""
-        part, data = self.problem.phases[0], self.problem.nlp.p.copy()
-        if t is not None:
-            data[part.first_shared] = t
-        if params is not None:
-            system, phase = part.phase.system, part.phase
-            given = given_parameters(system, params)
-            if chosen := [name for name in given if name in _free_names(part)]:
-                raise InputError(f"the parameters {chosen} are free: the controller chooses them")
-            c = parameter_values(system, {**parameters_by_name(system, phase.c), **given})
-            data[part.first_shared + 2 :][: len(c)] = c
-        return data
-
     def _softened(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, data: np.ndarray
     ) -> Trajectory:
@@ -156,10 +139,8 @@ class Controller:
         if not has_converged(own):
             return raise_unless_converged(self.problem, own)[0]
         plan = build_trajectories(self.problem, own, data)[0]
-        softened = self._violations(elastic, outcome)
-        return replace(
-            plan, stats=MappingProxyType({**plan.stats, "softened": MappingProxyType(softened)})
-        )
+        softened = {**plan.stats.get("softened", {}), **self._violations(elastic, outcome)}
+        return replace(plan, stats=MappingProxyType({**plan.stats, "softened": softened}))
 
     def _violations(self, elastic: ElasticProgram, outcome: SolverResult) -> dict[str, float]:
         """Largest violation of every softened bound that is violated."""
@@ -209,24 +190,18 @@ def _softened_bounds(part: PhaseTranscription) -> list[tuple[str, np.ndarray]]:
         for i, name in enumerate(system.names)
     ]
     found += [(f"velocity of {name}", -1 - slots.v[1:, i]) for i, name in enumerate(system.names)]
-    for expressions, places in (
-        (bounds.at_points, rows.points),
-        (bounds.at_nodes, rows.nodes),
+    for expressions, places, copies in (
+        (bounds.at_points, rows.points, phase.rule.degree),
+        (bounds.at_nodes, rows.nodes, len(phase.rule.nodes)),
     ):
         count = expressions.numel()
         for i in range(count):
             if not ca.depends_on(expressions[i], system.control):
-                own = places.reshape(phase.steps, -1, count)[..., i].ravel()
+                own = places.reshape(phase.steps, copies, -1)[..., i].ravel()
                 if expressions is bounds.at_points:
                     own = np.append(own, rows.start[len(rows.start) - count + i])
                 found.append((str(expressions[i]), own[own >= 0]))
     return found
-
-
-def _free_names(part: PhaseTranscription) -> set[str]:
-    phase = part.phase
-    names = parameters_by_name(phase.system, phase.c_low < phase.c_high)
-    return {name for name, is_free in names.items() if np.any(is_free)}
 
 
 OFF = 1e-6  # of the state's size: a simulated state is closer to its constraints
@@ -257,7 +232,7 @@ def _shifted_unknowns(part: PhaseTranscription, x: np.ndarray) -> np.ndarray:
     """Unknowns one step later; the last step is repeated."""
     moved = x.copy()
     s = part.slots
-    for index in (s.q, s.lam, s.u, s.inner, s.lam_inner):
+    for index in (s.q, s.lam, s.u, s.inner, s.lam_inner, s.slack):
         moved[index[:-1]] = x[index[1:]]
     moved[s.v[0]] = x[s.v[0]]
     return moved

@@ -15,12 +15,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.control.states import States
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.expressions import column, limits, triples
 from varint.scene.free import Free
+from varint.scene.parameters import pairs
 from varint.scene.system import System
 
-KEYS = ("q", "v", "p", "bounds", "periodic")
+KEYS = ("q", "v", "p", "states", "bounds", "periodic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +33,10 @@ class End:
     ----------
     q, v : ndarray (3, n)
         Guess (NaN where there is none), lower and upper bounds of coordinates and velocities.
+    states : ndarray (3, m)
+        Guess, lower and upper bounds of states beside the mechanics.
     rows : SX (e,)
-        Further expressions of q, v, t, c.
+        Further expressions of q, v, states, t, c.
     low, high : ndarray (e,)
         Their bounds.
     periodic : ndarray (n,) or None
@@ -42,13 +46,16 @@ class End:
 
     q: np.ndarray
     v: np.ndarray
+    states: np.ndarray
     rows: ca.SX
     low: np.ndarray
     high: np.ndarray
     periodic: np.ndarray | None
 
 
-def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -> End:
+def end_conditions(
+    system: System, what: str, given: Mapping[str, Any] | None, states: States
+) -> End:
     """Conditions at an end as the user wrote them: dict(q=…, v=…, p=…, bounds=…, periodic=…)."""
     given = {} if given is None else given
     if not isinstance(given, Mapping):
@@ -60,8 +67,8 @@ def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -
     if what == "start" and "periodic" in given:
         raise InputError("periodic= belongs to the end: end=dict(periodic=True)")
     rows, low, high = [ca.SX(0, 1)], [np.zeros(0)], [np.zeros(0)]
-    state = ca.vertcat(s.q, s.v, s.t, s.c)
-    _, p_low, p_high = _component_bounds(system, f"p of {what}", given.get("p"))
+    state = ca.vertcat(s.q, s.v, states.symbols(s), s.t, s.c)
+    _, p_low, p_high = _component_bounds(s.names, f"p of {what}", given.get("p"))
     bound = np.flatnonzero(np.isfinite(p_low) | np.isfinite(p_high)).tolist()
     rows.append(ca.vertcat(ca.SX(0, 1), *(s.momentum[i] for i in bound)))
     low.append(p_low[bound])
@@ -71,15 +78,14 @@ def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -
             f"an expression in the bounds of {what}",
             expression,
             state,
-            "q, v, t and the parameters",
+            "q, v, states, t and the parameters",
         )
         sides = limits(f"{found} at the {what}", lower, upper, found.numel())
         rows.append(found)
         low.append(sides[0])
         high.append(sides[1])
     return End(
-        q=np.array(_component_bounds(system, f"q of {what}", given.get("q"))),
-        v=np.array(_component_bounds(system, f"v of {what}", given.get("v"))),
+        **bounds_at(system, what, given, states),
         rows=ca.vertcat(*rows),
         low=np.concatenate(low),
         high=np.concatenate(high),
@@ -87,11 +93,41 @@ def end_conditions(system: System, what: str, given: Mapping[str, Any] | None) -
     )
 
 
+VALUES = ("q", "v", "states")  # conditions that are bounds of unknowns
+
+
+def bounds_at(
+    system: System, what: str, given: Mapping[str, Any], states: States
+) -> dict[str, np.ndarray]:
+    """Guess, lower and upper bounds (3, …) of what is an unknown at an end."""
+    return {
+        "q": np.array(_component_bounds(system.names, f"q of {what}", given.get("q"))),
+        "v": np.array(_component_bounds(system.names, f"v of {what}", given.get("v"))),
+        "states": _state_bounds(system, what, given.get("states"), states),
+    }
+
+
+def _state_bounds(system: System, what: str, given: Any, states: States) -> np.ndarray:
+    """Guess, lower and upper bound of each state, from {symbol: value}."""
+    names = states.names(system)
+    values: list[Any] = [None] * len(names)
+    known = [x.element_hash() for x in ca.vertsplit(states.symbols(system))] if names else []
+    entries = pairs(f"states of {what}", {} if given is None else given, "{symbol: value}")
+    for symbol, value in entries:
+        key = symbol.element_hash() if isinstance(symbol, ca.SX) else None
+        if key not in known:
+            raise InputError(
+                f"states of {what} takes values of the states {list(names)}, got {symbol!r}"
+            )
+        values[known.index(key)] = value
+    return np.array(_component_bounds(names, f"states of {what}", values))
+
+
 def _component_bounds(
-    system: System, what: str, value: Any
+    names: Sequence[str], what: str, value: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Guess, lower and upper bound of each component; None leaves it free, `free(…)` bounds it."""
-    n, names = system.structure.n, system.names
+    n = len(names)
     if value is None:
         value = [None] * n
     elif isinstance(value, (ca.DM, np.ndarray)):

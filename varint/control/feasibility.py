@@ -26,8 +26,9 @@ def check_feasibility(phase: CheckedPhase, t0: float) -> None:
                     f"the {what} has {name} = {given[1][i]:g} … {given[2][i]:g}, "
                     f"outside its bounds {along[0][i]:g} … {along[1][i]:g}"
                 )
-        fixed_q = (end.q[1] == end.q[2]).all()
-        if not fixed_q:
+        if not (end.q[1] == end.q[2]).all() or not (
+            s.structure.constraints + bounds.at_points.numel()
+        ):
             continue
         moving = what == "end" and phase.free_duration
         q, size = end.q[1], HELD * (1 + np.abs(end.q[1]).max())

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from varint.control.constrained_guess import move_onto_constraints, move_path_onto_constraints
-from varint.control.inverse_dynamics import controls_along
+from varint.control.inverse_dynamics import controls_along, states_between_ends
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem, guess_ends
+from varint.control.slack_values import write_slacks
 from varint.control.solution import ControlSolution
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError, parsed_or_refused
@@ -189,12 +190,31 @@ def write_guess(x: np.ndarray, transcription: PhaseTranscription, guess: Guess) 
     x[slots.v[0]], x[slots.v[1]] = v_nodes[0, 0], v_nodes[-1, -1]
     values = np.concatenate([[transcription.t0, guess.duration], guess.c])
     x[slots.shared[slots.shared >= 0]] = values[slots.shared >= 0]
-    if not slots.u.size:
-        return
-    at = phase.control_places
-    fractions = (mesh[:-1, None] + steps[:, None] * at).ravel()
+    if slots.u.size:
+        _write_controls(x, transcription, guess, points)
+    write_slacks(x, transcription, values)
+
+
+def _write_controls(
+    x: np.ndarray, transcription: PhaseTranscription, guess: Guess, points: np.ndarray
+) -> None:
+    """The controls of the guess, or those that come closest to moving along its points."""
+    phase, slots = transcription.phase, transcription.slots
+    index, places = (
+        phase.states.index,
+        phase.mesh[:-1, None] + (np.diff(phase.mesh)[:, None] * phase.control_places),
+    )
     if guess.u is not None:
-        x[slots.u] = guess.u(fractions).reshape(slots.u.shape)
+        u = guess.u(places.ravel()).reshape(phase.steps, -1, slots.u.shape[2])
+        states = guess.u(phase.mesh)[:, index]
     else:
-        u = controls_along(phase, transcription.t0, guess.duration, guess.c, points)
-        x[slots.u] = u if phase.samples > 1 else u.mean(axis=1, keepdims=True)
+        states = states_between_ends(phase)
+        nodes = np.array(phase.rule.nodes)[:, None]
+        held = states[:-1, None] + nodes * (states[1:] - states[:-1])[:, None]
+        u = controls_along(phase, transcription.t0, guess.duration, guess.c, points, held)
+        if phase.samples == 1:
+            u = u.mean(axis=1, keepdims=True)
+    x[slots.states] = states
+    x[slots.u[: phase.steps]] = u[:, : phase.samples]
+    if phase.closing_controls:
+        x[slots.u[-1]] = u[-1, -1:]

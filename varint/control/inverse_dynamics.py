@@ -15,12 +15,31 @@ ROOM = 1e-9  # of a bound's size: rows this close to it are within it
 
 
 def rest_controls(phase: CheckedPhase) -> np.ndarray:
-    """No force, or what is closest to that within the bounds of each control, (k,)."""
-    return np.clip(0.0, *(np.where(np.isfinite(side), side, 0) for side in phase.bounds.u))
+    """No force, or what is closest to that within the bounds of each control, (k,); states are as
+    they start.
+    """
+    rest = np.clip(0.0, *(np.where(np.isfinite(side), side, 0) for side in phase.bounds.u))
+    rest[phase.states.index] = states_between_ends(phase)[0]
+    return rest
+
+
+def states_between_ends(phase: CheckedPhase) -> np.ndarray:
+    """States at the nodes on a straight line between their ends, as far as these are known, and 1
+    where they are not (a mass of 0 would be singular), (N + 1, m).
+    """
+    first, last = phase.start.states[0], phase.end.states[0]
+    first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
+    line = first + phase.mesh[:, None] * (last - first)
+    return np.clip(np.nan_to_num(line, nan=1.0), *phase.bounds.u[:, phase.states.index])
 
 
 def controls_along(
-    phase: CheckedPhase, t0: float, duration: float, c: np.ndarray, points: np.ndarray
+    phase: CheckedPhase,
+    t0: float,
+    duration: float,
+    c: np.ndarray,
+    points: np.ndarray,
+    states: np.ndarray,
 ) -> np.ndarray:
     """Controls at the quadrature nodes, (N, r, k): least squares, one Gauss–Newton step from rest,
     drawn back towards rest where a bound along the path is violated.
@@ -32,6 +51,8 @@ def controls_along(
     ----------
     points : ndarray (N, d + 1, n)
         The path at the control points.
+    states : ndarray (N, r, m)
+        The states at the quadrature nodes; they are no force to choose.
     """
     rule, (count, _, n) = phase.rule, points.shape
     h = duration * np.diff(phase.mesh)
@@ -47,7 +68,11 @@ def controls_along(
             rates = np.gradient((points[:, -1] - points[:, 0]) / h[:, None], middles, axis=0)
         a = np.array([np.interp(t, middles, rate) for rate in rates.T]).T
     rest = rest_controls(phase)
-    u = over_columns(_inverse(phase.system), q, v, a, rest, t[:, None], c)[0]
+    rest = np.tile(rest, (len(q), 1))
+    rest[:, phase.states.index] = states.reshape(len(q), -1)
+    free = np.setdiff1d(np.arange(rest.shape[1]), phase.states.index)
+    inverse = _inverse(phase.system, tuple(free.tolist()))
+    u = over_columns(inverse, q, v, a, rest, t[:, None], c)[0]
     u = np.clip(np.where(np.isfinite(u), u, rest), *phase.bounds.u)
     return _drawn_back(phase, u, rest, q, v, t, c).reshape(count, len(rule.nodes), -1)
 
@@ -59,14 +84,16 @@ def _drawn_back(phase: CheckedPhase, u, rest, q, v, t, c) -> np.ndarray:
     s, bounds = phase.system, phase.bounds
     if not ca.depends_on(bounds.at_nodes, s.control):
         return u
-    rows = ca.Function("rows", [s.q, s.v, s.control, s.t, s.c], [ca.densify(bounds.at_nodes)])
+    rates = phase.rates.symbols
+    still = ca.substitute(bounds.at_nodes, rates, ca.SX.zeros(rates.numel()))
+    rows = ca.Function("rows", [s.q, s.v, s.control, s.t, s.c], [ca.densify(still)])
     room = ROOM * (1 + np.maximum(*(np.where(np.isfinite(y), np.abs(y), 0) for y in _sides(phase))))
 
     def violation(at: np.ndarray) -> np.ndarray:
         value = over_columns(rows, q, v, at, t[:, None], c)[0]
         return np.maximum(bounds.nodes_low - value, value - bounds.nodes_high)
 
-    allowed = np.maximum(violation(np.broadcast_to(rest, u.shape)), 0) + room
+    allowed = np.maximum(violation(rest), 0) + room
     share = np.where((violation(u) <= allowed).all(axis=1), 1.0, 0.0)
     most, width = share, np.ones(len(u))
     for _ in range(HALVINGS):
@@ -82,20 +109,24 @@ def _sides(phase: CheckedPhase) -> tuple[np.ndarray, np.ndarray]:
 
 
 @per_system
-def _inverse(system: System) -> ca.Function:
-    """(q, v, a, u0, t, c) → u with the least |F(u) − (d/dt ∂L/∂v − ∂L/∂q)|, F linear about u0."""
+def _inverse(system: System, free: tuple[int, ...]) -> ca.Function:
+    """(q, v, a, u0, t, c) → u with the least |F(u) − (d/dt ∂L/∂v − ∂L/∂q)|, F linear about u0;
+    only these controls are changed.
+    """
     s, n = system, system.structure.n
     a = ca.SX.sym("a", n)
     p = s.momentum
     rate = ca.jtimes(p, s.q, s.v) + ca.mtimes(s.mass_matrix, a) + ca.jacobian(p, s.t)
     lacking = rate - ca.gradient(s.lagrangian, s.q) - s.force
-    slope = ca.jacobian(s.force, s.control)
+    slope = ca.jacobian(s.force, s.control)[:, list(free)]
     f = ca.Function(
         "lacking", [s.q, s.v, a, s.control, s.t, s.c], [ca.densify(lacking), ca.densify(slope)]
     )
     q, v, a, u, t, c = (ca.MX.sym(f"i{i}", f.size1_in(i)) for i in range(6))
     need, act = f(q, v, a, u, t, c)
-    return ca.Function("inverse_dynamics", [q, v, a, u, t, c], [u + _least_squares(act, need)])
+    change = _least_squares(act, need) if free else ca.MX(0, 1)
+    among = ca.DM.eye(s.structure.controls)[:, list(free)]
+    return ca.Function("inverse_dynamics", [q, v, a, u, t, c], [u + ca.mtimes(among, change)])
 
 
 def _least_squares(matrix: ca.MX, rhs: ca.MX) -> ca.MX:

@@ -37,11 +37,12 @@ def shared_symbols(phase: CheckedPhase) -> Shared:
 
 @dataclass(frozen=True, eq=False)
 class IntervalTerm:
-    """One interval: `stage` = [q_k, λ_k, u, inner points, inner λ], then q_{k+1}; s, w; shares
-    by kind of row.
+    """One interval: `stage` = [q_k, λ_k, z_k, u, inner points, inner λ, slacks], then `after` =
+    [q_{k+1}, u_{k+1} where it matters]; s, w; shares by kind of row.
     """
 
     stage: ca.SX
+    after: ca.SX
     q1: ca.SX
     mesh: ca.SX
     cost: ca.SX
@@ -51,25 +52,53 @@ class IntervalTerm:
     gaps: ca.SX
     nodes: ca.SX
     points: ca.SX
+    steps: ca.SX
+    state_inner: ca.SX
+    state_gain: ca.SX
+    states: ca.SX
+    integrals: ca.SX
+
+    @property
+    def shares(self) -> ca.SX:
+        """All shares of rows, in the order of `Rows.of_intervals`."""
+        return ca.vertcat(
+            -self.p_minus,
+            self.inner,
+            self.gaps,
+            self.nodes,
+            self.points,
+            self.steps,
+            self.state_inner,
+            -self.states,
+            self.state_gain,
+            self.integrals,
+            self.p_plus,
+        )
 
 
 def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
     """Cost, momenta and rows of one interval in terms of positions (not increments), times and
     controls.
     """
-    step, system = interval(phase.system, phase.rule), phase.system
-    (n, degree), r = step.dq.shape, len(phase.rule.nodes)
+    step, system, rule = interval(phase.system, phase.rule), phase.system, phase.rule
+    (n, degree), r = step.dq.shape, len(rule.nodes)
     q0, q1, inner = ca.SX.sym("q0", n), ca.SX.sym("q1", n), ca.SX.sym("Q", n, degree - 1)
     u = ca.SX.sym("u", system.structure.controls, phase.samples)
+    u1 = ca.SX.sym("u1", phase.closing_controls)
     # of q1: counted in the next interval
     lam = ca.SX.sym("lam", system.structure.constraints, degree)
+    z = ca.SX.sym("z", len(phase.states.index))
+    slack = ca.SX.sym("slack", phase.slacks.count, r)
     mesh = ca.SX.sym("mesh", 2)
     h = mesh[1] * shared.duration
+    controls = _controls_at_nodes(phase, u, u1)
+    slopes = [(u1[int(i)] - u[int(i), 0]) / h for i in phase.rates.index]
+    rates = ca.vertcat(ca.SX(0, 1), *slopes)
     own = [step.q0, step.dq, step.u, step.lam, step.t, step.h, step.c]
     given = [
         q0,
         ca.horzcat(inner, q1) - ca.repmat(q0, 1, degree),
-        u if phase.samples == r else ca.repmat(u, 1, r),
+        controls,
         ca.horzcat(lam, ca.SX.zeros(lam.shape[0], 1)),
         shared.t0 + mesh[0] * shared.duration,
         h,
@@ -86,22 +115,42 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
     ]
     made = ca.Function("interval", own, wanted, {"cse": True})(*given)
     p_minus, p_plus, rows, gaps, q_nodes, v_nodes, t_nodes = made
-    s, bounds = system, phase.bounds
-    along = ca.Function("along", [s.q, s.v, s.control, s.t, s.c], [phase.cost, bounds.at_nodes])
-    cost, nodes = ca.SX(0), [ca.SX(0, 1)]
+    s, bounds, states = system, phase.bounds, phase.states
+    along = ca.Function(
+        "along",
+        [s.q, s.v, s.control, phase.slacks.symbols, phase.rates.symbols, s.t, s.c],
+        [
+            phase.cost,
+            ca.vertcat(bounds.at_nodes, phase.slacks.rows),
+            phase.integrals.rows,
+            states.rates,
+        ],
+    )
+    cost, nodes, flows = ca.SX(0), [ca.SX(0, 1)], []
+    integrals = ca.SX.zeros(phase.integrals.rows.numel())
     for i in range(r):
-        value, node_rows = along(q_nodes[:, i], v_nodes[:, i], given[2][:, i], t_nodes[i], shared.c)
-        cost += h * phase.rule.weights[i] * value
+        value, node_rows, integrands, flow = along(
+            q_nodes[:, i], v_nodes[:, i], controls[:, i], slack[:, i], rates, t_nodes[i], shared.c
+        )
+        cost += h * rule.weights[i] * value
+        integrals += h * rule.weights[i] * integrands
         nodes.append(node_rows)
+        flows.append(h * ca.densify(flow))
     at_points = ca.Function("held", [s.q, s.t, s.c], [bounds.at_points])
     points = ca.horzcat(inner, q1)
     point_rows = [
-        at_points(points[:, j], given[4] + h * phase.rule.points[j + 1], shared.c)
-        for j in range(degree)
+        at_points(points[:, j], given[4] + h * rule.points[j + 1], shared.c) for j in range(degree)
     ]
-    stage = [q0, lam[:, 0], ca.vec(u), ca.vec(inner), ca.vec(lam[:, 1:])]
+    at_steps = ca.Function("steps", [phase.rates.symbols, s.c], [bounds.at_steps])
+    chosen = ca.vertcat(ca.SX(0, r), *(controls[int(i), :] for i in states.index))
+    state_inner = [
+        chosen[:, i] - z - sum(rule.collocation[i, j] * flows[j] for j in range(r))
+        for i in range(r)
+    ]
+    stage = [q0, lam[:, 0], z, ca.vec(u), ca.vec(inner), ca.vec(lam[:, 1:]), ca.vec(slack)]
     return IntervalTerm(
         stage=ca.vertcat(*stage),
+        after=ca.vertcat(q1, u1),
         q1=q1,
         mesh=mesh,
         cost=cost,
@@ -111,18 +160,33 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
         gaps=ca.vec(gaps),
         nodes=ca.vertcat(*nodes),
         points=ca.vertcat(*point_rows),
+        steps=ca.densify(at_steps(rates, shared.c)),
+        state_inner=ca.densify(ca.vertcat(ca.SX(0, 1), *state_inner)),
+        state_gain=z + sum(w * flow for w, flow in zip(rule.weights, flows, strict=True)),
+        states=z,
+        integrals=ca.densify(integrals),
     )
+
+
+def _controls_at_nodes(phase: CheckedPhase, u: ca.SX, u1: ca.SX) -> ca.SX:
+    """The controls at the quadrature nodes, (k, r)."""
+    nodes = phase.rule.nodes
+    if phase.linear:
+        return ca.horzcat(*(u + c * (u1 - u) for c in nodes))
+    return u if phase.samples == len(nodes) else ca.repmat(u, 1, len(nodes))
 
 
 @dataclass(frozen=True, eq=False)
 class EndTerm:
-    """One end: q, v and (at the end of the phase) λ_N; `momentum` = ∂L/∂v − reaction of the last
-    half weight.
+    """One end: q, v, states and (at the end of the phase) λ_N and slacks; `momentum` = ∂L/∂v −
+    reaction of the last half weight.
     """
 
     q: ca.SX
     v: ca.SX
+    states: ca.SX
     lam: ca.SX
+    slack: ca.SX
     mesh: ca.SX
     cost: ca.SX
     momentum: ca.SX
@@ -143,21 +207,33 @@ def end_term(phase: CheckedPhase, shared: Shared, last: bool) -> EndTerm:
     mesh, t = ca.SX.sym("mesh", 2), shared.t0 + (shared.duration if last else 0)
     end = phase.end if last else phase.start
     velocity_row = ca.jtimes(s.constraint, s.q, s.v) + ca.jacobian(s.constraint, s.t)
+    z, own = ca.SX.sym("z", len(phase.states.index)), phase.end_slacks
+    slack = ca.SX.sym("slack", own.count if last else 0)
+    end_rows = ca.vertcat(end.rows, own.rows) if last else end.rows
     at = ca.Function(
         "end",
-        [s.q, s.v, s.t, s.c],
-        [s.momentum, s.constraint, velocity_row, end.rows, phase.bounds.at_points, phase.terminal],
+        [s.q, s.v, phase.states.symbols(s), own.symbols if last else slack, s.t, s.c],
+        [
+            s.momentum,
+            s.constraint,
+            velocity_row,
+            end_rows,
+            phase.bounds.at_points,
+            phase.terminal if last else ca.SX(0),
+        ],
     )
-    momentum, gap, hidden, rows, points, terminal = at(q, v, t, shared.c)
+    momentum, gap, hidden, rows, points, terminal = at(q, v, z, slack, t, shared.c)
     if last and lam.numel():
         _, slope = constraint_function(s)(q, t, shared.c)
         momentum -= mesh[1] * shared.duration * phase.rule.weights[-1] * ca.mtimes(slope.T, lam)
     return EndTerm(
         q=q,
         v=v,
+        states=z,
         lam=lam,
+        slack=slack,
         mesh=mesh,
-        cost=terminal if last else ca.SX(0),
+        cost=terminal,
         momentum=ca.densify(momentum),
         gap=gap,
         hidden=ca.densify(hidden),

@@ -22,12 +22,22 @@ class Slots:
 
     q: np.ndarray  # (N + 1, n)
     lam: np.ndarray  # (N + 1, m)
-    u: np.ndarray  # (N, samples, k)
+    states: np.ndarray  # (N + 1, m)
+    u: np.ndarray  # (N, samples, k); (N + 1, 1, k) where the last node has controls
     inner: np.ndarray  # (N, d − 1, n)
     lam_inner: np.ndarray  # (N, d − 1, m)
+    slack: np.ndarray  # (N, r, slacks)
     v: np.ndarray  # (2, n)
+    end_slack: np.ndarray  # (slacks at the end,)
     shared: np.ndarray  # (2 + number of parameters,): t0, T, c
     end: int
+
+    @property
+    def after(self) -> np.ndarray:
+        """What of the next node an interval needs, (N, n or n + k)."""
+        steps = len(self.q) - 1
+        closing = self.u[1:].reshape(steps, -1) if len(self.u) > steps else self.q[1:, :0]
+        return np.hstack([self.q[1:], closing])
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +49,35 @@ class Rows:
     gaps: np.ndarray  # (N, m d)
     nodes: np.ndarray  # (N, r b)
     points: np.ndarray  # (N, d a)
+    steps: np.ndarray  # (N, s)
+    state_inner: np.ndarray  # (N, r m)
+    states: np.ndarray  # (N, m): balance of the states over step k
+    integrals: np.ndarray  # (i,)
     start: np.ndarray  # gap, hidden, conditions, points at node 0
     last: np.ndarray  # hidden, conditions
     end: int
+
+    @property
+    def of_intervals(self) -> np.ndarray:
+        """Rows to which the shares of every interval belong, in the order of
+        `IntervalTerm.shares`.
+        """
+        before = np.vstack([np.full_like(self.states[:1], -1), self.states[:-1]])
+        return np.hstack(
+            [
+                self.momentum[:-1],
+                self.inner,
+                self.gaps,
+                self.nodes,
+                self.points,
+                self.steps,
+                self.state_inner,
+                before,
+                self.states,
+                np.tile(self.integrals, (len(self.inner), 1)),
+                self.momentum[1:],
+            ]
+        )
 
 
 def place_unknowns(phase: CheckedPhase, free_start: bool, x: int) -> Slots:
@@ -52,9 +88,11 @@ def place_unknowns(phase: CheckedPhase, free_start: bool, x: int) -> Slots:
     shapes = {
         "q": (s.n,),
         "lam": (s.constraints,),
+        "states": (len(phase.states.index),),
         "u": (phase.samples, s.controls),
         "inner": (degree - 1, s.n),
         "lam_inner": (degree - 1, s.constraints),
+        "slack": (len(phase.rule.nodes), phase.slacks.count),
     }
     sizes = [int(np.prod(shape)) for shape in shapes.values()]
     stages = x + np.arange((count + 1) * sum(sizes)).reshape(count + 1, -1)
@@ -63,19 +101,25 @@ def place_unknowns(phase: CheckedPhase, free_start: bool, x: int) -> Slots:
         name: part.reshape(count + 1, *shape)
         for (name, shape), part in zip(shapes.items(), parts, strict=True)
     }
-    # the last node has coordinates and multipliers, but no step behind it
-    v = stages[-1, 0] + s.n + s.constraints + np.arange(2 * s.n).reshape(2, s.n)
-    first = v[-1, -1] + 1
+    # the last node has coordinates, multipliers and states, but no step behind it
+    closing = phase.closing_controls
+    before_v = s.n + s.constraints + len(phase.states.index) + closing
+    v = stages[-1, 0] + before_v + np.arange(2 * s.n).reshape(2, s.n)
+    end_slack = v[-1, -1] + 1 + np.arange(phase.end_slacks.count)
+    first = v[-1, -1] + 1 + len(end_slack)
     is_free = np.concatenate(
         [[free_start, phase.free_duration], phase.c_low < phase.c_high]
     ).astype(bool)
     return Slots(
         q=at["q"],
         lam=at["lam"],
-        u=at["u"][:-1],
+        states=at["states"],
+        u=at["u"] if closing else at["u"][:-1],
         inner=at["inner"][:-1],
         lam_inner=at["lam_inner"][:-1],
+        slack=at["slack"][:-1],
         v=v,
+        end_slack=end_slack,
         shared=np.where(is_free, first + np.cumsum(is_free) - 1, -1),
         end=int(first + is_free.sum()),
     )
@@ -140,6 +184,7 @@ def place_rows(
     end. Rows that would be imposed twice are left out.
     """
     bounds, points, nodes = phase.bounds, phase.rule.degree, len(phase.rule.nodes)
+    own, at_end = phase.slacks, phase.end_slacks
     # expressions of a fixed end hold or do not; nothing can be chosen
     moves = [bool((end.q[1] < end.q[2]).any()) for end in (phase.start, phase.end)]
     first, last = ends
@@ -148,11 +193,18 @@ def place_rows(
         "inner": _equations(phase.steps, term.inner),
         "gaps": _equations(phase.steps, term.gaps),
         "nodes": _block(
-            phase.steps, np.tile(bounds.nodes_low, nodes), np.tile(bounds.nodes_high, nodes)
+            phase.steps,
+            np.tile(np.append(bounds.nodes_low, own.rows_low), nodes),
+            np.tile(np.append(bounds.nodes_high, own.rows_high), nodes),
         ),
         "points": _block(
             phase.steps, np.tile(bounds.points_low, points), np.tile(bounds.points_high, points)
         ),
+    }
+    stage |= {
+        "steps": _block(phase.steps, bounds.steps_low, bounds.steps_high),
+        "state_inner": _equations(phase.steps, term.state_inner),
+        "states": _equations(phase.steps, term.states),
     }
     stage["gaps"].kept.reshape(phase.steps, points, -1)[-1, -1] = kept[1][0]
     stage["points"].kept.reshape(phase.steps, points, -1)[-1, -1] = moves[1]
@@ -163,7 +215,12 @@ def place_rows(
         "start_conditions": _block(1, phase.start.low, phase.start.high),
         "start_points": _block(1, bounds.points_low, bounds.points_high, moves[0]),
         "end_hidden": _equations(1, last.hidden, kept[1][1]),
-        "end_conditions": _block(1, phase.end.low, phase.end.high),
+        "end_conditions": _block(
+            1,
+            np.append(phase.end.low, at_end.rows_low),
+            np.append(phase.end.high, at_end.rows_high),
+        ),
+        "integrals": _block(1, phase.integrals.low, phase.integrals.high),
     }
     at: dict[str, np.ndarray] = {}
     low, high = [], []
@@ -182,6 +239,10 @@ def place_rows(
         gaps=at["gaps"],
         nodes=at["nodes"],
         points=at["points"],
+        steps=at["steps"],
+        state_inner=at["state_inner"],
+        states=at["states"],
+        integrals=at["integrals"][0],
         start=np.concatenate([at[name][0] for name in start]),
         last=np.concatenate([at[name][0] for name in ("end_hidden", "end_conditions")]),
         end=g,
@@ -198,13 +259,18 @@ def bound_unknowns(phase: CheckedPhase, slots: Slots, x: int) -> tuple[np.ndarra
         array[slots.inner - x] = bounds.q[side]
         array[slots.u - x] = bounds.u[side]
         array[slots.v - x] = bounds.v[side]
-        for end, q, v in (
-            (phase.start, slots.q[0] - x, slots.v[0] - x),
-            (phase.end, last_q, slots.v[1] - x),
+        if side == 0:
+            array[slots.slack - x] = phase.slacks.low
+            array[slots.end_slack - x] = phase.end_slacks.low
+        states = bounds.u[side][phase.states.index]
+        array[slots.states - x] = states
+        tighter = np.maximum if side == 0 else np.minimum
+        for end, q, v, z in (
+            (phase.start, slots.q[0] - x, slots.v[0] - x, slots.states[0] - x),
+            (phase.end, last_q, slots.v[1] - x, slots.states[-1] - x),
         ):
-            tighter = np.maximum if side == 0 else np.minimum
-            array[q] = tighter(array[q], end.q[1 + side])
-            array[v] = tighter(array[v], end.v[1 + side])
+            for given, at in ((end.q, q), (end.v, v), (end.states, z)):
+                array[at] = tighter(array[at], given[1 + side])
         free = slots.shared >= 0
         values = np.concatenate(
             [[(-np.inf, np.inf)[side], phase.duration[1 + side]], (phase.c_low, phase.c_high)[side]]

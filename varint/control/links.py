@@ -45,6 +45,8 @@ class Link:
         Added to the new coordinates (None for a component: this coordinate is not linked).
     time : bool
         The second phase begins when the first one ends.
+
+    States beside the mechanics that both phases have, by their names, go on where they were.
     """
 
     before: int
@@ -151,11 +153,33 @@ def transcribe_link(
     if link.time and link.after != link.before and after.slots.shared[0] >= 0:
         elements.append(_clock(before, after, g + count))
         count += 1
+    if link.after != link.before and len(after.phase.states.index):
+        element = _states(before, after, g + count)
+        elements.append(element)
+        count += element.rows.numel()
     return LinkTranscription(extra_x[n:], len(extra_x), count, elements)
 
 
 def _held(system) -> ca.SX:
     return ca.vertcat(system.q, system.c)
+
+
+def _states(before: PhaseTranscription, after: PhaseTranscription, row: int) -> Element:
+    """States that both phases have, by their names, go on where they were."""
+    names = [part.phase.states.names(part.phase.system) for part in (before, after)]
+    common = [name for name in names[1] if name in names[0]]
+    ends = before.slots.states[-1], after.slots.states[0]
+    places = [at[[own.index(name) for name in common]] for own, at in zip(names, ends, strict=True)]
+    z0, z1 = ca.SX.sym("z0", len(common)), ca.SX.sym("z1", len(common))
+    return Element(
+        variables=ca.vertcat(z0, z1),
+        constants=ca.SX(0, 1),
+        cost=ca.SX(0),
+        rows=z1 - z0,
+        x=np.concatenate(places).astype(int)[None],
+        p=np.zeros((1, 0), dtype=int),
+        g=row + np.arange(len(common))[None],
+    )
 
 
 def _clock(before: PhaseTranscription, after: PhaseTranscription, row: int) -> Element:

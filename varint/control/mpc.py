@@ -74,6 +74,11 @@ def mpc(
         raise InputError(
             "mpc() gets its start with every call; leave start=, q0=, v0= and p0= out of the phase"
         )
+    if phase.states:
+        raise InputError(
+            "mpc() starts from coordinates and velocities; states= beside the mechanics have no "
+            "measured start there. Solve again by prepare(phase)(start=…, guess=…)"
+        )
     problem = transcribe([phase], [], 0.0, choose_backend(solver, backend), SOLVES, True)
     x = build_start(problem)
     own = options if solver == "ipopt" else None

@@ -20,6 +20,7 @@ from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
 from varint.errors import InputError, SolverError, parsed_or_refused
 from varint.nlp.options import WORDS
+from varint.nlp.slacks import Soft
 from varint.nlp.solver import SolverResult, choose_backend
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -42,7 +43,7 @@ def optimal_control(
     p0: Any = None,
     start: Mapping[str, Any] | None = None,
     end: Mapping[str, Any] | None = None,
-    bounds: Sequence[tuple[Any, Any, Any]] = (),
+    bounds: Sequence[tuple[Any, Any, Any] | Soft] = (),
     control: str = "nodes",
     params: ParameterValues | None = None,
     guess: Any = None,
@@ -52,6 +53,8 @@ def optimal_control(
     options: Mapping[str, Any] | None = None,
     backend: str = "auto",
     progress: bool | None = None,
+    integral: Sequence[tuple[Any, Any, Any]] = (),
+    states: Mapping[Any, Any] | None = None,
 ) -> Trajectory:
     """Controls of least cost ∫ cost dt + terminal_cost under discrete mechanics, p⁺_{k−1} = p⁻_k
     (DMOC).
@@ -68,7 +71,8 @@ def optimal_control(
         Number of steps N.
     cost, terminal_cost : SX
         Running cost, of q, v, u, t and the parameters, and cost at the end, of q, v, t; for a
-        minimum time ``terminal_cost=system.t`` or ``cost=1``.
+        minimum time ``terminal_cost=system.t`` or ``cost=1``. |x| and largest values are
+        `vi.abs` and `vi.max`.
     q0, v0, p0 : array (n,), optional
         Start coordinates, and velocities or momenta, as for `simulate`; an entry may also be None
         (free) or ``free(guess, lower, upper)``. Short for ``start=dict(q=…, v=…, p=…)``.
@@ -79,9 +83,12 @@ def optimal_control(
         not given is free.
     bounds : list of (lower, expression, upper), optional
         Along the path. A coordinate or expression of q and t is held at all control points, an
-        expression of velocities or controls at the quadrature nodes. None is no bound.
-    control : {"nodes", "constant"}
-        A value of each control at every quadrature node (keeps the rule's order), or one a step.
+        expression of velocities or controls at the quadrature nodes. None is no bound. An entry
+        ``soft(expression, lower, upper, weight)`` may be violated at a price.
+    control : {"nodes", "constant", "linear"}
+        A value of each control at every quadrature node (keeps the rule's order), one a step, or
+        one at every end of a step and a straight line between them. The last two have a
+        `control_rate` for cost and bounds.
     params : dict, optional
         Parameter values by name or symbol; ``free(…)`` makes a parameter an unknown.
     guess : Trajectory or dict, optional
@@ -102,6 +109,13 @@ def optimal_control(
         there.
     progress : bool, optional
         Show the iterations. Default: in a terminal, when it takes longer than a second.
+    integral : list of (lower, expression, upper), optional
+        Bounds on ∫ expression dt over the motion, expressions as in the running cost.
+    states : dict, optional
+        Controls of the system that obey dx/dt = f, ``{mass: -thrust / c}``: states beside the
+        mechanics, such as a mass that burns, collocated at the nodes of the rule. ``start`` and
+        ``end`` take their values as ``states={mass: 1.0}``; ``stats["states"]`` has them at the
+        nodes of the path, ``u`` at the quadrature nodes.
 
     Returns
     -------
@@ -152,6 +166,8 @@ def optimal_control(
         q0,
         v0,
         p0,
+        integral,
+        states,
     )
     found = solve_phases([phase], None, t0, solver, options, backend, progress)
     return assess(found, stacklevel=3)[0]
@@ -242,6 +258,7 @@ def solve(
     starts = default_starts(problem)
     x = next(starts)
     run = build_control_solver(problem, x, name, options)
+    problem = replace(problem, solver=run)
     multipliers = carry_multipliers(problem)
     if multipliers is not None:
         outcome = run(x, multipliers, progress=progress)

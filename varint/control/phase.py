@@ -12,15 +12,17 @@ import casadi as ca
 import numpy as np
 
 from varint.control.ends import End, end_conditions
-from varint.errors import InputError, parsed_or_refused
-from varint.nlp.bounds import PathBounds, path_bounds
+from varint.control.phase_inputs import duration_of, mesh_of, parameters_of_phase, rule_of
+from varint.control.rates import Rates, check_rates
+from varint.control.states import States, check_states
+from varint.errors import InputError
+from varint.nlp.bounds import Integrals, PathBounds, integrals_of, path_bounds
 from varint.nlp.expressions import scalar
-from varint.numerics.limits import check_memory
-from varint.rules.rule import Rule, gauss, lobatto
+from varint.nlp.slacks import Slacks, Soft, refuse_concave, separate, slacks
+from varint.rules.rule import Rule
 from varint.scene.free import Free
-from varint.scene.inputs import finite_array, positive_integer
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import System, given_parameters, parameter_values
+from varint.scene.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Phase:
     terminal_cost: Any = 0
     start: Mapping[str, Any] | None = None
     end: Mapping[str, Any] | None = None
-    bounds: Sequence[tuple[Any, Any, Any]] = ()
+    bounds: Sequence[tuple[Any, Any, Any] | Soft] = ()
     control: str = "nodes"
     params: ParameterValues | None = None
     guess: Any = None
@@ -48,6 +50,8 @@ class Phase:
     q0: Any = None
     v0: Any = None
     p0: Any = None
+    integral: Sequence[tuple[Any, Any, Any]] = ()
+    states: Mapping[Any, Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +69,17 @@ class CheckedPhase:
     c, c_low, c_high : ndarray
         Parameter guesses and bounds; equal where they are fixed.
     cost, terminal : SX
-        Expressions of q, v, u, t, c and of q, v, t, c.
+        Expressions of q, v, u, slacks, t, c and of q, v, slacks, t, c.
+    slacks, end_slacks : Slacks
+        At every node and at the end.
+    rates : Rates
+        Rates of change of controls, which cost and bounds may hold.
+    integrals : Integrals
+        What is bounded over the whole phase.
+    states : States
+        Controls that obey differential equations.
+    linear : bool
+        Are the controls piecewise linear?
     """
 
     system: System
@@ -81,6 +95,12 @@ class CheckedPhase:
     start: End
     end: End
     bounds: PathBounds
+    slacks: Slacks
+    end_slacks: Slacks
+    rates: Rates
+    integrals: Integrals
+    states: States
+    linear: bool
     guess: Any
     given: Phase
 
@@ -91,13 +111,24 @@ class CheckedPhase:
 
     @property
     def control_places(self) -> np.ndarray:
-        """Where in a step the controls have their values: at the nodes, or one in the middle."""
+        """Where in a step the controls have their values: at the nodes, one in the middle, or one
+        at its beginning and the next at its end.
+        """
+        if self.linear:
+            return np.array([0.0, 1.0])
         return np.array(self.rule.nodes) if self.samples > 1 else np.array([0.5])
 
     @property
     def control_weights(self) -> np.ndarray:
         """The share of a step that belongs to each of them."""
         return np.array(self.rule.weights) if self.samples > 1 else np.ones(1)
+
+    @property
+    def closing_controls(self) -> int:
+        """Number of controls that have a value at the last node too: those of the next step
+        matter to a step.
+        """
+        return self.system.structure.controls if self.linear or len(self.rates.index) else 0
 
     @property
     def shortest_step(self) -> float:
@@ -120,45 +151,94 @@ def check_phase(phase: Phase) -> CheckedPhase:
     system = phase.system
     if not isinstance(system, System):
         raise InputError(f"optimal control takes a varint.System, got {type(system).__name__}")
-    rule = _rule(system, phase.rule)
-    duration = _duration(phase.duration)
-    c, c_low, c_high = _parameters(system, phase.params)
+    rule = rule_of(system, phase.rule)
+    duration = duration_of(phase.duration)
+    c, c_low, c_high = parameters_of_phase(system, phase.params)
     if not system.structure.controls and duration[1] == duration[2] and (c_low == c_high).all():
         raise InputError(
             "nothing can be chosen: the scene has no control and neither duration nor parameters "
             "are free; give control= to the System, or use least_action for a path between fixed "
             "ends"
         )
-    if phase.control not in ("nodes", "constant"):
+    if phase.control not in BASES:
         raise InputError(
-            f"control={phase.control!r} is unknown; 'nodes' (a value at every node) or 'constant'"
+            f"control={phase.control!r} is unknown; 'nodes' (a value at every node), 'constant' "
+            "(one a step) or 'linear' (one at every end of a step)"
         )
     s = system
-    state = ca.vertcat(s.q, s.v, s.t, s.c)
+    hard, soft_bounds = separate(phase.bounds)
+    given = [phase.cost, hard, [b.expression for b in soft_bounds], phase.integral]
+    rates = check_rates(system, given, phase.control)
+    states = check_states(system, phase.states, phase.control)
+    along = ca.vertcat(s.q, s.v, s.control, rates.symbols)
+    at_end = ca.vertcat(s.q, s.v, states.symbols(system))
+    cost, own = _cost("cost", phase.cost, soft_bounds, along, system, c, WORDS)
+    words = "q, v, t, states and the parameters at the end"
+    terminal, last = _cost("terminal_cost", phase.terminal_cost, (), at_end, system, c, words)
+    bounds = path_bounds(system, hard, rates.symbols)
+    integrals = integrals_of(phase.integral, ca.vertcat(along, s.t), s.c)
+    acting = [system.force, cost, own.rows, bounds.at_nodes, integrals.rows, states.rates]
+    acting += [rates.controls(system), states.symbols(system)]
+    _refuse_idle(system, ca.vertcat(*acting), bounds.u)
     return CheckedPhase(
         system=system,
         rule=rule,
         duration=duration,
-        mesh=_mesh(phase.steps, phase.mesh),
+        mesh=mesh_of(phase.steps, phase.mesh),
         samples=len(rule.nodes) if phase.control == "nodes" else 1,
         c=c,
         c_low=c_low,
         c_high=c_high,
-        cost=scalar(
-            "cost",
-            phase.cost,
-            ca.vertcat(state, s.control),
-            "q, v, the controls, t and the parameters",
-        ),
-        terminal=scalar(
-            "terminal_cost", phase.terminal_cost, state, "q, v, t and the parameters at the end"
-        ),
-        start=end_conditions(system, "start", start_of(phase)),
-        end=end_conditions(system, "end", phase.end),
-        bounds=path_bounds(system, phase.bounds),
+        cost=cost,
+        terminal=terminal,
+        start=end_conditions(system, "start", start_of(phase), states),
+        end=end_conditions(system, "end", phase.end, states),
+        bounds=bounds,
+        slacks=own,
+        end_slacks=last,
+        rates=rates,
+        integrals=integrals,
+        states=states,
+        linear=phase.control == "linear",
         guess=phase.guess,
         given=phase,
     )
+
+
+BASES = ("nodes", "constant", "linear")
+WORDS = "q, v, the controls, t and the parameters"
+
+
+def _cost(
+    what: str,
+    given: Any,
+    soft_bounds: Sequence[Soft],
+    path: ca.SX,
+    system: System,
+    values: np.ndarray,
+    words: str,
+) -> tuple[ca.SX, Slacks]:
+    """A cost with the price of soft bounds, and the slacks of both; `values` of the parameters."""
+    symbolic = given if isinstance(given, ca.SX) else ca.SX(0)
+    rest = ca.vertcat(system.t, system.c)
+    found = slacks(symbolic, soft_bounds, path, rest, words)
+    cost = scalar(what, given, ca.vertcat(path, rest, found.symbols), words)
+    refuse_concave(what, cost, found, system.c, values)
+    return cost + found.price, found
+
+
+def _refuse_idle(system: System, along: ca.SX, limits: np.ndarray) -> None:
+    """A control acts through the force, the cost or a bound."""
+    idle = [
+        x.name()
+        for i, x in enumerate(ca.vertsplit(system.control))
+        if not ca.depends_on(along, x) and not np.isfinite(limits[:, i]).any()
+    ]
+    if idle:
+        raise InputError(
+            f"the controls {idle} do not act: neither force, cost nor bounds depend on them; "
+            "leave them out"
+        )
 
 
 def start_of(phase: Phase) -> Mapping[str, Any]:
@@ -170,86 +250,3 @@ def start_of(phase: Phase) -> Mapping[str, Any]:
         name = twice[0]
         raise InputError(f"the start is given twice: leave out {name}0 or start=dict({name}=…)")
     return {**start, **given} if given and isinstance(start, Mapping) else start
-
-
-def _rule(system: System, rule: Rule | None) -> Rule:
-    structure = system.structure
-    lacking = {"contacts": structure.contacts, "non-holonomic constraints": structure.nonholonomic}
-    found = [name for name, count in lacking.items() if count]
-    if found:
-        remedy = "; describe impacts by phases and links" if structure.contacts else ""
-        raise InputError(f"optimal control does not handle {' or '.join(found)}{remedy}")
-    if structure.degenerate:
-        raise InputError(
-            "the Lagrangian is degenerate (∂²L/∂v² = 0): it has no end velocities to control"
-        )
-    if rule is None:
-        return lobatto(3) if structure.constraints else gauss(2)
-    if not isinstance(rule, Rule):
-        raise InputError(f"rule must be a rule such as gauss(3), got {rule!r}")
-    if not rule.points:
-        raise InputError(
-            f"{rule} is a composition with weights of both signs; optimal control takes gauss or "
-            "lobatto"
-        )
-    return rule
-
-
-def _duration(value: Any) -> tuple[float, float, float]:
-    if value is None:
-        raise InputError("give the duration: a number, or free(guess, lower, upper)")
-    if isinstance(value, Free):
-        if value.guess.shape != ():
-            raise InputError(f"the duration is one number, got {value}")
-        if not value.lower > 0:
-            raise InputError(f"a free duration needs a positive lower bound, got {value}")
-        return float(value.guess), float(value.lower), float(value.upper)
-    duration = parsed_or_refused(
-        lambda: float(value),
-        lambda: f"the duration must be a number or free(guess, lower, upper), got {value!r}",
-    )
-    if not (np.isfinite(duration) and duration > 0):
-        raise InputError(f"the duration must be positive and finite, got {value!r}")
-    return duration, duration, duration
-
-
-def _mesh(steps: Any, mesh: Any) -> np.ndarray:
-    if mesh is None:
-        check_memory(
-            f"a path of {positive_integer('steps', steps)} steps", steps, "take fewer steps"
-        )
-        return np.arange(steps + 1) / steps
-    mesh = finite_array("mesh", mesh)
-    if (
-        mesh.ndim != 1
-        or len(mesh) < 2
-        or mesh[0] != 0
-        or mesh[-1] != 1
-        or not (np.diff(mesh) > 0).all()
-    ):
-        raise InputError("mesh must hold fractions of the duration that increase from 0 to 1")
-    if positive_integer("steps", steps, 0) not in (0, len(mesh) - 1):
-        raise InputError(f"steps={steps} but the mesh has {len(mesh) - 1}; give one of the two")
-    return mesh
-
-
-def _parameters(
-    system: System, params: ParameterValues | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Guess, lower and upper bound of the parameter vector."""
-    given = given_parameters(system, params)
-
-    def part(name: str) -> np.ndarray:
-        shapes = {k: np.shape(v) for k, v in system.defaults.items()}
-        values = {
-            k: np.broadcast_to(getattr(v, name), shapes.get(k, v.guess.shape))
-            if isinstance(v, Free)
-            else v
-            for k, v in given.items()
-        }
-        return parameter_values(system, values)
-
-    infinite = {k: v for k, v in given.items() if isinstance(v, Free)}
-    if any(not np.isfinite([v.lower, v.upper]).all() for v in infinite.values()):
-        raise InputError(f"free parameters need finite bounds, got {infinite}")
-    return part("guess"), part("lower"), part("upper")

@@ -19,6 +19,7 @@ from varint.control.transcription import PhaseTranscription, transcribe_phase
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.assembly import Kernels, assemble
 from varint.nlp.program import NonlinearProgram
+from varint.nlp.solver import Solver
 from varint.numerics.limits import check_steps
 from varint.scene.inputs import number, positive_integer
 from varint.scene.system import System
@@ -36,6 +37,7 @@ class ControlProblem:
     seconds: float
     kernels: Kernels | None = None
     given_links: tuple[Link, ...] = ()
+    solver: Solver | None = None  # once it is built
 
     @property
     def unknowns(self) -> int:

@@ -14,6 +14,7 @@ from varint.control.transcription import PhaseTranscription
 from varint.nlp.arrangement import Scales
 
 NATURAL = 30.0
+DEAR = 1e6  # times the cost of the cheapest control, each used at its size
 ROUNDING = 1e-12  # of the largest coordinate: smaller start values are zeros
 
 
@@ -26,9 +27,26 @@ def choose_scales(problem: ControlProblem, x: np.ndarray) -> Scales:
     rows, columns, curvature = _absolute(
         problem.nlp.program.hessian(x, problem.nlp.p, 1, np.zeros(len(problem.nlp.g_low)))
     )
-    order = float((curvature * size[rows] ** 2)[rows == columns].sum())
+    diagonal = np.zeros(len(size))
+    diagonal[rows[rows == columns]] = curvature[rows == columns]
+    _limit_dear_controls(size, problem, diagonal)
+    order = float((diagonal * size**2).sum())
     slope = np.abs(np.array(problem.nlp.program.gradient(x, problem.nlp.p)[1]).ravel()) * size
     return Scales(size, 1 / _power(max(order, float(slope.max(initial=0.0)))), factor)
+
+
+def _limit_dear_controls(size: np.ndarray, problem: ControlProblem, curvature: np.ndarray) -> None:
+    """A control that hardly acts, measured by the force it would have to give, would cost so much
+    that no tolerance sees the cost of the others: it is measured by what costs as much as they do.
+    """
+    for transcription in problem.phases:
+        u = transcription.slots.u
+        groups = [u[..., i].ravel() for i in range(u.shape[2])]
+        costs = np.array([(curvature[at] * size[at] ** 2).sum() for at in groups])
+        least = costs[costs > 0].min(initial=np.inf)
+        for at, cost in zip(groups, costs, strict=True):
+            if cost > DEAR * least:
+                size[at] *= 10.0 ** np.round(np.log10(least / cost) / 2)
 
 
 def _scale_phase(
@@ -65,6 +83,27 @@ def _scale_phase(
             acts = np.isin(column, group[..., i].ravel())
             strongest = float((value[acts] / kind[row[acts]]).max(initial=0.0)) * len(group)
             size[group[..., i]] = _power(1 / strongest) if strongest > 0 else 1.0
+    if len(slots.slack.ravel()) + len(slots.end_slack):
+        _scale_slacks(size, factor, transcription, problem, x, jacobian)
+
+
+def _scale_slacks(
+    size, factor, transcription: PhaseTranscription, problem: ControlProblem, x, jacobian
+) -> None:
+    """Slacks are measured by what stands in their rows beside them, on a path that moves by the
+    sizes of all else, and so are these rows.
+    """
+    slots, (row, column, _), nlp = transcription.slots, jacobian, problem.nlp
+    moved = x + size * np.linspace(1, 2, len(x))
+    moved[slots.slack], moved[slots.end_slack] = 0.0, 0.0
+    values = np.abs(nlp.program.value(moved, nlp.p)[1].full().ravel())
+    for side in (nlp.g_low, nlp.g_high):
+        values = np.maximum(values, np.where(np.isfinite(side), np.abs(side), 0))
+    kinds = [slots.slack[..., i].ravel() for i in range(slots.slack.shape[2])]
+    for places in [*kinds, *slots.end_slack[:, None]]:
+        own = np.unique(row[np.isin(column, places)])
+        size[places] = _power(float(values[own].max(initial=0.0)))
+        factor[own] = 1 / size[places[0]]
 
 
 def _reach(problem: ControlProblem, x: np.ndarray, index: np.ndarray) -> float:

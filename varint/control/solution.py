@@ -19,7 +19,7 @@ from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
 from varint.control.replay import LARGE, defect, error_estimate, replay
 from varint.control.swings import CURE, swinging_controls
-from varint.control.transcription import PhaseTranscription, control_points
+from varint.control.transcription import PhaseTranscription, control_points, control_samples
 from varint.errors import InputError
 from varint.nlp.solver import SolverResult
 from varint.numerics.plain import field_of, plain
@@ -90,6 +90,12 @@ class ControlSolution:
 
     def __repr__(self) -> str:
         return f"ControlSolution(cost {self.cost:.9g}, {self.status}, {self.iterations} iterations)"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a short table and the controls."""
+        from varint.drawing.notebook import solution_html
+
+        return solution_html(self)
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy, or what travels to another process, is what a file keeps: without the program
@@ -187,7 +193,7 @@ def error_in_words(motion: Trajectory, controls: Piecewise) -> str:
 def _active(origin: Origin) -> dict[str, np.ndarray]:
     """Times at which each bound along the path is met with equality."""
     transcription, outcome, problem = origin.transcription, origin.outcome, origin.problem
-    phase, slots, rule = transcription.phase, transcription.slots, transcription.phase.rule
+    phase, rule = transcription.phase, transcription.phase.rule
     s, mesh, steps = phase.system, phase.mesh, np.diff(phase.mesh)
     shared = transcription.shared_values(outcome.x)
     t0, duration = float(shared[0]), float(shared[1])
@@ -195,8 +201,8 @@ def _active(origin: Origin) -> dict[str, np.ndarray]:
     nodes = mesh[:-1, None] + steps[:, None] * np.array(rule.nodes)
     q = control_points(outcome.x, transcription)
     found: dict[str, np.ndarray] = {}
-    u = outcome.x[slots.u]
-    at_u = nodes if phase.samples > 1 else mesh[:-1, None] + steps[:, None] / 2
+    u = control_samples(outcome.x, transcription)
+    at_u = mesh[:-1, None] + steps[:, None] * phase.control_places
     g = np.array(problem.nlp.program.value(outcome.x, problem.nlp.p)[1]).ravel()
     values_at_nodes = g[transcription.rows.nodes].reshape(phase.steps, len(rule.nodes), -1)
     at_points = phase.bounds.at_points.numel()

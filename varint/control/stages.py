@@ -30,6 +30,7 @@ def arrange_as_stages(problem: ControlProblem) -> Arrangement:
             'solve several phases, links and periodic motions by solver="ipopt"'
         )
     transcription = problem.phases[0]
+    _refuse_what_is_no_chain(transcription)
     slots, rows, count = transcription.slots, transcription.rows, transcription.phase.steps
     (_, n), m, stage = slots.q.shape, slots.lam.shape[1], transcription.interval.stage.numel()
     free = np.flatnonzero(slots.shared >= 0)
@@ -86,6 +87,18 @@ def arrange_as_stages(problem: ControlProblem) -> Arrangement:
     )
 
 
+def _refuse_what_is_no_chain(transcription: PhaseTranscription) -> None:
+    phase, slots = transcription.phase, transcription.slots
+    found = {
+        "integrals over a phase": phase.integrals.low.size,
+        "states beside the mechanics": slots.states.size,
+        'control="linear" and control_rate': phase.closing_controls,
+        "vi.abs and vi.max in the terminal cost": slots.end_slack.size,
+    }
+    if unknown := [what for what, size in found.items() if size]:
+        raise InputError(f'solver="fatrop" takes no {unknown[0]}; solve by solver="ipopt"')
+
+
 def _start(
     transcription: PhaseTranscription,
     source: np.ndarray,
@@ -98,10 +111,10 @@ def _start(
     own = data[transcription.first_datum :]
     shared = transcription.shared_values(x, data)
     stages = x[slots.q[:-1, :1] + np.arange(transcription.interval.stage.numel())]
-    mu = np.zeros((1, transcription.values_function.size1_in(4)))
+    mu = np.zeros((1, transcription.functions.values.size1_in(4)))
     mesh = own[: 2 * count].reshape(2, count).T
     minus, plus = over_columns(
-        transcription.values_function, stages, x[slots.q[1:]], mesh, shared, mu
+        transcription.functions.values, stages, x[slots.q[1:]], mesh, shared, mu
     )[:2]
     z = x[source]
     z[momenta] = np.vstack([minus, plus[-1:]])

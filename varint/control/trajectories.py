@@ -10,8 +10,14 @@ import numpy as np
 
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
+from varint.control.slack_values import refuse_loose, violations
 from varint.control.solution import ControlSolution, Origin
-from varint.control.transcription import PhaseTranscription, control_points
+from varint.control.transcription import (
+    PhaseTranscription,
+    control_points,
+    control_samples,
+    controls_at_nodes,
+)
 from varint.discrete.constraints import tangent_function
 from varint.integration.trajectories import step_functions
 from varint.nlp.solver import SolverResult
@@ -45,13 +51,14 @@ def _trajectory(
     uniform = np.array_equal(phase.mesh, np.arange(count + 1) / count)
     k = np.arange(count + 1)
     t = t0 + duration / count * k if uniform else t0 + duration * phase.mesh
-    points, u = control_points(x, transcription), x[slots.u]
+    points, u = control_points(x, transcription), controls_at_nodes(x, transcription)
     p, terms = _momenta_and_terms(transcription, outcome, shared)
+    refuse_loose(x, transcription, shared)
     solution = ControlSolution(
         cost=float(terms["cost"].sum() + terms["terminal"]),
         total_cost=outcome.cost,
         q=Piecewise(phase.mesh, np.array(rule.points), points),
-        u=Piecewise(phase.mesh, phase.control_places, u),
+        u=Piecewise(phase.mesh, phase.control_places, control_samples(x, transcription)),
         costate=Piecewise(
             phase.mesh, np.array(rule.points), _costate_points(transcription, outcome)
         ),
@@ -80,9 +87,23 @@ def _trajectory(
         functions=partial(step_functions, rule, system),
         stats=MappingProxyType(
             {"plan": f"optimal control by {rule}", "steps": count, "seconds": outcome.seconds}
+            | _extras(transcription, x)
         ),
         solution=solution,
     )
+
+
+def _extras(transcription: PhaseTranscription, x: np.ndarray) -> dict[str, Any]:
+    """What only some problems have: violations of soft bounds, states beside the mechanics."""
+    phase = transcription.phase
+    found: dict[str, Any] = {}
+    if phase.slacks.names:
+        found["softened"] = violations(x, transcription)
+    if len(phase.states.index):
+        names = phase.states.names(phase.system)
+        values = x[transcription.slots.states].T
+        found["states"] = dict(zip(names, values, strict=True))
+    return found
 
 
 def _costate_points(transcription: PhaseTranscription, outcome: SolverResult) -> np.ndarray:
@@ -105,15 +126,17 @@ def _momenta_and_terms(
     term = transcription.interval
     stages = x[slots.q[:-1, :1] + np.arange(term.stage.numel())]
     mesh = np.column_stack([phase.mesh[:-1], np.diff(phase.mesh)])
-    index = np.hstack(
-        [rows.momentum[:-1], rows.inner, rows.gaps, rows.nodes, rows.points, rows.momentum[1:]]
-    )
-    lam = np.append(outcome.lam_g, 0.0)[index]
+    lam = np.append(outcome.lam_g, 0.0)[rows.of_intervals]
     p_minus, p_plus, cost, at_start, at_end = over_columns(
-        transcription.values_function, stages, x[slots.q[1:]], mesh, shared, lam
+        transcription.functions.values, stages, x[slots.after], mesh, shared, lam
     )
-    at_end_of = transcription.terminal_function(
-        x[slots.q[-1]], x[slots.v[1]], shared[0] + shared[1], shared[2:]
+    at_end_of = transcription.functions.at_end(
+        x[slots.q[-1]],
+        x[slots.v[1]],
+        x[slots.states[-1]],
+        x[slots.end_slack],
+        shared[0] + shared[1],
+        shared[2:],
     )
     terminal, p_end = (np.array(y).ravel() for y in at_end_of)
     p = np.vstack([p_minus, p_plus[-1:]])

@@ -35,6 +35,67 @@ from varint.nlp.assembly import Element
 
 
 @dataclass(frozen=True, eq=False)
+class PhaseFunctions:
+    """What is evaluated at a solution, built when first asked for and kept whatever numbers the
+    problem is solved with.
+    """
+
+    phase: CheckedPhase
+    interval: IntervalTerm
+    shared: Shared
+
+    @cached_property
+    def values(self) -> ca.Function:
+        """(stage, after, mesh, shared, μ) → (p⁻, p⁺, cost, ∂/∂q0 and ∂/∂q1 of cost + Σ μ·rows)
+        of one interval.
+        """
+        term, shares = self.interval, self.interval.shares
+        mu = ca.SX.sym("mu", shares.numel())
+        total = ca.densify(term.cost) + ca.dot(mu, shares)
+        slopes = [
+            ca.densify(ca.gradient(total, x)) for x in (term.stage[: term.q1.numel()], term.q1)
+        ]
+        inputs = [term.stage, term.after, term.mesh, self.shared.column, mu]
+        return ca.Function(
+            "values",
+            inputs,
+            [term.p_minus, term.p_plus, ca.densify(term.cost), *slopes],
+            {"cse": True},
+        )
+
+    @cached_property
+    def at_end(self) -> ca.Function:
+        """(q, v, states, slacks, t, c) → (terminal cost, momentum) at the end."""
+        s, phase = self.phase.system, self.phase
+        inputs = [s.q, s.v, phase.states.symbols(s), phase.end_slacks.symbols, s.t, s.c]
+        return ca.Function("terminal", inputs, [phase.terminal, s.momentum])
+
+    @cached_property
+    def slacks(self) -> ca.Function:
+        """(q, v, u, rates, t, c) → what the slacks at a node are."""
+        s, rates = self.phase.system, self.phase.rates.symbols
+        values = ca.densify(self.phase.slacks.values)
+        return ca.Function("slacks", [s.q, s.v, s.control, rates, s.t, s.c], [values])
+
+    @cached_property
+    def end_slacks(self) -> ca.Function:
+        """(q, v, states, t, c) → what the slacks at the end are."""
+        s, phase = self.phase.system, self.phase
+        values = ca.densify(phase.end_slacks.values)
+        return ca.Function("end_slacks", [s.q, s.v, phase.states.symbols(s), s.t, s.c], [values])
+
+    @cached_property
+    def slack_slopes(self) -> ca.Function:
+        """(q, v, u, rates, t, c, slacks) → slopes of the running cost in the largest values."""
+        s, own = self.phase.system, self.phase.slacks
+        largest = ca.vertcat(*(x.symbol for x in own.largest))
+        inputs = [s.q, s.v, s.control, self.phase.rates.symbols, s.t, s.c, own.symbols]
+        return ca.Function(
+            "slack_slopes", inputs, [ca.densify(ca.gradient(self.phase.cost, largest))]
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class PhaseTranscription:
     """A phase in the program."""
 
@@ -43,6 +104,7 @@ class PhaseTranscription:
     rows: Rows
     interval: IntervalTerm
     shared: Shared
+    functions: PhaseFunctions
     data: np.ndarray  # s_k, w_k, then t0, T, c: the program's constants of this phase
     first_datum: int
     x_low: np.ndarray
@@ -50,6 +112,11 @@ class PhaseTranscription:
     g_low: np.ndarray
     g_high: np.ndarray
     elements: list[Element]
+
+    @property
+    def first_row(self) -> int:
+        """Where its rows begin."""
+        return self.rows.end - len(self.g_low)
 
     @property
     def first_shared(self) -> int:
@@ -66,34 +133,6 @@ class PhaseTranscription:
         own = self.data if constants is None else constants[self.first_datum :][: len(self.data)]
         places = self.slots.shared
         return np.where(places >= 0, x[places], own[2 * self.phase.steps :])
-
-    @cached_property
-    def values_function(self) -> ca.Function:
-        """(stage, q1, mesh, shared, μ) → (p⁻, p⁺, cost, ∂/∂q0 and ∂/∂q1 of cost + Σ μ·rows) of
-        one interval.
-        """
-        term = self.interval
-        shares = ca.vertcat(
-            -term.p_minus, term.inner, term.gaps, term.nodes, term.points, term.p_plus
-        )
-        mu = ca.SX.sym("mu", shares.numel())
-        total = ca.densify(term.cost) + ca.dot(mu, shares)
-        slopes = [
-            ca.densify(ca.gradient(total, x)) for x in (term.stage[: term.q1.numel()], term.q1)
-        ]
-        inputs = [term.stage, term.q1, term.mesh, self.shared.column, mu]
-        return ca.Function(
-            "values",
-            inputs,
-            [term.p_minus, term.p_plus, ca.densify(term.cost), *slopes],
-            {"cse": True},
-        )
-
-    @cached_property
-    def terminal_function(self) -> ca.Function:
-        """(q, v, t, c) → (terminal cost, momentum) at the end."""
-        s = self.phase.system
-        return ca.Function("terminal", [s.q, s.v, s.t, s.c], [self.phase.terminal, s.momentum])
 
 
 def transcribe_phase(
@@ -125,7 +164,19 @@ def transcribe_phase(
     x_low, x_high = bound_unknowns(phase, slots, x)
     elements = _elements(phase, term, ends, slots, rows, shared, p)
     return PhaseTranscription(
-        phase, slots, rows, term, shared, data, p, x_low, x_high, low, high, elements
+        phase=phase,
+        slots=slots,
+        rows=rows,
+        interval=term,
+        shared=shared,
+        functions=PhaseFunctions(phase, term, shared),
+        data=data,
+        first_datum=p,
+        x_low=x_low,
+        x_high=x_high,
+        g_low=low,
+        g_high=high,
+        elements=elements,
     )
 
 
@@ -161,27 +212,25 @@ def _elements(
 
     stride = term.stage.numel()
     stages = slots.q[:-1, :1] + np.arange(stride)
-    shares = [-term.p_minus, term.inner, term.gaps, term.nodes, term.points, term.p_plus]
-    places = [rows.momentum[:-1], rows.inner, rows.gaps, rows.nodes, rows.points, rows.momentum[1:]]
     found = [
         element(
-            [term.stage, term.q1],
-            np.hstack([stages, slots.q[1:]]),
+            [term.stage, term.after],
+            np.hstack([stages, slots.after]),
             term.mesh,
             np.arange(count),
             term.cost,
-            shares,
-            places,
+            [term.shares],
+            [rows.of_intervals],
         )
     ]
     first, last = ends
     x_first, x_last = (
-        np.hstack([slots.q[0], slots.v[0]]),
-        np.hstack([slots.q[-1], slots.v[1], slots.lam[-1]]),
+        np.hstack([slots.q[0], slots.v[0], slots.states[0]]),
+        np.hstack([slots.q[-1], slots.v[1], slots.states[-1], slots.lam[-1], slots.end_slack]),
     )
     found.append(
         element(
-            [first.q, first.v],
+            [first.q, first.v, first.states],
             x_first[None],
             first.mesh,
             np.array([0]),
@@ -192,13 +241,13 @@ def _elements(
     )
     found.append(
         element(
-            [last.q, last.v, last.lam],
+            [last.q, last.v, last.states, last.lam, last.slack],
             x_last[None],
             last.mesh,
             np.array([count - 1]),
             last.cost,
-            [-last.momentum, last.hidden, last.rows],
-            [rows.momentum[-1:], rows.last[None]],
+            [-last.momentum, -last.states, last.hidden, last.rows],
+            [rows.momentum[-1:], rows.states[-1:], rows.last[None]],
         )
     )
     return found
@@ -210,3 +259,19 @@ def control_points(x: np.ndarray, transcription: PhaseTranscription) -> np.ndarr
     return np.concatenate(
         [x[slots.q[:-1]][:, None], x[slots.inner], x[slots.q[1:]][:, None]], axis=1
     )
+
+
+def controls_at_nodes(x: np.ndarray, transcription: PhaseTranscription) -> np.ndarray:
+    """Controls at the quadrature nodes of every step, (N, r, k); (N, 1, k) where they are
+    constant.
+    """
+    phase, u = transcription.phase, x[transcription.slots.u]
+    if phase.linear:
+        return u[:-1] + np.array(phase.rule.nodes)[:, None] * (u[1:] - u[:-1])
+    return u[: phase.steps]
+
+
+def control_samples(x: np.ndarray, transcription: PhaseTranscription) -> np.ndarray:
+    """Controls at `control_places` of every step, (N, places, k)."""
+    phase, u = transcription.phase, x[transcription.slots.u]
+    return np.concatenate([u[:-1], u[1:]], axis=1) if phase.linear else u[: phase.steps]

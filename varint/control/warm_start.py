@@ -64,7 +64,9 @@ def _carry(
     inside = (mesh[:-1, None] + steps[:, None] * points[1:-1]).ravel()
     lam_g[rows.inner] = found.costate(inside).reshape(rows.inner.shape)
     source = origin.transcription
-    new, old = slots.u, source.slots.u
+    if phase.linear or source.phase.linear:
+        return
+    new, old = slots.u[: phase.steps], source.slots.u[: source.phase.steps]
     if not new.size or old.shape[2] != new.shape[2]:
         return
     density = origin.outcome.lam_x[old] / (

@@ -93,9 +93,9 @@ def _eliminate(trajectory: Trajectory) -> Chain:
     system, rule = trajectory.system, trajectory.rule
     _has_action(trajectory)
     steps = len(trajectory) - 1
-    paths = interval_paths(
+    paths = _curvatures(
         trajectory, np.arange(steps), step_sizes(trajectory), np.arange(1, steps + 1)
-    ).curvature
+    )
     n, m = system.structure.n, system.structure.constraints
     unit = _unit(paths, n, m)
     negative, two = _condense(paths, unit)
@@ -112,6 +112,15 @@ def _eliminate(trajectory: Trajectory) -> Chain:
         whole = joined - side @ inverse @ side.T
     scale = np.tile(unit, 2)
     return Chain(found, left, whole / np.outer(scale, scale), unit)
+
+
+def _curvatures(
+    trajectory: Trajectory, k: np.ndarray, size: np.ndarray, ends: np.ndarray | None
+) -> np.ndarray:
+    """Second derivatives of the actions of the paths that leave the nodes k; of a motion backwards
+    in time those of the path forwards, whose action has the other sign.
+    """
+    return interval_paths(trajectory, k, size, ends).curvature * np.sign(trajectory.h)
 
 
 def _has_action(trajectory: Trajectory) -> None:
@@ -200,7 +209,7 @@ def _locate(
     smallest = LOCATED * abs(high)
     while abs(high - low) > smallest:
         trial = np.linspace(low, high, PARTS + 1)[1:-1]
-        paths = interval_paths(trajectory, np.full(len(trial), k), trial, None).curvature
+        paths = _curvatures(trajectory, np.full(len(trial), k), trial, None)
         negative, two = _condense(paths, unit)
         found = negative - ordinary
         if k:

@@ -65,6 +65,13 @@ def check_inertia(system: System, mass: np.ndarray, rows: np.ndarray | None = No
         return
     part = np.abs(vectors[:, np.abs(values).argmin()] @ free)
     weak = [name for name, x in zip(system.names, part, strict=True) if x > 0.1 * part.max()]
+    massless = [name for name, row in zip(system.names, mass, strict=True) if not row.any()]
+    if rows is None and massless:
+        raise InputError(
+            f"the mass of {massless} is zero at the start: what has no mass is a test particle, "
+            "moved by the others and moving none of them; give it the kinetic energy v²/2 of a "
+            "unit mass, leave it out of the potential, and add the field at its place as force="
+        )
     if rows is None:
         raise InputError(
             "the mass matrix ∂²L/∂v² is singular at the start: the Lagrangian gives no inertia to "

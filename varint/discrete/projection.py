@@ -26,11 +26,13 @@ WIDER, STARTS = (1e-3, 0.1, 0.5, 2.0), 5
 
 
 def row_sizes(slope: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """What a change of each coordinate by its own size would make of each row: the yardstick of
-    |g|.
+    """What a change of each coordinate by its own size would make of each row, (…, m, n) and (…, n)
+    → (…, m): the yardstick of |g|.
     """
-    far = np.abs(q).max(initial=0.0)
-    return np.abs(slope) @ np.maximum(np.abs(q), 1e-3 * far if far else 1.0)
+    size = np.abs(q)
+    far = size.max(axis=-1, keepdims=True, initial=0.0)
+    least = np.where(far > 0, 1e-3 * far, 1.0)
+    return (np.abs(slope) @ np.maximum(size, least)[..., None])[..., 0]
 
 
 def project(

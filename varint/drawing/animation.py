@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,29 +91,69 @@ def trajectory_animation(
 
     film = FuncAnimation(fig, draw, frames=len(times), interval=1000 * seconds, repeat=True)
     film._draw_was_started = True  # type: ignore[attr-defined]  # shown or saved later by whoever asked: no warning if it is neither
-    if target is not None and writer is not None:
-        _freeze(fig, axes, [*trails.values(), *rods, *dots.values(), clock])
-        count = len(times)
-        with writer.saving(fig, target, DPI), progress_bar(count, "frames", None) as move:
-            for frame in range(count):
-                draw(frame)
-                writer.grab_frame()
-                move(1, lambda: str(target.name))
+    if target is not None:
+        moving, count = [*trails.values(), *rods, *dots.values(), clock], len(times)
+        with progress_bar(count, "frames", None) as move:
+            if writer is None:
+                _write_gif(target, _pictures(fig, draw, moving, count), seconds, move)
+            else:
+                _freeze(fig, axes, moving)
+                with writer.saving(fig, target, DPI):
+                    for frame in range(count):
+                        draw(frame)
+                        writer.grab_frame()
+                        move(1, lambda: str(target.name))
         plt.close(fig)
     handed_over(fig)
     return film
+
+
+def _pictures(fig: Any, draw: Callable[[int], list], moving: list, count: int) -> Iterator[Any]:
+    """The last frame, which has every colour, then all frames in turn: what moves, drawn upon the
+    picture of what does not.
+    """
+    from PIL import Image
+
+    still = _still(fig, moving)
+    for frame in (count - 1, *range(count)):
+        draw(frame)
+        fig.canvas.restore_region(still)
+        for artist in moving:
+            artist.axes.draw_artist(artist)
+        yield Image.fromarray(np.asarray(fig.canvas.buffer_rgba())).convert("RGB")
+
+
+def _write_gif(path: Path, pictures: Iterator[Any], seconds: float, move: Callable) -> None:
+    """A GIF file of all pictures but the first, in the 256 colours of the first."""
+    colours = next(pictures).quantize()
+
+    def frames() -> Iterator[Any]:
+        for picture in pictures:
+            move(1, lambda: path.name)
+            yield picture.quantize(palette=colours, dither=0)
+
+    each = frames()
+    milliseconds = round(1000 * seconds)
+    next(each).save(path, save_all=True, append_images=each, duration=milliseconds, loop=0)
+
+
+def _still(fig: Any, moving: list) -> Any:
+    """The picture of all that does not move, as the canvas keeps it."""
+    for artist in moving:
+        artist.set_visible(False)
+    fig.canvas.draw()
+    still = fig.canvas.copy_from_bbox(fig.bbox)
+    for artist in moving:
+        artist.set_visible(True)
+    return still
 
 
 def _freeze(fig: Any, axes: Any, moving: list) -> None:
     """Replace all that does not move by its picture: drawing axes and grid anew takes most of a
     frame's time.
     """
-    for artist in moving:
-        artist.set_visible(False)
-    fig.canvas.draw()
+    _still(fig, moving)
     still = np.asarray(fig.canvas.buffer_rgba()).copy()
-    for artist in moving:
-        artist.set_visible(True)
     axes.set_axis_off()
     axes.patch.set_visible(False)
     fig.figimage(still, zorder=-1)
@@ -138,7 +179,7 @@ def _places(motion: Trajectory, sketch: Sketch) -> dict[str, np.ndarray]:
 
 
 def _writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, float]:
-    """Writer for the file's kind, and the time between frames that it can keep."""
+    """Writer for the file's kind, none for GIF files, and the time between frames that it keeps."""
     from matplotlib import animation
 
     if not (np.isfinite(fps) and fps > 0):
@@ -149,10 +190,7 @@ def _writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, 
     rate: Any = fps  # annotated as int, but any number does
     if kind == ".gif":
         ticks = max(round(1 / (fps * GIF_TICK)), 2)  # viewers slow down what is shorter
-        # the writer cuts milliseconds off: half of one more keeps 29.99… from becoming 29, and then
-        # 20
-        rate = 1 / (ticks * GIF_TICK + 5e-4)
-        return animation.PillowWriter(fps=rate), ticks * GIF_TICK
+        return None, ticks * GIF_TICK
     if kind == ".html":
         return animation.HTMLWriter(fps=rate, embed_frames=True), 1 / fps
     if kind == ".mp4":

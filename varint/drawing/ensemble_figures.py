@@ -18,7 +18,16 @@ from varint.drawing.style import (
 from varint.scene.system import System
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+def draw_spread(axes: Axes, t: np.ndarray, levels: np.ndarray, colour: str) -> None:
+    """Median, quartiles and the middle 90 % over time: levels (5, N + 1) from the lowest up."""
+    low, quarter, median, three_quarters, high = levels
+    axes.fill_between(t, low, high, color=colour, alpha=0.15, lw=0, label="90 %")
+    axes.fill_between(t, quarter, three_quarters, color=colour, alpha=0.3, lw=0, label="50 %")
+    axes.plot(t, median, color=colour, lw=1.4, label="median")
 
 
 def ensemble_figure(
@@ -62,22 +71,9 @@ def ensemble_figure(
     for axes, (name, expression), colour in zip(
         rows[:, 0], shown, COLOURS * len(shown), strict=False
     ):
-        low, quarter, median, three_quarters, high = quantiles(
-            expression, (0.05, 0.25, 0.5, 0.75, 0.95)
+        draw_spread(
+            axes, t[keep], quantiles(expression, (0.05, 0.25, 0.5, 0.75, 0.95))[:, keep], colour
         )
-        axes.fill_between(
-            t[keep], low[keep], high[keep], color=colour, alpha=0.15, lw=0, label="90 %"
-        )
-        axes.fill_between(
-            t[keep],
-            quarter[keep],
-            three_quarters[keep],
-            color=colour,
-            alpha=0.3,
-            lw=0,
-            label="50 %",
-        )
-        axes.plot(t[keep], median[keep], color=colour, lw=1.4, label="median")
         axes.set_ylabel(name)
         axes.grid(alpha=0.3)
     rows[0, 0].legend(fontsize="small", loc="best")

@@ -59,7 +59,7 @@ def _overview(motion: Trajectory) -> Figure:
         for draw, present in (
             (_draw_multipliers, np.any(motion.multipliers)),
             (_draw_momenta, _conserved_momenta(motion)),
-            (_draw_controls, structure.controls),
+            (draw_controls, structure.controls),
         )
         if present
     ]
@@ -71,23 +71,15 @@ def _overview(motion: Trajectory) -> Figure:
     shown = shown_indices(structure.n)
     names = [label(motion.system.names[i]) for i in shown]
     keep = thinned_indices(len(motion))
+    draw_coordinates(top, motion, keep)
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
-        top.plot(motion.t[keep], motion.q[keep, i], color=colour, label=name, lw=1.2)
         phase.plot(motion.q[keep, i], motion.p[keep, i], color=colour, label=name, lw=0.9)
-    name_axes(
-        top,
-        "time $t$",
-        names[0] if len(names) == 1 else "coordinates $q$",
-        how_many("Coordinates", structure.n),
-    )
     name_axes(
         phase,
         "$q$",
         r"momentum $p = \partial L/\partial v$",
         how_many("Phase portrait", structure.n),
     )
-    if len(names) > 1:
-        top.legend(fontsize="small", loc="best")
     _draw_energy(error, motion, keep)
     for axes, draw in zip(others, extra, strict=False):
         draw(axes, motion, keep)
@@ -98,6 +90,22 @@ def _overview(motion: Trajectory) -> Figure:
             _mark_events(axes, motion, named=axes is top)
     fig.suptitle(f"{motion.rule}, h = {motion.h:.4g}", fontsize="medium")
     return handed_over(fig)
+
+
+def draw_coordinates(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    """Coordinates over time."""
+    shown = shown_indices(motion.system.structure.n)
+    names = [label(motion.system.names[i]) for i in shown]
+    for colour, i, name in zip(COLOURS, shown, names, strict=False):
+        axes.plot(motion.t[keep], motion.q[keep, i], color=colour, label=name, lw=1.2)
+    name_axes(
+        axes,
+        "time $t$",
+        names[0] if len(names) == 1 else "coordinates $q$",
+        how_many("Coordinates", motion.system.structure.n),
+    )
+    if len(names) > 1:
+        axes.legend(fontsize="small", loc="best")
 
 
 def _mark_events(axes: Axes, motion: Trajectory, named: bool) -> None:
@@ -161,7 +169,8 @@ def _draw_momenta(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
     axes.legend(fontsize="small", loc="best")
 
 
-def _draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+def draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+    """Controls over time."""
     names = [label(name) for name in motion.system.control_names]
     shown = shown_indices(len(names))
     steps, r, _ = motion.u.shape

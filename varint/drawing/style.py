@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from varint.notation.names import latex_name, name_parts
 from varint.scene.system import System
 
 if TYPE_CHECKING:
@@ -20,44 +20,11 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 MOST_LINES = 7  # coordinates drawn one by one; more are drawn as the first and the last ones
 LONGEST_NAME = 40  # characters of an expression beside its axis
 MOST_POINTS = 20_000  # a line with more is thinned for drawing, keeping its last point
-GREEK = {
-    "alpha",
-    "beta",
-    "gamma",
-    "delta",
-    "epsilon",
-    "zeta",
-    "eta",
-    "theta",
-    "iota",
-    "kappa",
-    "lambda",
-    "mu",
-    "nu",
-    "xi",
-    "pi",
-    "rho",
-    "sigma",
-    "tau",
-    "phi",
-    "chi",
-    "psi",
-    "omega",
-}
 
 
 def label(name: str) -> str:
     """Mathematical notation for a symbol's name: theta_dot → θ with a dot, x1 → x with index 1."""
-    dotted = name.endswith("_dot")
-    match = re.fullmatch(r"([A-Za-z]+?)_?(\d+)?", name.removesuffix("_dot"))
-    if match is None:
-        return name
-    base, index = match.groups()
-    symbol = (
-        f"\\{base}" if base.lower() in GREEK else base if len(base) == 1 else f"\\mathrm{{{base}}}"
-    )
-    symbol = f"\\dot{{{symbol}}}" if dotted else symbol
-    return f"${symbol}_{{{index}}}$" if index else f"${symbol}$"
+    return name if name_parts(name) is None else f"${latex_name(name)}$"
 
 
 def named_expressions(expressions: Sequence[Any], system: System) -> list[tuple[str, Any]]:
@@ -102,10 +69,11 @@ def handed_over(figure: Figure) -> Figure:
     return figure
 
 
-def thinned_indices(count: int) -> np.ndarray:
-    if count <= MOST_POINTS:
+def thinned_indices(count: int, most: int = MOST_POINTS) -> np.ndarray:
+    """Indices of at most so many of `count` points, the first and the last among them."""
+    if count <= most:
         return np.arange(count)
-    return np.unique(np.linspace(0, count - 1, MOST_POINTS).astype(int))
+    return np.unique(np.linspace(0, count - 1, most).astype(int))
 
 
 def name_axes(axes: Axes, x: str, y: str, title: str) -> None:

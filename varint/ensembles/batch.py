@@ -102,7 +102,7 @@ def _step_compiled(system: System, rule: Rule, members: Members) -> Chunk:
     from varint.codegen.members import members_kernel, run_members
 
     p0, k, kernel = momenta(system, members), members.k, members_kernel(system, rule)
-    u = _tables(system, rule, members)
+    u = control_tables(system, rule, members)
     u = np.broadcast_to(u, (*u.shape[:2], len(rule.nodes), u.shape[3]))
     q, p, good = run_members(
         kernel,
@@ -170,7 +170,7 @@ def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> Non
     layout, every, k = state_layout(system.structure.n), members.save_every, 0
     p0 = momenta(system, members)
     chunk.q[:, 0], chunk.p[:, 0], chunk.good[:] = members.q0, p0, 1
-    u = _tables(system, rule, members)
+    u = control_tables(system, rule, members)
     h, c = np.array([members.h]), members.c
     typical = np.abs(u).max(axis=(1, 2), initial=0.0)
     at = start_states(
@@ -220,7 +220,7 @@ def _together(system: System, rule: Rule, members: Members, chunk: Chunk) -> Non
         at = RunState(after[on], scale[on], at.inertia[on], k, at.largest)
 
 
-def _tables(system: System, rule: Rule, members: Members) -> np.ndarray:
+def control_tables(system: System, rule: Rule, members: Members) -> np.ndarray:
     """Controls (1 or members, steps, r or 1, k)."""
     tables = [None] if members.u is None else members.u
     return np.array([controls(system, rule, u, members.steps) for u in tables])

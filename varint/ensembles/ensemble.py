@@ -128,7 +128,7 @@ def ensemble(
     strays: list[tuple[int, float, float]] = []
     with progress_bar(len(members), "member", progress, before) as move:
         for chunk in compute(system, rule, members, _missing(done, len(members)), executor, loop):
-            strays += members_astray(system, members, chunk)
+            strays += members_astray(system, rule, members, chunk)
             if kept is None:
                 chunks.append(chunk)
             else:

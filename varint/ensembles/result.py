@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 
 ALL = slice(None)
+PANELS = 2  # coordinates in the small picture of notebooks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,6 +66,20 @@ class Ensemble:
     def __repr__(self) -> str:
         failed = f", {len(self.failed)} failed" if len(self.failed) else ""
         return f"Ensemble({len(self)} members × {len(self.k)} nodes, {self.rule}{failed})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a short table, and the spread of the first coordinates over time."""
+        from varint.drawing.notebook import ensemble_html
+
+        rows = [
+            ("members", f"{len(self)}, {len(self.failed)} failed"),
+            ("nodes", f"{len(self.k)}, t = {self.t[0]:.6g} … {self.t[-1]:.6g}"),
+            ("rule", f"{self.rule}, order {self.rule.order}, h = {self.h:.6g}"),
+        ]
+        q = self.system.q[:PANELS] if len(self.completed) else self.system.q[:0]
+        shown = self.system.names[: q.numel()]
+        levels = [self.quantiles(x, (0.05, 0.25, 0.5, 0.75, 0.95)) for x in ca.vertsplit(q)]
+        return ensemble_html(shown, self.t, np.array(levels[: len(shown)]), rows)
 
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process: the fields, not what follows from them."""

@@ -122,7 +122,16 @@ def compiled_blocks(
         after_it = None if goes_on else after
         q_rows, p_rows = rows[:, 0], rows[:, 1]
         yield NodeBlock(
-            counts, q_rows, p_rows, 0.0, good, failed, None, None, (), part.iterations, after_it
+            counts,
+            q_rows,
+            p_rows,
+            part.residual,
+            good,
+            failed,
+            iterations=part.iterations,
+            after=after_it,
+            independence=part.independence,
+            v=rows[:, 2],
         )
         if part.status == NOT_CONVERGED and kernel.opening and part.steps:
             # once more from there, with sizes looked up anew
@@ -145,13 +154,21 @@ def compiled_blocks(
 def _above_rounding(system: System, opening: Opening) -> Opening:
     """What a Newton loop begins with, sizes not below the round-off of the terms that add up."""
 
+    none = np.zeros(system.structure.controls)
+
     def told(
-        q0: np.ndarray, p0: np.ndarray, u: np.ndarray | None, t: float, h: float, c: np.ndarray
+        q0: np.ndarray,
+        p0: np.ndarray,
+        u: np.ndarray | None,
+        t: np.ndarray,
+        h: np.ndarray,
+        c: np.ndarray,
     ) -> np.ndarray:
         begin = opening(q0, p0, u, t, h, c)
-        first = np.zeros(system.structure.controls) if u is None else u[0, 0].copy()
-        least = rounding_sizes(system, q0.copy(), p0.copy(), first, np.array([t]), np.array([h]), c)
-        begin[: least.size] = np.maximum(begin[: least.size], least)
+        used = none if u is None else np.atleast_1d(u).reshape(-1, len(none))[0].copy()
+        for row, q, p, at, size in zip(begin, q0, p0, t, h, strict=True):
+            least = rounding_sizes(system, q.copy(), p.copy(), used, at[None], size[None], c)
+            row[: least.size] = np.maximum(row[: least.size], least)
         return begin
 
     return told

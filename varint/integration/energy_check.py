@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from varint.discrete.legendre import velocity_function
+from varint.integration.work_bound import (
+    balances_energy,
+    given_by_impacts,
+    keeps_energy,
+    work_bound,
+)
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_system
 
-SAMPLES = 10
+SAMPLES = 10  # nodes that are looked at
+# more of them from so many steps on, beside which they cost next to nothing
+MORE = ((3_000, 30), (30_000, 100))
+GOLDEN = (5**0.5 - 1) / 2
 GROSS = 0.25  # of the largest p·v, that is half of the kinetic energy
-# of a step: the time of a body that comes to rest is that after the bounces that are left out
-WAITED = 1e-3
-# times the work of forces on the nodes: the quadrature is a rough one; on nodes that are steps
-# apart no more than an explosion can be told
-MISSED, HUGE = 2.0, 1e6
+HUGE = 1e6  # times the energy: on nodes that are steps apart no more than an explosion can be told
 NOTHING = 1e-6  # of the energy: less is round-off of a scene at rest
 
 
@@ -66,37 +72,23 @@ def undefined_at(q: np.ndarray, t: float) -> str:
     )
 
 
-def keeps_energy(system: System) -> bool:
-    """Whether nothing but impacts may change the energy, so that another change tells of a step
-    too large.
-    """
-    s = system.structure
-    return s.autonomous and not (s.forced or s.degenerate or s.nonholonomic)
-
-
-@per_system
-def balances_energy(system: System) -> bool:
-    """Whether the energy changes by forces and by ∂L/∂t alone, whose work is known: no constraint
-    moves.
-    """
-    s = system
-    moved = ca.depends_on(ca.vertcat(s.constraint, s.contact), s.t)
-    return not (moved or s.structure.degenerate or s.structure.nonholonomic)
-
-
 @np.errstate(all="ignore")  # what is not finite is looked at
 def nodes_astray(
-    energy: np.ndarray, moving: np.ndarray, kicked: np.ndarray, part: float = 1.0
+    energy: np.ndarray,
+    moving: np.ndarray,
+    kicked: np.ndarray,
+    part: float = 1.0,
+    given: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """At which nodes (members, nodes) the energy is off by as much as the kinetic energy, or by
-    that part of it.
+    that part of it, and by what forces can have given.
     """
     moving, kicked, size = (
         np.where(np.isfinite(x), np.abs(x), 0) for x in (moving, kicked, energy)
     )
     least = np.maximum(GROSS * moving.max(axis=-1), GROSS * kicked[..., 0])
     least = np.maximum(least, NOTHING * size.max(axis=-1))
-    return ~(np.abs(energy - energy[..., :1]) <= part * least[..., None])
+    return ~(np.abs(energy - energy[..., :1]) <= part * least[..., None] + given)
 
 
 def energies(
@@ -117,80 +109,84 @@ def energies(
 
 
 def energy_jump(motion: Trajectory) -> EnergyJump | None:
-    """The first of ten nodes whose energy is off its balance by as much as the kinetic energy:
-    that of the start and the work of forces and of explicit time.
+    """The first of some nodes whose energy is off its balance by as much as the kinetic energy:
+    that of the start and the work of forces, of explicit time and of constraints that move.
 
     A step that is much too large can have solutions that are none of the motion's, and an explicit
     rule beyond its limit of stability is finite for long: nothing else tells.
     """
-    conserved = keeps_energy(motion.system)
-    if not (conserved or balances_energy(motion.system)) or len(motion) < 2:
+    if not balances_energy(motion.system) or len(motion) < 2:
         return None
-    last, h = len(motion) - 1, np.array((motion.h,))
-    q, p, t, i = motion.q, motion.p, motion.t, np.arange(last + 1)
-    if last >= SAMPLES:
-        i = np.arange(SAMPLES) * last // (SAMPLES - 1)
-        q, p, t = q[i], p[i], t[i]
+    h, i = np.array((motion.h,)), nodes_looked_at(len(motion) - 1)
+    q, p, t = motion.q[i], motion.p[i], motion.t[i]
     if motion.active_set is None:
         found = over_columns(_energy_of_momentum(motion.system), q, p, t[:, None], motion.c, h)
     else:
-        v = motion[i].v if last >= SAMPLES else motion.v
-        found = over_columns(_energy_function(motion.system), q, v, t[:, None], motion.c, h)
-    # so few that lists are faster than arrays
-    energy, moving, kicked = (x[:, 0].tolist() for x in found)
-    if motion.system.structure.contacts:
-        energy = (np.array(energy) - _given_by_impacts(motion, t)).tolist()
-    before = energy[0]
-    largest = max(GROSS * max(moving), GROSS * kicked[0], NOTHING * max(map(abs, energy)))
-    given = np.zeros(len(energy)) if conserved else _work_bound(motion)[i]
-    known = conserved or not (np.diff(motion.k) > 1).any()
-    if not known:  # what forces did between the nodes
-        half = range((len(energy) + 1) // 2)  # a scene may begin at rest, with nothing that acts
-        largest = max(largest, *(HUGE * max(abs(energy[k]), moving[k], kicked[k]) for k in half))
-    off = np.abs(np.array(energy) - before) - given
-    usual = GROSS * max(float(np.median(moving)), NOTHING * max(moving))
-    usual = max(usual, NOTHING * max(map(abs, energy)), NOTHING * kicked[0])
-    if known and len(energy) == SAMPLES and np.median(off) > usual:
-        largest = min(largest, usual)  # off for good: a start at full speed hides it else
-    for k, after in enumerate(energy):
-        if not abs(after - before) <= largest + given[k]:
-            return EnergyJump(float(t[k]), before, after, q[k])
-    return None
+        found = over_columns(
+            _energy_function(motion.system), q, motion[i].v, t[:, None], motion.c, h
+        )
+    energy, moving, kicked = (x[:, 0] for x in found)
+    if motion.events and motion.system.structure.contacts:
+        energy = energy - given_by_impacts(motion, t)
+    change = np.abs(energy - energy[0])
+    quiet = NOTHING * max(_largest(energy), _largest(kicked[:1]), GROSS * _largest(moving))
+    if change.max() <= quiet:
+        return None
+    astray = np.flatnonzero(_off_balance(motion, i, energy, moving, kicked, quiet))
+    if not len(astray):
+        return None
+    k = int(astray[0])
+    return EnergyJump(float(t[k]), float(energy[0]), float(energy[k]), q[k])
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
-def _work_bound(motion: Trajectory) -> np.ndarray:
-    """What forces and explicit time can have given until each node at most: ∫ |F·v − ∂L/∂t| dt,
-    twice for what a quadrature on the nodes may miss.
+def _off_balance(
+    motion: Trajectory,
+    i: np.ndarray,
+    energy: np.ndarray,
+    moving: np.ndarray,
+    kicked: np.ndarray,
+    quiet: float,
+) -> np.ndarray:
+    """At which of the nodes i the energy is off its balance; changes below `quiet` are nothing."""
+    change = np.abs(energy - energy[0])
+    moving = np.where(np.isfinite(moving), moving, 0)
+    largest = max(GROSS * moving.max(), GROSS * _largest(kicked[:1]), quiet)
+    usual = max(GROSS * np.median(moving), quiet)
+    conserved = keeps_energy(motion.system)
+    if (change <= min(largest, usual)).all():
+        return np.zeros(len(i), dtype=bool)
+    given = np.zeros(len(i)) if conserved else work_bound(motion)[i]
+    known = conserved or not (np.diff(motion.k) > 1).any()
+    if not known:  # what forces did between the nodes
+        half = slice((len(i) + 1) // 2)  # a scene may begin at rest, with nothing that acts
+        sizes = (_largest(x[half]) for x in (energy, moving, kicked))
+        largest = max(largest, HUGE * max(sizes))
+    if known and len(i) >= SAMPLES and np.median(change - given) > usual:
+        largest = min(largest, usual)  # off for good: a start at full speed hides it else
+    return ~(change <= largest + given)
+
+
+def _largest(x: np.ndarray) -> float:
+    """The largest size among the numbers."""
+    size = float(np.abs(x).max())
+    return size if np.isfinite(size) else float(np.abs(x[np.isfinite(x)]).max(initial=0.0))
+
+
+@cache
+def _places(count: int) -> np.ndarray:
+    """So many places in [0, 1], both ends among them: multiples of the golden ratio, for evenly
+    spaced nodes may meet every turn of a motion at the same place.
     """
-    steps = len(motion.u)
-    powers = []
-    for shift in (0, -1):  # controls jump at a node
-        at = np.clip(np.asarray(motion.k, dtype=int) + shift, 0, max(steps - 1, 0))
-        u = motion.u[at].mean(axis=1) if steps and motion.u.shape[2] else np.empty((len(at), 0))
-        inputs = motion.q, motion.v, u, motion.t[:, None], motion.c
-        powers.append(np.abs(over_columns(_power_function(motion.system), *inputs)[0][:, 0]))
-    power = np.nan_to_num(np.maximum(*powers), nan=0.0, posinf=0.0)
-    gained = np.maximum(power[1:], power[:-1]) * np.abs(np.diff(motion.t))
-    return MISSED * np.append(0.0, np.cumsum(gained))
+    return np.append(np.sort(np.arange(count - 1) * GOLDEN % 1), 1.0)
 
 
-@per_system
-def _power_function(system: System) -> ca.Function:
-    """(q, v, u, t, c) → dH/dt = F·v − ∂L/∂t."""
-    s = system
-    power = ca.dot(s.force, s.v) - ca.jacobian(s.lagrangian, s.t)
-    return ca.Function("power", [s.q, s.v, s.control, s.t, s.c], [ca.densify(power)], {"cse": True})
-
-
-def _given_by_impacts(motion: Trajectory, times: np.ndarray) -> np.ndarray:
-    """Energy that impacts have given, or taken where it is negative, until each time."""
-    impacts = [event for event in motion.events if event.contact is not None]
-    gains = np.array([0.0, *(event.energy_after - event.energy_before for event in impacts)])
-    direction = 1.0 if motion.h > 0 else -1.0
-    when = np.array([direction * event.time for event in impacts])
-    late = WAITED * abs(motion.h)
-    return np.cumsum(gains)[np.searchsorted(when, direction * times + late, side="right")]
+def nodes_looked_at(last: int) -> np.ndarray:
+    """Of the nodes 0 … last those whose energy is looked at."""
+    if last < SAMPLES:
+        return np.arange(last + 1)
+    count = max([SAMPLES, *(count for steps, count in MORE if last >= steps)])
+    return (_places(count) * last).astype(int)
 
 
 @per_system

@@ -10,14 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from varint.integration.energy_check import energies, keeps_energy
-from varint.integration.fold_watch import folds, rows_of_fold
+from varint.discrete.row_independence import folds
+from varint.integration.energy_check import energies, energy_jump
+from varint.integration.fold_watch import rows_of_fold
+from varint.integration.work_bound import keeps_energy
 from varint.results.trajectory import Trajectory
 
-APART = 50  # steps between two energies that are compared in long runs: they cost little then
+APART = 500  # steps between two energies that are compared in long runs: they cost little then
 ALL = 100  # nodes of a run of which every one is looked at
 LEAP = 100.0  # times what other steps nearby do at most
 LEAST = 1e-8  # of the largest p·v: less is round-off that a fold makes larger
+ROUND_OFF = 1e-12  # of the energy, which a scene at rest has alone
 GROSS = 1e-3  # of the largest p·v: the branch is another one
 AROUND = 10  # differences on either side that tell what is usual
 BESIDE = 2  # next to the leap, which may take two steps: into the fold and out of it
@@ -50,6 +53,14 @@ class EnergyLeap(NamedTuple):
         )
 
 
+def energy_alarm(motion: Trajectory) -> str | None:
+    """What the energy says is wrong with a run that came to its end, and what to do."""
+    if jump := energy_jump(motion):
+        return jump.alarm(motion.h)
+    leap = energy_leap(motion)
+    return leap and leap.alarm()
+
+
 @np.errstate(all="ignore")  # what is not finite is no leap, and told elsewhere
 def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     """The first leap of the energy of a scene with constraints that should keep it.
@@ -57,7 +68,8 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     A change of energy is a leap where it is large beside those of other steps nearby and stays.
     """
     system = motion.system
-    if not (folds(system) and keeps_energy(system)) or system.structure.contacts:
+    other = system.structure.contacts or system.structure.nonholonomic
+    if not (folds(system) and keeps_energy(system)) or other:
         return None
     if motion.active_set is not None or len(motion) <= FEW:
         return None
@@ -67,7 +79,8 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     q, p, c = motion.q[i][None], motion.p[i][None], motion.c[None]
     energy, moving, _ = (x[0] for x in energies(system, q, p, motion.t[i], c, motion.h))
     change = np.abs(np.diff(energy))
-    large = (change > LEAST * moving.max()) & (change > LEAP * np.median(change))
+    least = max(LEAST * moving.max(), ROUND_OFF * np.abs(energy).max())
+    large = (change > least) & (change > LEAP * np.median(change))
     for j in np.flatnonzero(large).tolist():
         usual = _usual(change, j, change[j] > GROSS * moving.max())
         if change[j] > LEAP * usual and _stays(energy, j):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import warnings
 from time import perf_counter
 
-from varint.integration.energy_check import energy_jump
-from varint.integration.energy_leap import energy_leap
+from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start, initial_value_problem
@@ -57,8 +56,6 @@ def simulate_steps(
         progress=asked.progress,
         on_failure=asked.on_failure,
     )
-    if jump := energy_jump(motion):
-        warnings.warn(jump.alarm(motion.h), stacklevel=3)
-    elif leap := energy_leap(motion):
-        warnings.warn(leap.alarm(), stacklevel=3)
+    if alarm := energy_alarm(motion):
+        warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)

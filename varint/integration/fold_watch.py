@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.discrete.constraints import velocity_rows
+from varint.discrete.row_independence import pivot_function
 from varint.errors import StepRefused
 from varint.integration.problem import InitialValueProblem
 from varint.integration.row_watch import BlocksFrom
@@ -26,6 +27,10 @@ from varint.scene.system import System, per_system
 ON_FOLD = 1e-6
 # of the row's gradient at the node before: where a constraint's curve crosses itself or ends
 VANISHED = 1e-6
+MARGIN = (
+    10.0  # times these: farther nodes that a compiled loop has looked at are not looked at again
+)
+FEW = 10  # nodes that are always looked at
 SAMPLES = 33  # between two nodes, or of a motion
 NEARER = 0.2  # of the usual smallest singular value: a fold is near
 TIED = 0.1  # of the largest part in the dependence: rows that are named
@@ -49,7 +54,11 @@ def with_folds_watched(
         )
         most, before = far.max(), size[1:]
         for block in blocks_from(at):
-            if block.good:
+            told = block.independence if block.good > FEW else None
+            if told is not None and _are_far(told, most):
+                most, last = max(most, told[1] ** 0.5), slice(block.good - 1, block.good)
+                before = _independence(scene, problem, block.q[last], block.k[last])[1]
+            elif block.good:
                 far, size = _independence(
                     scene, problem, block.q[: block.good], block.k[: block.good]
                 )
@@ -76,6 +85,13 @@ def with_folds_watched(
     return watched
 
 
+def _are_far(told: tuple[float, float, float], most: float) -> bool:
+    """Whether what the compiled loop has seen of its nodes tells that none is near a fold."""
+    nearest, farthest, shrunk = told
+    near = MARGIN * ON_FOLD * max(most, farthest**0.5)
+    return nearest > near**2 and shrunk > MARGIN * VANISHED
+
+
 def _independence(
     scene: System, problem: InitialValueProblem, q: np.ndarray, k: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +99,7 @@ def _independence(
     one, and the rows' lengths.
     """
     t = problem.t0 + problem.h * k[:, None]
-    pivot, size = over_columns(_pivot_function(scene), np.ascontiguousarray(q), t, problem.c)
+    pivot, size = over_columns(pivot_function(scene), np.ascontiguousarray(q), t, problem.c)
     return np.sqrt(np.maximum(pivot[:, 0], 0)), size
 
 
@@ -93,32 +109,6 @@ def _rows_function(system: System) -> ca.Function:
     s = system
     slope = ca.densify(ca.jacobian(velocity_rows(s), s.v))
     return ca.Function("fold_rows", [s.q, s.t, s.c], [slope])
-
-
-@per_system
-def folds(system: System) -> bool:
-    """Whether the rank of the constraint rows may depend on where the scene is."""
-    s = system
-    return bool(s.structure.constraints) and ca.depends_on(
-        ca.jacobian(velocity_rows(s), s.v), ca.vertcat(s.q, s.t)
-    )
-
-
-@per_system
-def _pivot_function(system: System) -> ca.Function:
-    """(q, t, c) → the smallest pivot of R Rᵀ = L D Lᵀ, R the rows scaled to length one, and their
-    lengths.
-
-    A pivot is the squared distance of a row from the span of those eliminated before it, and much
-    cheaper than a singular value.
-    """
-    s = system
-    rows = ca.jacobian(velocity_rows(s), s.v)
-    size = ca.sqrt(ca.sum2(rows**2))
-    scaled = ca.mtimes(ca.diag(1 / size), rows)
-    pivots = ca.ldl(ca.mtimes(scaled, scaled.T))[0]
-    outputs = [ca.mmin(ca.densify(pivots)), ca.densify(size)]
-    return ca.Function("pivots", [s.q, s.t, s.c], outputs, {"cse": True})
 
 
 def rows_of_fold(motion: Trajectory, a: int, b: int) -> tuple[int, ...]:

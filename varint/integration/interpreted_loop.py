@@ -167,7 +167,7 @@ def with_sizes_anew(system: System, problem: InitialValueProblem, at: RunState) 
     return at._replace(
         scale=np.maximum(scale, least),
         inertia=call(inertia_function(system), q, p, t, c)[0],
-        largest=1,
+        largest=min(at.largest, 1),
     )
 
 
@@ -217,7 +217,7 @@ def iterations_at(before: np.ndarray, states: np.ndarray) -> np.ndarray:
 def advance(at: RunState, states: np.ndarray, h: float, every: int) -> RunState:
     """The position after the solved states, (nodes, size)."""
     if not len(states):
-        return at._replace(largest=1)
+        return at._replace(largest=min(at.largest, 1))
     x, k = states[-1].copy(), at.k + every * len(states)
     x[RESIDUAL] = 0.0
     return at._replace(

@@ -15,6 +15,7 @@ from varint.integration.steppers.linear import LINEAR
 from varint.integration.steppers.rattle import RATTLE
 from varint.integration.steppers.stepper import Stepper
 from varint.integration.steppers.uniform_field import UNIFORM_FIELD
+from varint.notation.html import table
 from varint.rules.rule import Rule, composition, gauss, lobatto
 from varint.scene.system import System, per_system, require_system
 
@@ -49,6 +50,12 @@ class Plan:
         lines += [f"  runs     {text}" for text in self.runs]
         lines += [f"  skipped  {text}" for text in self.skipped]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """For notebooks: what runs and what is skipped, as a table."""
+        rows = [("runs", text) for text in self.runs]
+        rows += [("skipped", text) for text in self.skipped]
+        return table(f"{self.rule}, order {self.rule.order}: {self.method}", rows)
 
 
 def default_rule(system: System) -> Rule:

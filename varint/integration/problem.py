@@ -63,7 +63,8 @@ def initial_value_problem(
     t0 = number("t0", start.t0)
     c = parameter_values(system, start.params)
     q = vector("q0", start.q0, n, system.names)
-    p = start_momentum_of(system, q, v0, p0, t0, c)
+    u = controls(system, rule, u, count)
+    p = start_momentum_of(system, q, v0, p0, t0, c, u[0, 0])
     active_set = None
     check_rows(system, q, t0, c)
     if system.structure.contacts:
@@ -74,7 +75,6 @@ def initial_value_problem(
         p, active_set = put_on_manifold(
             system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c
         )
-    u = controls(system, rule, u, count)
     level = 0.0 if options.iteration_tol is None else LEVEL * options.iteration_tol
     return InitialValueProblem(
         q, p, t0, step, count, save_every, u, c, len(rule.nodes), active_set, level=level

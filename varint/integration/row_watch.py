@@ -93,7 +93,7 @@ def _nodes_on_rows(
     q = np.ascontiguousarray(block.q[: block.good])
     g, flat = over_columns(position_rows_function(system), q, t, problem.c)
     slopes = flat.reshape(len(q), q.shape[1], -1).transpose(0, 2, 1)
-    sizes = np.array([row_sizes(slope, x) for slope, x in zip(slopes, q, strict=True)])
+    sizes = row_sizes(slopes, q)
     kept = (np.abs(g[:, dropped]) <= VIOLATED * np.maximum(sizes[:, dropped], TINY)).all(axis=1)
     return block.good if kept.all() else int(np.argmin(kept))
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
 from varint.integration.backend import blocks_of, kernel_for, subdivide_failed_step
 from varint.integration.events.crossings import (
@@ -18,7 +19,8 @@ from varint.integration.events.crossings import (
     impacts_in,
     log_crossings,
 )
-from varint.integration.fold_watch import folds, with_folds_watched
+from varint.integration.events.substeps import substeps_of
+from varint.integration.fold_watch import with_folds_watched
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.row_watch import BlocksFrom, watch_rows
@@ -30,6 +32,7 @@ from varint.integration.trajectories import (
     first_node,
     last_node,
     trajectory_of,
+    with_velocities,
 )
 from varint.numerics.progress import progress_bar
 from varint.results.trajectory import Trajectory
@@ -116,12 +119,15 @@ def collect(
     problem, nodes, interrupted = run.problem, run.nodes, False
     searches = [crossing_search(run.system, watch) for watch in watches]
     stopping = crossing_search(run.system, stop) if stop else None
+    substeps = substeps_of(run.kernel)
     noted, pending = [], [last_node(nodes)]  # events so far, and the nodes not yet searched
     reached = int(nodes[-1].k[-1])
 
     def so_far() -> Trajectory:
         if searches and len(pending) > 1:
-            noted.extend(log_crossings(searches, trajectory_of(run, pending), impacts_in(pending)))
+            motion = with_velocities(trajectory_of(run, pending), pending)
+            impacts = impacts_in(pending)
+            noted.extend(log_crossings(searches, motion, impacts, substeps))
             pending[:] = [last_node(pending)]
         return trajectory_of(run, nodes, noted, interrupted)
 
@@ -135,7 +141,9 @@ def collect(
                 end: Crossings | None = None
                 if stopping and block.good:
                     recent = [last_node(nodes), block]
-                    end = find_crossings(stopping, trajectory_of(run, recent), impacts_in(recent))
+                    motion = with_velocities(trajectory_of(run, recent), recent)
+                    impacts = impacts_in(recent)
+                    end = find_crossings(stopping, motion, impacts, substeps)
                 nodes.append(block)
                 if searches and block.good:
                     pending.append(block)

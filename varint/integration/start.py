@@ -80,7 +80,7 @@ def start_function(system: System) -> ca.Function:
 
 
 def start_momentum_of(
-    system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.ndarray
+    system: System, q: np.ndarray, v0: Any, p0: Any, t0: float, c: np.ndarray, u: np.ndarray
 ) -> np.ndarray:
     n, names, structure = system.structure.n, system.names, system.structure
     if v0 is not None and p0 is not None:
@@ -94,7 +94,7 @@ def start_momentum_of(
     elif v0 is None and p0 is None:
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
-    u, t = np.zeros(structure.controls), np.array((t0,))
+    t = np.array((t0,))
     p, mass, generalised_force, value = call(start_function(system), q, v, u, t, c)
     if not finite(p, mass, generalised_force, value):
         what = (

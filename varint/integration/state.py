@@ -39,7 +39,9 @@ class NodeBlock(NamedTuple):
     the next one. Scenes with contacts also say when the nodes are (`t`), what holds from there on
     (`active_set`) and what happened before them. `iterations` are those of Newton's method, or of
     the stages, in the solved steps; `counts` the sums up to each node, where runs may be cut. The
-    run goes on from `after`, where it can be taken up again.
+    run goes on from `after`, where it can be taken up again. `independence` is what a compiled loop
+    says of the constraint rows at the nodes: smallest and largest pivot, and how much a row shrank;
+    `v` its velocities.
     """
 
     k: np.ndarray
@@ -54,3 +56,5 @@ class NodeBlock(NamedTuple):
     iterations: int = 0
     after: RunState | None = None
     counts: np.ndarray | None = None
+    independence: tuple[float, float, float] | None = None
+    v: np.ndarray | None = None

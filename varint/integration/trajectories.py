@@ -13,10 +13,12 @@ import casadi as ca
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
+from varint.discrete.legendre import velocity_function
 from varint.integration.events.crossings import IMPACTS, Crossings
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock
+from varint.numerics.arrays import over_columns
 from varint.results.dense_output import node_tolerance
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
@@ -62,8 +64,16 @@ def last_node(nodes: Sequence[NodeBlock]) -> NodeBlock:
     block = next(b for b in reversed(nodes) if b.good)
     i = block.good - 1
     t = None if block.t is None else block.t[i:]
+    v = None if block.v is None else block.v[i : i + 1]
     return block._replace(
-        k=block.k[i : i + 1], q=block.q[i:], p=block.p[i:], t=t, good=1, events=(), iterations=0
+        k=block.k[i : i + 1],
+        q=block.q[i:],
+        p=block.p[i:],
+        v=v,
+        t=t,
+        good=1,
+        events=(),
+        iterations=0,
     )
 
 
@@ -110,6 +120,21 @@ def trajectory_of(
             }
         ),
     )
+
+
+def with_velocities(motion: Trajectory, nodes: Sequence[NodeBlock]) -> Trajectory:
+    """The motion of these blocks, its velocities those of the compiled loop where all are known
+    from there.
+    """
+    if motion.active_set is None and all(b.v is not None for b in nodes if b.good > 1):
+        assert motion.origin is not None
+        velocity, parts = velocity_function(motion.system), []
+        for b in nodes:
+            t = motion.origin + motion.h * b.k if b.t is None else b.t
+            inputs = b.q[: b.good], b.p[: b.good], t[: b.good, None], motion.c
+            parts.append(over_columns(velocity, *inputs)[0] if b.v is None else b.v[: b.good])
+        motion.__dict__["v"] = np.concatenate(parts)
+    return motion
 
 
 def step_functions(

@@ -29,10 +29,10 @@ class PathBounds:
     ----------
     q, v, u : ndarray (2, n), (2, n), (2, k)
         Lower and upper bounds of coordinates, of velocities at the ends, of controls.
-    at_points, at_nodes : SX (a,), (b,)
-        Expressions of (q, t, c), held at control points, and of (q, v, u, t, c), held at quadrature
-        nodes.
-    points_low, points_high, nodes_low, nodes_high : ndarray
+    at_points, at_nodes, at_steps : SX (a,), (b,), (s,)
+        Expressions of (q, t, c), held at control points, of (q, v, u, rates, t, c), held at
+        quadrature nodes, and of (rates, c), held once a step.
+    points_low, points_high, nodes_low, nodes_high, steps_low, steps_high : ndarray
         Their bounds.
     """
 
@@ -45,13 +45,32 @@ class PathBounds:
     at_nodes: ca.SX
     nodes_low: np.ndarray
     nodes_high: np.ndarray
+    at_steps: ca.SX
+    steps_low: np.ndarray
+    steps_high: np.ndarray
 
 
-def path_bounds(system: System, bounds: Any) -> PathBounds:
-    """Bounds as the user wrote them, a list of (lower, expression, upper), sorted by where they
-    act.
+@dataclass(frozen=True, eq=False)
+class Integrals:
+    """Bounds on integrals over a phase.
+
+    Attributes
+    ----------
+    rows : SX (i,)
+        The integrands.
+    low, high : ndarray (i,)
     """
-    s = system
+
+    rows: ca.SX
+    low: np.ndarray
+    high: np.ndarray
+
+
+def path_bounds(system: System, bounds: Any, rates: ca.SX | None = None) -> PathBounds:
+    """Bounds as the user wrote them, a list of (lower, expression, upper), sorted by where they
+    act; `rates`: symbols of the controls' rates of change.
+    """
+    s, rates = system, ca.SX(0, 1) if rates is None else rates
     simple = {
         name: np.array([[-np.inf], [np.inf]]) * np.ones(x.numel())
         for name, x in _symbols(s).items()
@@ -61,8 +80,8 @@ def path_bounds(system: System, bounds: Any) -> PathBounds:
         for name, xs in _symbols(s).items()
         for i, x in enumerate(ca.vertsplit(xs))
     }
-    rows: dict[str, list] = {"points": [], "nodes": []}
-    allowed = ca.vertcat(s.q, s.v, s.control, s.t, s.c)
+    rows: dict[str, list] = {"points": [], "nodes": [], "steps": []}
+    allowed = ca.vertcat(s.q, s.v, s.control, rates, s.t, s.c)
     for lower, expression, upper in triples("bounds", bounds):
         found = column(
             "an expression in bounds",
@@ -74,7 +93,7 @@ def path_bounds(system: System, bounds: Any) -> PathBounds:
         for x, a, b in zip(ca.vertsplit(found), low, high, strict=True):
             if np.isinf(a) and np.isinf(b):
                 continue
-            if not ca.depends_on(x, ca.vertcat(s.q, s.v, s.control)):
+            if not ca.depends_on(x, ca.vertcat(s.q, s.v, s.control, rates)):
                 raise InputError(
                     f"the bound on {x} does not depend on the path; bound parameters with free(…)"
                 )
@@ -86,10 +105,9 @@ def path_bounds(system: System, bounds: Any) -> PathBounds:
                         f"the bounds of {x} contradict each other: {simple[name][:, i].tolist()}"
                     )
             if name in (None, "v"):
-                moving = ca.depends_on(x, ca.vertcat(s.v, s.control))
-                rows["nodes" if moving else "points"].append((x, a, b))
-    (points, points_low, points_high), (nodes, nodes_low, nodes_high) = (
-        _stack(rows[x]) for x in ("points", "nodes")
+                rows[_place(s, rates, x)].append((x, a, b))
+    (points, points_low, points_high), (nodes, nodes_low, nodes_high), steps = (
+        _stack(rows[x]) for x in ("points", "nodes", "steps")
     )
     return PathBounds(
         simple["q"],
@@ -101,7 +119,29 @@ def path_bounds(system: System, bounds: Any) -> PathBounds:
         nodes,
         nodes_low,
         nodes_high,
+        *steps,
     )
+
+
+def _place(system: System, rates: ca.SX, x: ca.SX) -> str:
+    """Where an expression is held."""
+    s = system
+    if not ca.depends_on(x, ca.vertcat(s.v, s.control, rates)):
+        return "points"
+    return "nodes" if ca.depends_on(x, ca.vertcat(s.q, s.v, s.control, s.t)) else "steps"
+
+
+def integrals_of(given: Any, path: ca.SX, c: ca.SX) -> Integrals:
+    """Bounds on integrals as the user wrote them, a list of (lower, integrand, upper)."""
+    rows, lows, highs = [ca.SX(0, 1)], [np.zeros(0)], [np.zeros(0)]
+    words = "q, v, the controls, t and the parameters"
+    for lower, expression, upper in triples("integral", given):
+        found = column("an integrand in integral", expression, ca.vertcat(path, c), words)
+        low, high = limits(f"the integral of {found}", lower, upper, found.numel())
+        rows.append(found)
+        lows.append(low)
+        highs.append(high)
+    return Integrals(ca.vertcat(*rows), np.concatenate(lows), np.concatenate(highs))
 
 
 def _symbols(system: System) -> dict[str, ca.SX]:

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
+from varint.scene.epigraph import refuse_largest
 
 
 def column(what: str, expression: Any, allowed: ca.SX, words: str) -> ca.SX:
@@ -18,6 +19,7 @@ def column(what: str, expression: Any, allowed: ca.SX, words: str) -> ca.SX:
         lambda: ca.densify(ca.vec(ca.SX(expression))),
         lambda: f"{what} must be a number or a CasADi SX expression, got {expression!r}",
     )
+    refuse_largest(what, expression, allowed)
     known = {s.element_hash() for s in ca.symvar(allowed)}
     unknown = sorted(s.name() for s in ca.symvar(expression) if s.element_hash() not in known)
     if unknown:

@@ -69,6 +69,8 @@ class Solver:
         *,
         x_low: np.ndarray | None = None,
         x_high: np.ndarray | None = None,
+        g_low: np.ndarray | None = None,
+        g_high: np.ndarray | None = None,
         p: np.ndarray | None = None,
         progress: bool | None = None,
         patience: float = np.inf,
@@ -82,6 +84,8 @@ class Solver:
             own,
             x_low=own.x_low if x_low is None else x_low,
             x_high=own.x_high if x_high is None else x_high,
+            g_low=own.g_low if g_low is None else g_low,
+            g_high=own.g_high if g_high is None else g_high,
             p=own.p if p is None else p,
         )
         self.watch.patience = patience
@@ -152,9 +156,9 @@ def _from_solver(
     """
     z, sf, ux, ug = solver.order, solver.scales.f, solver.scales.x, solver.scales.g
     sx, sg = z.scales(ux, ug)
-    point, lam_x, lam_g = (np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g"))
+    point, lam_x, lam_g = (found[name].full().ravel() for name in ("x", "lam_x", "lam_g"))
     x = (point * sx)[z.x]
-    g, success = np.array(nlp.program.value(x, nlp.p)[1]).ravel(), bool(stats["success"])
+    g, success = nlp.program.value(x, nlp.p)[1].full().ravel(), bool(stats["success"])
     return SolverResult(
         x=x,
         lam_x=(lam_x / sx)[z.x] / sf,

@@ -48,7 +48,9 @@ class Watch(ca.Callback):
         return ca.Sparsity.dense(self.sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arg):
-        g = np.array(arg[2]).ravel()
+        if self.move is None and not np.isfinite(self.patience):
+            return [int(self.stop)]
+        g = arg[2].full().ravel()
         off = max(np.max(self.g_low - g, initial=0.0), np.max(g - self.g_high, initial=0.0))
         progress = off <= NEAR or off <= PROGRESS * self.least
         self.least, self.waited = min(self.least, off), 0 if progress else self.waited + 1

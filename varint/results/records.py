@@ -64,7 +64,8 @@ class Event:
 
     def __post_init__(self) -> None:
         for name in ("q", "v_before", "p_before", "v_after", "p_after"):  # a file has lists
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+            if type(getattr(self, name)) is not tuple:
+                object.__setattr__(self, name, tuple(getattr(self, name)))
 
     @property
     def before(self) -> State:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
+    from varint.control.prepared import Prepared
     from varint.diagnostics.momentum import Conserved, MomentumMap
     from varint.drawing.sketch import Sketch
     from varint.symmetry.symmetry import Symmetry
@@ -68,7 +69,8 @@ class Trajectory:
         The same nodes in fictitious time, for runs with a time scale: coordinates (q, t), ``t``
         holds τ.
     dense_output : callable or None
-        (trajectory, times) → the trajectory with nodes at the times, of a run in fictitious time.
+        (trajectory, times) → the trajectory with nodes at the times, of a run in fictitious time
+        or a path that leans on bounds.
     solution : ControlSolution, ActiveBounds or None
         What an optimal control has beside its motion: cost, costates, active bounds, the solver's
         way; or where a path of least action leans on its bounds.
@@ -113,6 +115,12 @@ class Trajectory:
             f"Trajectory({what}: {len(self)} nodes, t = {self.t[0]:g} … {self.t[-1]:g}, "
             f"{self.rule})"
         )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a short table and a small picture."""
+        from varint.drawing.notebook import trajectory_html
+
+        return trajectory_html(self)
 
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process or into a copy: the fields, not what follows from
@@ -379,9 +387,7 @@ class Trajectory:
         if side not in ("after", "before"):
             raise InputError(f"side must be 'after' or 'before', got {side!r}")
         times = times_of(t)
-        if self.fictitious is not None:
-            # whoever made the run in fictitious time knows its clock
-            assert self.dense_output is not None
+        if self.dense_output is not None:  # whoever made it knows its clock, or its bounds
             found = self.dense_output(self, times)
         else:
             from varint.results.dense_output import states_at
@@ -431,6 +437,19 @@ class Trajectory:
         round-off.
         """
         return self._solution("replay()").replay(self)
+
+    @property
+    def again(self) -> Prepared:
+        """The problem of an optimal control, ready for other numbers: nothing is built anew, and
+        the solver starts warm from this solution.
+
+        ``motion.again(end=dict(q=[2]))`` solves it with another end, ``params=dict(mass=2)`` with
+        other parameters; see `Prepared` for all that may change. `report` estimates the error of
+        what it returns when it is asked for.
+        """
+        from varint.control.prepared import prepared_from
+
+        return prepared_from(self, self._solution("again()").origin)
 
     def report(self) -> None:
         """Print how an optimal control was found and what it keeps: cost, violation, replay,

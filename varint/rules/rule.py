@@ -29,6 +29,7 @@ from varint.rules.polynomials import (
     lobatto_nodes,
     rounded,
 )
+from varint.rules.tableau import butcher, columns
 
 MOST_POINTS = 10  # of Lobatto rules
 ROUNDING = 1e-14  # of a sum of some 40 rounded weights of size 1
@@ -106,6 +107,19 @@ class Rule:
 
     def __repr__(self) -> str:
         return self.name
+
+    def _repr_latex_(self) -> str:
+        """For notebooks: the tableau of the partitioned Runge–Kutta method that the rule is, or
+        its kicks and drifts.
+        """
+        if not self.points:
+            return columns(
+                self.name, {r"b\ \text{(kicks)}": self.kicks, r"a\ \text{(drifts)}": self.drifts}
+            )
+        if self.degree in (len(self.nodes), len(self.nodes) - 1):
+            return butcher(self.name, self.nodes, self.collocation, self.weights)
+        named = {"c": self.nodes, "b": self.weights, r"\text{control points}": self.points}
+        return columns(self.name, named)
 
     @property
     def degree(self) -> int:

@@ -67,8 +67,10 @@ def parameters_of(given: Parameters | ParameterValues) -> Parameters:
     if isinstance(given, Parameters):
         return given
     made = Parameters()
-    for symbol, default in _pairs(
-        given, "Parameters, or a dictionary from symbols to default values such as {m: 1.0}"
+    for symbol, default in pairs(
+        "params",
+        given,
+        "Parameters, or a dictionary from symbols to default values such as {m: 1.0}",
     ):
         if not isinstance(symbol, ca.SX):
             raise InputError(
@@ -88,7 +90,7 @@ def parameters_of(given: Parameters | ParameterValues) -> Parameters:
 def values_by_name(given: ParameterValues) -> dict[str, Any]:
     """Values of parameters by name, from a dictionary whose keys are names or symbols."""
     found: dict[str, Any] = {}
-    for key, value in _pairs(given, "a dictionary of names or symbols and values"):
+    for key, value in pairs("params", given, "a dictionary of names or symbols and values"):
         name = key if isinstance(key, str) else _name_of(key)
         if name in found:
             raise InputError(f"params has two values for {name!r}; give one")
@@ -104,14 +106,14 @@ def parameter_array(name: str, given: Any, shape: tuple[int, ...], whose: str) -
     return value.reshape(shape)
 
 
-def _pairs(given: Any, wanted: str) -> list[tuple[Any, Any]]:
+def pairs(what: str, given: Any, wanted: str) -> list[tuple[Any, Any]]:
     """(key, value) of a dictionary, or the list of pairs itself."""
     if isinstance(given, Mapping):
         return list(given.items())
     is_list = isinstance(given, Sequence) and not isinstance(given, str)
     if not is_list or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in given):
         raise InputError(
-            f"params must be {wanted}, or a list of such pairs, got {type(given).__name__}"
+            f"{what} must be {wanted}, or a list of such pairs, got {type(given).__name__}"
         )
     return list(given)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.scene.description import description, parts_of
+from varint.scene.letters import lagrangian_latex
 from varint.scene.parameters import (
     Parameters,
     ParameterValues,
@@ -130,7 +131,8 @@ class System:
     force : SX (n,), optional
         Generalised force F(q, v, u, t) (Lagrange–d'Alembert).
     control : SX (k,), optional
-        Control symbols u; each must act through `force`.
+        Control symbols u; they act through `force`. In optimal control one that stands in the cost
+        or in bounds only is a slack.
     params : Parameters or dict, optional
         Named constants: `Parameters`, or your own symbols with their default values, ``{m: 1.0}``
         with ``m = ca.SX.sym("m")``. CasADi takes no vectors as keys; give those as a list of
@@ -234,6 +236,10 @@ class System:
         if self.params is not None:
             parts.append(f"params={list(self.defaults)}")
         return f"System({', '.join(parts)})"
+
+    def _repr_latex_(self) -> str | None:
+        """For notebooks: the Lagrangian, where SymPy is installed and it is not too long."""
+        return lagrangian_latex(self)
 
     def __reduce__(self) -> tuple[Callable[[str], System], tuple[str]]:
         """To another process it travels as plain data: names, numbers and elementary operations."""

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
+from varint.scene.epigraph import refuse_largest
 from varint.scene.inputs import finite_array
 
 
@@ -70,6 +71,7 @@ def check_symbols(
     for what, expression in parts.items():
         used = {x.element_hash(): x.name() for x in ca.symvar(expression)}
         strange = sorted(name for key, name in used.items() if key not in known)
+        refuse_largest(what, expression, declared)
         if strange:
             raise InputError(
                 f"undeclared symbols {strange} in {what}; declare them: coordinates(...) for q and "
@@ -87,16 +89,6 @@ def check_symbols(
             "the Lagrangian has no velocities: it must depend on "
             f"{[x.name() for x in ca.symvar(v)]}; use the v that coordinates(...) returned "
             "together with this q"
-        )
-    force = parts["the force"]
-    idle = (
-        [x.name() for x in ca.symvar(control) if not ca.depends_on(force, x)]
-        if control.numel()
-        else []
-    )
-    if idle:
-        raise InputError(
-            f"the controls {idle} do not act: the force does not depend on them; leave them out"
         )
 
 

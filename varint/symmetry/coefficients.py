@@ -174,6 +174,8 @@ def readable(expression: ca.SX, y: np.ndarray, c: np.ndarray, symbols: ca.SX) ->
     """A function of the parameters, with values y at c, in a readable form; as it is where none
     is found.
     """
+    if not np.isfinite(y).all():  # the equations were singular: there is nothing to recognise
+        return expression
     matters = np.array(
         [ca.depends_on(expression, symbol) for symbol in ca.vertsplit(symbols)], dtype=bool
     )

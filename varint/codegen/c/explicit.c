@@ -76,6 +76,7 @@ int run(const RunArguments *a) {
     memcpy(carry->q, q, sizeof q), memcpy(carry->p, p, sizeof p), memcpy(carry->force, force, sizeof force);
     memcpy(carry->rest_q, rest_q, sizeof q), memcpy(carry->rest_p, rest_p, sizeof p);
     a->stats->status = status, a->stats->steps = (double)done;
-    a->stats->iterations = a->stats->most_iterations = a->stats->residual = a->stats->contraction = 0;
+    a->stats->iterations = a->stats->most_iterations = a->stats->residual = a->stats->failed = a->stats->contraction = 0;
+    a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
     return status;
 }

@@ -104,7 +104,7 @@ typedef struct { V u[NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* contr
 typedef struct { V t[VECTORS], base[2 * N][VECTORS], p[N][VECTORS]; Unknowns x; int64_t count; } Step;
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
-typedef struct { double scale[ROWS], inverse[ROWS], noise[ROWS], now, first, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
+typedef struct { double scale[ROWS], inverse[ROWS], noise[ROWS], now, left, first, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
 
 INLINE void set_base(Step *s, const double *y, const double *rest, double t, const Nodes *at) {
     for (int k = 0; k < VECTORS; k++) s->t[k] = t + at->c[k];
@@ -282,6 +282,7 @@ INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double lev
     for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
     double now = largest(worst), before = c->now;
     int done = now <= EPS;
+    c->left = now * c->rate;
     if (moved) return done | (now * c->rate <= level);
     if (!c->checks++) {
         c->first = now;
@@ -289,7 +290,7 @@ INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double lev
         done |= now * c->rate <= level; /* the rate of the last step */
     } else {
         done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(fresh, x, c, level));
-        if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0;
+        if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0, c->left = now * c->rate;
     }
     c->now = now;
     return done;
@@ -330,7 +331,7 @@ typedef struct {
     Change change;
     int64_t known, expected, iterations, most_iterations;
     int64_t low;                  /* so many steps start from a low degree */
-    double tried, counts[2], slowest;
+    double tried, counts[2], slowest, residual;
     int seidel;
 } Run;
 
@@ -344,7 +345,7 @@ INLINE void restore(Run *r, const RunArguments *a) {
     for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
     r->known = r->expected = r->iterations = r->most_iterations = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
-    r->tried = HALVES ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = 0;
+    r->tried = HALVES ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
     if (carry->steps_known > 0 && carry->h == h) {
         r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
@@ -467,6 +468,7 @@ INLINE int accept(Run *r) {
     for (int i = 0; i < ROWS; i++) c->noise[i] = fading(c->noise[i], KEPT_NOISE);
     set_scale(c, sums + ROWS, 0.9);
     r->slowest = c->rate > r->slowest ? c->rate : r->slowest;
+    r->residual = c->left > r->residual ? c->left : r->residual;
     r->now = r->next, r->next.count = 0;
     return 1;
 }
@@ -483,7 +485,8 @@ INLINE void store(const Run *r, const RunArguments *a, int status, int64_t done)
     carry->rate = r->change.rate, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)r->iterations;
     a->stats->most_iterations = (double)r->most_iterations, a->stats->contraction = r->slowest;
-    a->stats->residual = status ? r->change.now : 0;
+    a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
+    a->stats->residual = r->residual, a->stats->failed = status ? r->change.now : 0;
 }
 
 int run(const RunArguments *a) {

@@ -3,8 +3,8 @@
    Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
    nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
-   equations are linear, the matrix is factorised once and `equations` is their residual at y = 0; MAP: they are few, and
-   `finish` is a constant affine map of q and p that needs no unknowns. KICKED: half kicks stand
+   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and
+   `finish` is a constant affine map of q and p that needs no unknowns; `checked` is the residual that it leaves. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. */
 #include <stdlib.h>
@@ -29,7 +29,9 @@ const int64_t carry_size = sizeof(Carry) / sizeof(double);
 #define HIDDEN_AT (SIZED_AT + SIZED_W)
 #define PULLED_AT (HIDDEN_AT + HIDDEN_W)
 #define SLOPE_AT (PULLED_AT + PULLED_W)
-#define ALL_W (SLOPE_AT + SLOPE_W + 1)
+#define CHECKED_AT (SLOPE_AT + SLOPE_W)
+#define INDEPENDENCE_AT (CHECKED_AT + CHECKED_W)
+#define ALL_W (INDEPENDENCE_AT + INDEPENDENCE_W + 1)
 
 /* Band matrices: element (i, j) at i (below + reach) + below + j, where row exchanges need a reach of below + above; it is
    rounded up to whole chunks, whose zeros stay zeros. Rows of zeros follow the last one. */
@@ -106,18 +108,24 @@ LARGE void correct(const double *jacobian, double *matrix, double *b) {
 }
 #endif
 
+/* The largest of what remains, or no number. */
+INLINE double largest_of(const double *remains) {
+    double left = 0;
+    for (int i = 0; i < Y; i++) left = fabs(remains[i]) > left || remains[i] != remains[i] ? fabs(remains[i]) : left;
+    return left;
+}
+
 #if !MAP
-/* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. */
+/* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. A linear solve errs by the
+   round-off of the factors, the same in every step, in what it corrects alone: hardly anything, from a continued start. */
 INLINE int solve(double *y, const double *q, const double *p, const double *u, double t, const double *w,
                   const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
     for (int i = 0; i < most; i++) {
         double b[Y + REACH] = {0}, worst = 0;
         *count += 1;
 #if LINEAR
-        equations(q, p, &t, u, w + EQUATIONS_AT, b);
+        equations(y, q, p, &t, u, w + EQUATIONS_AT, b);
         substitute(Y, BELOW, REACH, matrix, pivots, b);
-        for (int k = 0; k < Y; k++) y[PERM[k]] = -b[k];
-        return 1;
 #elif CLOSED
         equations(y, q, p, &t, u, w + EQUATIONS_AT, b);
 #else
@@ -186,6 +194,22 @@ LARGE void save(double *row, const double *q, const double *p, double t, const d
 #endif
 }
 
+#if WATCHED
+/* What the saved nodes have shown of the constraint rows: pivots and lengths. What is not a number stays. */
+typedef struct { double nearest, farthest, least[VELOCITY_ROWS], largest[VELOCITY_ROWS]; } Rows;
+
+LARGE void look(Rows *rows, const double *q, double t, const double *w) {
+    double pivot, length[VELOCITY_ROWS];
+    independence(q, &t, w + INDEPENDENCE_AT, &pivot, length);
+    rows->nearest = pivot < rows->nearest || pivot != pivot ? pivot : rows->nearest;
+    rows->farthest = pivot > rows->farthest ? pivot : rows->farthest;
+    for (int i = 0; i < VELOCITY_ROWS; i++) {
+        rows->least[i] = length[i] < rows->least[i] || length[i] != length[i] ? length[i] : rows->least[i];
+        rows->largest[i] = length[i] > rows->largest[i] ? length[i] : rows->largest[i];
+    }
+}
+#endif
+
 /* What depends on parameters, step and sizes alone. */
 LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
     finish_prepare(k, w + FINISH_AT), speed_prepare(k, w + SPEED_AT);
@@ -200,6 +224,12 @@ LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, 
 #endif
 #if HELD
     sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT), pulled_prepare(k, w + PULLED_AT);
+#endif
+#if MAP
+    checked_prepare(k, w + CHECKED_AT);
+#endif
+#if WATCHED
+    independence_prepare(k, w + INDEPENDENCE_AT);
 #endif
 #if LINEAR && !MAP
     double jacobian[NONZEROS];
@@ -237,7 +267,7 @@ int run(const RunArguments *a) {
     double *const q = state->q, *const p = state->p, *const seen = state->seen;
     int64_t iterations = 0, largest_count = 0, done = 0, unsaved = 0;
     int status = DONE;
-    double left = 0;
+    double left = 0, worst = 0;
 #if MATRIX_SIZE
     matrix = malloc(MATRIX_SIZE * sizeof(double));
     if (!matrix) return NOT_FINITE;
@@ -260,6 +290,11 @@ int run(const RunArguments *a) {
     for (int s = 0; s <= HISTORY; s++) y[s] = unknowns[s];
     for (int s = 0; s < HISTORY; s++) memcpy(y[s + 1], state->y[s], sizeof state->y[s]);
     save(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
+#if WATCHED
+    Rows held = {INFINITY, 0, {0}, {0}};
+    for (int i = 0; i < VELOCITY_ROWS; i++) held.least[i] = INFINITY;
+    look(&held, q, t0 + h * (double)first, w);
+#endif
 
     for (; done < steps; done++) {
         const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
@@ -282,14 +317,17 @@ int run(const RunArguments *a) {
 #if MAP
         finish(q, p, &t, u, w + FINISH_AT, increment, gain);
         count = 1;
+        if ((int64_t)state->age % WINDOW == 0) {
+            checked(q, p, &t, u, w + CHECKED_AT, remains);
+            left = largest_of(remains);
+        }
 #else
         for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
             const int known = (int)state->known;
             guess(known, y + 1, state->speed, y[0]);
             const int converged = solve(y[0], q, p_start, u, t, w, inverse, most, matrix, pivots, &count);
             finish(y[0], q, p_start, &t, u, w + FINISH_AT, increment, gain, remains);
-            left = 0;
-            for (int i = 0; i < Y; i++) left = fabs(remains[i]) <= left ? left : fabs(remains[i]);
+            left = largest_of(remains);
             status = converged && left <= RESIDUAL_LIMIT ? DONE : left == left && left < INFINITY ? NOT_CONVERGED : NOT_FINITE;
             if (!status || !known) break;
             state->known = known > 1;
@@ -302,6 +340,7 @@ int run(const RunArguments *a) {
         iterations += count;
         largest_count = count > largest_count ? count : largest_count;
         if (status) break;
+        worst = left > worst ? left : worst;
         double q1[N], p1[N], rest_q[N], rest_p[N], zero = 0;
         for (int d = 0; d < N; d++) q1[d] = q[d], rest_q[d] = state->rest_q[d], compensated(&q1[d], &rest_q[d], increment[d]);
 #if KICKED
@@ -338,14 +377,27 @@ int run(const RunArguments *a) {
         state->age += 1;
         if ((int64_t)state->age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);
         u += NODES * NU;
-        if (++unsaved == a->save_every) unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
+        if (++unsaved == a->save_every) {
+            unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
+#if WATCHED
+            look(&held, q, end, w);
+#endif
+        }
     }
     save(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
     state->started = !status, state->h = h;
     memcpy(state->scale, scale, sizeof state->scale), memcpy(state->sizes, sizes, SIZES * sizeof(double));
     for (int s = 0; s < HISTORY; s++) memcpy(state->y[s], y[s + 1], sizeof state->y[s]);
     free(matrix);
+    a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
+#if WATCHED
+    a->stats->nearest = held.nearest, a->stats->farthest = held.farthest, a->stats->shrunk = INFINITY;
+    for (int i = 0; i < VELOCITY_ROWS; i++) {
+        const double part = held.least[i] / held.largest[i];
+        a->stats->shrunk = part < a->stats->shrunk || part != part ? part : a->stats->shrunk;
+    }
+#endif
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)iterations;
-    a->stats->most_iterations = (double)largest_count, a->stats->residual = status ? left : 0, a->stats->contraction = 0;
+    a->stats->most_iterations = (double)largest_count, a->stats->residual = worst, a->stats->failed = status ? left : 0, a->stats->contraction = 0;
     return status;
 }

@@ -4,8 +4,12 @@
 
 enum Status { DONE, NOT_CONVERGED, NOT_FINITE };
 
-/* What a run tells of itself; last: (q, p, v) of the node where it ended, saved or not. */
-typedef struct { double status, steps, iterations, most_iterations, residual, contraction, last[3 * N]; } RunStats;
+/* What a run tells of itself; residual: the worst of its solved steps; failed: that of the step that was not; last: (q, p, v) of the node where it ended, saved or not. */
+typedef struct {
+    double status, steps, iterations, most_iterations, residual, failed, contraction;
+    double nearest, farthest, shrunk; /* of the constraint rows at the saved nodes: pivots, a row's length to its largest */
+    double last[3 * N];
+} RunStats;
 
 /* One motion. */
 typedef struct {

@@ -13,17 +13,27 @@ import numpy as np
 
 from varint.discrete.lagrangian import energy_function
 from varint.errors import InputError
-from varint.integration.events.enclosures import enclosure_function
-from varint.integration.events.isolation import CrossingSearch, is_wanted, isolate, points_at
+from varint.integration.events.enclosures import box_function, enclosure_function
+from varint.integration.events.isolation import (
+    CrossingSearch,
+    is_wanted,
+    isolate,
+    look_at_groups,
+    points_at,
+)
 from varint.integration.events.roots import Points, join_points
+from varint.integration.events.substeps import Substeps, interpreted_substeps
 from varint.integration.state import NodeBlock
 from varint.numerics.arrays import over_columns
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
-from varint.scene.system import System
+from varint.scene.serialisation import expression_as_data
+from varint.scene.system import System, per_system
 
 IMPACTS = ("impact", "stop")  # events at which velocities jump
+REMEMBERED = 64  # expressions of a system whose functions are kept
+WATCHED = "the expression"
 ROUND_OFF = 1e-12  # of the value before a jump: so near to zero is zero after it
 
 
@@ -74,34 +84,56 @@ class Crossings(NamedTuple):
     jump: np.ndarray
 
 
+@per_system
+def _functions_known(system: System) -> dict[str, tuple[ca.Function, ...]]:
+    """Functions of expressions that were watched, by what these say."""
+    return {}
+
+
 def crossing_search(system: System, watch: Watch) -> CrossingSearch:
     """The search for the zeros of a watched expression in motions of the system."""
-    s, expression = system, in_own_symbols(watch.expression, system)
+    known, text = _functions_known(system), expression_as_data(system, watch.expression, WATCHED)
+    functions = known.get(text)
+    if functions is None:
+        if len(known) >= REMEMBERED:
+            known.clear()
+        functions = known[text] = _search_functions(system, watch.expression)
+    return CrossingSearch(watch.name, watch.direction, *functions)
+
+
+def _search_functions(system: System, watched: ca.SX) -> tuple[ca.Function, ...]:
+    """Values, bounds and boxes of an expression, as a `CrossingSearch` has them."""
+    s, expression = system, in_own_symbols(watched, system)
     rate = ca.SX(np.nan)
     if not ca.depends_on(expression, ca.vertcat(s.v, s.control)):
         rate = ca.jtimes(expression, s.q, s.v) + ca.jacobian(expression, s.t)
     both = ca.densify(ca.vertcat(expression, rate))
     values = ca.Function("values", [s.q, s.v, s.t, s.control, s.c], [both], {"cse": True})
-    return CrossingSearch(watch.name, watch.direction, values, enclosure_function(s, expression))
+    return values, enclosure_function(s, expression), box_function(s, expression)
 
 
 def find_crossings(
-    search: CrossingSearch, motion: Trajectory, impacts: Mapping[int, Event]
+    search: CrossingSearch,
+    motion: Trajectory,
+    impacts: Mapping[int, Event],
+    substeps: Substeps = interpreted_substeps,
 ) -> Crossings:
     """The zeros of a watched expression along a motion with impacts at some of its nodes.
 
     A zero at the first node does not count; a zero at a later node does, and so does a change of
     sign by an impact, at its time. A pole is no zero.
     """
-    start, end = _ends(search, motion, impacts)
-    before, after = isolate(search, motion, start, end)
+    start, end, certain = _ends(search, motion, impacts)
+    before = after = isolate(search, motion, start, end, certain, substeps)
     jumps = _jumps(start, end)
     jumps = jumps[is_wanted(search, np.sign(end.value[jumps]))]
-    before = join_points(before, end.at(jumps))
-    after = join_points(after, start.at(jumps + 1))
+    if len(jumps):
+        before = join_points(before, end.at(jumps))
+        after = join_points(after, start.at(jumps + 1))
     jump = np.arange(len(before.t)) >= len(before.t) - len(jumps)
     order = np.lexsort((jump, before.t * np.sign(motion.h)))
-    return Crossings(before.at(order), after.at(order), jump[order])
+    late = after.at(order)
+    return Crossings(before.at(order) if len(jumps) else late, late, jump[order])
 
 
 def impacts_in(blocks: Iterable[NodeBlock]) -> dict[int, Event]:
@@ -119,10 +151,13 @@ def impacts_in(blocks: Iterable[NodeBlock]) -> dict[int, Event]:
 
 def _ends(
     search: CrossingSearch, motion: Trajectory, impacts: Mapping[int, Event]
-) -> tuple[Points, Points]:
-    """All nodes as the motion leaves them; all but the first as it comes to them."""
-    count = len(motion)
-    node = np.arange(count)
+) -> tuple[Points, Points, np.ndarray]:
+    """All nodes as the motion leaves them; all but the first as it comes to them; between which the
+    signs tell how many zeros there are.
+    """
+    if not (motion.system.structure.contacts or motion.u.shape[2]):
+        return _smooth_ends(search, motion)
+    node = np.arange(len(motion))
     begin = points_at(search, motion, node, motion.t, motion.q, motion.v, motion.p)
     v, p = motion.v[1:].copy(), motion.p[1:].copy()
     for i, impact in impacts.items():
@@ -134,7 +169,25 @@ def _ends(
         which = np.flatnonzero(none)
         for kept, new in zip(end, same, strict=True):
             kept[which] = new[which]
-    return begin, end
+    return begin, end, look_at_groups(search, motion, begin.at(slice(0, -1)), end)[1]
+
+
+def _smooth_ends(search: CrossingSearch, motion: Trajectory) -> tuple[Points, Points, np.ndarray]:
+    """`_ends` where nothing jumps; where the sign is known on both sides of a node, it stands for
+    the value.
+    """
+    count = len(motion)
+    value, rate = np.empty(count), np.full(count, np.nan)
+    begin = Points(np.arange(count), motion.t, motion.q, motion.v, motion.p, value, rate)
+    end = begin.at(slice(1, None))._replace(node=begin.node[:-1])
+    sign, certain = look_at_groups(search, motion, begin.at(slice(0, -1)), end)
+    value[:-1], value[-1:] = sign, sign[-1:]
+    value[1:-1][sign[1:] != sign[:-1]] = 0.0
+    some = np.flatnonzero(value == 0)
+    states = (x[some] for x in (motion.t, motion.q, motion.v, motion.p))
+    found = points_at(search, motion, some, *states)
+    value[some], rate[some] = found.value, found.rate
+    return begin, end, certain
 
 
 def _jumps(start: Points, end: Points) -> np.ndarray:
@@ -148,26 +201,31 @@ def events_at(search: CrossingSearch, motion: Trajectory, found: Crossings) -> l
     """The zeros of a watched expression as records."""
     if not len(found.jump):
         return []
-    energies = [
-        over_columns(energy_function(motion.system), x.q, x.v, x.t[:, None], motion.c)[0][:, 0]
-        for x in (found.before, found.after)
-    ]
-    before, after = found.before, found.after
-    columns: Sequence[Any] = [
-        a.tolist() for a in (before.t, *energies, before.q, before.v, before.p, after.v, after.p)
-    ]
+    columns = [_energies_and_states(motion, found.before)] * 2
+    if found.after is not found.before:
+        columns[1] = _energies_and_states(motion, found.after)
+    times, (e0, q, v0, p0), (e1, _, v1, p1) = found.before.t.tolist(), *columns
     return [
-        Event(t, search.name, None, 0.0, e0, e1, *map(tuple, states))
-        for t, e0, e1, *states in zip(*columns, strict=True)
+        Event(t, search.name, None, 0.0, *numbers)
+        for t, *numbers in zip(times, e0, e1, q, v0, p0, v1, p1, strict=True)
     ]
+
+
+def _energies_and_states(motion: Trajectory, x: Points) -> tuple[list, ...]:
+    """Energies, and q, v and p as tuples."""
+    energies = over_columns(energy_function(motion.system), x.q, x.v, x.t[:, None], motion.c)[0]
+    return energies[:, 0].tolist(), *(list(zip(*a.T.tolist(), strict=True)) for a in x[2:5])
 
 
 def log_crossings(
-    searches: Sequence[CrossingSearch], motion: Trajectory, impacts: Mapping[int, Event]
+    searches: Sequence[CrossingSearch],
+    motion: Trajectory,
+    impacts: Mapping[int, Event],
+    substeps: Substeps = interpreted_substeps,
 ) -> list[Event]:
     """The zeros of all watched expressions along a motion with impacts at some of its nodes."""
     return [
         event
         for search in searches
-        for event in events_at(search, motion, find_crossings(search, motion, impacts))
+        for event in events_at(search, motion, find_crossings(search, motion, impacts, substeps))
     ]

@@ -66,12 +66,7 @@ def enclosure_function(system: System, expression: ca.SX) -> ca.Function:
     t, w, u = ca.SX.sym("t"), ca.SX.sym("w"), ca.SX.sym("u", 4 * k)
     q, v = _paths(q0, v0, q1, v1, w)
     clock = Jet(Interval(ca.fmin(t, t + w), ca.fmax(t, t + w)), STILL, ZERO)
-    controls = [
-        Jet(Interval(u[i], u[k + i]), Interval(u[2 * k + i], u[3 * k + i]), WHOLE) for i in range(k)
-    ]
-    constants = [Jet(point(x), ZERO, ZERO) for x in ca.vertsplit(s.c)]
-    value = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)])
-    jets = enclosures(value, [q, v, [clock], controls, constants])
+    jets = _jets(s, expression, q, v, clock, u)
     bounds = [
         ca.vertcat(*(ca.densify(getattr(jet[i], end)) for jet in jets))
         for i in range(3)
@@ -80,6 +75,51 @@ def enclosure_function(system: System, expression: ca.SX) -> ca.Function:
     return ca.Function(
         "enclosure", [q0, v0, q1, v1, t, w, u, s.c], [ca.densify(x) for x in bounds], {"cse": True}
     )
+
+
+def box_function(system: System, expression: ca.SX) -> ca.Function:
+    """(q, v, dv/dt, t: low and high; controls and their rates: low, high; c) → value and rate of an
+    expression in such a box: low, high.
+    """
+    s = system
+    n, k = s.q.numel(), s.control.numel()
+    sides = [ca.SX.sym(name, n) for name in ("q0", "q1", "v0", "v1", "a0", "a1")]
+    begin, end, u = ca.SX.sym("begin"), ca.SX.sym("end"), ca.SX.sym("u", 4 * k)
+    q, v, a = (
+        [Interval(*x) for x in zip(*map(ca.vertsplit, sides[i : i + 2]), strict=True)]
+        for i in (0, 2, 4)
+    )
+    path = [Jet(x, y, z) for x, y, z in zip(q, v, a, strict=True)]
+    speed = [Jet(y, z, WHOLE) for y, z in zip(v, a, strict=True)]
+    clock = Jet(Interval(begin, end), STILL, ZERO)
+    (jet,) = _jets(system, expression, path, speed, clock, u)
+    bounds = [jet.value.low, jet.value.high, jet.rate.low, jet.rate.high]
+    return ca.Function(
+        "box",
+        [*sides, begin, end, u, s.c],
+        [ca.vertcat(*(ca.densify(x) for x in bounds))],
+        {"cse": True},
+    )
+
+
+def _jets(
+    system: System,
+    expression: ca.SX,
+    path: list[Jet],
+    speed: list[Jet],
+    clock: Jet,
+    u: ca.SX,
+) -> list[Jet]:
+    """What an expression can be where coordinates, velocities, time and controls are in these
+    intervals.
+    """
+    s, k = system, system.control.numel()
+    controls = [
+        Jet(Interval(u[i], u[k + i]), Interval(u[2 * k + i], u[3 * k + i]), WHOLE) for i in range(k)
+    ]
+    constants = [Jet(point(x), ZERO, ZERO) for x in ca.vertsplit(s.c)]
+    value = ca.Function("value", [s.q, s.v, s.t, s.control, s.c], [ca.densify(expression)])
+    return enclosures(value, [path, speed, [clock], controls, constants])
 
 
 def _paths(q0: ca.SX, v0: ca.SX, q1: ca.SX, v1: ca.SX, w: ca.SX) -> tuple[list[Jet], list[Jet]]:
@@ -127,6 +167,53 @@ def gap_floor_function(system: System) -> ca.Function:
         ca.densify(jet.value.low) for jet in enclosures(gaps, [coordinates, [clock], constants])
     ]
     return ca.Function("floors", [low, high, begin, end, s.c], [ca.vertcat(*floors)], {"cse": True})
+
+
+class Box(NamedTuple):
+    """Least and largest coordinates, velocities, accelerations (M, n) and times (M, 1) of some
+    pieces each.
+    """
+
+    q_low: np.ndarray
+    q_high: np.ndarray
+    v_low: np.ndarray
+    v_high: np.ndarray
+    a_low: np.ndarray
+    a_high: np.ndarray
+    t_low: np.ndarray
+    t_high: np.ndarray
+
+
+def grouped(low: np.ndarray, size: int) -> np.ndarray:
+    """The least of every `size` rows, (M, k) → (⌈M / size⌉, k)."""
+    if size == 1:
+        return low
+    count = len(low) // size
+    whole = count * size
+    least = low[:whole].reshape(count, size, low.shape[1]).min(axis=1)
+    return least if whole == len(low) else np.vstack([least, low[whole:].min(axis=0)])
+
+
+def boxes_around(pieces: Pieces, size: int) -> Box:
+    """The boxes around every `size` pieces, of the cubics and their errors."""
+    q0, v0, q1, v1, t, w = pieces
+    w = w[:, None]
+    middle = 3 * (q1 - q0) / w - v0 - v1
+    third = np.abs(12 * (q0 - q1) + 6 * w * (v0 + v1))
+    bends = 2 * (middle - v0) / w, 2 * (v1 - middle) / w
+    points = (
+        ((q0, q0 + w * v0 / 3, q1 - w * v1 / 3, q1), PATH_ERROR * third),
+        ((v0, middle, v1), VELOCITY_ERROR / np.abs(w) * third),
+        (bends, ACCELERATION_ERROR / w**2 * third),
+        ((t[:, None], t[:, None] + w), 0.0),
+    )
+    sides = []
+    for those, error in points:
+        low = high = those[0]
+        for x in those[1:]:
+            low, high = np.minimum(low, x), np.maximum(high, x)
+        sides += [grouped(low - error, size), -grouped(-high - error, size)]
+    return Box(*sides)
 
 
 def boxes(pieces: Pieces) -> tuple[np.ndarray, ...]:

@@ -4,47 +4,65 @@ how many zeros each has, then all of them located at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from varint.integration.events.enclosures import Pieces, enclosure, lower_bound
+from varint.integration.events.enclosures import (
+    Pieces,
+    boxes_around,
+    enclosure,
+    grouped,
+    lower_bound,
+)
 from varint.integration.events.roots import Points, join_points, locate_roots
+from varint.integration.events.substeps import Substeps
 from varint.numerics.arrays import over_columns
-from varint.results.dense_output import steps_ahead
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 
 HALVINGS = 12  # of a step in doubt: dips shallower than its square allows are no zeros
+GROUP = 10  # steps that are looked at together first, from so many groups on
 MOST_PIECES = 100  # of one step in doubt at once: an expression that is zero up to round-off
 
 
 @dataclass(frozen=True, eq=False)
 class CrossingSearch:
-    """What finds the zeros of a watched expression, built once a run.
+    """What finds the zeros of a watched expression, built once.
 
     `values`: (q, v, t, u, c) → its value and rate, the latter NaN for expressions of velocities and
-    controls; `bounds`: its `enclosure_function`.
+    controls; `bounds`: its `enclosure_function`; `box`: its `box_function`.
     """
 
     name: str
     direction: int
     values: ca.Function
     bounds: ca.Function
+    box: ca.Function
 
 
 def isolate(
-    search: CrossingSearch, motion: Trajectory, start: Points, end: Points
-) -> tuple[Points, Points]:
-    """Zeros between the nodes and those that the motion comes to at a node."""
+    search: CrossingSearch,
+    motion: Trajectory,
+    start: Points,
+    end: Points,
+    certain: np.ndarray,
+    substeps: Substeps,
+) -> Points:
+    """Zeros between the nodes and those that the motion comes to at a node; the signs at the ends
+    of steps that are `certain` tell how many there are.
+    """
     left, right = start.at(slice(0, -1)), end
     whole = left, right
     brackets: list[tuple[Points, Points]] = []
     at = (end.value == 0) & (start.value[:-1] != 0)
     zeros, signs = [end.at(at)], [np.sign(start.value[:-1][at])]
-    for _ in range(HALVINGS):
-        doubt = _in_doubt(search, motion, left, right)
+    doubt = ~certain
+    for halving in range(HALVINGS):
+        some = slice(None) if halving else np.flatnonzero(doubt)
+        doubt = np.zeros(len(left.t), dtype=bool)
+        doubt[some] = _in_doubt(search, motion, left.at(some), right.at(some))
         change = ~doubt & _changes(left, right)
         brackets.append((left.at(change), right.at(change)))
         left, right = left.at(doubt), right.at(doubt)
@@ -59,7 +77,7 @@ def isolate(
             brackets[:-1] = [(a.at(k), b.at(k)) for (a, b), k in zip(brackets, known, strict=False)]
         if not len(left.t):
             break
-        middle = _instants(search, motion, left.node, (left.t + right.t) / 2)
+        middle = _instants(search, motion, substeps, left.node, (left.t + right.t) / 2)
         hit = middle.value == 0
         zeros.append(middle.at(hit))
         signs.append(np.sign(left.value[hit]))
@@ -73,13 +91,12 @@ def isolate(
             left,
             right,
             lambda s: _on_cubics(search, motion, left, right, s),
-            lambda node, t: _instants(search, motion, node, t),
+            lambda node, t: _instants(search, motion, substeps, node, t),
         )
         zeros.append(found.at(is_zero))
         signs.append(np.sign(left.value[is_zero]))
     found = join_points(*zeros)
-    found = found.at(is_wanted(search, np.concatenate(signs)))
-    return found, found
+    return found.at(is_wanted(search, np.concatenate(signs)))
 
 
 def is_wanted(search: CrossingSearch, side: np.ndarray) -> np.ndarray:
@@ -105,6 +122,48 @@ def _changes(left: Points, right: Points) -> np.ndarray:
         return (left.value * right.value < 0) & np.isfinite(left.value + right.value)
 
 
+def look_at_groups(
+    search: CrossingSearch, motion: Trajectory, left: Points, right: Points
+) -> tuple[np.ndarray, np.ndarray]:
+    """The sign of the expression during each step (0: not known), and whether the signs at its ends
+    tell how many zeros it has, as far as boxes around groups of steps show.
+
+    Values of the points are not read.
+    """
+    count = len(left.t)
+    if count < GROUP**2:
+        return np.zeros(count), np.zeros(count, dtype=bool)
+    each = _box_bounds(search, motion, left, right, GROUP)
+    sign, certain = (np.repeat(x, GROUP)[:count] for x in each)
+    some = np.flatnonzero(~certain)
+    if len(some):
+        certain[some] = _box_bounds(search, motion, left.at(some), right.at(some), 1)[1]
+    return sign, certain
+
+
+@np.errstate(all="ignore")  # a step that takes no time has no bounds
+def _box_bounds(
+    search: CrossingSearch, motion: Trajectory, left: Points, right: Points, size: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The sign of the expression in boxes around every `size` pieces, and whether they have none,
+    or only grow, or only fall.
+    """
+    around = boxes_around(_pieces(left, right), size)
+    low, high, *rates = np.split(_control_bounds(motion, left, right), 4, axis=1)
+    controls = [
+        side * grouped(side * x, size)
+        for side, x in zip((1, -1, 1, -1), (low, high, *rates), strict=True)
+    ]
+    bounds = over_columns(search.box, *around, np.hstack(controls), motion.c)[0]
+    value_low, value_high, rate_low, rate_high = bounds.T
+    sign = np.where(value_low > 0, 1.0, np.where(value_high < 0, -1.0, 0.0))
+    return sign, (sign != 0) | (rate_low >= 0) | (rate_high <= 0)
+
+
+def _pieces(left: Points, right: Points) -> Pieces:
+    return Pieces(left.q, left.v, right.q, right.v, left.t, right.t - left.t)
+
+
 def _in_doubt(
     search: CrossingSearch, motion: Trajectory, left: Points, right: Points
 ) -> np.ndarray:
@@ -117,8 +176,9 @@ def _in_doubt(
     if not len(left.t):
         return np.zeros(0, dtype=bool)
     w = right.t - left.t
-    pieces = Pieces(left.q, left.v, right.q, right.v, left.t, w)
-    e = enclosure(search.bounds, pieces, _control_bounds(motion, left, right), motion.c)
+    e = enclosure(
+        search.bounds, _pieces(left, right), _control_bounds(motion, left, right), motion.c
+    )
     grows, falls = e.rate_low[:, 0] >= 0, e.rate_high[:, 0] <= 0
     certain = grows | falls
     for side, bounds in ((1, e), (-1, e.negative())):
@@ -129,16 +189,10 @@ def _in_doubt(
 
 
 def _instants(
-    search: CrossingSearch, motion: Trajectory, node: np.ndarray, t: np.ndarray
+    search: CrossingSearch, motion: Trajectory, substeps: Substeps, node: np.ndarray, t: np.ndarray
 ) -> Points:
     """The motion at times after the nodes, by sub-steps of the rule."""
-    part = motion[node]
-    states = [part.q.copy(), part.p.copy(), part.k.copy()]
-    for _ in steps_ahead(part, np.arange(len(node)), t - part.t, states):
-        continue
-    q, p, _ = states
-    v = replace(part, t=t, q=q, p=p).v
-    return points_at(search, motion, node, t, q, v, p)
+    return points_at(search, motion, node, t, *substeps(motion, node, t))
 
 
 def points_at(

@@ -11,6 +11,7 @@ from varint.numerics.limits import ROOT_ITERATIONS
 
 LOCATED = 4 * np.finfo(float).eps  # relative to the larger of |t| and |h|
 SECANTS = 8  # iterations after which a zero is no simple one: bisect
+STRAIGHT = np.finfo(float).eps  # of a piece's width squared: what bends less is a straight line
 GUESSES = 6  # Newton's iterations for the cubic that starts the search
 POLE = 1e3  # what grows by this factor where it changes its sign has a pole there
 
@@ -73,7 +74,9 @@ def locate_roots(
     them are zeros: a pole is none.
 
     It starts at the zero of a cubic through four values along the approximate motion, goes on by
-    secants, and bisects what does not follow them.
+    rates, or by secants where they are not known, and bisects what does not follow them. Where the
+    zero is so near to two instants that the motion between is a straight line up to round-off, it
+    is found on that line.
 
     Parameters
     ----------
@@ -91,7 +94,7 @@ def locate_roots(
     s, slope = _zeros_of_cubics(np.stack([fa, approximate(1 / 3), approximate(2 / 3), fb], axis=1))
     s = np.where((s > 0) & (s < 1), s, 0.5)  # no number near a pole
     t, slope = a + s * (b - a), slope / (b - a)
-    last = np.full((2, len(a)), np.nan)
+    width, last = np.abs(b - a), None
     for i in range(ROOT_ITERATIONS):
         if not len(active):
             break
@@ -103,19 +106,43 @@ def locate_roots(
         a[active], fa[active] = np.where(same, t, a[active]), np.where(same, f, fa[active])
         b[active], fb[active] = np.where(same, b[active], t), np.where(same, fb[active], f)
         with np.errstate(all="ignore"):
-            slope = np.where(np.isnan(last[0]), slope, (f - last[1]) / (t - last[0]))
+            if last is not None:
+                slope = (f - last.value) / (t - last.t)
+            slope = np.where(np.isfinite(there.rate), there.rate, slope)
             ahead = t - f / slope
         inside = (ahead - a[active]) * (b[active] - ahead) > 0
         close = tolerance[active]
         done = (f == 0) | (np.abs(b[active] - a[active]) <= close)
         done |= (np.abs(ahead - t) <= close) & (i < SECANTS)
-        last = np.stack([t, f])[:, ~done]
+        if last is not None:
+            on_line = inside & ~done & (i < SECANTS)
+            on_line &= np.abs((ahead - t) * (ahead - last.t)) <= STRAIGHT * width[active] ** 2
+            _move_along(found, active, there, last, ahead, on_line)
+            done |= on_line
+        last = there.at(~done)
         middle = (a[active] + b[active]) / 2
         t = np.where(inside & (i < SECANTS), ahead, middle)[~done]
         slope, active = slope[~done], active[~done]
     narrow = np.abs(b - a) <= tolerance
     pole = narrow & (np.minimum(np.abs(fa), np.abs(fb)) > POLE * largest) & (found.value != 0)
     return found, ~pole
+
+
+def _move_along(
+    found: Points,
+    active: np.ndarray,
+    there: Points,
+    last: Points,
+    ahead: np.ndarray,
+    which: np.ndarray,
+) -> None:
+    """Put in place what the lines through two instants each say of later times."""
+    at = active[which]
+    found.t[at] = ahead[which]
+    part = ((ahead - there.t)[which] / (there.t - last.t)[which])[:, None]
+    for name in ("q", "v", "p"):
+        x, y = getattr(there, name)[which], getattr(last, name)[which]
+        getattr(found, name)[at] = x + part * (x - y)
 
 
 def _zeros_of_cubics(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

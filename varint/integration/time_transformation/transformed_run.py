@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from varint.errors import ConvergenceError, InputError
-from varint.integration.energy_check import energy_jump
+from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import Watch, parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
 from varint.integration.plan import Plan, plan
@@ -76,8 +76,8 @@ def simulate_transformed(
     prepared = prepare(system, rule, sigma, start, options)
     motion = run_prepared(prepared, prepared.problem)
     assert motion.fictitious is not None
-    if jump := energy_jump(motion.fictitious):
-        warnings.warn(jump.alarm(prepared.problem.h), stacklevel=3)
+    if alarm := energy_alarm(motion.fictitious):
+        warnings.warn(alarm, stacklevel=3)
     return motion
 
 

@@ -1,0 +1,40 @@
+"""Contacts that cannot be stepped are refused."""
+
+from __future__ import annotations
+
+import casadi as ca
+import pytest
+from contact_scenes import ball
+
+import varint as vi
+
+
+def test_a_start_inside_a_contact_is_refused():
+    with pytest.raises(vi.InputError, match=r"q0 violates the contacts \[0\]: gap = \[-0\.1\]"):
+        vi.simulate(ball(), q0=-0.1, v0=0.0, h=0.01, steps=1)
+
+
+def test_rules_that_cannot_carry_a_contact_are_refused():
+    with pytest.raises(vi.InputError, match=r"gauss\(2\) cannot carry contacts.*lobatto\(3\)"):
+        vi.simulate(ball(), vi.gauss(2), q0=1.0, v0=0.0, h=0.01, steps=1)
+    q, v = vi.coordinates("y")
+    fast = vi.System(q, v, -ca.sqrt(1 - v**2), contact=q)
+    with pytest.raises(vi.InputError, match="quadratic in the velocities"):
+        vi.simulate(fast, q0=1.0, v0=0.0, h=0.01, steps=1)
+    with pytest.raises(vi.InputError, match="no step of its own"):
+        vi.step_function(ball())
+
+
+def test_a_compiled_run_with_contacts_is_refused():
+    with pytest.raises(vi.InputError, match="runs with contacts are interpreted"):
+        vi.simulate(ball(), q0=1.0, v0=0.0, h=0.1, steps=1, backend="compiled")
+
+
+@pytest.mark.parametrize("place", [1e-200, 1e-226, 1e-310])
+def test_a_blow_on_a_contact_whose_gradient_vanishes_is_refused(place):
+    q, v = vi.coordinates("x")
+    squared = vi.System(q, v, 1e-20 * (v**2 / 2 - q), contact=q**2, restitution=0.0)
+    with pytest.raises(
+        vi.InputError, match="contact 0 closes at t = 0 where its gap has no gradient"
+    ):
+        vi.simulate(squared, q0=place, v0=-1.0, h=0.001, steps=1)
