@@ -35,7 +35,7 @@ from varint.scene.system import System
 # the rescaled scene costs more
 WORTH = 8.0
 MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
-MOST_COORDINATES = 40  # beyond, finding the rate takes seconds
+MOST_COORDINATES = 24  # beyond, finding the rate takes seconds
 
 
 def choose_varying_steps(
