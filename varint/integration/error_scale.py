@@ -58,7 +58,7 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
     turns = np.array(angles(system), dtype=bool)
     scales[turns] = np.minimum(scales[turns], RADIAN)
     u, t = np.zeros(system.structure.controls), motion.t[:1]
-    v = np.nan_to_num(motion.v[0])
+    v = np.nan_to_num(motion[:1].v[0])
     mass = np.abs(
         np.diag(call(start_function(system), motion.q[0], v, u, t, motion.c)[1].reshape(n, n))
     )

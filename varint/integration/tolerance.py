@@ -264,7 +264,7 @@ def on_grid(motion: Trajectory, k: int) -> bool:
 
 def _ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
     """Difference of the events at which two runs end, that of their times included."""
-    late = abs(one.t[-1] - other.t[-1]) * np.abs(other.v[-1])
+    late = abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
     return float(((np.abs(one.q[-1] - other.q[-1]) + late) / scales).max())
 
 

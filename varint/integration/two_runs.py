@@ -25,14 +25,16 @@ ROUGH = 0.01  # error of a coarse run at most, for its difference to say somethi
 HALF = 4.0  # less than the errors of runs of half the steps: what a coarse run aims at
 LOST = 0.3  # predicted errors beyond which a run is none
 GAIN = 2.0  # error of the phase over the relative error of the energy times the angle turned
-MARGIN = 3.0  # of the error: predictions are as uncertain
+MARGIN = 8.0  # of the error: predictions are as uncertain, and the proof is a cautious one
 SAFETY = 4.0  # of the measured shrinkage
 SPREAD = 1.5  # of errors between the nodes that two runs share
 EVIDENCE = 30.0  # times its round-off: an energy error that says something
 QUANTILES = (0.25, 0.5, 0.75, 0.9, 1.0)
-ROUNDED = 1e-14  # relative error of the energy that is round-off
-NO_SHRINKAGE = 0.3  # of the energy errors of two runs: they have not come to the range of the rule
-SAMPLES = 20_000  # nodes at which the energy is looked at
+ROUNDED = 2e-15  # relative error of the energy that is round-off
+# of the energy errors of two runs: what iterations leave hides it, or the range of the rule is not
+# reached; the finer run is then taken for hardly the better one
+NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
+SAMPLES = 1000  # nodes at which the energy is looked at, and up to as many more
 LONG, PARTS = 500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 ATTEMPTS = 6
@@ -105,8 +107,6 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             return None
         apart, after = course.apart(coarse, steps, fine, more), energy_errors(fine)
         shrinkage = _shrinkage(swing, after, more / steps, p, course.linear)
-        if shrinkage is None and apart * EVIDENCE <= tol:
-            shrinkage = 0.5  # both are as good as asked for by far, whatever the order is
         if shrinkage is None or not math.isfinite(apart):
             return None
         estimate = max(SPREAD * apart * shrinkage / (1 - shrinkage), floor)
@@ -159,7 +159,9 @@ def _shrinkage(
     says = before > EVIDENCE * ROUNDED
     if says.any():
         left = float((np.maximum(after, ROUNDED) / before)[says].max())
-        return None if left > NO_SHRINKAGE else max(min(SAFETY * left, 0.5), sure)
+        if left > NO_SHRINKAGE:
+            return NOT_WORSE if left < 1 else None
+        return max(min(SAFETY * left, 0.5), sure)
     return sure if linear else 0.5
 
 

@@ -34,7 +34,8 @@ from varint.scene.system import System
 # largest rate over the mean one: equal steps would be as many times as many, less what a step of
 # the rescaled scene costs more
 WORTH = 8.0
-MOST_COORDINATES = 40  # beyond, finding the rate takes seconds
+MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
+MOST_COORDINATES = 24  # beyond, finding the rate takes seconds
 
 
 def choose_varying_steps(
@@ -105,12 +106,13 @@ def _course(prepared: Prepared, span: float, scale: Any, ends_early: bool) -> Co
         unit = np.gcd(few, many)
         i, j = np.arange(0, len(one) - 1, few // unit), np.arange(0, len(other) - 1, many // unit)
         count = min(len(i), len(j))
-        i, j = i[:count], j[:count]
+        some = slice(None, count, max(1, count // MOST_COMPARED))
+        i, j = i[some], j[some]
         late = (one.t[i] - other.t[j])[:, None]
-        off = np.abs(one.q[i] - other.q[j] - late * other.v[j])
+        off = np.abs(one.q[i] - other.q[j] - late * other[j].v)
         end = np.abs(one.q[-1] - other.q[-1])
         if ends_early:
-            end = end + abs(one.t[-1] - other.t[-1]) * np.abs(other.v[-1])
+            end = end + abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
         return float((np.vstack([off, end]) / scales).max())
 
     return Course(trial, apart, abs(span))
