@@ -28,9 +28,9 @@ import casadi as ca
 import matplotlib.pyplot
 import numpy as np
 from tools import fronts, peers
-from tools.heyoka_peer import taylor
 from tools.peers import Setting
 from tools.record import measured_with
+from tools.reference import reference
 from tools.scenes import SCENES, Scene
 
 import varint as vi
@@ -150,33 +150,6 @@ def settings(scene: Scene):
         yield from peers.casadi_integrators(*start)
     if scene.bodies:
         yield from peers.rebound_bodies(*scene.bodies, scene.duration, q0, v0)
-
-
-def reference(scene: Scene):
-    """q at the end in closed form, or by order 32 with many steps; and how far heyoka's tightest
-    run is from it.
-    """
-    model = scene.model
-    if model.exact:
-        exact = model.exact(scene.duration)[0][0]
-    else:
-        exact = vi.simulate(
-            model.system,
-            vi.gauss(16),
-            q0=model.q0,
-            v0=model.v0,
-            duration=scene.duration,
-            steps=4 * scene.steps,
-            save_every=4 * scene.steps,
-            backend="compiled",
-            progress=False,
-        ).q[-1]
-    if scene.slow:
-        return exact, float("nan")
-    other = taylor(model.system, "velocities", 1e-18)
-    other.state[:] = np.concatenate([model.q0, model.v0])
-    other.propagate_until(scene.duration)
-    return exact, float(np.abs(other.state[: len(exact)] - exact).max())
 
 
 def energy_error(scene: Scene):

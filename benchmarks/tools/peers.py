@@ -84,10 +84,12 @@ def state_of(system, q0, v0, p0):
     return np.concatenate([q0, p0 if by_momenta(system) else v0])
 
 
-def scipy_dop853(system, q0, v0, p0, duration) -> Iterator[Setting]:
+def scipy_dop853(
+    system, q0, v0, p0, duration, tolerances=(1e-5, 1e-8, 1e-11, 1e-13)
+) -> Iterator[Setting]:
     """SciPy's DOP853 with the right-hand side as a CasADi function."""
     f, y0, c = right_side(system), state_of(system, q0, v0, p0), system.default_vector
-    for tol in (1e-5, 1e-8, 1e-11, 1e-13):
+    for tol in tolerances:
 
         def run(tol=tol):
             found = solve_ivp(
@@ -166,13 +168,15 @@ def _dop853(f: ca.Function, size: int) -> CDLL:
     return library
 
 
-def casadi_integrators(system, q0, v0, p0, duration) -> Iterator[Setting]:
+def casadi_integrators(
+    system, q0, v0, p0, duration, tolerances=(1e-6, 1e-9, 1e-12)
+) -> Iterator[Setting]:
     """CasADi's interfaces to CVODES and IDAS."""
     f, y0, c = right_side(system), state_of(system, q0, v0, p0), system.default_vector
     y = ca.SX.sym("y", len(y0))
     problem = {"x": y, "ode": f(y, c)}
     for name in ("cvodes", "idas"):
-        for tol in (1e-6, 1e-9, 1e-12):
+        for tol in tolerances:
             options = {"reltol": tol, "abstol": tol, "max_num_steps": 10_000_000}
             began = perf_counter()
             integrator = ca.integrator("end", name, problem, 0.0, duration, options)
@@ -184,7 +188,9 @@ def casadi_integrators(system, q0, v0, p0, duration) -> Iterator[Setting]:
             yield Setting(f"CasADi {name}", f"tol={tol:.0e}", run, setup, by_momenta(system))
 
 
-def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
+def rebound_bodies(
+    masses, G, duration, q0, v0, epsilons=(1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
+) -> Iterator[Setting]:
     """REBOUND: IAS15 at several tolerances, WHFast and SABA(10, 6, 4) with several steps, for
     gravitating bodies.
     """
@@ -241,7 +247,7 @@ def rebound_bodies(masses, G, duration, q0, v0) -> Iterator[Setting]:
         sim.synchronize()
         return end(sim)
 
-    for epsilon in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11):
+    for epsilon in epsilons:
         yield Setting("REBOUND IAS15", f"epsilon={epsilon:.0e}", lambda e=epsilon: ias15(e))
     for steps in (1000, 2000, 4000, 8000, 16_000, 32_000, 64_000):
         yield Setting(

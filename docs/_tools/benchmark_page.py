@@ -71,6 +71,21 @@ KNOWN = {
         "A scene beside the same scene with one property hidden from the plan, so that it runs in "
         "full.",
     ),
+    "one_knob": Benchmark(
+        "One knob",
+        "Every tool with its own tolerance and nothing else: time, and the error at the end "
+        "relative to the largest coordinate, beside heyoka tuned in hindsight to that error.",
+    ),
+    "scripts": Benchmark(
+        "Whole scripts",
+        "A process from its start to its end: import, scene, run for a time and a tolerance; with "
+        "nothing cached, and with other values of a parameter later.",
+    ),
+    "default_call": Benchmark(
+        "The default call",
+        "The first call in a process that has built nothing, as it comes, over the faster backend "
+        "in hindsight, compiling counted: 1 is perfect foresight.",
+    ),
     "startup": Benchmark(
         "Start-up", "What comes before the first step, and what a call costs besides its steps."
     ),

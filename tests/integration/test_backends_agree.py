@@ -5,6 +5,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
+from scenes import double_pendulum, henon_heiles
 
 import varint as vi
 from varint.codegen.cache import compiler
@@ -127,3 +128,17 @@ def test_compiled_runs_state_the_residual_that_they_leave(rule, scene):
     run = dict(q0=[1, 0.5], v0=[0.3, 1], h=0.05, steps=200)
     motion = vi.simulate(scene(), rule, **run, backend="compiled")
     assert 1e-18 < motion.stats["residual"] < 1e-12
+
+
+@pytest.mark.parametrize("every", (1, 4))
+@pytest.mark.parametrize("scene", (double_pendulum, henon_heiles))
+def test_a_short_run_in_one_call_is_bitwise_the_run_in_blocks(scene, every):
+    """What is watched goes block by block, what is not in one call of its loop."""
+    start = dict(q0=[0.4, 0.2], v0=[0.1, 0.0], h=0.01, steps=40, save_every=every)
+    one = vi.simulate(scene(), vi.gauss(3), **start, backend="compiled")
+    watched = vi.simulate(scene(), vi.gauss(3), **start, backend="compiled", progress=True)
+    for array in ("t", "q", "p", "k"):
+        assert getattr(one, array).tobytes() == getattr(watched, array).tobytes()
+    same = ("backend", "steps", "iterations", "interrupted", "residual")
+    assert [one.stats[x] for x in same] == [watched.stats[x] for x in same]
+    assert (one.h, one.origin, one.events) == (watched.h, watched.origin, watched.events)

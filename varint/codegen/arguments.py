@@ -6,12 +6,15 @@ import re
 import struct
 from ctypes import Structure, c_double, c_int64, c_void_p
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
 
 
+@cache
 def c_source(name: str) -> str:
-    """A C file of this package."""
-    return (Path(__file__).parent / "c" / name).read_text()
+    """A C file of this package, with those of its own that it includes in their places."""
+    text = (Path(__file__).parent / "c" / name).read_text()
+    return re.sub(r'#include "(.*?)"\n', lambda found: c_source(found[1]), text)
 
 
 def _status_names() -> list[str]:

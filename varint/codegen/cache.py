@@ -27,10 +27,12 @@ from varint.errors import VarintError
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 SHARED = ("-std=gnu11", "-shared", "-fPIC", "-w")
-# with the C library's vector functions, or without
+# with the C library's vector functions, or without; with the headers of the system where the
+# compiler does not know the builtins of c/intrinsics.h
 LIBRARIES = (
     ("-lmvec", "-lm"),
     ("-DNO_LIBMVEC", "-lm"),
+    ("-DNO_LIBMVEC", "-DSYSTEM_HEADERS", "-lm"),
 )
 SLOWEST_COMPILATION = 600  # seconds
 PART = "part-"  # what names of unfinished files begin with

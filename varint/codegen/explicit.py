@@ -11,7 +11,7 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 LOOPS_FROM = 2000  # operations of a force; the compiler vectorises loops over pairs and neighbours
-UNROLLED_OPERATIONS = 1500  # a whole sequence of kicks up to this size is straight-line code
+UNROLLED_OPERATIONS = 400  # a whole sequence of kicks up to this size is straight-line code
 
 
 @kernel_per_system

@@ -20,7 +20,7 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 if TYPE_CHECKING:
-    from varint.codegen.kernel import Kernel
+    from varint.codegen.kernel import Kernel, LoopResult
 
 BACKENDS = ("auto", "compiled", "interpreted")
 
@@ -87,6 +87,13 @@ def blocks_of(
     if kernel is None or (at is not None and at.carry is None and not at.by_newton):
         return interpreted_blocks(system, rule, problem, at)
     return _compiled_loop().compiled_blocks(system, rule, problem, kernel, at)
+
+
+def run_at_once(
+    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
+) -> LoopResult | None:
+    """A short run by one call of its compiled loop; None where it takes more than that."""
+    return _compiled_loop().run_at_once(system, rule, problem, kernel)
 
 
 def subdivide_failed_step(

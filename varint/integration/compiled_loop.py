@@ -14,7 +14,7 @@ from varint.codegen.cache import CompileError
 from varint.codegen.explicit import explicit_kernel
 from varint.codegen.gauss import gauss_form, gauss_kernel
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel
+from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
 from varint.codegen.newton import newton_kernel
 from varint.codegen.solution import CLOSED
@@ -83,8 +83,7 @@ def compiled_blocks(
     explicit = bool(rule.kicks) and system.structure.explicit
     by_stages = kernel.opening is None and not explicit
     piloted = by_stages and at is None
-    most = max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
-    most = min(PILOT, most) if piloted else most
+    most = _first_piece(kernel, piloted)
     while k < problem.steps:
         steps, every = next_piece(k, problem.steps, problem.save_every, most)
         u, began = problem.controls(k, steps) if kernel.controls else None, perf_counter()
@@ -149,6 +148,40 @@ def compiled_blocks(
             return
         carry = part.carry
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+
+
+def _first_piece(kernel: Kernel, piloted: bool) -> int:
+    """Steps of the first call at most."""
+    most = max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
+    return min(PILOT, most) if piloted else most
+
+
+def run_at_once(
+    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
+) -> LoopResult | None:
+    """The compiled run in one call, where it is that short; None where it is not, or where another
+    loop would have to go on.
+    """
+    explicit = bool(rule.kicks) and system.structure.explicit
+    piloted = kernel.opening is None and not explicit
+    steps, every = problem.steps, problem.save_every
+    if steps % every or steps > _first_piece(kernel, piloted):
+        return None
+    found = compiled_run(
+        kernel,
+        problem.q0,
+        problem.p0,
+        problem.c,
+        t0=problem.t0,
+        h=problem.h,
+        steps=steps,
+        save_every=every,
+        u=problem.controls(0, steps) if kernel.controls else None,
+        level=problem.level,
+    )
+    if found.status != DONE or (piloted and found.iterations > POOR * steps):
+        return None
+    return found
 
 
 def _above_rounding(system: System, opening: Opening) -> Opening:

@@ -26,12 +26,17 @@ FACTOR = 9e-9  # seconds of it for an operation of a factorisation
 UNKNOWN = 4e-6  # seconds of it for an unknown of Newton's method, from SEVERAL on
 SEVERAL = 8
 CALL = 3e-7  # seconds of it for a step besides
-STARTING = 0.35  # seconds of the C compiler for what every kernel has
-# seconds for a statement: a quarter to arrange and write it, the rest in C; functions are written
-# in parts, so that it does not grow with their length
-STATEMENT = 4e-4
-BUILDING = 2e-4  # seconds to build an implicit step for CasADi, an operation at a node
-QUICK = 2.0  # seconds that compiling may always take once a compiled run needs Newton's method
+# of the estimate of an implicit step, in the long run, and of one with constraints
+SHARE, HELD_SHARE = 0.5, 0.3
+# Seconds until a kernel can run, and for a statement of it: a quarter to arrange and write it, the
+# rest in C. Functions are written in parts, so that it does not grow with their length.
+STARTING, STATEMENT = 0.18, 2e-4  # Newton's method
+EXPLICIT_STARTING, EXPLICIT_STATEMENT = 0.08, 1e-4
+STAGES_STARTING, STAGES_STATEMENT = 0.2, 5e-5  # fixed points of all stages
+FIRST_ORDER = 0.13  # more of them, where velocities are unknowns of the stages, too
+BUILDING = 1e-4  # seconds to build an implicit step for CasADi, an operation at a node
+ROLLING = 2.5e-7  # seconds to build the loop around a step, a step of it and a number of the state
+QUICK = 1.0  # seconds that compiling may always take once a compiled run needs Newton's method
 RIGHT_SIDE = 4  # statements in a right-hand side for an operation of L, ∂L/∂q and ∂L/∂v
 SECOND = 7  # and in second derivatives, as Newton's method needs them
 NEWTON = 12  # and in all that Newton's method needs without constraints, or with few unknowns
@@ -56,10 +61,22 @@ def repays(system: System, rule: Rule, steps: int) -> bool:
         s.degenerate or s.contacts or not s.quadratic_kinetic or not rule.points
     ):
         return False
-    interpreted = interpreted_seconds(system, rule) * steps
-    if not (rule.kicks and s.explicit):
-        interpreted += BUILDING * point_function(system).n_instructions() * len(rule.nodes)
-    return interpreted > STARTING and interpreted > compiling_seconds(system, rule)
+    interpreted = interpreted_run_seconds(system, rule, steps)
+    return interpreted > EXPLICIT_STARTING and interpreted > compiling_seconds(system, rule)
+
+
+def interpreted_run_seconds(system: System, rule: Rule, steps: int) -> float:
+    """An estimate of the time of an interpreted run, the building of its step and of the loops
+    around it counted in.
+    """
+    s = system.structure
+    rolled = min(steps, steps_at_once(system, rule)) * (4 + max(rule.degree, 1)) * s.n * ROLLING
+    once = interpreted_seconds(system, rule)
+    if rule.kicks and s.explicit:
+        return rolled + once * steps
+    share = HELD_SHARE if s.constraints or s.nonholonomic else SHARE
+    built = BUILDING * point_function(system).n_instructions() * len(rule.nodes)
+    return built + rolled + share * once * steps
 
 
 @per_system
@@ -67,7 +84,13 @@ def compiling_seconds(system: System, rule: Rule) -> float:
     """An estimate of the time that generating and compiling the loop takes, from the sizes of the
     expressions.
     """
-    return STARTING + STATEMENT * _statements(system, rule)
+    s, statements = system.structure, _statements(system, rule)
+    if rule.kicks and s.explicit:
+        return EXPLICIT_STARTING + EXPLICIT_STATEMENT * statements
+    if s.constraints or s.nonholonomic or s.linear or not _by_right_sides(system, rule):
+        return STARTING + STATEMENT * statements
+    order = 0.0 if s.separable and s.constant_mass else FIRST_ORDER
+    return STAGES_STARTING + order + STAGES_STATEMENT * statements
 
 
 def newton_repays(system: System, rule: Rule, steps: int) -> bool:

@@ -9,7 +9,7 @@ from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start, initial_value_problem
-from varint.integration.run import collect, start_run
+from varint.integration.run import collect, short_run, start_run
 from varint.integration.trajectories import subsample
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -39,23 +39,30 @@ def simulate_steps(
         file = checkpoint_of(asked.checkpoint, system, chosen.rule, problem, stop, watches, **words)
     if stop or watches:  # every node is looked at; those not asked for are dropped at the end
         problem = problem._replace(save_every=1)
-    run = start_run(
-        system,
-        chosen,
-        problem,
-        began,
-        backend=asked.backend,
-        on_failure=asked.on_failure,
-        file=file,
+    motion = None
+    unwatched = not (stop or watches or file) and (
+        asked.progress is None or asked.progress is False
     )
-    motion = collect(
-        run,
-        stop=stop,
-        watches=watches,
-        file=file,
-        progress=asked.progress,
-        on_failure=asked.on_failure,
-    )
+    if unwatched and asked.on_failure == "raise":
+        motion = short_run(system, chosen, problem, began, asked.backend)
+    if motion is None:
+        run = start_run(
+            system,
+            chosen,
+            problem,
+            began,
+            backend=asked.backend,
+            on_failure=asked.on_failure,
+            file=file,
+        )
+        motion = collect(
+            run,
+            stop=stop,
+            watches=watches,
+            file=file,
+            progress=asked.progress,
+            on_failure=asked.on_failure,
+        )
     if alarm := energy_alarm(motion):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)

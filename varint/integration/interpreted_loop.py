@@ -26,6 +26,8 @@ from varint.scene.system import System, per_system
 
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
 STEP_BY_STEP = 0  # instead of the nodes of the next block: single steps up to the next saved node
+# loops of loops of so many turns: CasADi builds them four times faster than those of its own ten
+NESTED = {"base": 6}
 LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
 
 
@@ -41,28 +43,28 @@ def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
         ca.MX.sym(f"a{i}", size, nodes * every if i in (1, 2) else 1)
         for i, size in enumerate(sizes)
     )
-    inner = step.fold(every) if every > 1 else step
-    rolled = inner.mapaccum(f"roll_{nodes}_{every}", nodes) if nodes > 1 else inner
+    inner = _last_of(step, every) if every > 1 else step
+    rolled = inner.mapaccum(f"roll_{nodes}_{every}", nodes, NESTED) if nodes > 1 else inner
     states = rolled(x, u, t, *(ca.repmat(a, 1, nodes * every) for a in (h, c, scale)))
     return ca.Function("rollout", [x, u, t, h, c, scale], [states])
 
 
+def _last_of(step: ca.Function, every: int) -> ca.Function:
+    """So many steps, and the state after the last of them."""
+    inputs = [ca.MX.sym(f"a{i}", step.numel_in(i), every if i else 1) for i in range(step.n_in())]
+    states = step.mapaccum("steps", every, NESTED)(*inputs)
+    return ca.Function("last", inputs, [states[:, -1]])
+
+
 def start_state(system: System, rule: Rule, problem: InitialValueProblem) -> RunState:
     """The position before the first step."""
-    u, t = problem.controls(problem.first, 1).reshape(1, -1), problem.t0 + problem.h * problem.first
-    typical = np.abs(problem.u).max(axis=(0, 1), initial=0.0)[None]
-    one = start_states(
-        system,
-        rule,
-        problem.q0[None],
-        problem.p0[None],
-        u,
-        typical,
-        t,
-        np.array([problem.h]),
-        problem.c[None],
-    )
-    return one._replace(x=one.x[0], scale=one.scale[0], inertia=one.inertia[0], k=problem.first)
+    u, typical = problem.controls(problem.first, 1), np.empty(0)
+    if u.size:
+        typical = np.abs(problem.u).max(axis=(0, 1))
+    t, h = np.array((problem.t0 + problem.h * problem.first,)), np.array((problem.h,))
+    begin = _beginning_function(system, rule)
+    x, scale, inertia = call(begin, problem.q0, problem.p0, u, typical, t, h, problem.c)
+    return RunState(x, scale, inertia, problem.first, largest_block(x))
 
 
 def start_states(
@@ -206,7 +208,10 @@ def is_saved(k: int, steps: int, every: int) -> bool:
 def count_good_nodes(states: np.ndarray) -> np.ndarray:
     """How many of the states (…, nodes, size), from the first on, are finite and solved."""
     good = np.isfinite(states).all(axis=-1) & (states[..., RESIDUAL] <= RESIDUAL_LIMIT)
-    return np.where(good.all(axis=-1), states.shape[-2], np.argmin(good, axis=-1))
+    first = good.argmin(axis=-1)
+    if good.ndim == 1:
+        return first if not good[first] else np.intp(len(good))
+    return np.where(good.all(axis=-1), states.shape[-2], first)
 
 
 def iterations_at(before: np.ndarray, states: np.ndarray) -> np.ndarray:

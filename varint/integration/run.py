@@ -10,7 +10,12 @@ import numpy as np
 
 from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
-from varint.integration.backend import blocks_of, kernel_for, subdivide_failed_step
+from varint.integration.backend import (
+    blocks_of,
+    kernel_for,
+    run_at_once,
+    subdivide_failed_step,
+)
 from varint.integration.events.crossings import (
     Crossings,
     Watch,
@@ -31,6 +36,7 @@ from varint.integration.trajectories import (
     cut_at,
     first_node,
     last_node,
+    motion_of,
     trajectory_of,
     with_velocities,
 )
@@ -98,6 +104,35 @@ def start_run(
 
         blocks = around_failures(blocks_from, remedy, problem.steps, at)
     return Run(system, chosen, problem, nodes or [next(blocks)], blocks, kernel, began)
+
+
+def short_run(
+    system: System, chosen: Plan, problem: InitialValueProblem, began: float, backend: str
+) -> Trajectory | None:
+    """A run that is over before anyone could watch it, of a scene whose nodes need no look: in one
+    call, without the blocks of the long ones. None where it is no such run, or comes to no good
+    end.
+
+    Raises
+    ------
+    InputError
+        If the backend is unknown.
+    """
+    s = system.structure
+    if s.contacts or s.constraints or s.nonholonomic:
+        return None
+    kernel = kernel_for(system, chosen.rule, problem, backend)
+    found = None if kernel is None else run_at_once(system, chosen.rule, problem, kernel)
+    if found is None:
+        return None
+    q, p = found.rows[:, 0].copy(), found.rows[:, 1].copy()
+    if len(q):
+        q[0], p[0] = problem.q0, problem.p0
+    k = np.arange(0, problem.steps + 1, problem.save_every)
+    t = problem.h * k
+    t += problem.t0
+    run = Run(system, chosen, problem, [], iter(()), kernel, began)
+    return motion_of(run, (k, t, q, p), (found.iterations, found.residual))
 
 
 def collect(

@@ -81,7 +81,7 @@ def trajectory_of(
     run: Run, nodes: Sequence[NodeBlock], noted: Sequence[Event] = (), interrupted: bool = False
 ) -> Trajectory:
     """The motion that these blocks of the run hold."""
-    system, chosen, problem, _, _, kernel, began = run
+    problem = run.problem
     k = np.concatenate([block.k[: block.good] for block in nodes])
     t = problem.h * k
     t += problem.t0
@@ -89,32 +89,58 @@ def trajectory_of(
         t = np.concatenate(
             [problem.t0 + problem.h * b.k[: b.good] if b.t is None else b.t for b in nodes]
         )
-    active_sets, active_set = _active_sets(system, problem, nodes)
+    active_sets, active_set = _active_sets(run.system, problem, nodes)
     events = [*[event for block in nodes for event in block.events], *noted]
     if len(events) > 1:
         events.sort(key=lambda event: event.time * np.sign(problem.h))
+    q, p = (np.concatenate([block[i] for block in nodes]) for i in (1, 2))
+    iterations = sum([block.iterations for block in nodes])
+    residual = max([block.residual for block in nodes])
+    return motion_of(
+        run,
+        (k, t, q, p),
+        (iterations, residual),
+        (active_sets, active_set),
+        tuple(events),
+        interrupted,
+    )
+
+
+def motion_of(
+    run: Run,
+    nodes: tuple[np.ndarray, ...],
+    work: tuple[int, float],
+    active: tuple[tuple[ActiveSet, ...], np.ndarray | None] = ((), None),
+    events: tuple[Event, ...] = (),
+    interrupted: bool = False,
+) -> Trajectory:
+    """The motion with these nodes, (k, t, q, p), found by so many iterations with such a residual;
+    what holds at each node, and what happened.
+    """
+    system, chosen, problem, _, _, kernel, began = run
+    k, t, q, p = nodes
     return Trajectory(
         system=system,
         rule=chosen.rule,
         t=t,
-        q=np.concatenate([block.q for block in nodes]),
-        p=np.concatenate([block.p for block in nodes]),
+        q=q,
+        p=p,
         h=problem.h,
         k=k,
         u=problem.u,
         c=problem.c,
         functions=partial(step_functions, chosen.rule, system),
-        active_sets=active_sets,
-        active_set=active_set,
+        active_sets=active[0],
+        active_set=active[1],
         origin=problem.t0,
-        events=tuple(events),
+        events=events,
         stats=MappingProxyType(
             {
                 "plan": chosen,
                 "backend": "interpreted" if kernel is None else f"compiled: {kernel.about}",
                 "steps": int(k[-1]),
-                "iterations": sum([block.iterations for block in nodes]),
-                "residual": max([block.residual for block in nodes]),
+                "iterations": work[0],
+                "residual": work[1],
                 "interrupted": interrupted,
                 "seconds": perf_counter() - began,
             }

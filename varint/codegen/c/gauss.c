@@ -41,6 +41,7 @@
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
+#define APART static __attribute__((noinline))
 #if N > FEW
 #define LARGE static __attribute__((noinline, noclone))
 #else
@@ -219,26 +220,27 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 #endif
 }
 
+/* The same at the start of a step, not in line: once a step it costs nothing, and the compiler half of its time. */
+APART void evaluate_start(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
+                          const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older,
+                          int seidel) {
+    set_momenta(s, m1, x, m1_older, older);
+    evaluate(s, at, h, w, m2, m1, x, m2_older, m1_older, older, seidel, s->x);
+}
+
 /* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
 INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
                   const Unknowns older, int low, int seidel) {
     static const Unknowns none;
-    Unknowns fresh;
 #ifdef GEOMETRY
     renewals = known ? 1 : 2;
 #endif
-    if (known > 1 && low) {
-        set_momenta(s, LOW_M1, last, LOW_OLDER_M1, older);
-        evaluate(s, at, h, w, LOW_M2, LOW_M1, last, LOW_OLDER_M2, LOW_OLDER_M1, older, seidel, fresh);
-    } else if (known > 1) {
-        set_momenta(s, START_M1, last, START_OLDER_M1, older);
-        evaluate(s, at, h, w, START_M2, START_M1, last, START_OLDER_M2, START_OLDER_M1, older, seidel, fresh);
-    } else {
-        const double *m2 = low ? LOW_ONE_M2 : START_ONE_M2, *m1 = low ? LOW_ONE_M1 : START_ONE_M1;
-        set_momenta(s, m1, known ? last : none, 0, 0);
-        evaluate(s, at, h, w, m2, m1, known ? last : none, 0, 0, 0, seidel, fresh);
-    }
-    memcpy(s->x, fresh, sizeof fresh);
+    if (known > 1)
+        evaluate_start(s, at, h, w, low ? LOW_M2 : START_M2, low ? LOW_M1 : START_M1, last,
+                       low ? LOW_OLDER_M2 : START_OLDER_M2, low ? LOW_OLDER_M1 : START_OLDER_M1, older, seidel);
+    else
+        evaluate_start(s, at, h, w, low ? LOW_ONE_M2 : START_ONE_M2, low ? LOW_ONE_M1 : START_ONE_M1, known ? last : none, 0, 0,
+                       0, seidel);
     s->count = 1;
 }
 
@@ -255,7 +257,7 @@ INLINE V change_of(const V *fresh, const V *x) {
 
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
    2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
-static __attribute__((noinline)) int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double level) {
+APART int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double level) {
     int all = 1;
     for (int r = 0; r < ROWS; r++) {
         double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
@@ -308,7 +310,7 @@ INLINE void set_scale(Change *c, const double *size, double fade) {
     }
 }
 
-INLINE void save(double *row, const double *y, double t, double h, const double *w) {
+APART void save(double *row, const double *y, double t, double h, const double *w) {
     V q[N], z[N], out[N], time = splat(t);
     for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(FORM == 2 ? y[N + d] / h : y[N + d]);
 #if FORM == 2
@@ -336,7 +338,7 @@ typedef struct {
 } Run;
 
 /* Where the run stands: as it was left, or at a fresh start. */
-INLINE void restore(Run *r, const RunArguments *a) {
+APART void restore(Run *r, const RunArguments *a) {
     const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
     const Carry *carry = (const Carry *)a->carry;
     r->t0 = a->t0, r->first = a->first, r->most = a->most, r->level = a->level > 0x1p-56 ? a->level : 0x1p-56;
@@ -474,7 +476,7 @@ INLINE int accept(Run *r) {
 }
 
 /* What the next call needs, and what the caller is told. */
-INLINE void store(const Run *r, const RunArguments *a, int status, int64_t done) {
+APART void store(const Run *r, const RunArguments *a, int status, int64_t done) {
     Carry *carry = (Carry *)a->carry;
     carry->steps_known = status ? 0 : (double)r->known, carry->expected = (double)r->expected, carry->h = r->h;
     memcpy(carry->y, r->y, sizeof r->y), memcpy(carry->rest, r->rest, sizeof r->rest);

@@ -2,14 +2,7 @@
 
    LANES, a power of two, is defined before this file. Arithmetic is GCC's vector extension (also Clang's); what it lacks is
    an instruction where the machine has one and a loop over the lanes where not. Comparisons give 1.0 and 0.0 as in CasADi. */
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
-#if defined(__x86_64__)
-#include <immintrin.h>
-#elif defined(__aarch64__)
-#include <arm_neon.h>
-#endif
+#include "intrinsics.h"
 
 #if LANES == 1
 typedef double V;
@@ -67,7 +60,7 @@ INLINE V v_fmin(V a, V b) { return (V)_mm256_min_pd((__m256d)a, (__m256d)b); }
 INLINE double sum(V x) { return (x[0] + x[2]) + (x[1] + x[3]); }
 INLINE double largest(V x) {
     __m128d m = _mm_max_pd(_mm256_castpd256_pd128((__m256d)x), _mm256_extractf128_pd((__m256d)x, 1));
-    return _mm_cvtsd_f64(_mm_max_sd(m, _mm_unpackhi_pd(m, m)));
+    return _mm_max_pd(m, _mm_unpackhi_pd(m, m))[0];
 }
 INLINE int within(V x, double bound) {
     return _mm256_movemask_pd(_mm256_cmp_pd((__m256d)v_fabs(x), _mm256_set1_pd(bound), _CMP_LE_OQ)) == 0xf;
@@ -227,10 +220,13 @@ INLINE V v_exp(V x) {
 #define VECTOR1(f) EACH1(f, f)
 #define VECTOR2(f) EACH2(f, f)
 #endif
-#if defined(LIBMVEC) && __GLIBC_PREREQ(2, 35)
+#ifdef LIBMVEC
+#if __GLIBC_PREREQ(2, 35)
 #define NEWER1(f) VECTOR1(f)
 #define NEWER2(f) VECTOR2(f)
-#else
+#endif
+#endif
+#ifndef NEWER1
 #define NEWER1(f) EACH1(f, f)
 #define NEWER2(f) EACH2(f, f)
 #endif

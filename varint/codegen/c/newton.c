@@ -7,7 +7,6 @@
    `finish` is a constant affine map of q and p that needs no unknowns; `checked` is the residual that it leaves. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. */
-#include <stdlib.h>
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */

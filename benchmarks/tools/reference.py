@@ -1,0 +1,34 @@
+"""Where a scene of the benchmarks ends, to more digits than any tool is asked for."""
+
+import numpy as np
+
+import varint as vi
+from tools.heyoka_peer import taylor
+from tools.scenes import Scene
+
+
+def reference(scene: Scene):
+    """q at the end in closed form, or by order 32 with many steps; and how far heyoka's tightest
+    run is from it.
+    """
+    model = scene.model
+    if model.exact:
+        exact = model.exact(scene.duration)[0][0]
+    else:
+        exact = vi.simulate(
+            model.system,
+            vi.gauss(16),
+            q0=model.q0,
+            v0=model.v0,
+            duration=scene.duration,
+            steps=4 * scene.steps,
+            save_every=4 * scene.steps,
+            backend="compiled",
+            progress=False,
+        ).q[-1]
+    if scene.slow:
+        return exact, float("nan")
+    other = taylor(model.system, "velocities", 1e-18)
+    other.state[:] = np.concatenate([model.q0, model.v0])
+    other.propagate_until(scene.duration)
+    return exact, float(np.abs(other.state[: len(exact)] - exact).max())
