@@ -350,3 +350,10 @@ def test_the_readme_s_run_times_are_those_of_the_benchmark():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     found = images.BETWEEN.search(text)
     assert found and re.search(r"\d{4}-\d\d-\d\d", found[0]) and "| heyoka |" in found[0]
+
+
+def test_the_lines_under_the_headings_of_docstrings_stand_alone():
+    torn = re.compile(r"^ *(-{4,}|={4,}) +[^-= ].*$", re.M)
+    sources = sorted((ROOT / "varint").rglob("*.py"))
+    found = {str(path): torn.findall(path.read_text(encoding="utf-8")) for path in sources}
+    assert len(sources) > 200 and not any(found.values()), found

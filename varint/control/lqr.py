@@ -44,8 +44,9 @@ def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = 
         If the scene has no controls, nodes are several steps apart, or shapes do not match.
 
     Notes
-    ----- Riccati's recursion, for example Anderson & Moore, Optimal Control: Linear Quadratic
-    Methods, §2.4.
+    -----
+    Riccati's recursion, for example Anderson & Moore, Optimal Control: Linear Quadratic Methods,
+    §2.4.
 
     Examples
     --------

@@ -266,15 +266,15 @@ def composition(name: str) -> Rule:
     name : str
         One of the table; capitals, spaces, hyphens and accents do not matter.
 
-        ====== =====================================================
-        ========================================== order  names (force evaluations per step)
-        best of its order ====== =====================================================
-        ========================================== 2      verlet (1) 4      yoshida4 (3), suzuki4
-        (5), blanes-moan4 (6)           blanes-moan4 6      yoshida6 (7), kahan-li6 (9),
-        blanes-moan6 (11)        blanes-moan6 8      yoshida8 (15), suzuki-umeno8 (15), kahan-li8
-        (17)     kahan-li8 10     sofroniou-spaletta10 (35) ======
-        =====================================================
-        ==========================================
+        =====  =====================================================  ====================
+        order  names (force evaluations per step)                     best of its order
+        =====  =====================================================  ====================
+        2      verlet (1)
+        4      yoshida4 (3), suzuki4 (5), blanes-moan4 (6)            blanes-moan4
+        6      yoshida6 (7), kahan-li6 (9), blanes-moan6 (11)         blanes-moan6
+        8      yoshida8 (15), suzuki-umeno8 (15), kahan-li8 (17)      kahan-li8
+        10     sofroniou-spaletta10 (35)
+        =====  =====================================================  ====================
 
     Returns
     -------
@@ -286,9 +286,10 @@ def composition(name: str) -> Rule:
         If no composition has that name; the message lists those known.
 
     Notes
-    ----- Blanes & Moan's are Runge–Kutta–Nyström splittings: their order needs a kinetic energy
-    quadratic in p, which is what every composition here is used for. Sources of the coefficients:
-    `varint/compositions.py`.
+    -----
+    Blanes & Moan's are Runge–Kutta–Nyström splittings: their order needs a kinetic energy quadratic
+    in p, which is what every composition here is used for. Sources of the coefficients:
+    `varint/rules/compositions.py`.
 
     Examples
     --------

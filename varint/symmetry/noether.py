@@ -67,7 +67,8 @@ def symmetries(
         in size.
 
     Notes
-    ----- What follows from the others is not listed: with total momentum P and boost P t − M X the
+    -----
+    What follows from the others is not listed: with total momentum P and boost P t − M X the
     angular momentum X × P of the centre of mass is conserved on its own.
 
     Affine point symmetries only: neither the Runge–Lenz vector (no point symmetry) nor symmetries
