@@ -50,7 +50,6 @@ BEHIND = {
     "varint.drawing.notebook",
     "varint.diagnostics.momentum",
     "varint.diagnostics.second_variation",
-    "varint.control.prepared",
 }
 LONGEST = 250  # lines of code: without blank lines, comments and docstrings
 

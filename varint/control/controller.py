@@ -13,7 +13,7 @@ import numpy as np
 
 from varint.control.constrained_guess import dense_constraint_function
 from varint.control.numbers import constants
-from varint.control.optimal import has_converged, raise_unless_converged
+from varint.control.outcome import has_converged, raise_unless_converged
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
 from varint.control.source import controller_function, write_source

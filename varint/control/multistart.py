@@ -12,7 +12,7 @@ import numpy as np
 from varint.control.build import build_control_solver
 from varint.control.guess import build_start, read_guess, write_guess
 from varint.control.neighbours import wave
-from varint.control.optimal import FEASIBLE
+from varint.control.outcome import FEASIBLE
 from varint.control.phase import Phase
 from varint.control.problem import ControlProblem, transcribe
 from varint.control.trajectories import build_trajectories

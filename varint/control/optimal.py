@@ -13,17 +13,18 @@ import numpy as np
 
 from varint.control.build import build_control_solver
 from varint.control.coarse import coarse_start
-from varint.control.contradiction import Contradiction, least_violation
+from varint.control.contradiction import least_violation
 from varint.control.links import Link
 from varint.control.neighbours import cheapest_neighbour, has_many_minima
+from varint.control.outcome import has_converged, raise_unless_converged
 from varint.control.phase import Phase
+from varint.control.prepared import prepared_from
 from varint.control.problem import ControlProblem, transcribe
 from varint.control.replay import LARGE, error_estimate
 from varint.control.starts import default_starts, without_guesses
 from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
-from varint.errors import InputError, SolverError, parsed_or_refused
-from varint.nlp.options import WORDS
+from varint.errors import InputError, parsed_or_refused
 from varint.nlp.slacks import Soft
 from varint.nlp.solver import SolverResult, choose_backend
 from varint.results.trajectory import Trajectory
@@ -294,7 +295,7 @@ def solve(
     starts = default_starts(problem)
     x = next(starts)
     solver = build_control_solver(problem, x, name, options)
-    problem = replace(problem, solver=solver)
+    problem = replace(problem, solver=solver, again=prepared_from)
     tell = _teller(problem, callback)
     run = partial(solver, progress=progress, callback=tell)
     multipliers = carry_multipliers(problem)
@@ -374,37 +375,3 @@ UNMET = (
     "Error_In_Step_Computation",
     "Not_Enough_Degrees_Of_Freedom",
 )
-FEASIBLE = 1e-6  # a row or bound violated by more is violated
-
-
-def has_converged(outcome: SolverResult) -> bool:
-    """Did the solver succeed, and do all conditions hold?"""
-    return outcome.success and outcome.violation <= FEASIBLE
-
-
-def raise_unless_converged(
-    problem: ControlProblem, outcome: SolverResult, nearest: Contradiction | None = None
-) -> list[Trajectory]:
-    """The trajectories, or an error in words: those of the conditions that contradict each other
-    where they are known.
-    """
-    found = build_trajectories(problem, outcome)
-    if outcome.stopped:
-        warnings.warn(
-            f"stopped on request after {len(outcome.history.get('cost', ()))} iterations",
-            stacklevel=4,
-        )
-        return found
-    if has_converged(outcome):
-        return found
-    status = outcome.status.removeprefix("EXIT: ")
-    words = WORDS.get(status, "no solution was found from this guess")
-    if nearest is not None and nearest.broken:
-        words = f"the conditions contradict each other near the last iterate: {nearest}. Relax one"
-    raise SolverError(
-        f"{status}: {words}. Largest violation of a condition: {outcome.violation:.1e}; "
-        "error.iterate is the last iterate",
-        status=status,
-        iterate=found[0] if len(found) == 1 else found,
-        contradiction=nearest,
-    )

@@ -11,10 +11,10 @@ import numpy as np
 from varint.control.build import build_control_solver
 from varint.control.guess import build_start
 from varint.control.numbers import with_numbers
-from varint.control.optimal import has_converged, raise_unless_converged
+from varint.control.outcome import has_converged, raise_unless_converged
 from varint.control.phase import Phase
 from varint.control.problem import ControlProblem, transcribe
-from varint.control.solution import ControlSolution, Origin
+from varint.control.solution import ControlSolution
 from varint.control.starts import default_starts
 from varint.errors import InputError
 from varint.nlp.solver import Solver, SolverResult, choose_backend
@@ -159,24 +159,18 @@ def prepare(
         raise InputError(f"prepare takes a varint.Phase, got {type(phase).__name__}")
     problem = transcribe([phase], [], t0, choose_backend(solver, backend), SOLVES)
     run = build_control_solver(problem, build_start(problem), solver, options)
-    return Prepared(replace(problem, solver=run), run)
+    return Prepared(replace(problem, solver=run, again=prepared_from), run)
 
 
-def prepared_from(motion: Trajectory, origin: Origin | None) -> Prepared:
+def prepared_from(motion: Trajectory, problem: ControlProblem) -> Prepared:
     """The problem of an optimal control with its solver, and the motion as its guess."""
-    if origin is None:
-        raise InputError(
-            "this motion was loaded from a file, which does not hold its problem; solve it with "
-            "optimal_control(…, guess=motion)"
-        )
-    if len(origin.problem.phases) != 1:
+    if len(problem.phases) != 1:
         raise InputError(
             "again() is for problems of one phase; solve several with optimal_phases, each phase "
             "with its guess="
         )
-    if origin.problem.solver is None:
-        raise InputError("this motion's problem has no solver of its own; use what solved it")
-    return Prepared(origin.problem, origin.problem.solver, motion)
+    assert problem.solver is not None
+    return Prepared(problem, problem.solver, motion)
 
 
 def _known(guess: Any) -> SolverResult | None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,6 +22,7 @@ from varint.nlp.assembly import Kernels, assemble
 from varint.nlp.program import NonlinearProgram
 from varint.nlp.solver import Solver
 from varint.numerics.limits import check_steps
+from varint.results.trajectory import Trajectory
 from varint.scene.inputs import number, positive_integer
 from varint.scene.system import System
 
@@ -38,6 +40,7 @@ class ControlProblem:
     kernels: Kernels | None = None
     given_links: tuple[Link, ...] = ()
     solver: Solver | None = None  # once it is built
+    again: Callable[[Trajectory, ControlProblem], Any] | None = None  # how it is solved anew
 
     @property
     def unknowns(self) -> int:

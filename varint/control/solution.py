@@ -200,6 +200,18 @@ class ControlSolution:
         """
         return replay(motion)
 
+    def again(self, motion: Trajectory) -> Any:
+        """The problem with its solver, to be called with other numbers; see `Trajectory.again`."""
+        if self.origin is None:
+            raise InputError(
+                "this motion was loaded from a file, which does not hold its problem; solve it "
+                "with optimal_control(…, guess=motion)"
+            )
+        problem = self.origin.problem
+        if problem.again is None:
+            raise InputError("this motion's problem has no solver of its own; use what solved it")
+        return problem.again(motion, problem)
+
     def report(self, motion: Trajectory) -> str:
         """Status, cost, violation, replay defect, balance of energy and of momenta, active
         bounds.

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
-    from varint.control.prepared import Prepared
     from varint.diagnostics.momentum import Conserved, MomentumMap
     from varint.drawing.sketch import Sketch
     from varint.symmetry.symmetry import Symmetry
@@ -437,7 +436,7 @@ class Trajectory:
         return self._solution("replay()").replay(self)
 
     @property
-    def again(self) -> Prepared:
+    def again(self) -> Any:
         """The problem of an optimal control, ready for other numbers: nothing is built anew, and
         the solver starts warm from this solution.
 
@@ -445,9 +444,7 @@ class Trajectory:
         other parameters; see `Prepared` for all that may change. `report` estimates the error of
         what it returns when it is asked for.
         """
-        from varint.control.prepared import prepared_from
-
-        return prepared_from(self, self._solution("again()").origin)
+        return self._solution("again()").again(self)
 
     def report(self) -> None:
         """Print how an optimal control was found and what it keeps: cost, violation, replay,
