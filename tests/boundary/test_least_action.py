@@ -5,17 +5,11 @@ forces, refusals.
 import casadi as ca
 import numpy as np
 import pytest
-from references import entries
+from references import given_and_exact
 from scenes import double_pendulum, driven_damped, pendulum, slopes
 from scipy.integrate import solve_ivp
 
 import varint as vi
-
-REFERENCE = entries("b")
-
-
-def reference(name):
-    return REFERENCE[name]["params"], REFERENCE[name]["reference"]
 
 
 def oscillator(m=1.0, w=1.0):
@@ -29,7 +23,7 @@ def kepler(mu=1.0, dimensions=3):
 
 
 def test_free_fall_has_its_exact_action_and_velocities():
-    given, exact = reference("B01_action_free_fall")
+    given, exact = given_and_exact("b", "B01_action_free_fall")
     q, v = vi.coordinates("x")
     fall = vi.System(q, v, given["m"] * (v**2 / 2 - given["g"] * q))
     path = vi.least_action(
@@ -56,7 +50,7 @@ def test_a_free_particle_moves_straight_with_the_action_of_half_its_length_squar
 
 @pytest.mark.parametrize("row", range(4))
 def test_the_oscillator_has_its_exact_action_velocities_and_index(row):
-    given, exact = reference("B01_action_harmonic")
+    given, exact = given_and_exact("b", "B01_action_harmonic")
     duration, action, v0, v1, index, _ = exact["rows"][row]
     scene = oscillator(given["m"], given["w"])
     path = vi.least_action(
@@ -69,7 +63,7 @@ def test_the_oscillator_has_its_exact_action_velocities_and_index(row):
 
 @pytest.mark.parametrize("case", ["curtis_5_2", "curtis_5_3", "molniya_der_0rev"])
 def test_lamberts_problem_has_the_velocities_of_the_textbooks(case):
-    given, exact = reference(f"B02_lambert_{case}")
+    given, exact = given_and_exact("b", f"B02_lambert_{case}")
     ends = dict(q_start=given["r1"], q_end=given["r2"], duration=given["T"])
     path = vi.least_action(kepler(given["mu"]), vi.gauss(8), steps=60, **ends)
     assert path.action == pytest.approx(exact["action_per_unit_mass"], rel=1e-14)
@@ -85,7 +79,7 @@ def test_lamberts_problem_has_the_velocities_of_the_textbooks(case):
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_kepler_arcs_the_short_and_the_long_way_have_their_exact_actions(which):
-    given, exact = reference("B02_lambert_dimensionless")
+    given, exact = given_and_exact("b", "B02_lambert_dimensionless")
     r1, r2, wanted = np.array(given["r1"]), np.array(given["r2"]), exact["solutions"][which]
     guess = None if wanted["short_way"] else [r1, -(r1 + r2), r2]
     ends = dict(q_start=r1, q_end=r2, duration=given["T"])
@@ -127,7 +121,7 @@ RULES = [
 
 @pytest.mark.parametrize("rule", RULES, ids=repr)
 def test_action_and_end_momenta_have_the_order_of_the_rule(rule):
-    _, exact = reference("B01_pendulum_bvp")
+    _, exact = given_and_exact("b", "B01_pendulum_bvp")
     wanted = exact["solutions"][2]
     first = vi.simulate(pendulum(), vi.gauss(6), q0=0.0, v0=wanted["v0"], h=0.1, steps=100)
     steps, errors = [30, 40, 56, 80, 112, 160, 224], []
@@ -204,7 +198,7 @@ def test_parameters_and_explicit_time_reach_the_path():
 
 @pytest.mark.parametrize("stages", [3, 4, 5])
 def test_great_circles_by_constraint_run_the_short_and_the_long_way(stages):
-    given, exact = reference("B03_geodesic_sphere")
+    given, exact = given_and_exact("b", "B03_geodesic_sphere")
     q, v = vi.coordinates("x", "y", "z")
     sphere = vi.System(q, v, ca.sumsqr(v) / 2, constraint=ca.sumsqr(q) - 1)
 

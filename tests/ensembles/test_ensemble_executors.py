@@ -291,7 +291,7 @@ def test_a_pool_of_mpi_processes_gives_the_bits_of_one_process(tmp_path):
 
 @pytest.mark.filterwarnings("ignore")  # of loky's own
 def test_other_kinds_of_pools_work_too():
-    loky = pytest.importorskip("loky")
+    loky = pytest.importorskip("loky", reason="needs the package loky")
     system, q0 = double_pendulum(), starts(60)
     plain = vi.ensemble(system, q0=q0, **START)
     pool = loky.get_reusable_executor(max_workers=2)

@@ -1,37 +1,18 @@
-"""Noether's theorem: which symmetries are found, verified, refused, and what breaks them."""
+"""Noether's theorem: which symmetries are found."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 import pytest
+from symmetric_scenes import central, gravity, particles, spring
 
 import varint as vi
 from varint.models import spring_cluster, two_body
 
 
-def particles(count: int, axes: str, potential, masses=None) -> vi.System:
-    """Particles with a pair potential V(r²)."""
-    q, v = vi.coordinates(*(f"{a}{i + 1}" for i in range(count) for a in axes))
-    masses = np.ones(count) if masses is None else masses
-    r = ca.reshape(q, len(axes), count)
-    kinetic = sum(
-        m * ca.sumsqr(v[len(axes) * i : len(axes) * (i + 1)]) / 2 for i, m in enumerate(masses)
-    )
-    pairs = [(i, j) for i in range(count) for j in range(i)]
-    return vi.System(q, v, kinetic - sum(potential(ca.sumsqr(r[:, i] - r[:, j])) for i, j in pairs))
-
-
 def names(system: vi.System, **arguments) -> list[str]:
     return [s.name for s in vi.symmetries(system, **arguments)]
-
-
-def gravity(r2):
-    return -1 / ca.sqrt(r2)
-
-
-def spring(r2):
-    return r2 / 2
 
 
 GALILEI_2D = [
@@ -89,11 +70,6 @@ def test_equal_springs_add_the_rotations_of_all_relative_coordinates(count, axes
 
 def test_the_rotation_of_the_centre_of_mass_is_said_to_follow_from_the_others():
     assert "1 more conserve functions of these" in vi.symmetries(particles(3, "xy", gravity)).note
-
-
-def central(potential, axes="xy") -> vi.System:
-    q, v = vi.coordinates(*axes)
-    return vi.System(q, v, ca.sumsqr(v) / 2 - potential(ca.sumsqr(q)))
 
 
 def test_kepler_has_time_and_rotation_only():
@@ -273,134 +249,3 @@ def test_uncoupled_pairs_of_many_coordinates_rotate_each():
         "time translation",
         *(f"rotation of s{2 * i} and s{2 * i + 1}" for i in range(24)),
     ]
-
-
-# ---- what breaks a symmetry of L
-
-
-def free_particle(**scene) -> vi.System:
-    q, v = vi.coordinates("x", "y")
-    return vi.System(q, v, ca.sumsqr(v) / 2, **{k: f(q, v) for k, f in scene.items()})
-
-
-def broken(system: vi.System) -> dict[str, tuple[str, ...]]:
-    return {s.name: s.broken_by for s in vi.symmetries(system)}
-
-
-def test_a_force_breaks_what_it_does_work_along():
-    found = broken(free_particle(force=lambda q, v: ca.vertcat(0, -0.1 * v[1])))
-    assert found["translation along x"] == () and found["translation along y"] == ("force",)
-    assert found["time translation"] == ("force",)
-
-
-def test_a_gyroscopic_force_keeps_the_energy():
-    found = broken(free_particle(force=lambda q, v: ca.vertcat(v[1], -v[0])))
-    assert found["time translation"] == () and found["translation along x"] == ("force",)
-
-
-def test_a_radial_force_keeps_the_rotation():
-    found = broken(free_particle(force=lambda q, v: -q * ca.sumsqr(v)))
-    assert found["rotation about z"] == () and found["time translation"] == ("force",)
-
-
-def test_a_round_constraint_keeps_the_rotation_only():
-    found = broken(free_particle(constraint=lambda q, v: ca.sumsqr(q) - 1))
-    assert found["rotation about z"] == () == found["time translation"]
-    assert all(found[f"translation along {a}"] == ("constraint",) for a in "xy")
-
-
-def test_a_constraint_need_be_invariant_only_where_it_holds():
-    # eˣ (y − 1) changes along x, but not where y = 1
-    found = broken(free_particle(constraint=lambda q, v: ca.exp(q[0]) * (q[1] - 1)))
-    assert found["translation along x"] == () and found["translation along y"] == ("constraint",)
-
-
-def test_a_wall_keeps_the_motion_along_it_and_inelastic_impacts_lose_energy():
-    found = broken(free_particle(contact=lambda q, v: q[1]))
-    assert found["translation along x"] == () and found["translation along y"] == ("contact",)
-    assert found["time translation"] == ("contact",)
-    q, v = vi.coordinates("x", "y")
-    elastic = vi.System(q, v, ca.sumsqr(v) / 2, contact=q[1], restitution=1.0)
-    assert broken(elastic)["time translation"] == ()
-
-
-def test_nonholonomic_reactions_keep_what_lies_in_the_distribution():
-    q, v = vi.coordinates("x", "y", "phi")
-    skate = vi.System(
-        q, v, ca.sumsqr(v) / 2, nonholonomic=ca.horzcat(ca.sin(q[2]), -ca.cos(q[2]), 0)
-    )
-    found = broken(skate)
-    assert found["cyclic coordinate phi"] == () == found["time translation"]
-    assert found["translation along x"] == ("nonholonomic",)
-
-
-# ---- a user's own generator
-
-
-def test_a_nonlinear_generator_is_verified():
-    """Cartesian translation in polar coordinates: ξ = (cos φ, −sin φ/r)."""
-    q, v = vi.coordinates("r", "phi")
-    free = vi.System(q, v, (v[0] ** 2 + q[0] ** 2 * v[1] ** 2) / 2)
-    symmetry = vi.noether(free, [ca.cos(q[1]), -ca.sin(q[1]) / q[0]])
-    motion = vi.simulate(free, vi.gauss(4), q0=[1.0, 0.2], v0=[0.1, 0.5], h=0.01, steps=200)
-    assert motion.momentum_map(symmetry).drift < 1e-11
-    assert symmetry.kept_by(vi.gauss(4)) == "to order 8" and symmetry.name == "nonlinear symmetry"
-
-
-def test_a_wrong_generator_is_refused_with_its_residual():
-    system = central(gravity)
-    x, y = ca.vertsplit(system.q)
-    with pytest.raises(
-        vi.InputError, match=r"no symmetry of the Lagrangian: δL − dK/dt is 1\.0e\+00"
-    ):
-        vi.noether(system, [1, 0])
-    with pytest.raises(vi.InputError, match="no symmetry"):
-        vi.noether(system, [-y, (1 + 1e-6) * x])
-    assert vi.noether(system, [-y, x]).name == "rotation about z"
-
-
-def test_a_missing_gauge_term_is_suggested():
-    q, v = vi.coordinates("x")
-    free = vi.System(q, v, 3 * v**2 / 2)
-    with pytest.raises(vi.InputError, match=r"with gauge=\(?3\*x\)? it is one"):
-        vi.noether(free, [free.t])
-    assert vi.noether(free, [free.t], gauge=3 * q).conserved
-
-
-def test_the_runge_lenz_vector_is_no_point_symmetry():
-    system = central(gravity)
-    with pytest.raises(vi.InputError, match="no point symmetries"):
-        vi.noether(system, [system.v[0] * system.q[1], 0])
-
-
-@pytest.mark.parametrize(
-    ("xi", "message"),
-    [
-        ([1, 2, 3], r"shape \(3, 1\)"),
-        (["a", "b"], "must be an expression"),
-        ([ca.SX.sym("k"), 0], r"depends on \['k'\]"),
-    ],
-)
-def test_input_that_is_no_generator_is_refused(xi, message):
-    with pytest.raises(vi.InputError, match=message):
-        vi.noether(central(gravity), xi)
-
-
-def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(vi.InputError, match="rotation about z"):
-        vi.symmetries(central(gravity))["rotation about q"]
-
-
-def test_tables_print_for_terminals_and_notebooks():
-    table = vi.symmetries(central(gravity), vi.gauss(2))
-    assert "kept by gauss(2)" in str(table) and "-y p_x + x p_y" in str(table)
-    assert "<td>rotation about z</td>" in table._repr_html_()
-
-
-def test_a_generator_that_does_nothing_is_refused():
-    q, v = vi.coordinates("x", "y")
-    system = vi.System(q, v, ca.sumsqr(v) / 2)
-    with pytest.raises(vi.InputError, match="the generator is zero"):
-        vi.noether(system, [0, 0])
-    with pytest.raises(vi.InputError, match="tau must be a number, got 'now'"):
-        vi.noether(system, [1, 0], tau="now")

@@ -5,37 +5,23 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from varint.control.build import build_control_solver
-from varint.control.coarse import coarse_start
-from varint.control.contradiction import least_violation
 from varint.control.links import Link
-from varint.control.neighbours import cheapest_neighbour, has_many_minima
-from varint.control.outcome import has_converged, raise_unless_converged
 from varint.control.phase import Phase
-from varint.control.prepared import prepared_from
-from varint.control.problem import ControlProblem, transcribe
+from varint.control.problem import transcribe
 from varint.control.replay import LARGE, error_estimate
-from varint.control.starts import default_starts, without_guesses
-from varint.control.trajectories import build_trajectories
-from varint.control.warm_start import carry_multipliers
+from varint.control.solve import Callback, solve
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.slacks import Soft
-from varint.nlp.solver import SolverResult, choose_backend
+from varint.nlp.solver import choose_backend
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.free import Free
 from varint.scene.inputs import number
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
-
-# (iteration, cost, violation, paths) → true to stop
-Callback = Callable[[int, float, float, list[Trajectory]], Any]
 
 
 def optimal_control(
@@ -280,98 +266,3 @@ def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
         replace(x, stats=MappingProxyType({**x.stats, "error_estimate": error}))
         for x, error in zip(found, errors, strict=True)
     ]
-
-
-def solve(
-    problem: ControlProblem,
-    name: str,
-    options: Mapping[str, Any] | None,
-    progress: bool | None,
-    callback: Callback | None = None,
-) -> list[Trajectory]:
-    """Build the solver, solve from the guess or from one default guess after the other, judge the
-    end.
-    """
-    starts = default_starts(problem)
-    x = next(starts)
-    solver = build_control_solver(problem, x, name, options)
-    problem = replace(problem, solver=solver, again=prepared_from)
-    tell = _teller(problem, callback)
-    run = partial(solver, progress=progress, callback=tell)
-    multipliers = carry_multipliers(problem)
-    if multipliers is not None:
-        outcome = run(x, multipliers)
-        if outcome.success or outcome.stopped:
-            return raise_unless_converged(problem, outcome)
-        # multipliers of another problem can mislead
-    guesses = [part.phase.guess for part in problem.phases]
-    known = all(isinstance(guess, Trajectory) for guess in guesses)
-    first = outcome = run(x, patience=np.inf if known else PATIENCE)
-    drawn = all(isinstance(guess, Mapping) for guess in guesses)
-    if drawn and not has_converged(outcome) and not outcome.stopped:
-        rough, starts = coarse_start(problem), default_starts(without_guesses(problem))
-        outcome = first if rough is None else run(rough, patience=PATIENCE)
-        if not has_converged(outcome) and not outcome.stopped:
-            return _from_elsewhere(problem, run, x, starts)
-    if name == "ipopt" and has_converged(outcome) and has_many_minima(problem):
-        outcome, costs = cheapest_neighbour(problem, run, x, outcome, tell)
-        found = raise_unless_converged(problem, outcome)
-        return [replace(x, stats=MappingProxyType({**x.stats, "starts": costs})) for x in found]
-    while not has_converged(outcome) and not outcome.stopped:
-        other = next(starts, None)
-        if other is None:  # a start that was given up may have needed more than that
-            outcome = run(x) if first.gave_up else first
-            break
-        outcome = run(other, patience=PATIENCE)
-    if not has_converged(outcome) and outcome.status in UNMET and not outcome.stopped:
-        nearest = least_violation(problem, outcome)
-        if nearest is None or nearest.broken:
-            return raise_unless_converged(problem, outcome, nearest)
-        feasible = np.clip(nearest.x, problem.nlp.x_low, problem.nlp.x_high)
-        again = run(feasible)
-        outcome = again if has_converged(again) or again.stopped else outcome
-    return raise_unless_converged(problem, outcome)
-
-
-def _from_elsewhere(
-    problem: ControlProblem, run: Callable[..., SolverResult], x: np.ndarray, starts: Any
-) -> list[Trajectory]:
-    """Where a guess by its coordinates has led nowhere: the default starts, then the guess with all
-    the time that it wants; the trajectories say so.
-    """
-    for start in starts:
-        outcome = run(start, patience=PATIENCE)
-        if has_converged(outcome) or outcome.stopped:
-            found = raise_unless_converged(problem, outcome)
-            note = {"start": "a default start: from the guess no solution was found"}
-            return [replace(y, stats=MappingProxyType({**y.stats, **note})) for y in found]
-    outcome = run(x)
-    contradictory = outcome.status in UNMET and not outcome.stopped
-    nearest = least_violation(problem, outcome) if contradictory else None
-    return raise_unless_converged(problem, outcome, nearest)
-
-
-def _teller(
-    problem: ControlProblem, callback: Callback | None
-) -> Callable[[SolverResult], Any] | None:
-    """The callback of the solver that makes trajectories for the user's."""
-    if callback is None:
-        return None
-
-    def tell(iterate: SolverResult) -> Any:
-        paths = build_trajectories(problem, iterate)
-        return callback(iterate.iterations, iterate.cost, iterate.violation, paths)
-
-    return tell
-
-
-# iterations without getting closer to what is asked for, as in a long restoration: another default
-# guess is tried
-PATIENCE = 50
-# ends of a solver that has met no motion which keeps all conditions
-UNMET = (
-    "Infeasible_Problem_Detected",
-    "Restoration_Failed",
-    "Error_In_Step_Computation",
-    "Not_Enough_Degrees_Of_Freedom",
-)
