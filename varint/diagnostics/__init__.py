@@ -5,17 +5,12 @@ Each takes a system and a rule, or any step function with the signature of `vari
 """
 
 from varint.diagnostics.accuracy import Convergence, convergence
+from varint.diagnostics.constraints import ConstraintDrift, constraint_drift
 from varint.diagnostics.long_runs import EnergySlope, RoundOff, energy_slope, round_off
 from varint.diagnostics.momentum import Conserved, MomentumMap
+from varint.diagnostics.reversibility import ReversibilityDefect, reversibility_defect
 from varint.diagnostics.self_test import SelfTest, self_test
-from varint.diagnostics.structure import (
-    ConstraintDrift,
-    ReversibilityDefect,
-    SymplecticDefect,
-    constraint_drift,
-    reversibility_defect,
-    symplectic_defect,
-)
+from varint.diagnostics.symplecticity import SymplecticDefect, symplectic_defect
 from varint.diagnostics.work import WorkPrecision, work_precision
 
 __all__ = [

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from varint.diagnostics.runs import Scene, march, mark, scene
-from varint.diagnostics.structure import EPS
+from varint.diagnostics.runs import EPS, Scene, march, mark, scene
 from varint.discrete.lagrangian import point_function
 from varint.errors import ConvergenceError, InputError
 from varint.integration.plan import default_rule

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from varint.diagnostics.runs import Scene, march, mark, scene
-from varint.diagnostics.structure import EPS, is_even
+from varint.diagnostics.reversibility import is_even
+from varint.diagnostics.runs import EPS, Scene, march, mark, scene
 from varint.integration.problem import Start
 from varint.rules.rule import Rule
 from varint.scene.inputs import number, positive_integer

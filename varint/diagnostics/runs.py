@@ -25,6 +25,8 @@ from varint.rules.rule import Rule
 from varint.scene.inputs import finite_array
 from varint.scene.system import System, parameters_by_name
 
+EPS = np.finfo(float).eps
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:

@@ -8,17 +8,12 @@ from typing import Any
 import casadi as ca
 
 from varint.diagnostics.accuracy import LEVELS, Convergence, convergence
+from varint.diagnostics.constraints import ConstraintDrift, constraint_drift
 from varint.diagnostics.long_runs import EnergySlope, RoundOff, energy_slope, round_off
 from varint.diagnostics.momentum import DRIFT, Conserved
+from varint.diagnostics.reversibility import ReversibilityDefect, reversibility_defect
 from varint.diagnostics.runs import mark
-from varint.diagnostics.structure import (
-    ConstraintDrift,
-    ReversibilityDefect,
-    SymplecticDefect,
-    constraint_drift,
-    reversibility_defect,
-    symplectic_defect,
-)
+from varint.diagnostics.symplecticity import SymplecticDefect, symplectic_defect
 from varint.integration.problem import Start
 from varint.integration.simulate import simulate
 from varint.rules.rule import Rule
