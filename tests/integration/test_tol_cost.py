@@ -129,3 +129,12 @@ def test_a_potential_with_a_kink_is_met_by_the_shrinkage_that_shows(tol):
     true = np.where(t > 3, 0.5 - (4 - t) ** 2 / 2, fall)
     assert np.abs(motion.q[:, 0] - true).max() <= tol
     assert motion.stats["error_estimate"] <= tol
+
+
+def test_a_scene_that_rests_where_its_forces_vanish_meets_every_tolerance():
+    """Its range is round-off, and no measure of anything."""
+    q, v = vi.coordinates("theta")
+    hoop = vi.System(q, v, (v**2 + 36 * ca.sin(q) ** 2) / 8 + 4.905 * ca.cos(q))
+    rest = np.arccos(9.81 / 18)
+    motion = vi.simulate(hoop, q0=rest, v0=0.0, duration=5.0)
+    assert np.abs(motion.q - rest).max() < 1e-13 and motion.stats["error_estimate"] < 1e-9

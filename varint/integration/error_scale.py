@@ -15,6 +15,7 @@ from varint.results.trajectory import Trajectory
 from varint.scene.inputs import finite_array
 from varint.scene.system import System, per_system
 
+RESTS = 1e-12  # of where it is: what moves by less stays there but for round-off
 RADIAN = 1.0  # scale of an angle that turns by more
 HARDLY = 1e-3  # of the largest, compared by inertia: what a coordinate that hardly moves counts
 PLACES = 8  # at which a shift by 2π is tried
@@ -27,7 +28,8 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
     A coordinate is measured by its own range during the motion; the coordinates of a body (x1, y1
     and z1, told by their names) by the range of the body; an angle, which the scene does not
     notice when it grows by 2π, by a radian if it turns by more. A coordinate that hardly moves is
-    measured by 1e-3 of what the others would move with its inertia.
+    measured by 1e-3 of what the others would move with its inertia, and where nothing moves but by
+    round-off, by how far it is from zero, or by one.
 
     Parameters
     ----------
@@ -52,6 +54,7 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
             )
         return np.broadcast_to(scales.ravel(), (n,)).copy()
     ranges = np.ptp(motion.q, axis=0)
+    ranges[ranges <= RESTS * np.abs(motion.q).max(axis=0)] = 0.0
     scales = ranges.copy()
     for members in _bodies(system.names):
         scales[members] = np.sqrt((ranges[members] ** 2).sum())

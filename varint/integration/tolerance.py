@@ -194,7 +194,7 @@ def _refine(
         # no smooth motion comes together faster than by the rule's order: less is luck
         apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
         if ratio == 2 and last < math.inf:
-            order = min(max(math.log2(last / max(apart, FLOOR)), 0.5), rule.order)
+            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
         before = steps, motion
         stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
         if stalls == PATIENCE:
