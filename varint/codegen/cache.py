@@ -25,7 +25,9 @@ from time import time
 
 from varint.errors import VarintError
 
-FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math")
+# products and sums are fused as the source says, or wherever the compiler finds them
+AS_WRITTEN, WHEREVER = "-ffp-contract=off", "-ffp-contract=fast"
 SHARED = ("-std=gnu11", "-shared", "-fPIC", "-w")
 # with the C library's vector functions, or without; with the headers of the system where the
 # compiler does not know the builtins of c/intrinsics.h
@@ -130,15 +132,21 @@ def _refuse_foreign(path: Path) -> None:
 
 
 @lru_cache(maxsize=512)
-def library(source: str) -> ctypes.CDLL:
+def library(source: str, contraction: str = WHEREVER) -> ctypes.CDLL:
     """The compiled source, from memory, from the cache folder, or compiled now.
+
+    Parameters
+    ----------
+    source : str
+    contraction : str
+        `AS_WRITTEN` or `WHEREVER`.
 
     Raises
     ------
     CompileError
         If there is no compiler, or it refuses, or the cache folder is not safe or full.
     """
-    key = hashlib.sha256(f"{machine()}\n{source}".encode()).hexdigest()[:40]
+    key = hashlib.sha256(f"{machine()}\n{contraction}\n{source}".encode()).hexdigest()[:40]
     folder = cache_folder()
     try:
         for path in folder.glob(f"{key}-*.so"):
@@ -147,7 +155,7 @@ def library(source: str) -> ctypes.CDLL:
                 with suppress(OSError):  # made for another C library: compiled again
                     return ctypes.CDLL(str(path))
             path.unlink(missing_ok=True)  # cut short or changed, for example by a full disk
-        return _compile(source, folder, key)
+        return _compile(source, folder, key, contraction)
     except OSError as error:
         raise CompileError(
             f"compiled code cannot be kept in {folder} ({error.strerror or error}); make room "
@@ -160,7 +168,7 @@ def _file_name(key: str, content: bytes) -> str:
     return f"{key}-{hashlib.sha256(content).hexdigest()[:24]}.so"
 
 
-def _compile(source: str, folder: Path, key: str) -> ctypes.CDLL:
+def _compile(source: str, folder: Path, key: str, contraction: str) -> ctypes.CDLL:
     """Compile outside the cache folder: what is interrupted leaves nothing in it."""
     command = compiler()
     assert command is not None
@@ -168,7 +176,7 @@ def _compile(source: str, folder: Path, key: str) -> ctypes.CDLL:
         text, result = Path(place) / "kernel.c", Path(place) / "kernel.so"
         text.write_text(source)
         for libraries in LIBRARIES:
-            line = [*command, *FLAGS, *SHARED, str(text), "-o", str(result), *libraries]
+            line = [*command, *FLAGS, contraction, *SHARED, str(text), "-o", str(result), *libraries]
             try:
                 done = subprocess.run(
                     line, capture_output=True, text=True, timeout=SLOWEST_COMPILATION

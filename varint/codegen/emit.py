@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from varint.codegen.algebra import graph_of
-from varint.codegen.graph import Graph, needed, uniform_nodes
+from varint.codegen.graph import Graph, fused, needed, uniform_nodes
 from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
 from varint.codegen.rolled import INFIX, c_expression, c_loops, group_by_form
 
@@ -72,6 +72,8 @@ def emit_graph(
     written_out : int
         Operations from which on the source has loops over operations of the same form.
     """
+    if len(graph.nodes) <= written_out:  # loops add up long sums in an order of their own
+        graph = fused(graph, last)
     uniform = uniform_nodes(graph, last)
     live = sorted(needed(graph))
     names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}

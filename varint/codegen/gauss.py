@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from varint.codegen.cache import vector_length
+from varint.codegen.cache import AS_WRITTEN, vector_length
 from varint.codegen.emit import Emitted
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, build, emit_functions, emit_halves
@@ -108,7 +108,9 @@ def build_gauss(system: System, stages: int, form: int) -> Kernel:
         for name, values in needs.items()
     )
     loops = ("dense.c", "gauss.c") if full else ("gauss.c",)
-    return build(about, system, stages, functions, defines, data, *loops)
+    return build(
+        about, system, stages, functions, defines, data, *loops, contraction=AS_WRITTEN
+    )
 
 
 # of the right-hand side, and the expressions it is made of

@@ -167,6 +167,39 @@ def uniform_nodes(graph: Graph, argument: int) -> list[bool]:
     return uniform
 
 
+def fused(graph: Graph, argument: int) -> Graph:
+    """The same with products in sums as one operation that rounds once: ``fma(a, b, c) = a·b + c``,
+    ``fms`` = a·b − c, ``fnma`` = c − a·b.
+
+    What depends on nothing but the input `argument` is left as it is.
+    """
+    uniform, live = uniform_nodes(graph, argument), sorted(needed(graph))
+    elsewhere = {i for output in graph.outputs for i in output}  # used not in sums alone
+    for i in live:
+        if graph.nodes[i][0] not in ("add", "sub"):
+            elsewhere.update(operands(graph.nodes[i]))
+    result, places = Graph(), dict[int, int]()
+    for i in live:
+        name, *rest = graph.nodes[i]
+        if name in ("const", "input"):
+            places[i] = result.node(name, *rest)
+            continue
+        products = [
+            k
+            for k in range(len(rest) if name in ("add", "sub") else 0)
+            if graph.nodes[rest[k]][0] == "mul" and not uniform[rest[k]]
+        ]
+        if products:
+            k = max(products, key=lambda k: (rest[k] not in elsewhere, k))
+            a, b = (places[j] for j in graph.nodes[rest[k]][1:])
+            kind = "fma" if name == "add" else ("fms", "fnma")[k]
+            places[i] = result.node(kind, a, b, places[rest[1 - k]])
+        else:
+            places[i] = result.node(name, *(places[j] for j in rest))
+    result.outputs = [[places[i] for i in output] for output in graph.outputs]
+    return result
+
+
 def whole_power(graph: Graph, base: int, exponent: int) -> int:
     """base^exponent by repeated squaring."""
     result, square = graph.one, base

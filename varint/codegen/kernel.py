@@ -19,7 +19,7 @@ from varint.codegen.arguments import (
     c_source,
     packing,
 )
-from varint.codegen.cache import library
+from varint.codegen.cache import WHEREVER, library
 from varint.codegen.emit import WRITTEN_OUT, Emitted, emit_graph
 from varint.codegen.graph import Graph, NotCompilable, halves
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
@@ -240,6 +240,7 @@ def build(
     data: str,
     *loop: str,
     opening: Callable[..., np.ndarray] | None = None,
+    contraction: str = WHEREVER,
 ) -> Kernel:
     """Compile the loop (C files) around the emitted functions, the right-hand side first."""
     heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
@@ -251,7 +252,7 @@ def build(
     source += "".join(map(c_source, ("lanes.h", "run.h"))) + data
     source += "\n".join(f.source for f in functions.values())
     source += "".join(map(c_source, (*loop, "parts.c")))
-    compiled = library(source)
+    compiled = library(source, contraction)
     for entry in (compiled.run, compiled.parts):
         entry.argtypes, entry.restype = [c_char_p], c_int
     size = c_int64.in_dll(compiled, "carry_size").value

@@ -43,7 +43,7 @@ static __attribute__((noinline)) void factorise(const V *q, const V *t, const do
             V a[PANEL];
             for (int c = 0; c < PANEL; c++) a[c] = c < columns ? part(l + (first + c) * LD + i) : splat(0.0);
             for (int k = 0; k < first; k++)
-                for (int c = 0; c < PANEL; c++) a[c] -= part(l + k * LD + i) * scaled[k * PANEL + c];
+                for (int c = 0; c < PANEL; c++) a[c] = v_fnma(part(l + k * LD + i), splat(scaled[k * PANEL + c]), a[c]);
             for (int c = 0; c < columns; c++) memcpy(l + (first + c) * LD + i, &a[c], sizeof(V));
         }
         for (int j = first; j < first + columns; j++) {
@@ -54,7 +54,7 @@ static __attribute__((noinline)) void factorise(const V *q, const V *t, const do
                 const V own = part(l + j * LD + i), scaled_own = own * inverse;
                 memcpy(l + j * LD + i, &scaled_own, sizeof(V));
                 for (int c = j - first + 1; c < columns; c++) {
-                    const V other = part(l + (first + c) * LD + i) - own * multiple[c];
+                    const V other = v_fnma(own, splat(multiple[c]), part(l + (first + c) * LD + i));
                     memcpy(l + (first + c) * LD + i, &other, sizeof(V));
                 }
             }
@@ -68,10 +68,10 @@ static __attribute__((noinline)) void solve_factored(V *x) {
         V a[BLOCK];
         for (int r = 0; r < BLOCK; r++) a[r] = x[first + r];
         for (int k = 0; k < first; k++)
-            for (int r = 0; r < BLOCK; r++) a[r] -= x[k] * factor.columns[k * LD + first + r];
+            for (int r = 0; r < BLOCK; r++) a[r] = v_fnma(x[k], splat(factor.columns[k * LD + first + r]), a[r]);
         UNROLL for (int r = 0; r < BLOCK; r++) {
             x[first + r] = a[r];
-            UNROLL for (int s = r + 1; s < BLOCK; s++) a[s] -= a[r] * factor.columns[(first + r) * LD + first + s];
+            UNROLL for (int s = r + 1; s < BLOCK; s++) a[s] = v_fnma(a[r], splat(factor.columns[(first + r) * LD + first + s]), a[s]);
         }
     }
     for (int i = 0; i < N; i++) x[i] *= factor.inverse[i];
@@ -79,10 +79,10 @@ static __attribute__((noinline)) void solve_factored(V *x) {
         V a[BLOCK];
         for (int r = 0; r < BLOCK; r++) a[r] = x[first + r];
         for (int k = first + BLOCK; k < N; k++)
-            for (int r = 0; r < BLOCK; r++) a[r] -= x[k] * factor.columns[(first + r) * LD + k];
+            for (int r = 0; r < BLOCK; r++) a[r] = v_fnma(x[k], splat(factor.columns[(first + r) * LD + k]), a[r]);
         UNROLL for (int r = BLOCK - 1; r >= 0; r--) {
             x[first + r] = a[r];
-            UNROLL for (int s = 0; s < r; s++) a[s] -= a[r] * factor.columns[(first + s) * LD + first + r];
+            UNROLL for (int s = 0; s < r; s++) a[s] = v_fnma(a[r], splat(factor.columns[(first + s) * LD + first + r]), a[s]);
         }
     }
 }
@@ -90,7 +90,7 @@ static __attribute__((noinline)) void solve_factored(V *x) {
 INLINE V dot(const V *a, const V *b) {
     V s[4] = {splat(0.0), splat(0.0), splat(0.0), splat(0.0)};
     for (int k = 0; k < LD; k += 4)
-        for (int i = 0; i < 4; i++) s[i] += a[k + i] * b[k + i];
+        for (int i = 0; i < 4; i++) s[i] = v_fma(a[k + i], b[k + i], s[i]);
     return (s[0] + s[1]) + (s[2] + s[3]);
 }
 
@@ -110,9 +110,9 @@ static __attribute__((noinline)) void improve(const V *q, const V *g, const V *t
     for (int count = 1;; count++) {
         product(q, g, s, t, w, y);
         V step = ratio(size, dot(s, y));
-        for (int i = 0; i < N; i++) v[i] += step * s[i];
+        for (int i = 0; i < N; i++) v[i] = v_fma(step, s[i], v[i]);
         if (left * expected <= enough || count == MOST_DIRECTIONS) break;
-        for (int i = 0; i < N; i++) z[i] = p[i] -= step * y[i];
+        for (int i = 0; i < N; i++) z[i] = p[i] = v_fnma(step, y[i], p[i]);
         for (int i = N; i < LD; i++) z[i] = splat(0.0);
         solve_factored(z);
         V next = dot(p, z);
@@ -122,7 +122,7 @@ static __attribute__((noinline)) void improve(const V *q, const V *g, const V *t
         if (!(left > enough)) break;
         V turn = ratio(next, size);
         size = next;
-        for (int i = 0; i < LD; i++) s[i] = z[i] + turn * s[i];
+        for (int i = 0; i < LD; i++) s[i] = v_fma(turn, s[i], z[i]);
     }
 }
 
@@ -137,11 +137,11 @@ INLINE void renew(const V *q, const V *t, const double *w) {
     renewals--, one_direction = 1;
     V mean[N];
     V when = splat(0.0);
-    for (int k = 0; k < STRIDE; k++) when += t[k] * part(STAGE_B + k * LANES);
+    for (int k = 0; k < STRIDE; k++) when = v_fma(t[k], part(STAGE_B + k * LANES), when);
     when = splat(sum(when));
     for (int i = 0; i < N; i++) {
         V weighted = splat(0.0);
-        for (int k = 0; k < STRIDE; k++) weighted += q[i * STRIDE + k] * part(STAGE_B + k * LANES);
+        for (int k = 0; k < STRIDE; k++) weighted = v_fma(q[i * STRIDE + k], part(STAGE_B + k * LANES), weighted);
         mean[i] = splat(sum(weighted));
     }
     factorise(mean, &when, w);

@@ -71,7 +71,7 @@ INLINE void add_product(const double *m, const V *x, V *y) {
         V turned[LANES];
         turned_lanes(x[l], turned);
         UNROLL for (int r = 0; r < LANES; r++)
-            for (int k = 0; k < VECTORS; k++) parts[k][r & 3] += entry(m, (l * LANES + r) * VECTORS + k) * turned[r];
+            for (int k = 0; k < VECTORS; k++) parts[k][r & 3] = v_fma(entry(m, (l * LANES + r) * VECTORS + k), turned[r], parts[k][r & 3]);
     }
 #else
     UNROLL for (int j = 0; j < STAGES; j++) {
@@ -80,7 +80,7 @@ INLINE void add_product(const double *m, const V *x, V *y) {
 #else
         V xj = SPREAD(x[j / LANES], j % LANES);
 #endif
-        for (int k = 0; k < VECTORS; k++) parts[k][j & 1] += entry(m, j * VECTORS + k) * xj;
+        for (int k = 0; k < VECTORS; k++) parts[k][j & 1] = v_fma(entry(m, j * VECTORS + k), xj, parts[k][j & 1]);
     }
 #endif
     for (int k = 0; k < VECTORS; k++) y[k] = (parts[k][0] + parts[k][1]) + (parts[k][2] + parts[k][3]);
@@ -112,7 +112,7 @@ INLINE void set_base(Step *s, const double *y, const double *rest, double t, con
     for (int d = 0; d < N; d++)
         for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
-            s->base[d][k] = y[d] + (entry(STAGE_C, k) * y[N + d] + rest[d]);
+            s->base[d][k] = y[d] + v_fma(entry(STAGE_C, k), splat(y[N + d]), splat(rest[d]));
 #else
             s->base[d][k] = splat(y[d] + rest[d]);
 #endif
@@ -129,7 +129,7 @@ INLINE void set_base_after(Step *s, const Step *now, double t, const Nodes *at) 
         for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * now->x[d][k];
         V faster = in_all_lanes(folded(now->x[d])), further = in_all_lanes(folded(moved)) + now->base[N + d][0];
         for (int k = 0; k < VECTORS; k++) {
-            s->base[d][k] = now->base[d][k] + (further + entry(STAGE_C, k) * faster);
+            s->base[d][k] = now->base[d][k] + v_fma(entry(STAGE_C, k), faster, further);
             s->base[N + d][k] = now->base[N + d][k] + faster;
         }
 #else

@@ -25,7 +25,7 @@ double sqrt(double), fabs(double), copysign(double, double), fmin(double, double
 double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), atan2(double, double);
 double sinh(double), cosh(double), tanh(double), asinh(double), acosh(double), atanh(double);
 double exp(double), expm1(double), log(double), log1p(double), pow(double, double), erf(double), hypot(double, double);
-double floor(double), ceil(double), fmod(double, double), remainder(double, double);
+double floor(double), ceil(double), fma(double, double, double), fmod(double, double), remainder(double, double);
 #endif
 
 #if defined(__x86_64__) && defined(__AVX__)
@@ -47,9 +47,14 @@ typedef double __m256d __attribute__((vector_size(32), may_alias));
 #define _mm256_movemask_pd(a) __builtin_ia32_movmskpd256(a)
 #define _mm256_permute2f128_pd(a, b, order) __builtin_ia32_vperm2f128_pd256(a, b, order)
 #define _mm256_permute_pd(a, order) __builtin_ia32_vpermilpd256(a, order)
+#if defined(__FMA__)
+#define _mm_fmadd_pd(a, b, c) __builtin_ia32_vfmaddpd(a, b, c)
+#define _mm256_fmadd_pd(a, b, c) __builtin_ia32_vfmaddpd256(a, b, c)
+#endif
 #if defined(__AVX512F__)
 typedef double __m512d __attribute__((vector_size(64), may_alias));
 #define EVERY_LANE ((__m512d){0}), ((unsigned char)-1)
+#define _mm512_fmadd_pd(a, b, c) __builtin_ia32_vfmaddpd512_mask(a, b, c, (unsigned char)-1, 4)
 #define _mm512_sqrt_pd(a) __builtin_ia32_sqrtpd512_mask(a, EVERY_LANE, 4)
 #define _mm512_max_pd(a, b) __builtin_ia32_maxpd512_mask(a, b, EVERY_LANE, 4)
 #define _mm512_min_pd(a, b) __builtin_ia32_minpd512_mask(a, b, EVERY_LANE, 4)

@@ -40,6 +40,23 @@ INLINE void set_lane(V *x, int i, double y) { (*x)[i] = y; }
 #endif
 #endif
 
+/* a b + c with one rounding where the machine has an instruction for it, else with two. Where a product is fused with a
+   sum is written down, here and in what is generated, and not left to the compiler: the same numbers on every way. */
+#if LANES == 8 && defined(__AVX512F__)
+INLINE V v_fma(V a, V b, V c) { return (V)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c); }
+#elif LANES == 4 && defined(__FMA__)
+INLINE V v_fma(V a, V b, V c) { return (V)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
+#elif LANES == 2 && defined(__FMA__)
+INLINE V v_fma(V a, V b, V c) { return (V)_mm_fmadd_pd((__m128d)a, (__m128d)b, (__m128d)c); }
+#elif defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+INLINE V v_fma(V a, V b, V c) { for (int i = 0; i < LANES; i++) set_lane(&c, i, __builtin_fma(lane(a, i), lane(b, i), lane(c, i))); return c; }
+#else
+INLINE V v_fma(V a, V b, V c) { return a * b + c; }
+#endif
+INLINE V v_fms(V a, V b, V c) { return v_fma(a, b, -c); } /* a b - c */
+INLINE V v_fnma(V a, V b, V c) { return v_fma(-a, b, c); } /* c - a b */
+#define K(x) splat(x)
+
 INLINE V choose(I mask, V a, V b) { return real_of((bits_of(a) & mask) | (bits_of(b) & ~mask)); }
 INLINE V v_fabs(V x) { return real_of(bits_of(x) & INT64_MAX); }
 INLINE V v_copysign(V x, V y) { return real_of((bits_of(x) & INT64_MAX) | (bits_of(y) & INT64_MIN)); }
@@ -133,8 +150,8 @@ INLINE void row_sums(const V *rows, int count, double *out) {
 /* 1 / sqrt(x) */
 #if LANES == 8 && defined(__AVX512F__) && defined(MANY_ROOTS)
 INLINE V v_rsqrt(V x) { /* 14 bits by instruction, then one step of fourth order: cheaper than sqrt and / */
-    V y = (V)_mm512_rsqrt14_pd((__m512d)x), e = 1.0 - (x * y) * y;
-    return y + (y * e) * (0.5 + e * (0.375 + 0.3125 * e));
+    V y = (V)_mm512_rsqrt14_pd((__m512d)x), e = v_fnma(x * y, y, K(1.0));
+    return v_fma(y * e, v_fma(e, v_fma(K(0.3125), e, K(0.375)), K(0.5)), y);
 }
 #else
 INLINE V v_rsqrt(V x) { return 1.0 / v_sqrt(x); }
@@ -148,20 +165,20 @@ INLINE V v_rsqrt(V x) { return 1.0 / v_sqrt(x); }
 #define ROUNDER 6755399441055744.0 /* 1.5 * 2^52: adding it rounds to an integer, kept in the low bits */
 INLINE V odd_sine(V r) { /* sin(r), |r| <= pi / 2 */
     V z = r * r, z2 = z * z, z4 = z2 * z2;
-    V a = -0x1.5555555555555p-3 + 0x1.11111111110cbp-7 * z, b = -0x1.a01a01a01517ap-13 + 0x1.71de3a52c11bap-19 * z;
-    V c = -0x1.ae6454e484ba4p-26 + 0x1.6123d13eb7a13p-33 * z, d = -0x1.ae44a43450780p-41 + 0x1.885157360d771p-49 * z;
-    return r + (r * z) * ((a + b * z2) + (c + d * z2) * z4);
+    V a = v_fma(K(0x1.11111111110cbp-7), z, K(-0x1.5555555555555p-3)), b = v_fma(K(0x1.71de3a52c11bap-19), z, K(-0x1.a01a01a01517ap-13));
+    V c = v_fma(K(0x1.6123d13eb7a13p-33), z, K(-0x1.ae6454e484ba4p-26)), d = v_fma(K(0x1.885157360d771p-49), z, K(-0x1.ae44a43450780p-41));
+    return v_fma(r * z, v_fma(v_fma(d, z2, c), z4, v_fma(b, z2, a)), r);
 }
 INLINE V v_sin(V x) {
     if (__builtin_expect(!within(x, REDUCED), 0)) { for (int i = 0; i < LANES; i++) set_lane(&x, i, sin(lane(x, i))); return x; }
-    V n = x * 0x1.45f306dc9c883p-2 + ROUNDER, k = n - ROUNDER;
-    V r = (x - k * 0x1.921fb54442d18p+1) - k * 0x1.1a62633145c07p-53;
+    V n = v_fma(x, K(0x1.45f306dc9c883p-2), K(ROUNDER)), k = n - ROUNDER;
+    V r = v_fnma(k, K(0x1.1a62633145c07p-53), v_fnma(k, K(0x1.921fb54442d18p+1), x));
     return real_of(bits_of(odd_sine(r)) ^ (bits_of(n) << 63));
 }
 INLINE V v_cos(V x) { /* sin(x + pi / 2), reduced to the nearest odd multiple of pi / 2 */
     if (__builtin_expect(!within(x, REDUCED), 0)) { for (int i = 0; i < LANES; i++) set_lane(&x, i, cos(lane(x, i))); return x; }
-    V n = (x * 0x1.45f306dc9c883p-2 - 0.5) + ROUNDER, k = (n - ROUNDER) + 0.5;
-    V r = (x - k * 0x1.921fb54442d18p+1) - k * 0x1.1a62633145c07p-53;
+    V n = v_fma(x, K(0x1.45f306dc9c883p-2), K(-0.5)) + ROUNDER, k = (n - ROUNDER) + 0.5;
+    V r = v_fnma(k, K(0x1.1a62633145c07p-53), v_fnma(k, K(0x1.921fb54442d18p+1), x));
     return real_of(bits_of(odd_sine(r)) ^ (~bits_of(n) << 63));
 }
 INLINE void v_sincos(V x, V *sine, V *cosine) {
@@ -169,29 +186,29 @@ INLINE void v_sincos(V x, V *sine, V *cosine) {
         for (int i = 0; i < LANES; i++) set_lane(sine, i, sin(lane(x, i))), set_lane(cosine, i, cos(lane(x, i)));
         return;
     }
-    V n = x * 0x1.45f306dc9c883p-1 + ROUNDER, k = n - ROUNDER;
-    V r = (x - k * 0x1.921fb54442d18p+0) - k * 0x1.1a62633145c07p-54;
+    V n = v_fma(x, K(0x1.45f306dc9c883p-1), K(ROUNDER)), k = n - ROUNDER;
+    V r = v_fnma(k, K(0x1.1a62633145c07p-54), v_fnma(k, K(0x1.921fb54442d18p+0), x));
     V z = r * r, z2 = z * z, z4 = z2 * z2;
-    V a = -0x1.5555555555549p-3 + 0x1.111111110f87ap-7 * z, b = -0x1.a01a019c11996p-13 + 0x1.71de3577b69e7p-19 * z;
-    V c = -0x1.ae5e663a90a1fp-26 + 0x1.5d9300fbbf4b8p-33 * z;
-    V s = r + (r * z) * ((a + b * z2) + c * z4);
-    a = 0x1.555555555554cp-5 - 0x1.6c16c16c1517ep-10 * z, b = 0x1.a01a019cb1bd7p-16 - 0x1.27e4f809f06a1p-22 * z;
-    c = 0x1.1ee9ebe905c6bp-29 - 0x1.8fae9c618cbaap-37 * z;
+    V a = v_fma(K(0x1.111111110f87ap-7), z, K(-0x1.5555555555549p-3)), b = v_fma(K(0x1.71de3577b69e7p-19), z, K(-0x1.a01a019c11996p-13));
+    V c = v_fma(K(0x1.5d9300fbbf4b8p-33), z, K(-0x1.ae5e663a90a1fp-26));
+    V s = v_fma(r * z, v_fma(c, z4, v_fma(b, z2, a)), r);
+    a = v_fma(K(-0x1.6c16c16c1517ep-10), z, K(0x1.555555555554cp-5)), b = v_fma(K(-0x1.27e4f809f06a1p-22), z, K(0x1.a01a019cb1bd7p-16));
+    c = v_fma(K(-0x1.8fae9c618cbaap-37), z, K(0x1.1ee9ebe905c6bp-29));
     V w = 0.5 * z, one = 1.0 - w;
-    V u = one + (((1.0 - one) - w) + z2 * ((a + b * z2) + c * z4));
+    V u = one + v_fma(z2, v_fma(c, z4, v_fma(b, z2, a)), (1.0 - one) - w);
     I quadrant = bits_of(n), swap = -(quadrant & 1);
     *sine = real_of(bits_of(choose(swap, u, s)) ^ ((quadrant & 2) << 62));
     *cosine = real_of(bits_of(choose(swap, s, u)) ^ (((quadrant + 1) & 2) << 62));
 }
 INLINE V v_exp(V x) {
     if (__builtin_expect(!within(x, 708.0), 0)) { for (int i = 0; i < LANES; i++) set_lane(&x, i, exp(lane(x, i))); return x; }
-    V n = x * 0x1.71547652b82fep+0 + ROUNDER, k = n - ROUNDER;
-    V r = (x - k * 0x1.62e42fefa39efp-1) - k * 0x1.abc9e3b39803fp-56;
+    V n = v_fma(x, K(0x1.71547652b82fep+0), K(ROUNDER)), k = n - ROUNDER;
+    V r = v_fnma(k, K(0x1.abc9e3b39803fp-56), v_fnma(k, K(0x1.62e42fefa39efp-1), x));
     V z = r * r, z2 = z * z, z4 = z2 * z2;
-    V a = 0x1.0000000000001p-1 + 0x1.5555555555558p-3 * r, b = 0x1.5555555553d5dp-5 + 0x1.111111110f7fep-7 * r;
-    V c = 0x1.6c16c1788df5ap-10 + 0x1.a01a01b00ed39p-13 * r, d = 0x1.a019b905137b0p-16 + 0x1.71ddf6ac82ce1p-19 * r;
-    V e = 0x1.28918ee6f26b9p-22 + 0x1.af6338bdbc1abp-26 * r;
-    V y = 1.0 + (r + z * (((a + b * z) + (c + d * z) * z2) + e * z4));
+    V a = v_fma(K(0x1.5555555555558p-3), r, K(0x1.0000000000001p-1)), b = v_fma(K(0x1.111111110f7fep-7), r, K(0x1.5555555553d5dp-5));
+    V c = v_fma(K(0x1.a01a01b00ed39p-13), r, K(0x1.6c16c1788df5ap-10)), d = v_fma(K(0x1.71ddf6ac82ce1p-19), r, K(0x1.a019b905137b0p-16));
+    V e = v_fma(K(0x1.af6338bdbc1abp-26), r, K(0x1.28918ee6f26b9p-22));
+    V y = 1.0 + v_fma(z, v_fma(e, z4, v_fma(v_fma(d, z, c), z2, v_fma(b, z, a))), r);
     return real_of(bits_of(y) + (bits_of(n) << 52));
 }
 #else
