@@ -44,6 +44,7 @@ class RunArguments(Structure):
         ("rows", c_void_p),
         ("carry", c_void_p),
         ("stats", c_void_p),
+        ("scene", c_void_p),
     ]
 
 
@@ -63,6 +64,7 @@ class PartsArguments(Structure):
         ("opening", c_void_p),
         ("rows", c_void_p),
         ("good", c_void_p),
+        ("scene", c_void_p),
     ]
 
 

@@ -176,7 +176,16 @@ def _compile(source: str, folder: Path, key: str, contraction: str) -> ctypes.CD
         text, result = Path(place) / "kernel.c", Path(place) / "kernel.so"
         text.write_text(source)
         for libraries in LIBRARIES:
-            line = [*command, *FLAGS, contraction, *SHARED, str(text), "-o", str(result), *libraries]
+            line = [
+                *command,
+                *FLAGS,
+                contraction,
+                *SHARED,
+                str(text),
+                "-o",
+                str(result),
+                *libraries,
+            ]
             try:
                 done = subprocess.run(
                     line, capture_output=True, text=True, timeout=SLOWEST_COMPILATION

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from varint.codegen.algebra import graph_of
-from varint.codegen.graph import Graph, fused, needed, uniform_nodes
+from varint.codegen.graph import Graph, fused, needed, operations, uniform_nodes
 from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
 from varint.codegen.rolled import INFIX, c_expression, c_loops, group_by_form
 
@@ -53,7 +53,16 @@ def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTE
 
     Sparse outputs are written densely; see `emit_graph`.
     """
-    return emit_graph(name, graph_of(f), f.n_in() - 1, stride, written_out)
+    return emit_graph(name, arranged(f, written_out), f.n_in() - 1, stride, written_out)
+
+
+def arranged(f: ca.Function, written_out: int = WRITTEN_OUT) -> Graph:
+    """The operations of f(x0, …, c) arranged for speed; the last argument is the same in all
+    lanes.
+    """
+    graph = graph_of(f)
+    # loops add up long sums in an order of their own
+    return fused(graph, f.n_in() - 1) if len(graph.nodes) <= written_out else graph
 
 
 def emit_graph(
@@ -72,8 +81,6 @@ def emit_graph(
     written_out : int
         Operations from which on the source has loops over operations of the same form.
     """
-    if len(graph.nodes) <= written_out:  # loops add up long sums in an order of their own
-        graph = fused(graph, last)
     uniform = uniform_nodes(graph, last)
     live = sorted(needed(graph))
     names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}
@@ -91,10 +98,10 @@ def emit_graph(
     prepare = [
         f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names
     ]
-    operations = sum(not uniform[i] for i in live)
-    forms = group_by_form(graph, live, uniform) if operations > written_out else None
+    count, roots = operations(graph, last)
+    forms = group_by_form(graph, live, uniform) if count > written_out else None
     statements: list[Statement] = []
-    rolled = forms is not None and len(forms.members) < ROLLED * operations
+    rolled = forms is not None and len(forms.members) < ROLLED * count
     if forms is not None and rolled:
         body, places = c_loops(forms, stride, constant, place)
     else:
@@ -127,15 +134,14 @@ def emit_graph(
         arguments,
         calls_of(parts, arguments) or body,
     )
-    roots = sum(1 for i in live if graph.nodes[i][0] in ("rsqrt", "sqrt") and not uniform[i])
-    return Emitted(source, len(kept), operations, roots, len(body), largest)
+    return Emitted(source, len(kept), count, roots, len(body), largest)
 
 
 def _statements(
     graph: Graph, live: list[int], uniform: list[bool], stride: str, constant: Callable[[int], str]
 ) -> list[Statement]:
     """One C statement for each value that varies, which is called x and its number."""
-    sincos = _sine_and_cosine(graph, live, uniform)
+    sincos = sine_and_cosine(graph, live, uniform)
     result = []
 
     def value(i: int) -> str:
@@ -159,7 +165,7 @@ def _statements(
     return result
 
 
-def _sine_and_cosine(
+def sine_and_cosine(
     graph: Graph, live: list[int], uniform: list[bool]
 ) -> dict[int, tuple[int, int]]:
     """For each node that belongs to a sine and cosine of one angle: the pair at the first, (0,

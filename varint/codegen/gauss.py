@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
 
 import casadi as ca
 
 from varint.codegen.cache import AS_WRITTEN, vector_length
-from varint.codegen.emit import Emitted
-from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel, build, emit_functions, emit_halves
+from varint.codegen.graph import NotCompilable, kernel_per_system, operations
+from varint.codegen.kernel import Kernel, Routine, build, emitted, halved, routines
 from varint.codegen.mechanics import acceleration, dense, force, velocity
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia
 from varint.rules.rule import Rule
-from varint.scene.system import System
+from varint.scene.system import System, per_system
 
 FEW = 6  # so many coordinates stay in registers
 # vector operations of an evaluation up to which latency decides its time, not their number
@@ -38,6 +37,50 @@ def gauss_form(system: System) -> int:
     if s.constraints or s.nonholonomic or s.contacts or s.degenerate or not s.quadratic_kinetic:
         return 0
     return 2 if s.separable and s.constant_mass else 1
+
+
+@dataclass(frozen=True, eq=False)
+class Scheme:
+    """What the loop of c/gauss.c needs of a scene and a number of stages, as C or as data.
+
+    Attributes
+    ----------
+    form : int
+        2: unknown accelerations; 1: unknown velocities and forces.
+    lanes, padded : int
+        Length of a vector; lanes of all vectors of a coordinate's stages.
+    functions : dict of Routine
+        The right-hand side first: "rhs"; or "kick" and "drift"; or those of c/dense.c; then
+        "velocity" and "momentum".
+    needs : dict
+        NEEDS_Q and NEEDS_P: does the right-hand side depend on q_i, does the momentum p_i change?
+    geometry : int
+        Numbers that the functions of c/dense.c share; 0 where it is not needed.
+    diagonals, on_velocity, ahead : bool
+        How products with the tableau are arranged; whether forces depend on v; whether the next
+        step is begun while this one is iterated.
+    """
+
+    form: int
+    stages: int
+    lanes: int
+    padded: int
+    functions: dict[str, Routine]
+    needs: dict[str, list[bool]]
+    geometry: int
+    diagonals: bool
+    on_velocity: bool
+    ahead: bool
+
+    @property
+    def vectors(self) -> int:
+        return self.padded // self.lanes
+
+    @property
+    def about(self) -> str:
+        return f"Gauss, {self.stages} stages in {self.vectors} vector(s) of {self.lanes}, " + (
+            "unknown accelerations" if self.form == 2 else "unknown velocities and forces"
+        )
 
 
 @kernel_per_system
@@ -67,57 +110,75 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
     CompileError
         If there is no compiler or no safe cache folder.
     """
+    scheme = gauss_scheme(system, len(rule.nodes), form)
+    defines = {
+        "LANES": scheme.lanes,
+        "FORM": scheme.form,
+        "ON_VELOCITY": int(scheme.on_velocity),
+        "FEW": FEW,
+        "STRIDE": scheme.vectors,
+        "AHEAD": int(scheme.ahead),
+    }
+    if scheme.geometry:
+        defines["GEOMETRY"] = scheme.geometry
+    if "kick" in scheme.functions:
+        defines["TAKEN"] = len(scheme.functions["kick"].graph.outputs[-1])
+    data = tableau_source(scheme.stages, scheme.lanes, scheme.diagonals) + "".join(
+        f"static const char {name}[] __attribute__((unused)) = "
+        f"{{{', '.join(str(int(x)) for x in values)}}};\n"
+        for name, values in scheme.needs.items()
+    )
+    loops = ("dense.c", "gauss.c") if scheme.geometry else ("gauss.c",)
+    functions = emitted(scheme.functions, str(scheme.vectors))
+    return build(
+        scheme.about,
+        system,
+        scheme.stages,
+        functions,
+        defines,
+        data,
+        *loops,
+        contraction=AS_WRITTEN,
+    )
+
+
+@per_system
+def gauss_scheme(system: System, stages: int, form: int | None = None) -> Scheme:
+    """What the Gauss method with so many stages needs of a scene; raises NotCompilable."""
     form = gauss_form(system) if form is None else form
     if not form:
         raise NotCompilable(
             "the compiled Gauss method needs a regular scene without constraints, quadratic in "
             "velocities"
         )
-    return build_gauss(system, len(rule.nodes), form)
-
-
-def build_gauss(system: System, stages: int, form: int) -> Kernel:
     lanes, padded = lanes_for(stages)
-    stride = str(padded // lanes)
     full = form == 1 and full_inertia(system)
     make = _accelerations if form == 2 else _inertia_and_push if full else _kick_and_drift
-    functions, rates = make(system, stride)
+    functions, rates = make(system)
     needs = _needs(system.q, rates)
     ahead = not system.control.numel() and _work(functions, needs) <= SHORT
-    functions |= emit_functions(
+    functions |= routines(
         system.c, {"momentum": ([system.q, system.v, system.t], [system.momentum])}
     )
-    on_velocity = int(form == 2 and system.structure.force_on_velocity)
-    defines = {
-        "LANES": lanes,
-        "FORM": form,
-        "ON_VELOCITY": on_velocity,
-        "FEW": FEW,
-        "STRIDE": stride,
-    }
-    defines["AHEAD"] = int(ahead)
-    if full:
-        defines["GEOMETRY"] = dense(system)["geometry"][1][0].numel()
-    about = f"Gauss, {stages} stages in {stride} vector(s) of {lanes}, " + (
-        "unknown accelerations" if form == 2 else "unknown velocities and forces"
-    )
-    diagonals = system.q.numel() <= FEW and 4 * stages > 3 * padded
-    data = _tableau(stages, lanes, diagonals) + "".join(
-        f"static const char {name}[] __attribute__((unused)) = "
-        f"{{{', '.join(str(int(x)) for x in values)}}};\n"
-        for name, values in needs.items()
-    )
-    loops = ("dense.c", "gauss.c") if full else ("gauss.c",)
-    return build(
-        about, system, stages, functions, defines, data, *loops, contraction=AS_WRITTEN
+    return Scheme(
+        form,
+        stages,
+        lanes,
+        padded,
+        functions,
+        needs,
+        dense(system)["geometry"][1][0].numel() if full else 0,
+        system.q.numel() <= FEW and 4 * stages > 3 * padded,
+        form == 2 and system.structure.force_on_velocity,
+        ahead,
     )
 
 
 # of the right-hand side, and the expressions it is made of
-Functions = tuple[dict[str, Emitted], list[ca.SX]]
+Functions = tuple[dict[str, Routine], list[ca.SX]]
 
 
-def _accelerations(system: System, stride: str) -> Functions:
+def _accelerations(system: System) -> Functions:
     """The right-hand side of form 2, "rhs", and "velocity" at a single point."""
     q, v, t, p = system.q, system.v, system.t, ca.SX.sym("p", system.q.numel())
     rates = [acceleration(system)]
@@ -125,18 +186,18 @@ def _accelerations(system: System, stride: str) -> Functions:
         "rhs": ([q, v, t, system.control], rates),
         "velocity": ([q, p, t], [velocity(system, p)]),
     }
-    return emit_functions(system.c, expressions, stride), rates
+    return routines(system.c, expressions), rates
 
 
-def _inertia_and_push(system: System, stride: str) -> Functions:
+def _inertia_and_push(system: System) -> Functions:
     """The functions that dense.c makes the right-hand side and "velocity" of."""
     expressions = dense(system)
-    return emit_functions(system.c, expressions, stride), [
+    return routines(system.c, expressions), [
         x for _, outputs in expressions.values() for x in outputs
     ]
 
 
-def _kick_and_drift(system: System, stride: str) -> Functions:
+def _kick_and_drift(system: System) -> Functions:
     """The right-hand side in halves: "kick", the forces, then "drift", the velocities that the
     new momenta make.
     """
@@ -146,16 +207,12 @@ def _kick_and_drift(system: System, stride: str) -> Functions:
     late = ca.SX.sym("p", p.numel())
     known = ca.vertcat(*(p[i] if push[i].is_zero() else late[i] for i in range(p.numel())))
     outputs = [push, ca.substitute(speed, p, known)]
-    functions = emit_halves(
-        system.c, ("kick", "drift"), [q, p, t, system.control], late, outputs, stride
-    )
-    return functions | emit_functions(system.c, {"velocity": ([q, p, t], [speed])}), [speed, push]
+    functions = halved(system.c, ("kick", "drift"), [q, p, t, system.control], late, outputs)
+    return functions | routines(system.c, {"velocity": ([q, p, t], [speed])}), [speed, push]
 
 
 def _needs(q: ca.SX, rates: list[ca.SX]) -> dict[str, list[bool]]:
-    """NEEDS_Q and NEEDS_P of gauss.c: does the right-hand side depend on q_i, does the momentum
-    p_i change?
-    """
+    """NEEDS_Q and NEEDS_P of gauss.c."""
     depends = ca.which_depends(ca.vertcat(*map(ca.densify, rates)), q, 1, False)
     return {
         "NEEDS_Q": depends,
@@ -163,14 +220,9 @@ def _needs(q: ca.SX, rates: list[ca.SX]) -> dict[str, list[bool]]:
     }
 
 
-def _work(functions: dict[str, Emitted], needs: dict[str, list[bool]]) -> int:
+def _work(functions: dict[str, Routine], needs: dict[str, list[bool]]) -> int:
     """Roughly the vector operations of an evaluation at the stages."""
     products = sum(needs["NEEDS_Q"]) + ("rhs" not in functions) * sum(needs["NEEDS_P"])
     return PRODUCT * products + sum(
-        f.operations for name, f in functions.items() if name != "velocity"
+        operations(f.graph, f.last)[0] for name, f in functions.items() if name != "velocity"
     )
-
-
-@lru_cache(maxsize=64)
-def _tableau(stages: int, lanes: int, diagonals: bool) -> str:
-    return tableau_source(stages, lanes, diagonals)

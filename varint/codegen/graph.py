@@ -167,6 +167,13 @@ def uniform_nodes(graph: Graph, argument: int) -> list[bool]:
     return uniform
 
 
+def operations(graph: Graph, argument: int) -> tuple[int, int]:
+    """How many nodes depend on more than the input `argument`, and the square roots among them."""
+    uniform = uniform_nodes(graph, argument)
+    varying = [graph.nodes[i][0] for i in needed(graph) if not uniform[i]]
+    return len(varying), sum(name in ("rsqrt", "sqrt") for name in varying)
+
+
 def fused(graph: Graph, argument: int) -> Graph:
     """The same with products in sums as one operation that rounds once: ``fma(a, b, c) = a·b + c``,
     ``fms`` = a·b − c, ``fnma`` = c − a·b.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from ctypes import addressof, c_char, c_char_p, c_int, c_int64
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
@@ -20,8 +20,8 @@ from varint.codegen.arguments import (
     packing,
 )
 from varint.codegen.cache import WHEREVER, library
-from varint.codegen.emit import WRITTEN_OUT, Emitted, emit_graph
-from varint.codegen.graph import Graph, NotCompilable, halves
+from varint.codegen.emit import WRITTEN_OUT, Emitted, arranged, emit_graph
+from varint.codegen.graph import Graph, NotCompilable, fused, halves
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 from varint.scene.system import System
 
@@ -31,7 +31,7 @@ MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 # statements from which on the compiler's time matters more than the last tenth of the run's
 LARGE_SOURCE = 20_000
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
-AT_STAGES = ("rhs",)
+AT_STAGES = ("rhs", "kick", "drift")
 _ARGUMENTS, _PARTS = packing(RunArguments), packing(PartsArguments)
 _STATS = len(RunStats._fields_)
 
@@ -50,6 +50,10 @@ class Kernel:
         Operations of one right-hand side, or of the equations of a step.
     opening : callable or None
         (q0, p0, u, t, h, c) of many fresh starts → what the loop must be told besides, a row each.
+    scene : int
+        Address of the scene's operations where they are data; 0 where they are compiled.
+    block : array or None
+        The memory there.
     """
 
     about: str
@@ -61,6 +65,8 @@ class Kernel:
     parts: Callable[[bytes], int]
     carry_size: int
     opening: Callable[..., np.ndarray] | None = None
+    scene: int = 0
+    block: np.ndarray | None = None
 
 
 class LoopResult(NamedTuple):
@@ -183,6 +189,7 @@ def run_loop(
             address + 16 * n,
             controls,
             *results,
+            kernel.scene,
         )
     )
     _, done, iterations, largest, *told, near, far, shrunk = block[stats:last].tolist()
@@ -221,7 +228,7 @@ def take_parts(
     most = FIXED_POINT_ITERATIONS
     arrays = (start, t, h, c, u, opening, rows, good)
     places = [x.ctypes.data if x.size else 0 for x in arrays]
-    kernel.parts(_PARTS.pack(count, opening.shape[1], u.shape[1], most, *places))
+    kernel.parts(_PARTS.pack(count, opening.shape[1], u.shape[1], most, *places, kernel.scene))
     return rows, good > 0
 
 
@@ -270,70 +277,84 @@ def build(
     )
 
 
-def emit_functions(
+class Routine(NamedTuple):
+    """Operations on inputs 0 to `last`, the last of which is the same all the time."""
+
+    graph: Graph
+    last: int
+
+
+def routines(
     constants: ca.SX,
     expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
-    stride: str = "1",
     written_out: int = WRITTEN_OUT,
-) -> dict[str, Emitted]:
-    """C functions by name from (inputs, outputs); `constants`, the same all the time, are appended
+) -> dict[str, Routine]:
+    """Functions by name from (inputs, outputs); `constants`, the same all the time, are appended
     to the inputs.
-
-    Those that are evaluated at the stages, not at nodes, have components so many vectors apart.
     """
-    result = {}
-    for name, (inputs, outputs) in expressions.items():
-        graph = _graph(name, [*inputs, constants], len(inputs), outputs)
-        result[name] = emit_graph(
-            name, graph, len(inputs), stride if name in AT_STAGES else "1", written_out
-        )
-    _require_compilable(result)
-    return result
+    return {
+        name: Routine(_graph(name, [*inputs, constants], outputs, written_out), len(inputs))
+        for name, (inputs, outputs) in expressions.items()
+    }
 
 
-def emit_halves(
+def halved(
     constants: ca.SX,
     names: tuple[str, str],
     inputs: list[ca.SX],
     late: ca.SX,
     outputs: list[ca.SX],
-    stride: str,
-) -> dict[str, Emitted]:
-    """Two C functions for values at the stages: the outputs but the last, and what the second takes
-    from the first; then the last output, once `late` is known: ``second(late, taken, w, output)``.
-    TAKEN counts what is taken.
+) -> dict[str, Routine]:
+    """Two functions: the outputs but the last, and what the second takes from the first; then the
+    last output, once `late` is known: ``second(late, taken, w, output)``.
     """
     last = len(inputs)  # of the first half: what it has besides the inputs are the constants
-    first, second = halves(
-        _graph(names[0], [*inputs, constants, late], last, outputs), last + 1, last
+    graph = graph_of(_function(names[0], [*inputs, constants, late], outputs), last)
+    first, second = (
+        Routine(fused(half, k), k)
+        for half, k in zip(halves(graph, last + 1, last), (last, 2), strict=True)
     )
-    result = {
-        names[0]: emit_graph(names[0], first, last, stride),
-        names[1]: emit_graph(names[1], second, 2, stride),
-    }
-    _require_compilable(result)
-    head = f"#define TAKEN {len(first.outputs[-1])}\n"
-    return result | {names[0]: replace(result[names[0]], source=head + result[names[0]].source)}
+    return {names[0]: first, names[1]: second}
 
 
-def _graph(name: str, inputs: list[ca.SX], constants: int, outputs: list[ca.SX]) -> Graph:
-    """The operations arranged for speed; the input with the index `constants` is the same all
-    the time.
+def emitted(
+    functions: Mapping[str, Routine], stride: str = "1", written_out: int = WRITTEN_OUT
+) -> dict[str, Emitted]:
+    """The same as C. Those that are evaluated at the stages, not at nodes, have components so many
+    vectors apart.
     """
-    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
-    if f.n_instructions() > MOST_OPERATIONS:
-        raise NotCompilable(
-            f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
-            'backend="interpreted", or fewer coordinates'
-        )
-    return graph_of(f, constants)
-
-
-def _require_compilable(functions: Mapping[str, Emitted]) -> None:
-    for name, f in functions.items():
+    result = {
+        name: emit_graph(name, f.graph, f.last, stride if name in AT_STAGES else "1", written_out)
+        for name, f in functions.items()
+    }
+    for name, f in result.items():
         if f.length > MOST_STATEMENTS:
             raise NotCompilable(
                 f"{name} has {f.length} statements; {MOST_STATEMENTS} compile in reasonable time; "
                 "use "
                 'backend="interpreted", or fewer coordinates'
             )
+    return result
+
+
+def emit_functions(
+    constants: ca.SX,
+    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
+    written_out: int = WRITTEN_OUT,
+) -> dict[str, Emitted]:
+    """`routines` as C."""
+    return emitted(routines(constants, expressions, written_out), written_out=written_out)
+
+
+def _graph(name: str, inputs: list[ca.SX], outputs: list[ca.SX], written_out: int) -> Graph:
+    return arranged(_function(name, inputs, outputs), written_out)
+
+
+def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
+    if f.n_instructions() > MOST_OPERATIONS:
+        raise NotCompilable(
+            f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
+            'backend="interpreted", or fewer coordinates'
+        )
+    return f

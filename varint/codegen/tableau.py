@@ -62,19 +62,15 @@ def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
     return {name: np.array(rows) for name, rows in tables.items()}
 
 
-def tableau_source(stages: int, lanes: int, diagonals: bool) -> str:
-    """The constants as C arrays over vectors of so many lanes.
+@lru_cache(maxsize=64)
+def tableau_arrays(stages: int, lanes: int, diagonals: bool) -> dict[str, np.ndarray]:
+    """The constants over vectors of so many lanes, one number after the other.
 
     Lanes beyond the stages repeat the last row, with weight 0. By diagonals a matrix becomes, for
     each block of lanes × lanes and each r < lanes, the entries (i, i XOR r); otherwise its columns.
     """
-    vectors = -(-stages // lanes)
-    padded = vectors * lanes
-    lines = [
-        f"#define STAGES {stages}",
-        f"#define PADDED {padded}",
-        f"#define DIAGONALS {int(diagonals)}",
-    ]
+    padded = -(-stages // lanes) * lanes
+    arrays = {}
     for name, table in gauss_tableau(stages).items():
         if table.shape[0] == stages:
             full = np.zeros((padded, padded))
@@ -84,7 +80,20 @@ def tableau_source(stages: int, lanes: int, diagonals: bool) -> str:
         else:
             last = 0.0 if name == "STAGE_B" else table[0, -1]
             table = np.append(table, np.full((1, padded - stages), last), axis=1)
-        numbers = ", ".join(float(x).hex() for x in table.ravel())
+        arrays[name] = table.ravel()
+    return arrays
+
+
+@lru_cache(maxsize=64)
+def tableau_source(stages: int, lanes: int, diagonals: bool) -> str:
+    """`tableau_arrays` in C."""
+    lines = [
+        f"#define STAGES {stages}",
+        f"#define PADDED {-(-stages // lanes) * lanes}",
+        f"#define DIAGONALS {int(diagonals)}",
+    ]
+    for name, array in tableau_arrays(stages, lanes, diagonals).items():
+        numbers = ", ".join(float(x).hex() for x in array)
         lines.append(
             f"static const double {name}[] __attribute__((aligned(64), unused)) = {{{numbers}}};"
         )

@@ -7,7 +7,8 @@
 
 /* What a run needs to go on as if it had not stopped: p lacks the last kick of the step before, h pending force. */
 typedef struct { double started, h, q[N], p[N], rest_q[N], rest_p[N], force[N]; } Carry;
-const int64_t carry_size = sizeof(Carry) / sizeof(double);
+#define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double))
+const int64_t carry_size = CARRY_SIZE;
 
 /* q, p, v of a node; not in line, so that a node is rounded alike wherever it is saved */
 static __attribute__((noinline)) void save(double *row, const double *q, const double *p, const double *rest_p, double pending,

@@ -11,15 +11,17 @@
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run. */
 
+#ifndef SCENE_AS_DATA
+#define MOST_N N /* room in arrays */
+#define MOST_NU NU
 #define VECTORS ((STAGES + LANES - 1) / LANES)
 #if VECTORS * LANES != PADDED
 #error "the tableau is padded for another vector length"
 #endif
-#if FORM == 2
-#define ROWS N
-#else
-#define ROWS (2 * N)
 #endif
+#define UNKNOWNS_EACH (FORM == 2 ? 1 : 2)
+#define ROWS (UNKNOWNS_EACH * N)
+#define MOST_ROWS (UNKNOWNS_EACH * MOST_N)
 #ifdef GEOMETRY /* dense.c: a look costs nothing beside an evaluation */
 #define ALWAYS_LOOK 1
 #else
@@ -27,7 +29,12 @@
 #endif
 #if FORM == 1 && defined(KICK_W)
 #define HALVES 1
+#ifndef MOST_TAKEN
+#define MOST_TAKEN TAKEN
+#endif
+#ifndef RHS_W
 #define RHS_W (KICK_W + DRIFT_W)
+#endif
 #else
 #define HALVES 0
 #endif
@@ -42,47 +49,69 @@
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
 #define APART static __attribute__((noinline))
-#if N > FEW
+#ifdef SCENE_AS_DATA
+#define MANY_COORDINATES 1
+#elif N > FEW
+#define MANY_COORDINATES 1
+#else
+#define MANY_COORDINATES 0
+#endif
+#if MANY_COORDINATES
 #define LARGE static __attribute__((noinline, noclone))
 #else
 #define LARGE INLINE
 #endif
+#ifdef SCENE_AS_DATA /* how many coordinates there are is not known here */
+#define EACH
+#define PRODUCT APART
+#else
+#define EACH UNROLL
+#define PRODUCT INLINE
+#endif
+#define UNKNOWNS_SIZE ((size_t)ROWS * PADDED * sizeof(double))
+#define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof *(from))
 
 typedef double Block[VECTORS * LANES] __attribute__((aligned(64)));
-typedef V Unknowns[ROWS][VECTORS];
+typedef V Unknowns[MOST_ROWS][VECTORS];
 
-/* What a run needs to go on as if it had not stopped. */
+/* What a run needs to go on as if it had not stopped: these numbers, and behind them y and its rest, 2 N each, what the
+   scales remember, ROWS each, and the unknowns of the last two steps and of the one that is begun. */
 typedef struct {
     double steps_known, expected, h, rate, low, count, tried, counts[2]; /* of the steps tried in either order */
-    double y[2 * N], rest[2 * N], scale[ROWS], noise[ROWS];
-    double x[3][ROWS][PADDED]; /* of the last two steps, and of the one that is begun */
+    double numbers[];
 } Carry;
-const int64_t carry_size = sizeof(Carry) / sizeof(double);
+#define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED))
+#ifdef SCENE_AS_DATA
+int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
+#else
+const int64_t carry_size = CARRY_SIZE;
+#endif
 
 INLINE V entry(const double *m, int index) { V y; memcpy(&y, m + index * LANES, sizeof y); return y; }
 
 /* y_i += sum_j m_ij x_j. By diagonals, m holds for every turn r of the lanes what multiplies x turned by r: no lane need
    be spread over a register. By columns, m holds its columns one after the other. */
-INLINE void add_product(const double *m, const V *x, V *y) {
+PRODUCT void add_product(const double *m, const V *x, V *y) {
     V parts[VECTORS][4];
     for (int k = 0; k < VECTORS; k++) parts[k][0] = y[k], parts[k][1] = parts[k][2] = parts[k][3] = splat(0.0);
-#if DIAGONALS
-    for (int l = 0; l < VECTORS; l++) {
-        V turned[LANES];
-        turned_lanes(x[l], turned);
-        UNROLL for (int r = 0; r < LANES; r++)
-            for (int k = 0; k < VECTORS; k++) parts[k][r & 3] = v_fma(entry(m, (l * LANES + r) * VECTORS + k), turned[r], parts[k][r & 3]);
-    }
+    if (DIAGONALS) {
+        for (int l = 0; l < VECTORS; l++) {
+            V turned[LANES];
+            turned_lanes(x[l], turned);
+            UNROLL for (int r = 0; r < LANES; r++)
+                for (int k = 0; k < VECTORS; k++)
+                    parts[k][r & 3] = v_fma(entry(m, (l * LANES + r) * VECTORS + k), turned[r], parts[k][r & 3]);
+        }
+    } else {
+        EACH for (int j = 0; j < STAGES; j++) {
+#if MANY_COORDINATES
+            V xj = splat(((const double *)x)[j]);
 #else
-    UNROLL for (int j = 0; j < STAGES; j++) {
-#if N > FEW
-        V xj = splat(((const double *)x)[j]);
-#else
-        V xj = SPREAD(x[j / LANES], j % LANES);
+            V xj = SPREAD(x[j / LANES], j % LANES);
 #endif
-        for (int k = 0; k < VECTORS; k++) parts[k][j & 1] = v_fma(entry(m, j * VECTORS + k), xj, parts[k][j & 1]);
+            for (int k = 0; k < VECTORS; k++) parts[k][j & 1] = v_fma(entry(m, j * VECTORS + k), xj, parts[k][j & 1]);
+        }
     }
-#endif
     for (int k = 0; k < VECTORS; k++) y[k] = (parts[k][0] + parts[k][1]) + (parts[k][2] + parts[k][3]);
 }
 
@@ -98,14 +127,17 @@ INLINE V size_of(const V *x) {
     return s;
 }
 
-typedef struct { V u[NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* controls, h c, h b or h^2 b */
+typedef struct { V u[MOST_NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* controls, h c, h b or h^2 b */
 
 /* A step on its way: times of the stages, where they are when all unknowns are zero, the unknowns after so many
    evaluations, and the momenta that these make. */
-typedef struct { V t[VECTORS], base[2 * N][VECTORS], p[N][VECTORS]; Unknowns x; int64_t count; } Step;
+typedef struct { V t[VECTORS], base[2 * MOST_N][VECTORS], p[MOST_N][VECTORS]; Unknowns x; int64_t count; } Step;
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
-typedef struct { double scale[ROWS], inverse[ROWS], noise[ROWS], now, left, first, rate, best[ROWS]; int checks, idle[ROWS]; } Change;
+typedef struct {
+    double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, best[MOST_ROWS];
+    int checks, idle[MOST_ROWS];
+} Change;
 
 INLINE void set_base(Step *s, const double *y, const double *rest, double t, const Nodes *at) {
     for (int k = 0; k < VECTORS; k++) s->t[k] = t + at->c[k];
@@ -149,7 +181,7 @@ INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_
 /* The momenta at the stages, made of x by the columns m; older adds to x. Constant ones stay what they are at the start. */
 LARGE void set_momenta(Step *s, const double *m, const Unknowns x, const double *m_older, const Unknowns older) {
 #if HALVES
-    UNROLL for (int d = 0; d < N; d++) {
+    EACH for (int d = 0; d < N; d++) {
         for (int k = 0; k < VECTORS; k++) s->p[d][k] = s->base[N + d][k];
         if (NEEDS_P[d]) {
             add_product(m, x[N + d], s->p[d]);
@@ -166,19 +198,19 @@ LARGE void set_momenta(Step *s, const double *m, const Unknowns x, const double 
 LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
                     const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older, int seidel,
                     Unknowns fresh) {
-    V first[N][VECTORS], second[N][VECTORS];
-    UNROLL for (int d = 0; d < N; d++) {
+    V first[MOST_N][VECTORS], second[MOST_N][VECTORS];
+    EACH for (int d = 0; d < N; d++) {
         for (int k = 0; k < VECTORS; k++) first[d][k] = s->base[d][k], second[d][k] = s->base[N + d][k];
 #if FORM == 2
         if (NEEDS_Q[d]) {
             add_product(m2, x[d], first[d]);
             if (older) add_product(m2_older, older[d], first[d]);
         }
-#if ON_VELOCITY
-        add_product(m1, x[d], second[d]);
-        if (older) add_product(m1_older, older[d], second[d]);
-        for (int k = 0; k < VECTORS; k++) second[d][k] *= 1 / h;
-#endif
+        if (ON_VELOCITY) {
+            add_product(m1, x[d], second[d]);
+            if (older) add_product(m1_older, older[d], second[d]);
+            for (int k = 0; k < VECTORS; k++) second[d][k] *= 1 / h;
+        }
 #else
         if (NEEDS_Q[d]) {
             add_product(m1, x[d], first[d]);
@@ -193,7 +225,7 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 #endif
     }
 #if HALVES
-    V taken[TAKEN + 1][VECTORS];
+    V taken[MOST_TAKEN + 1][VECTORS];
     for (int k = 0; k < VECTORS; k++) {
         kick(&first[0][k], &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &taken[0][k]);
         for (int d = 0; d < N; d++) fresh[N + d][k] *= at->b[k];
@@ -311,7 +343,7 @@ INLINE void set_scale(Change *c, const double *size, double fade) {
 }
 
 APART void save(double *row, const double *y, double t, double h, const double *w) {
-    V q[N], z[N], out[N], time = splat(t);
+    V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(t);
     for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(FORM == 2 ? y[N + d] / h : y[N + d]);
 #if FORM == 2
     momentum(q, z, &time, w + RHS_W + VELOCITY_W, out);
@@ -324,10 +356,15 @@ APART void save(double *row, const double *y, double t, double h, const double *
 
 /* A run on its way. */
 typedef struct {
-    double t0, h, level, w[RHS_W + VELOCITY_W + MOMENTUM_W + 1];
+#ifdef SCENE_AS_DATA
+    double *w;
+#else
+    double w[RHS_W + VELOCITY_W + MOMENTUM_W + 1];
+#endif
+    double t0, h, level;
     int64_t first, most;
     Nodes at;
-    double y[2 * N], rest[2 * N]; /* the state at the last node, compensated */
+    double y[2 * MOST_N], rest[2 * MOST_N]; /* the state at the last node, compensated */
     Unknowns last, older;         /* of the last two steps; `known` of them are there */
     Step now, next;               /* the step that is solved; the one after it, begun where that costs little time */
     Change change;
@@ -351,18 +388,19 @@ APART void restore(Run *r, const RunArguments *a) {
     r->now.count = r->next.count = 0;
     if (carry->steps_known > 0 && carry->h == h) {
         r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
-        memcpy(r->y, carry->y, sizeof r->y), memcpy(r->rest, carry->rest, sizeof r->rest);
-        memcpy(r->last, carry->x[0], sizeof r->last), memcpy(r->older, carry->x[1], sizeof r->older);
-        memcpy(r->now.x, carry->x[2], sizeof r->now.x), r->now.count = (int64_t)carry->count;
-        for (int i = 0; i < ROWS; i++) r->change.scale[i] = 0, r->change.noise[i] = carry->noise[i];
-        set_scale(&r->change, carry->scale, 0);
+        const double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;
+        COPY(r->y, at, 2 * N), COPY(r->rest, at + 2 * N, 2 * N);
+        memcpy(r->last, x, UNKNOWNS_SIZE), memcpy(r->older, x + ROWS * PADDED, UNKNOWNS_SIZE);
+        memcpy(r->now.x, x + 2 * ROWS * PADDED, UNKNOWNS_SIZE), r->now.count = (int64_t)carry->count;
+        for (int i = 0; i < ROWS; i++) r->change.scale[i] = 0, r->change.noise[i] = scales[ROWS + i];
+        set_scale(&r->change, scales, 0);
         r->change.rate = carry->rate, r->low = r->low ? r->low : (int64_t)carry->low;
         r->tried = carry->tried, memcpy(r->counts, carry->counts, sizeof r->counts);
         r->seidel = LONGER * r->counts[1] <= r->counts[0];
     } else {
         for (int d = 0; d < N; d++) r->y[d] = a->start[d], r->y[N + d] = a->start[N + d], r->rest[d] = r->rest[N + d] = 0;
 #if FORM == 2
-        V q[N], z[N], out[N], time = splat(r->t0 + h * (double)r->first);
+        V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(r->t0 + h * (double)r->first);
         for (int d = 0; d < N; d++) q[d] = splat(r->y[d]), z[d] = splat(r->y[N + d]);
         velocity(q, z, &time, r->w + RHS_W, out);
         for (int d = 0; d < N; d++) r->y[N + d] = h * lane(out[d], 0);
@@ -380,28 +418,25 @@ INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     Unknowns fresh;
     int end = 0;
     iterate(&r->now, &r->at, r->h, r->w, r->seidel, fresh);
-#if AHEAD
-    if (r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
+    if (AHEAD && r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
         set_base_after(&r->next, &r->now, t_next, &r->at);
         if (!r->next.count) begin(&r->next, &r->at, r->h, r->w, 2, r->now.x, r->last, r->low > 0, r->seidel);
         else {
             Unknowns after;
             iterate(&r->next, &r->at, r->h, r->w, r->seidel, after);
-            memcpy(r->next.x, after, sizeof after);
+            memcpy(r->next.x, after, UNKNOWNS_SIZE);
         }
     }
-#endif
-    (void)t_next;
     if (r->now.count + 1 >= r->expected || ALWAYS_LOOK) { /* before, the last step needed more: no look at the change */
         if (!r->known) {
-            V sizes[ROWS];
-            double size[ROWS];
+            V sizes[MOST_ROWS];
+            double size[MOST_ROWS];
             for (int i = 0; i < ROWS; i++) sizes[i] = size_of(fresh[i]);
             row_sums(sizes, ROWS, size), set_scale(&r->change, size, 0);
         }
         end = settled(fresh, r->now.x, &r->change, r->level, r->now.count == first_count);
     }
-    memcpy(r->now.x, fresh, sizeof fresh);
+    memcpy(r->now.x, fresh, UNKNOWNS_SIZE);
     return end;
 }
 
@@ -433,7 +468,7 @@ INLINE int solve(Run *r, int64_t k) {
    is not finite. */
 INLINE int accept(Run *r) {
     Change *const c = &r->change;
-    double *const y = r->y, *const rest = r->rest, old[2 * N], lost[2 * N], sums[3 * ROWS];
+    double *const y = r->y, *const rest = r->rest, old[2 * MOST_N], lost[2 * MOST_N], sums[3 * MOST_ROWS];
     /* where already the first look saw nothing but round-off, the next step looks earlier */
     r->expected = c->checks > 1 && c->first <= 4 * c->now ? r->now.count - c->checks : r->now.count;
     r->most_iterations = r->now.count > r->most_iterations ? r->now.count : r->most_iterations;
@@ -441,10 +476,10 @@ INLINE int accept(Run *r) {
         r->tried += 1, r->counts[r->seidel] += (double)r->now.count;
         if (r->tried == 2 * TRIAL) r->seidel = LONGER * r->counts[1] <= r->counts[0], r->expected = 0, c->rate = 1;
     }
-    memcpy(r->older, r->last, sizeof r->last), memcpy(r->last, r->now.x, sizeof r->last);
+    memcpy(r->older, r->last, UNKNOWNS_SIZE), memcpy(r->last, r->now.x, UNKNOWNS_SIZE);
     r->known += r->known < 2, r->low -= r->low > 0;
-    memcpy(old, y, sizeof old), memcpy(lost, rest, sizeof lost);
-    V rows_of[3 * ROWS];
+    COPY(old, y, 2 * N), COPY(lost, rest, 2 * N);
+    V rows_of[3 * MOST_ROWS];
     for (int i = 0; i < ROWS; i++) rows_of[i] = folded(r->last[i]), rows_of[ROWS + i] = size_of(r->last[i]);
 #if FORM == 2
     for (int d = 0; d < N; d++) {
@@ -464,14 +499,15 @@ INLINE int accept(Run *r) {
     for (int i = 0; i < ROWS; i++) compensated(&y[i], &rest[i], sums[i]);
 #endif
     if (!(unsound(y, 2 * N) == 0)) {
-        memcpy(y, old, sizeof old), memcpy(rest, lost, sizeof lost);
+        COPY(y, old, 2 * N), COPY(rest, lost, 2 * N);
         return 0;
     }
     for (int i = 0; i < ROWS; i++) c->noise[i] = fading(c->noise[i], KEPT_NOISE);
     set_scale(c, sums + ROWS, 0.9);
     r->slowest = c->rate > r->slowest ? c->rate : r->slowest;
     r->residual = c->left > r->residual ? c->left : r->residual;
-    r->now = r->next, r->next.count = 0;
+    if (AHEAD) r->now = r->next;
+    r->now.count = AHEAD ? r->next.count : 0, r->next.count = 0;
     return 1;
 }
 
@@ -479,11 +515,12 @@ INLINE int accept(Run *r) {
 APART void store(const Run *r, const RunArguments *a, int status, int64_t done) {
     Carry *carry = (Carry *)a->carry;
     carry->steps_known = status ? 0 : (double)r->known, carry->expected = (double)r->expected, carry->h = r->h;
-    memcpy(carry->y, r->y, sizeof r->y), memcpy(carry->rest, r->rest, sizeof r->rest);
-    memcpy(carry->x[0], r->last, sizeof r->last), memcpy(carry->x[1], r->older, sizeof r->older);
-    memcpy(carry->x[2], r->now.x, sizeof r->now.x), carry->count = (double)r->now.count;
+    double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;
+    COPY(at, r->y, 2 * N), COPY(at + 2 * N, r->rest, 2 * N);
+    memcpy(x, r->last, UNKNOWNS_SIZE), memcpy(x + ROWS * PADDED, r->older, UNKNOWNS_SIZE);
+    memcpy(x + 2 * ROWS * PADDED, r->now.x, UNKNOWNS_SIZE), carry->count = (double)r->now.count;
     carry->tried = r->tried, memcpy(carry->counts, r->counts, sizeof r->counts);
-    memcpy(carry->scale, r->change.scale, sizeof carry->scale), memcpy(carry->noise, r->change.noise, sizeof carry->noise);
+    COPY(scales, r->change.scale, ROWS), COPY(scales + ROWS, r->change.noise, ROWS);
     carry->rate = r->change.rate, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)r->iterations;
     a->stats->most_iterations = (double)r->most_iterations, a->stats->contraction = r->slowest;
@@ -493,6 +530,11 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
 
 int run(const RunArguments *a) {
     Run r;
+#ifdef SCENE_AS_DATA
+    scene = a->scene;
+    r.w = registers();
+    if (!r.w) return NOT_FINITE;
+#endif
     restore(&r, a);
     double *rows = a->rows, t = r.t0 + r.h * (double)r.first;
     save(rows, r.y, t, r.h, r.w);
@@ -501,11 +543,9 @@ int run(const RunArguments *a) {
     int status = DONE;
     int64_t done = 0, unsaved = 0;
     for (; done < a->steps; done++) {
-#if NU
         for (int m = 0; m < NU; m++)
             for (int i = 0; i < PADDED; i++) set_lane(&r.at.u[m][i / LANES], i % LANES, u[(i < STAGES ? i : STAGES - 1) * NU + m]);
         u += STAGES * NU;
-#endif
         status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
         if (status) break;
         t = r.t0 + r.h * (double)(r.first + done + 1);
@@ -515,5 +555,8 @@ int run(const RunArguments *a) {
     if (done && !unsaved) memcpy(a->stats->last, rows, 3 * N * sizeof(double));
     else save(a->stats->last, r.y, t, r.h, r.w);
     store(&r, a, status, done);
+#ifdef SCENE_AS_DATA
+    free(r.w);
+#endif
     return status;
 }

@@ -147,14 +147,20 @@ INLINE void row_sums(const V *rows, int count, double *out) {
     }
 }
 
-/* 1 / sqrt(x) */
-#if LANES == 8 && defined(__AVX512F__) && defined(MANY_ROOTS)
-INLINE V v_rsqrt(V x) { /* 14 bits by instruction, then one step of fourth order: cheaper than sqrt and / */
+/* 1 / sqrt(x); with MANY_ROOTS their number counts, not their latency */
+INLINE V v_rsqrt_exact(V x) { return 1.0 / v_sqrt(x); }
+#if LANES == 8 && defined(__AVX512F__)
+INLINE V v_rsqrt_iterated(V x) { /* 14 bits by instruction, then one step of fourth order: cheaper than sqrt and / */
     V y = (V)_mm512_rsqrt14_pd((__m512d)x), e = v_fnma(x * y, y, K(1.0));
     return v_fma(y * e, v_fma(e, v_fma(K(0.3125), e, K(0.375)), K(0.5)), y);
 }
 #else
-INLINE V v_rsqrt(V x) { return 1.0 / v_sqrt(x); }
+INLINE V v_rsqrt_iterated(V x) { return v_rsqrt_exact(x); }
+#endif
+#ifdef MANY_ROOTS
+#define v_rsqrt v_rsqrt_iterated
+#else
+#define v_rsqrt v_rsqrt_exact
 #endif
 
 /* sin, cos and exp in line, to about one unit in the last place: a call would spill every vector register. Reduction by

@@ -16,7 +16,8 @@ typedef struct {
     double started, scale[2 * N], speed[N], sizes[SIZES + 1], h, known, age, q[N], p[N], rest_q[N], rest_p[N];
     double force[N], seen[2 * N], y[HISTORY][Y];
 } Carry;
-const int64_t carry_size = sizeof(Carry) / sizeof(double);
+#define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double))
+const int64_t carry_size = CARRY_SIZE;
 
 #define LARGE static __attribute__((noinline))
 #define EQUATIONS_AT 0

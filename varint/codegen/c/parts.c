@@ -1,24 +1,26 @@
 /* One step of a size of its own from each of many states: a run of one step, again and again. */
-#include <stdlib.h>
-
 typedef struct {
     int64_t count, told, used, most; /* how many; numbers of `opening` and `u` for each of them; largest number of iterations */
     const double *start, *t, *h, *c; /* (count, 2 N), (count), (count); parameters */
     const double *u, *opening;       /* (count, used), (count, told) */
     double *rows;                    /* (count, 3 N): q, p, v where the step ends */
     int64_t *good;                   /* (count): whether it is solved */
+    const void *scene;
 } PartsArguments;
 
 int parts(const PartsArguments *a) {
-    double *const carry = malloc(sizeof(Carry));
+#ifdef SCENE_AS_DATA
+    scene = a->scene;
+#endif
+    double *const carry = malloc((size_t)CARRY_SIZE * sizeof(double));
     if (!carry) return NOT_FINITE;
-    RunStats stats;
-    double ends[2 * 3 * N];
+    double stats[sizeof(RunStats) / sizeof(double) + 3 * N], ends[2 * 3 * N];
     for (int64_t i = 0; i < a->count; i++) {
         carry[0] = 0;
         if (a->told) memcpy(carry + 1, a->opening + i * a->told, (size_t)a->told * sizeof(double));
         const double *const u = a->u ? a->u + i * a->used : a->u;
-        const RunArguments one = {1, 1, 0, a->most, a->t[i], a->h[i], 0, a->start + i * 2 * N, a->c, u, ends, carry, &stats};
+        const RunArguments one = {1, 1, 0, a->most, a->t[i], a->h[i], 0, a->start + i * 2 * N, a->c, u, ends, carry,
+                                  (RunStats *)stats, a->scene};
         a->good[i] = run(&one) == DONE;
         memcpy(a->rows + i * 3 * N, ends + 3 * N, 3 * N * sizeof(double));
     }

@@ -8,7 +8,7 @@ enum Status { DONE, NOT_CONVERGED, NOT_FINITE };
 typedef struct {
     double status, steps, iterations, most_iterations, residual, failed, contraction;
     double nearest, farthest, shrunk; /* of the constraint rows at the saved nodes: pivots, a row's length to its largest */
-    double last[3 * N];
+    double last[];
 } RunStats;
 
 /* One motion. */
@@ -18,6 +18,7 @@ typedef struct {
     const double *start, *c, *u;            /* q and p at a fresh start; parameters; controls of every step's nodes */
     double *rows, *carry;                   /* (q, p, v) of every saved node; carry[0] = 0: a fresh start */
     RunStats *stats;
+    const void *scene; /* its operations, where they are data and not in the source */
 } RunArguments;
 
 /* Many motions of one scene, one in each lane. */

@@ -1,0 +1,58 @@
+/* A scene and a Gauss rule as data, in place of the definitions and functions of generated source.
+
+   tape.h stands before this file, and the names of the tableau's tables. */
+#define SCENE_AS_DATA
+#define MOST_N 64
+#define MOST_NU 16
+#define MOST_TAKEN 512
+
+typedef struct {
+    int64_t n, controls, stages, diagonals, on_velocity, ahead;
+    const char *needs_q, *needs_p;
+    const double *const *tables;
+    Tape rhs[2], velocity, momentum; /* accelerations; or forces, and velocities made of new momenta */
+} Scene;
+static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec"))); /* of the run that is going on */
+
+#define N ((int)scene->n)
+#define NU ((int)scene->controls)
+#define STAGES ((int)scene->stages)
+#define DIAGONALS scene->diagonals
+#define ON_VELOCITY scene->on_velocity
+#define AHEAD scene->ahead
+#define NEEDS_Q scene->needs_q
+#define NEEDS_P scene->needs_p
+#define PADDED (VECTORS * LANES)
+#define FILE_SIZE(tape) (LANES * scene->tape.registers)
+#define KICK_W FILE_SIZE(rhs[0])
+#define DRIFT_W FILE_SIZE(rhs[1])
+#define RHS_W (KICK_W + DRIFT_W)
+#define VELOCITY_W FILE_SIZE(velocity)
+#define MOMENTUM_W FILE_SIZE(momentum)
+
+INLINE double *registers(void) {
+    return aligned_alloc(64, ((RHS_W + VELOCITY_W + MOMENTUM_W + LANES) * sizeof(double) + 63) / 64 * 64);
+}
+INLINE void kick_prepare(const double *c, double *w) { prepare(&scene->rhs[0], c, w); }
+INLINE void drift_prepare(const double *c, double *w) { prepare(&scene->rhs[1], c, w); }
+INLINE void velocity_prepare(const double *c, double *w) { prepare(&scene->velocity, c, w); }
+INLINE void momentum_prepare(const double *c, double *w) { prepare(&scene->momentum, c, w); }
+#if FORM == 2
+INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_prepare(c, w + KICK_W); }
+INLINE void rhs(const V *q, const V *v, const V *t, const V *u, const double *w, V *a) {
+    evaluate_tape(&scene->rhs[0], (const V *const[]){q, v, t, u}, (V *const[]){a}, VECTORS, w);
+}
+#else
+INLINE void kick(const V *q, const V *p, const V *t, const V *u, const double *w, V *f, V *taken) {
+    evaluate_tape(&scene->rhs[0], (const V *const[]){q, p, t, u}, (V *const[]){f, taken}, VECTORS, w);
+}
+INLINE void drift(const V *p, const V *taken, const double *w, V *v) {
+    evaluate_tape(&scene->rhs[1], (const V *const[]){p, taken}, (V *const[]){v}, VECTORS, w);
+}
+#endif
+INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) {
+    evaluate_tape(&scene->velocity, (const V *const[]){q, p, t}, (V *const[]){v}, 1, w);
+}
+INLINE void momentum(const V *q, const V *v, const V *t, const double *w, V *p) {
+    evaluate_tape(&scene->momentum, (const V *const[]){q, v, t}, (V *const[]){p}, 1, w);
+}

@@ -1,0 +1,221 @@
+"""An SX function as data for the machine of c/tape.h: nothing is compiled for it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from heapq import heappop, heappush
+
+import numpy as np
+
+from varint.codegen.arguments import c_source
+from varint.codegen.emit import sine_and_cosine
+from varint.codegen.graph import Graph, NotCompilable, needed, operands, uniform_nodes
+
+MOST = 65_535  # registers, operands are numbers of 16 bits
+# operations between one and another that takes its value, where there are others to do: so long it
+# takes until a value that was written can be read
+APART = 8
+SLOW = {"div": 2, "sqrt": 3, "rsqrt": 3, "sin": 6, "cos": 6, "exp": 5, "pow": 15}
+# what is ±a·b ± c: where a, b and c come from, and the bits of the minus signs
+SUMS = {
+    "add": ("a1b", 0),
+    "sub": ("b1a", 1),
+    "mul": ("ab0", 0),
+    "neg": ("a10", 1),
+    "fma": ("abc", 0),
+    "fms": ("abc", 2),
+    "fnma": ("abc", 1),
+}
+RESERVED = {"1": 0, "0": 1}  # the registers of 1 and −0
+
+
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """A function's operations; see c/tape.h.
+
+    Attributes
+    ----------
+    uniforms, numbers, registers : int
+        Registers of what is the same all the time, numbers of `once`, registers in all.
+    once, often : array (…, 6) of uint16
+        Operations on the parameters alone, and those of a call.
+    constants : array
+    inputs, outputs : array (…, 3) of uint16
+        (argument, component, register).
+    """
+
+    uniforms: int
+    numbers: int
+    registers: int
+    once: np.ndarray
+    often: np.ndarray
+    constants: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+
+
+@cache
+def operation_codes() -> dict[str, int]:
+    """The machine's operations by name, as c/tape.h lists them."""
+    text = c_source("tape.h").replace("\\\n", "")
+    lists = (
+        re.search(rf"#define {name}\(.*?\)(.*)", text)
+        for name in ("OPERATIONS", "ONLY_ONCE", "ONLY_OFTEN")
+    )
+    names = [name for found in lists if found for name in re.findall(r"\w+\((\w+)\)", found[1])]
+    return {name: k for k, name in enumerate(["end", *names])}
+
+
+def tape_of(graph: Graph, last: int, many_roots: bool) -> Tape:
+    """The tape of a graph on inputs 0 to `last`, the last of which is the same all the time.
+
+    Raises
+    ------
+    NotCompilable
+        If an operation has no form there, or there are too many.
+    """
+    codes, uniform = operation_codes(), uniform_nodes(graph, last)
+    live = sorted(needed(graph))
+    unknown = {graph.nodes[i][0] for i in live} - {*codes, *SUMS, "input", "const"}
+    if unknown:
+        raise NotCompilable(f"{sorted(unknown)} have no form on a tape; use backend='compiled'")
+    varying = [i for i in live if not uniform[i]]
+    ends = [i for output in graph.outputs for i in output]
+    kept = {j: None for i in varying for j in operands(graph.nodes[i]) if uniform[j]}
+    kept |= {i: None for i in ends if uniform[i]}
+    places = {i: k for k, i in enumerate(kept, len(RESERVED))}
+    uniforms = len(RESERVED) + len(places)
+    once, constants, numbers = _once(graph, [i for i in live if uniform[i]], places)
+    roots = "rsqrt_iterated" if many_roots else "rsqrt_exact"
+    often, inputs, registers = _often(graph, varying, uniform, places, set(ends), roots)
+    outputs = [
+        (k, r, places[i]) for k, output in enumerate(graph.outputs) for r, i in enumerate(output)
+    ]
+    tables = _table(once, 6), _table(often, 6), np.array([*constants, 0.0])
+    return Tape(uniforms, numbers, registers, *tables, _table(inputs, 3), _table(outputs, 3))
+
+
+def _table(rows: list[tuple[int, ...]], width: int) -> np.ndarray:
+    if max((max(row) for row in rows), default=0) > MOST:
+        raise NotCompilable("too many values for a tape; use backend='compiled'")
+    return np.array(rows, np.uint16).reshape(-1, width)
+
+
+def _once(
+    graph: Graph, uniform: list[int], kept: dict[int, int]
+) -> tuple[list[tuple[int, ...]], list[float], int]:
+    """Operations on what is the same all the time, their constants, and how many numbers there
+    are; what is kept stands first.
+    """
+    codes, places, constants = operation_codes(), dict(kept), list[float]()
+    rows = []
+    for i in uniform:
+        name, *rest = graph.nodes[i]
+        place = places.setdefault(i, len(RESERVED) + len(places))
+        if name == "const":
+            rows.append(_row(codes["constant"], place, len(constants)))
+            constants.append(rest[0])
+        elif name == "input":
+            rows.append(_row(codes["parameter"], place, rest[1]))
+        else:
+            rows.append(_row(codes[name], place, *(places[j] for j in rest)))
+    return [*rows, _row(codes["end"])], constants, len(RESERVED) + len(places)
+
+
+def _often(
+    graph: Graph,
+    varying: list[int],
+    uniform: list[bool],
+    places: dict[int, int],
+    ends: set[int],
+    roots: str,
+) -> tuple[list[tuple[int, ...]], list[tuple[int, ...]], int]:
+    """Operations of a call, the inputs they begin with, and how many registers there are.
+
+    `places` are the registers of what is the same all the time, and become those of the outputs,
+    too. A register is used again once its value has been taken for the last time.
+    """
+    codes, count = operation_codes(), len(RESERVED) + len(places)
+    units = _in_turns(graph, varying, uniform)
+    taken = [{j for i in unit for j in operands(graph.nodes[i]) if not uniform[j]} for unit in units]
+    last = {j: k for k, used in enumerate(taken) for j in used}
+    free: list[int] = []
+
+    def room() -> int:
+        nonlocal count
+        count += not free
+        return free.pop() if free else count - 1
+
+    inputs, rows = list[tuple[int, ...]](), list[tuple[int, ...]]()
+    for unit in units:
+        name, *rest = graph.nodes[unit[0]]
+        if name == "input":
+            places[unit[0]] = room()
+            inputs.append((rest[0], rest[1], places[unit[0]]))
+    for k, unit in enumerate(units):
+        name, *rest = graph.nodes[unit[0]]
+        if name == "input":
+            continue
+        at = [places[j] for j in rest]
+        free += [places[j] for j in taken[k] if last[j] == k and j not in ends]
+        for j in unit:
+            places[j] = room()
+        if len(unit) == 2:
+            rows.append(_row(codes["sincos"], places[unit[0]], *at, places[unit[1]]))
+        elif name in SUMS:
+            what, signs = SUMS[name]
+            found = RESERVED | dict(zip("abc", at, strict=False))
+            rows.append(_row(codes["sum"], places[unit[0]], *(found[x] for x in what), signs))
+        else:
+            rows.append(_row(codes[roots if name == "rsqrt" else name], places[unit[0]], *at))
+        free += [places[j] for j in unit if j not in last and j not in ends]
+    return [*rows, _row(codes["end"])], inputs, count
+
+
+def _in_turns(graph: Graph, varying: list[int], uniform: list[bool]) -> list[tuple[int, ...]]:
+    """The operations, sine and cosine of an angle as one, in an order for speed: the same kind
+    again where there is one whose operands are known; among those, first what does not wait for
+    the ones just before, and then what the longest chain of others hangs on.
+    """
+    pairs = sine_and_cosine(graph, varying, uniform)
+    units = [pairs.get(i, (i,)) for i in varying if pairs.get(i) != (0, 0)]
+    unit_of = {i: k for k, unit in enumerate(units) for i in unit}
+    taken = [
+        {unit_of[j] for j in operands(graph.nodes[unit[0]]) if not uniform[j]} for unit in units
+    ]
+    names = [graph.nodes[unit[0]][0] for unit in units]
+    users: list[list[int]] = [[] for _ in units]
+    hanging = [APART * SLOW.get(name, 1) for name in names]
+    for k in reversed(range(len(units))):
+        for j in taken[k]:
+            users[j].append(k)
+            hanging[j] = max(hanging[j], hanging[k] + APART * SLOW.get(names[j], 1))
+    missing, known = [len(x) for x in taken], [0] * len(units)
+    ready: dict[str, list[tuple[int, int, int]]] = {}
+
+    def make_ready(k: int) -> None:
+        kind = "sum" if names[k] in SUMS else names[k]
+        heappush(ready.setdefault(kind, []), (known[k] // APART, -hanging[k], k))
+
+    for k, count in enumerate(missing):
+        if not count:
+            make_ready(k)
+    result: list[tuple[int, ...]] = []
+    kind = ""
+    while any(ready.values()):
+        if not ready.get(kind):
+            kind = min((x for x in ready if ready[x]), key=lambda x: ready[x][0][1])
+        k = heappop(ready[kind])[2]
+        result.append(units[k])
+        for j in users[k]:
+            missing[j] -= 1
+            known[j] = max(known[j], len(result) + APART * SLOW.get(names[k], 1))
+            if not missing[j]:
+                make_ready(j)
+    return result
+
+
+def _row(code: int, *rest: int) -> tuple[int, ...]:
+    return (code, *rest, *[0] * (5 - len(rest)))
