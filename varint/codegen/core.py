@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
+from contextlib import suppress
 from ctypes import CDLL, c_char_p, c_int, c_int64, c_void_p
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import c_source
-from varint.codegen.cache import AS_WRITTEN, library
+from varint.codegen.cache import AS_WRITTEN, library, vector_length
 from varint.codegen.gauss import Scheme, gauss_scheme
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import FEW_ROOTS, Kernel
-from varint.codegen.tableau import gauss_tableau, tableau_arrays
+from varint.codegen.tableau import tableau_arrays
 from varint.codegen.tape import Tape, tape_of
+from varint.numerics.progress import notice
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
 MOST_COORDINATES, MOST_CONTROLS, MOST_TAKEN = 64, 16, 512  # MOST_N, … of c/scene.h
 ALIGNED = 64  # bytes
+_LEVELS = {8: "x86_64_v4", 4: "x86_64_v3", 2: "plain"}  # as setup.py calls them
 
 
 @kernel_per_system
@@ -39,10 +45,11 @@ def gauss_on_tape(system: System, rule: Rule) -> Kernel:
     taken = len(scheme.functions["kick"].graph.outputs[-1]) if "kick" in scheme.functions else 0
     if scheme.geometry or n > MOST_COORDINATES or controls > MOST_CONTROLS or taken > MOST_TAKEN:
         raise NotCompilable("the scene is too large for a tape; use backend='compiled'")
-    loop, block = core(scheme.lanes, scheme.vectors, scheme.form), scene_block(scheme, n, controls)
+    loop = loop_for(scheme.lanes, scheme.vectors, scheme.form)
+    block = scene_block(scheme, n, controls)
     address = _start(block)
     return Kernel(
-        f"{scheme.about}, on a tape",
+        scheme.about,
         n,
         controls,
         scheme.stages,
@@ -55,21 +62,45 @@ def gauss_on_tape(system: System, rule: Rule) -> Kernel:
     )
 
 
+class Loop(NamedTuple):
+    """The entries of the loop: `run`, `parts` and the size of what it carries on."""
+
+    run: Callable[[bytes], int]
+    parts: Callable[[bytes], int]
+    carry_size: Callable[[int], int]
+
+
 @lru_cache(maxsize=32)
-def core(lanes: int, vectors: int, form: int) -> CDLL:
-    """The loop for vectors of so many lanes, so many of them for the stages of a coordinate."""
-    source = f"#define LANES {lanes}\n#define VECTORS {vectors}\n#define FORM {form}\n"
-    source += "".join(
-        f"#define {name} (scene->tables[{k}])\n" for k, name in enumerate(gauss_tableau(2))
-    )
-    source += "".join(
-        map(c_source, ("lanes.h", "run.h", "tape.h", "scene.h", "gauss.c", "parts.c"))
-    )
-    loop = library(source, AS_WRITTEN)
-    for entry in (loop.run, loop.parts):
+def loop_for(lanes: int, vectors: int, form: int) -> Loop:
+    """The loop for vectors of so many lanes, so many of them for the stages of a coordinate: built
+    when the package was installed, else compiled now and kept.
+
+    Raises
+    ------
+    CompileError
+        If it is not there and there is no compiler.
+    """
+    level, built = _LEVELS[vector_length()], _built()
+    ending = f"{level}_{lanes}_{vectors}_{form}"
+    if built is None or not hasattr(built, f"run_{ending}"):
+        defines = {"LEVEL": level, "LANES": lanes, "VECTORS": vectors, "FORM": form}
+        text = "".join(f"#define {key} {value}\n" for key, value in defines.items())
+        with notice("compiling the loop of Gauss rules (once; it is kept)"):
+            built = library(text + c_source("core.c"), AS_WRITTEN)
+    run, parts, size = (getattr(built, f"{name}_{ending}") for name in ("run", "parts", "carry_size"))
+    for entry in (run, parts):
         entry.argtypes, entry.restype = [c_char_p], c_int
-    loop.carry_size.argtypes, loop.carry_size.restype = [c_void_p], c_int64
-    return loop
+    size.argtypes, size.restype = [c_void_p], c_int64
+    return Loop(run, parts, size)
+
+
+@cache
+def _built() -> CDLL | None:
+    """What setup.py has built, where there was a compiler."""
+    for path in Path(__file__).parent.glob("_core.*"):
+        with suppress(OSError):  # made for another machine
+            return CDLL(str(path))
+    return None
 
 
 def scene_block(scheme: Scheme, n: int, controls: int) -> np.ndarray:

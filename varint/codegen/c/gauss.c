@@ -103,7 +103,8 @@ PRODUCT void add_product(const double *m, const V *x, V *y) {
                     parts[k][r & 3] = v_fma(entry(m, (l * LANES + r) * VECTORS + k), turned[r], parts[k][r & 3]);
         }
     } else {
-        EACH for (int j = 0; j < STAGES; j++) {
+        UNROLL for (int j = 0; j < PADDED; j++) {
+            if (j == STAGES) break;
 #if MANY_COORDINATES
             V xj = splat(((const double *)x)[j]);
 #else
@@ -138,6 +139,12 @@ typedef struct {
     double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, best[MOST_ROWS];
     int checks, idle[MOST_ROWS];
 } Change;
+
+INLINE void copy_step(Step *to, const Step *from) {
+    memcpy(to->t, from->t, sizeof to->t);
+    COPY(to->base, from->base, 2 * N), COPY(to->p, from->p, N), COPY(to->x, from->x, ROWS);
+    to->count = from->count;
+}
 
 INLINE void set_base(Step *s, const double *y, const double *rest, double t, const Nodes *at) {
     for (int k = 0; k < VECTORS; k++) s->t[k] = t + at->c[k];
@@ -506,8 +513,9 @@ INLINE int accept(Run *r) {
     set_scale(c, sums + ROWS, 0.9);
     r->slowest = c->rate > r->slowest ? c->rate : r->slowest;
     r->residual = c->left > r->residual ? c->left : r->residual;
-    if (AHEAD) r->now = r->next;
-    r->now.count = AHEAD ? r->next.count : 0, r->next.count = 0;
+    r->now.count = 0;
+    if (AHEAD && r->next.count) copy_step(&r->now, &r->next);
+    r->next.count = 0;
     return 1;
 }
 

@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #else
+typedef __SIZE_TYPE__ size_t;
 typedef __INT32_TYPE__ int32_t;
 typedef __INT64_TYPE__ int64_t;
 #define INT64_MAX __INT64_MAX__

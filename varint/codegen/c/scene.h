@@ -1,6 +1,6 @@
 /* A scene and a Gauss rule as data, in place of the definitions and functions of generated source.
 
-   tape.h stands before this file, and the names of the tableau's tables. */
+   tape.h stands before this file. varint/codegen/core.py has the same layout. */
 #define SCENE_AS_DATA
 #define MOST_N 64
 #define MOST_NU 16
@@ -22,6 +22,24 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define AHEAD scene->ahead
 #define NEEDS_Q scene->needs_q
 #define NEEDS_P scene->needs_p
+/* the tableau, in the order of varint/codegen/tableau.py */
+#define STAGE_C scene->tables[0]
+#define STAGE_B scene->tables[1]
+#define STAGE_BETA scene->tables[2]
+#define STAGE_M1 scene->tables[3]
+#define STAGE_M2 scene->tables[4]
+#define START_M1 scene->tables[5]
+#define START_OLDER_M1 scene->tables[6]
+#define START_ONE_M1 scene->tables[7]
+#define LOW_M1 scene->tables[8]
+#define LOW_OLDER_M1 scene->tables[9]
+#define LOW_ONE_M1 scene->tables[10]
+#define START_M2 scene->tables[11]
+#define START_OLDER_M2 scene->tables[12]
+#define START_ONE_M2 scene->tables[13]
+#define LOW_M2 scene->tables[14]
+#define LOW_OLDER_M2 scene->tables[15]
+#define LOW_ONE_M2 scene->tables[16]
 #define PADDED (VECTORS * LANES)
 #define FILE_SIZE(tape) (LANES * scene->tape.registers)
 #define KICK_W FILE_SIZE(rhs[0])

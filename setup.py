@@ -1,0 +1,74 @@
+"""Builds the loop for scenes as data (varint/codegen/c/core.c) where there is a C compiler; all else stands in pyproject.toml.
+
+Without a compiler the package is installed all the same: runs are then interpreted, ten to a hundred times slower.
+VARINT_LEVELS="x86-64 x86-64-v3 x86-64-v4" builds for several generations of processors, as wheels for others need;
+by default for the one at hand.
+"""
+
+import os
+import platform
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+
+FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
+# numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
+SHAPES = {
+    "x86-64-v4": [(8, 1), (8, 2), (4, 1), (2, 1), (1, 1)],
+    "x86-64-v3": [(4, 1), (4, 2), (4, 3), (2, 1), (1, 1)],
+    "plain": [(2, 1), (2, 2), (2, 3), (2, 4), (1, 1)],
+}
+
+
+def levels() -> list[str]:
+    if platform.machine() not in ("x86_64", "AMD64") or sys.platform == "win32":
+        return ["plain"]
+    named = os.environ.get("VARINT_LEVELS")
+    if named:
+        return [level if level in SHAPES else "plain" for level in named.split()]
+    try:
+        flags = Path("/proc/cpuinfo").read_text().split()
+    except OSError:
+        return ["plain"]
+    return ["x86-64-v4" if "avx512f" in flags else "x86-64-v3" if "avx2" in flags else "plain"]
+
+
+class BuildCore(build_ext):
+    def build_extension(self, ext):
+        def compiled(variant):
+            level, (lanes, vectors), form = variant
+            macros = [("LEVEL", level.replace("-", "_")), ("LANES", lanes), ("VECTORS", vectors)]
+            flags = FLAGS + ([] if level == "plain" else [f"-march={level}"])
+            folder = Path(self.build_temp) / f"{level}-{lanes}-{vectors}-{form}"
+            return self.compiler.compile(
+                ext.sources,
+                output_dir=str(folder),
+                macros=[(key, str(x)) for key, x in [*macros, ("FORM", form)]],
+                extra_preargs=flags,
+                depends=ext.depends,
+            )
+
+        variants = [(x, shape, form) for x in levels() for shape in SHAPES[x] for form in (1, 2)]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            objects = [path for paths in pool.map(compiled, variants) for path in paths]
+        libraries = ["mvec", "m"] if sys.platform == "linux" and "x86" in platform.machine() else []
+        self.compiler.link_shared_object(
+            objects, self.get_ext_fullpath(ext.name), libraries=libraries
+        )
+
+
+folder = Path("varint/codegen/c")
+setup(
+    ext_modules=[
+        Extension(
+            "varint.codegen._core",
+            [str(folder / "core.c")],
+            depends=sorted(str(path) for path in folder.glob("*.[ch]")),
+            optional=True,  # a failure becomes a warning
+        )
+    ],
+    cmdclass={"build_ext": BuildCore},
+)
