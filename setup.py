@@ -1,8 +1,9 @@
-"""Builds the loop for scenes as data (varint/codegen/c/core.c) where there is a C compiler; all else stands in pyproject.toml.
+"""Builds the loop for scenes as data (varint/codegen/c/core.c) where there is a C compiler.
 
-Without a compiler the package is installed all the same: runs are then interpreted, ten to a hundred times slower.
-VARINT_LEVELS="x86-64 x86-64-v3 x86-64-v4" builds for several generations of processors, as wheels for others need;
-by default for the one at hand.
+All else stands in pyproject.toml. Without a compiler the package is installed all the same: runs
+are then interpreted, ten to a hundred times slower. VARINT_LEVELS="plain x86-64-v3 x86-64-v4"
+builds for several generations of processors, as wheels for others need; by default for the one at
+hand.
 """
 
 import os

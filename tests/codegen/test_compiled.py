@@ -316,7 +316,7 @@ def test_beginning_the_next_step_early_changes_nothing_but_round_off(which, monk
     """Nor does it take more evaluations than the start from a finished step, but for one in ten."""
     system, kernel = KERNELS[which]()
     monkeypatch.setattr(gauss, "SHORT", 0)
-    plain = gauss.build_gauss(system, 8, gauss.gauss_form(system))
+    _, plain = KERNELS[which]()
     runs = [
         simulated(k, [0.5, 0.4], [0.2, 0.6], 0.05, 2000, system, save_every=100)
         for k in (kernel, plain)
@@ -424,12 +424,11 @@ def test_a_kernel_is_built_once_and_goes_with_its_system():
 @pytest.mark.parametrize("lanes", (4, 2, 1))
 def test_shorter_vectors_give_the_same_motion(lanes, monkeypatch):
     """The code for machines with AVX2, NEON or SSE, or without vectors, runs here too."""
-    scenes = [(double_pendulum(), [1.2, -0.4]), (kepler(), [0.8, 0.3])]
-    for scene, q0 in scenes:
-        wide = gauss.build_gauss(scene, 6, gauss.gauss_form(scene))
+    for scene, q0 in ((double_pendulum, [1.2, -0.4]), (kepler, [0.8, 0.3])):
+        wide = gauss_kernel(scene(), vi.gauss(6))
         with monkeypatch.context() as patch:
             patch.setattr(gauss, "vector_length", lambda: lanes)
-            narrow = gauss.build_gauss(scene, 6, gauss.gauss_form(scene))
+            narrow = gauss_kernel(scene(), vi.gauss(6))
         one, other = (
             simulated(kernel, q0, [0.1, 0.2], 0.05, 200).rows[-1] for kernel in (wide, narrow)
         )

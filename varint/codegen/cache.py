@@ -8,6 +8,7 @@ that a crash or a full disk has spoilt.
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import importlib.util
@@ -22,6 +23,7 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from time import time
+from typing import NamedTuple
 
 from varint.errors import VarintError
 
@@ -37,6 +39,7 @@ LIBRARIES = (
     ("-DNO_LIBMVEC", "-DSYSTEM_HEADERS", "-lm"),
 )
 SLOWEST_COMPILATION = 600  # seconds
+RESULT = "kernel.so"
 PART = "part-"  # what names of unfinished files begin with
 ABANDONED = 60  # seconds after which such a file belongs to nobody; writing one takes less than one
 
@@ -146,21 +149,93 @@ def library(source: str, contraction: str = WHEREVER) -> ctypes.CDLL:
     CompileError
         If there is no compiler, or it refuses, or the cache folder is not safe or full.
     """
-    key = hashlib.sha256(f"{machine()}\n{contraction}\n{source}".encode()).hexdigest()[:40]
-    folder = cache_folder()
+    folder, key = cache_folder(), _key(source, contraction)
     try:
-        for path in folder.glob(f"{key}-*.so"):
-            _refuse_foreign(path)
-            if path.name == _file_name(key, path.read_bytes()):
-                with suppress(OSError):  # made for another C library: compiled again
-                    return ctypes.CDLL(str(path))
-            path.unlink(missing_ok=True)  # cut short or changed, for example by a full disk
-        return _compile(source, folder, key, contraction)
+        return _cached(folder, key) or _compile(source, folder, key, contraction)
     except OSError as error:
-        raise CompileError(
-            f"compiled code cannot be kept in {folder} ({error.strerror or error}); make room "
-            "there or set XDG_CACHE_HOME"
-        ) from None
+        raise _no_room(folder, error) from None
+
+
+class Compilation(NamedTuple):
+    """A compiler at work in a process of its own, and the folder it works in."""
+
+    process: subprocess.Popen
+    place: tempfile.TemporaryDirectory
+    key: str
+
+
+def in_cache(source: str, contraction: str = WHEREVER) -> bool:
+    """Whether `library` need not start the compiler; raises CompileError as it does."""
+    return _cached(cache_folder(), _key(source, contraction)) is not None
+
+
+def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation:
+    """Start the compiler and go on; `finished` says when `library` will have the result.
+
+    It ends with this process. Raises CompileError as `library` does.
+    """
+    folder, key = cache_folder(), _key(source, contraction)
+    try:
+        place = tempfile.TemporaryDirectory(prefix="varint-")
+        line = _command(Path(place.name), source, contraction, LIBRARIES[0])
+        away = subprocess.DEVNULL
+        process = subprocess.Popen(line, stdin=away, stdout=away, stderr=away)
+    except OSError as error:
+        raise _no_room(folder, error) from None
+    atexit.register(process.kill)
+    return Compilation(process, place, key)
+
+
+def finished(work: Compilation) -> bool:
+    """Whether the compiler has come to its end, whatever that is; what it made is kept."""
+    if work.process.poll() is None:
+        return False
+    atexit.unregister(work.process.kill)
+    result = Path(work.place.name) / RESULT
+    if work.process.returncode == 0:
+        with suppress(OSError):  # no room: `library` will say so
+            _store(result.read_bytes(), cache_folder(), work.key)
+    work.place.cleanup()
+    return True
+
+
+def _key(source: str, contraction: str) -> str:
+    return hashlib.sha256(f"{machine()}\n{contraction}\n{source}".encode()).hexdigest()[:40]
+
+
+def _cached(folder: Path, key: str) -> ctypes.CDLL | None:
+    for path in folder.glob(f"{key}-*.so"):
+        _refuse_foreign(path)
+        if path.name == _file_name(key, path.read_bytes()):
+            with suppress(OSError):  # made for another C library: compiled again
+                return ctypes.CDLL(str(path))
+        path.unlink(missing_ok=True)  # cut short or changed, for example by a full disk
+    return None
+
+
+def _no_room(folder: Path, error: OSError) -> CompileError:
+    return CompileError(
+        f"compiled code cannot be kept in {folder} ({error.strerror or error}); make room "
+        "there or set XDG_CACHE_HOME"
+    )
+
+
+def _command(place: Path, source: str, contraction: str, libraries: tuple[str, ...]) -> list[str]:
+    """The compiler's command line for a source that is written to a folder."""
+    command = compiler()
+    assert command is not None
+    text = place / "kernel.c"
+    text.write_text(source)
+    return [
+        *command,
+        *FLAGS,
+        contraction,
+        *SHARED,
+        str(text),
+        "-o",
+        str(place / RESULT),
+        *libraries,
+    ]
 
 
 def _file_name(key: str, content: bytes) -> str:
@@ -195,7 +270,7 @@ def _compile(source: str, folder: Path, key: str, contraction: str) -> ctypes.CD
                     f"the C compiler {command[0]} could not be run: {error}"
                 ) from None
             if done.returncode == 0:
-                path = _store(result.read_bytes(), folder, key)
+                path = _store((Path(place) / RESULT).read_bytes(), folder, key)
                 try:
                     return ctypes.CDLL(str(path))  # under its last name: it may not be renamed now
                 except OSError as error:

@@ -1,4 +1,6 @@
-"""Gauss rules without a compiler: the loop of c/gauss.c, built once, on a scene's operations as data."""
+"""Gauss rules with nothing compiled for the scene: the loop of c/gauss.c, built once, and the
+scene's operations as data.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +89,9 @@ def loop_for(lanes: int, vectors: int, form: int) -> Loop:
         text = "".join(f"#define {key} {value}\n" for key, value in defines.items())
         with notice("compiling the loop of Gauss rules (once; it is kept)"):
             built = library(text + c_source("core.c"), AS_WRITTEN)
-    run, parts, size = (getattr(built, f"{name}_{ending}") for name in ("run", "parts", "carry_size"))
+    run, parts, size = (
+        getattr(built, f"{name}_{ending}") for name in ("run", "parts", "carry_size")
+    )
     for entry in (run, parts):
         entry.argtypes, entry.restype = [c_char_p], c_int
     size.argtypes, size.restype = [c_void_p], c_int64

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel, build, emit_functions
+from varint.codegen.kernel import Kernel, compiled, emit_functions, source_of
 from varint.codegen.mechanics import force, velocity
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -56,9 +56,10 @@ def explicit_kernel(system: System, rule: Rule) -> Kernel:
         for name, values in (("KICK", rule.kicks), ("DRIFT", rule.drifts), ("NODE", _times(rule)))
     )
     defines = {"LANES": 1, "KICKS": kicks, "UNROLLED": f'"GCC unroll {unrolled}"'}
-    return build(
+    source = source_of(
         f"{rule.name}, {kicks} kicks a step", system, kicks, functions, defines, data, "explicit.c"
     )
+    return compiled(source)
 
 
 def _times(rule: Rule) -> list[float]:

@@ -8,7 +8,16 @@ import casadi as ca
 
 from varint.codegen.cache import AS_WRITTEN, vector_length
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
-from varint.codegen.kernel import Kernel, Routine, build, emitted, halved, routines
+from varint.codegen.kernel import (
+    Kernel,
+    Routine,
+    Source,
+    compiled,
+    emitted,
+    halved,
+    routines,
+    source_of,
+)
 from varint.codegen.mechanics import acceleration, dense, force, velocity
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia
@@ -110,6 +119,12 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
     CompileError
         If there is no compiler or no safe cache folder.
     """
+    return compiled(gauss_source(system, rule, form))
+
+
+@kernel_per_system
+def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
+    """The C source of `gauss_kernel`."""
     scheme = gauss_scheme(system, len(rule.nodes), form)
     defines = {
         "LANES": scheme.lanes,
@@ -130,7 +145,7 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
     )
     loops = ("dense.c", "gauss.c") if scheme.geometry else ("gauss.c",)
     functions = emitted(scheme.functions, str(scheme.vectors))
-    return build(
+    return source_of(
         scheme.about,
         system,
         scheme.stages,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from ctypes import addressof, c_char, c_char_p, c_int, c_int64
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -36,6 +36,10 @@ _ARGUMENTS, _PARTS = packing(RunArguments), packing(PartsArguments)
 _STATS = len(RunStats._fields_)
 
 
+def _nothing(arguments: bytes) -> int:
+    raise AssertionError("this loop is not compiled")
+
+
 @dataclass(frozen=True, eq=False)
 class Kernel:
     """A compiled run loop of one system and one rule.
@@ -61,9 +65,9 @@ class Kernel:
     controls: int
     nodes: int
     operations: int
-    entry: Callable[[bytes], int]
-    parts: Callable[[bytes], int]
-    carry_size: int
+    entry: Callable[[bytes], int] = _nothing
+    parts: Callable[[bytes], int] = _nothing
+    carry_size: int = 0
     opening: Callable[..., np.ndarray] | None = None
     scene: int = 0
     block: np.ndarray | None = None
@@ -238,7 +242,23 @@ def _address(array: np.ndarray) -> int:
     return addressof(c_char.from_buffer(array.data))  # a third of the time of ndarray.ctypes
 
 
-def build(
+class Source(NamedTuple):
+    """A loop in C and what the kernel around it is made of.
+
+    Attributes
+    ----------
+    text, contraction : str
+        For `library`.
+    kernel : Kernel
+        Without its entries.
+    """
+
+    text: str
+    contraction: str
+    kernel: Kernel
+
+
+def source_of(
     about: str,
     system: System,
     nodes: int,
@@ -248,8 +268,8 @@ def build(
     *loop: str,
     opening: Callable[..., np.ndarray] | None = None,
     contraction: str = WHEREVER,
-) -> Kernel:
-    """Compile the loop (C files) around the emitted functions, the right-hand side first."""
+) -> Source:
+    """The loop (C files) around the emitted functions, the right-hand side first."""
     heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
@@ -259,22 +279,24 @@ def build(
     source += "".join(map(c_source, ("lanes.h", "run.h"))) + data
     source += "\n".join(f.source for f in functions.values())
     source += "".join(map(c_source, (*loop, "parts.c")))
-    compiled = library(source, contraction)
-    for entry in (compiled.run, compiled.parts):
-        entry.argtypes, entry.restype = [c_char_p], c_int
-    size = c_int64.in_dll(compiled, "carry_size").value
-    operations = next(iter(functions.values())).operations
-    return Kernel(
+    kernel = Kernel(
         about,
         system.q.numel(),
         system.control.numel(),
         nodes,
-        operations,
-        compiled.run,
-        compiled.parts,
-        size,
-        opening,
+        next(iter(functions.values())).operations,
+        opening=opening,
     )
+    return Source(source, contraction, kernel)
+
+
+def compiled(source: Source) -> Kernel:
+    """The kernel, compiled where it is not in the cache; raises CompileError."""
+    loop = library(source.text, source.contraction)
+    for entry in (loop.run, loop.parts):
+        entry.argtypes, entry.restype = [c_char_p], c_int
+    size = c_int64.in_dll(loop, "carry_size").value
+    return replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size)
 
 
 class Routine(NamedTuple):

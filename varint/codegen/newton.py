@@ -15,7 +15,7 @@ import numpy as np
 
 from varint.codegen.band import Band, band
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel, build, emit_functions
+from varint.codegen.kernel import Kernel, compiled, emit_functions, source_of
 from varint.codegen.mechanics import velocity
 from varint.codegen.solution import Functions, Solution, solution_of
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
@@ -104,7 +104,7 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
         about = about.replace("Newton's method", "one linear solve a step, factorised once")
     if solve.map:
         about = "one constant linear map a step"
-    return build(
+    source = source_of(
         about,
         system,
         len(rule.nodes),
@@ -114,6 +114,7 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
         *(("nodes.c", "newton.c") if solve.tables else ("newton.c",)),
         opening=_opening_values(system),
     )
+    return compiled(source)
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,7 +90,7 @@ def tape_of(graph: Graph, last: int, many_roots: bool) -> Tape:
     once, constants, numbers = _once(graph, [i for i in live if uniform[i]], places)
     roots = "rsqrt_iterated" if many_roots else "rsqrt_exact"
     often, inputs, registers = _often(graph, varying, uniform, places, set(ends), roots)
-    outputs = [
+    outputs: list[tuple[int, ...]] = [
         (k, r, places[i]) for k, output in enumerate(graph.outputs) for r, i in enumerate(output)
     ]
     tables = _table(once, 6), _table(often, 6), np.array([*constants, 0.0])
@@ -139,7 +139,9 @@ def _often(
     """
     codes, count = operation_codes(), len(RESERVED) + len(places)
     units = _in_turns(graph, varying, uniform)
-    taken = [{j for i in unit for j in operands(graph.nodes[i]) if not uniform[j]} for unit in units]
+    taken = [
+        {j for i in unit for j in operands(graph.nodes[i]) if not uniform[j]} for unit in units
+    ]
     last = {j: k for k, used in enumerate(taken) for j in used}
     free: list[int] = []
 

@@ -22,27 +22,38 @@ from varint.scene.system import System
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel, LoopResult
 
-BACKENDS = ("auto", "compiled", "interpreted")
+BACKENDS = ("auto", "compiled", "native", "interpreted")
 
 
 def kernel_for(
     system: System, rule: Rule, problem: InitialValueProblem, backend: str
 ) -> Kernel | None:
-    """The compiled loop for a run, or None where the interpreted one is to be used.
+    """The loop in C for a run, or None where the interpreted one is to be used.
 
-    ``"auto"`` compiles where the interpreted run would take longer than the compiler, by the number
-    of operations: the same input always gives the same choice and so the same digits.
+    ``"auto"`` begins Gauss rules with the scene's operations as data, for which nothing is
+    compiled; their compiled loop gives the same digits and takes over where that pays. It compiles
+    other rules where the interpreted run would take longer than the compiler, by the number of
+    operations: the same input always gives the same digits.
 
     Raises
     ------
     InputError
         If there is no such backend.
     NotCompilable, CompileError
-        If ``"compiled"`` is asked for and impossible.
+        If ``"compiled"`` or ``"native"`` is asked for and impossible.
     """
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
-    if backend == "interpreted" or (backend == "auto" and not repays(system, rule, problem.steps)):
+    if backend == "interpreted":
+        return None
+    if backend == "native":
+        return _compiled_loop().native_kernel(system, rule)
+    in_gear = (
+        _compiled_loop().kernel_in_gear(system, rule) if backend == "auto" and rule.points else None
+    )
+    if in_gear is not None:
+        return in_gear
+    if backend == "auto" and not repays(system, rule, problem.steps):
         return None
     loop = _compiled_loop()
     try:
@@ -55,6 +66,13 @@ def kernel_for(
             raise
         _say_once(str(error).splitlines()[0])
     return None
+
+
+def runs_at_once(system: System, rule: Rule, backend: str) -> bool:
+    """Whether the rule has a loop in C that need not be compiled first."""
+    return (
+        backend in ("auto", "native") and _compiled_loop().kernel_in_gear(system, rule) is not None
+    )
 
 
 @cache

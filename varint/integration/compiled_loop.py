@@ -11,6 +11,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
+from varint.codegen.core import gauss_on_tape
 from varint.codegen.explicit import explicit_kernel
 from varint.codegen.gauss import gauss_form, gauss_kernel
 from varint.codegen.graph import NotCompilable, kernel_per_system
@@ -20,6 +21,7 @@ from varint.codegen.newton import newton_kernel
 from varint.codegen.solution import CLOSED
 from varint.discrete.scales import rounding_sizes
 from varint.integration.cost import newton_repays
+from varint.integration.gears import gears_of, gears_with, high_gear, kernel_after, kernel_now
 from varint.integration.interpreted_loop import interpreted_blocks
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock, RunState
@@ -39,20 +41,51 @@ PILOT = 1000  # steps at most after which fixed-point iteration must have shown 
 POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 
+def kernel_in_gear(system: System, rule: Rule) -> Kernel | None:
+    """The loop of a Gauss rule that is there at once; None where the scene has no such loop."""
+    gears = gears_of(system, rule) if _by_stages(system, rule) else None
+    return kernel_now(gears) if gears else None
+
+
+def native_kernel(system: System, rule: Rule) -> Kernel:
+    """The loop of a Gauss rule for which nothing is compiled.
+
+    Raises
+    ------
+    NotCompilable, CompileError
+        If there is none.
+    """
+    if not _by_stages(system, rule):
+        raise NotCompilable(
+            f"{rule} has no native loop for this scene: those are Gauss rules of regular scenes "
+            'without constraints; use backend="compiled" or "interpreted"'
+        )
+    return gauss_on_tape(system, rule)
+
+
+def _by_stages(system: System, rule: Rule) -> bool:
+    """Whether all stages are iterated at once: for Gauss rules this beats Newton's method by far
+    except for the midpoint rule in few coordinates (double pendulum: 0.35 against 0.16 µs a step).
+    """
+    s = system.structure
+    return _has_stages(system, rule) and not s.linear and not (rule == gauss(1) and s.n <= CLOSED)
+
+
 @kernel_per_system
 def kernel_of(system: System, rule: Rule) -> Kernel:
     """The compiled loop of a system and a rule.
 
-    Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss rules,
-    which beats Newton's method by far except for the midpoint rule in few coordinates (double
-    pendulum: 0.35 against 0.16 µs a step); else Newton's method.
+    Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss rules;
+    else Newton's method.
     """
     s = system.structure
     with notice(f"compiling {rule} for this scene (once; it is kept)"):
         if rule.kicks and s.explicit:
             return explicit_kernel(system, rule)
-        if _has_stages(system, rule) and not s.linear and not (rule == gauss(1) and s.n <= CLOSED):
-            return gauss_kernel(system, rule)
+        if _by_stages(system, rule):
+            kernel = gauss_kernel(system, rule)
+            high_gear(system, rule).append(kernel)
+            return kernel
         return newton_kernel(system, rule)
 
 
@@ -82,6 +115,7 @@ def compiled_blocks(
         kernel = newton_kernel(system, rule)
     explicit = bool(rule.kicks) and system.structure.explicit
     by_stages = kernel.opening is None and not explicit
+    gears = gears_with(system, rule, kernel)
     piloted = by_stages and at is None
     most = _first_piece(kernel, piloted)
     while k < problem.steps:
@@ -101,7 +135,8 @@ def compiled_blocks(
             carry=carry,
             level=problem.level,
         )
-        per_step = max((perf_counter() - began) / max(part.steps, 1), 1e-12)
+        seconds = perf_counter() - began
+        per_step = max(seconds / max(part.steps, 1), 1e-12)
         poor = piloted and k == problem.first and part.iterations > POOR * steps
         rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
@@ -147,6 +182,8 @@ def compiled_blocks(
         if part.status != DONE:
             return
         carry = part.carry
+        if gears:
+            kernel = kernel_after(gears, seconds, per_step * (problem.steps - k))
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
 
 
@@ -167,6 +204,7 @@ def run_at_once(
     steps, every = problem.steps, problem.save_every
     if steps % every or steps > _first_piece(kernel, piloted):
         return None
+    began = perf_counter()
     found = compiled_run(
         kernel,
         problem.q0,
@@ -179,6 +217,8 @@ def run_at_once(
         u=problem.controls(0, steps) if kernel.controls else None,
         level=problem.level,
     )
+    if gears := gears_with(system, rule, kernel):
+        kernel_after(gears, perf_counter() - began, 0.0)
     if found.status != DONE or (piloted and found.iterations > POOR * steps):
         return None
     return found

@@ -21,9 +21,9 @@ ANHARMONIC = 1.5  # more steps than a small oscillation takes
 ROUGH = 0.01  # error of a run that says something
 
 
-def candidates(system: System, compiled: bool) -> dict[Rule, float]:
+def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[Rule, float]:
     """Rules worth a try, with the work of a step: evaluations of a compiled one, seconds of an
-    interpreted one.
+    interpreted one. By stages: Gauss rules alone, whose loop is there at once.
     """
     s = system.structure
     if s.nonholonomic or s.degenerate or s.contacts:
@@ -32,6 +32,8 @@ def candidates(system: System, compiled: bool) -> dict[Rule, float]:
         return {lobatto(k): (k - 1) ** 1.5 for k in (3, 5, 7)}
     # stages run side by side in vector registers
     rules = {gauss(k): 5.0 * k / min(k, 4) for k in (2, 4, 6, 8)}
+    if by_stages:
+        return rules
     if s.explicit:
         explicit = (composition("blanes-moan4"), composition("kahan-li8"))
         rules |= {r: float(len(r.kicks)) for r in explicit}

@@ -25,6 +25,7 @@ import numpy as np
 
 from varint.discrete.constraints import ActiveSet
 from varint.errors import ConvergenceError, InputError
+from varint.integration.backend import runs_at_once
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
@@ -45,7 +46,7 @@ from varint.integration.two_runs import Course, run_twice, shows_its_error
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
-from varint.rules.rule import Rule
+from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
@@ -117,7 +118,8 @@ def choose_steps(
         compiled = backend == "compiled" or (
             backend == "auto" and repays(system, own, max(int(radians), 64))
         )
-        own = choose_rule(candidates(system, compiled), radians, tol)
+        at_once = runs_at_once(system, gauss(8), backend)
+        own = choose_rule(candidates(system, compiled, at_once), radians, tol)
 
     def trial(chosen: Rule, steps: int, part: int = 1, wanted: float = tol) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
@@ -177,7 +179,8 @@ def _refine(
     """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
     before: tuple[int, Trajectory] | None = None
     apart, order, stalls, runs, best = math.inf, None, 0, 0, None
-    most = MOST_STEPS if repays(system, rule, MOST_STEPS) else MOST_INTERPRETED
+    quick = runs_at_once(system, rule, "auto") or repays(system, rule, MOST_STEPS)
+    most = MOST_STEPS if quick else MOST_INTERPRETED
     while steps <= most:
         motion, runs = trial(rule, steps), runs + 1
         if motion is None or not np.isfinite(motion.q).all():

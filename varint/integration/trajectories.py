@@ -77,6 +77,12 @@ def last_node(nodes: Sequence[NodeBlock]) -> NodeBlock:
     )
 
 
+def _loop(kernel: Kernel | None) -> str:
+    if kernel is None:
+        return "interpreted"
+    return f"{'native' if kernel.scene else 'compiled'}: {kernel.about}"
+
+
 def trajectory_of(
     run: Run, nodes: Sequence[NodeBlock], noted: Sequence[Event] = (), interrupted: bool = False
 ) -> Trajectory:
@@ -137,7 +143,7 @@ def motion_of(
         stats=MappingProxyType(
             {
                 "plan": chosen,
-                "backend": "interpreted" if kernel is None else f"compiled: {kernel.about}",
+                "backend": _loop(kernel),
                 "steps": int(k[-1]),
                 "iterations": work[0],
                 "residual": work[1],

@@ -1,0 +1,165 @@
+"""A scene's operations as data give the bytes that its compiled code gives."""
+
+import ctypes
+import os
+import struct
+import subprocess
+import sys
+
+import casadi as ca
+import numpy as np
+import pytest
+from scenes import cart_pendulum, double_pendulum, driven_damped, henon_heiles, pendulum
+from test_compiled import controls, driven, kicked, simulated, turning
+from test_compiled_emit import LANES, expressions
+
+import varint as vi
+from varint.codegen import core
+from varint.codegen.arguments import c_source
+from varint.codegen.cache import AS_WRITTEN, compiler, library
+from varint.codegen.core import gauss_on_tape
+from varint.codegen.emit import arranged, emit_graph
+from varint.codegen.gauss import gauss_kernel
+from varint.codegen.graph import NotCompilable
+from varint.codegen.tape import tape_of
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+
+def both_ways(f: ca.Function, lanes: int, many: bool, x: np.ndarray, c) -> tuple[np.ndarray, ...]:
+    """f at the points x (count, n): by its tape, and by its compiled code."""
+    n, m, graph = f.numel_in(0), f.numel_out(0), arranged(f)
+    written, tape = emit_graph("f", graph, 1), tape_of(graph, 1, many)
+    loop = f"""
+    int run(const Tape *tape, int64_t count, const double *x, const double *c, double *one, double *other) {{
+        V registers[tape->registers + 1], in[{n}], out[{m}];
+        double *w = (double *)registers, u[{written.uniforms} + 1];
+        prepare(tape, c, w), f_prepare(c, u);
+        for (int64_t k = 0; k < count; k += LANES) {{
+            for (int i = 0; i < {n}; i++) for (int l = 0; l < LANES; l++) set_lane(&in[i], l, x[(k + l) * {n} + i]);
+            evaluate_tape(tape, (const V *const[]){{in}}, (V *const[]){{out}}, 1, w);
+            for (int i = 0; i < {m}; i++) for (int l = 0; l < LANES; l++) one[(k + l) * {m} + i] = lane(out[i], l);
+            f(in, u, out);
+            for (int i = 0; i < {m}; i++) for (int l = 0; l < LANES; l++) other[(k + l) * {m} + i] = lane(out[i], l);
+        }}
+        return 0;
+    }}"""
+    head = f"#define LANES {lanes}\n" + "#define MANY_ROOTS 1\n" * many
+    entry = library(
+        head + c_source("lanes.h") + c_source("tape.h") + written.source + loop, AS_WRITTEN
+    ).run
+    arrays = (tape.once, tape.often, tape.constants, tape.inputs, tape.outputs)
+    counts = (tape.uniforms, tape.numbers, tape.registers, len(tape.inputs), len(tape.outputs))
+    layout = struct.pack("5q5P", *counts, *(a.ctypes.data for a in arrays))
+    one, other, c = np.empty((len(x), m)), np.zeros((len(x), m)), np.array([*c, 0.0])
+    places = (ctypes.c_void_p(a.ctypes.data) for a in (x, c, one, other))
+    first, *rest = places
+    entry(ctypes.c_char_p(layout), ctypes.c_int64(len(x)), first, *rest)
+    return one, other
+
+
+@pytest.mark.parametrize("many", (False, True))
+@pytest.mark.parametrize("lanes", LANES)
+def test_every_operation_gives_the_bytes_of_the_compiled_code(lanes, many):
+    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 2)
+    f = ca.Function("f", [x, c], [ca.densify(expressions(x, c))])
+    points = np.random.default_rng(2).uniform(-4, 4, (64, 3))
+    one, other = both_ways(f, lanes, many, points, (0.7, 1.9))
+    assert one.tobytes() == other.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_operations_in_any_order_give_the_bytes_of_the_compiled_code(seed):
+    """Random graphs, deep enough for registers to be used again, with infinities and NaN."""
+    rng = np.random.default_rng(seed)
+    x, c = ca.SX.sym("x", 4), ca.SX.sym("c", 2)
+    found = [*ca.vertsplit(x), *ca.vertsplit(c)]
+    kinds = [
+        lambda a, b: a + b,
+        lambda a, b: a - b,
+        lambda a, b: a * b,
+        lambda a, b: a / (1 + b * b),
+        lambda a, b: ca.sin(a) + ca.cos(a),
+        lambda a, b: a / ca.sqrt(1 + b**2),
+        lambda a, b: ca.if_else(a < b, a, -b),
+        lambda a, b: ca.exp(-a * a),
+    ]
+    for _ in range(300):
+        a, b = (found[k] for k in rng.integers(max(0, len(found) - 60), len(found), 2))
+        found.append(kinds[rng.integers(len(kinds))](a, b))
+    f = ca.Function("f", [x, c], [ca.vertcat(*found[-40:])])
+    points = rng.uniform(-3, 3, (64, 4))
+    points[:3, 0] = np.inf, np.nan, 0.0
+    one, other = both_ways(f, 8, True, points, (0.3, -1.2))
+    assert np.array_equal(one, other, equal_nan=True)
+
+
+SCENES = {
+    "pendulum": (pendulum, 8, {}),
+    "separable": (henon_heiles, 6, {}),
+    "full mass": (double_pendulum, 4, {}),
+    "two vectors": (double_pendulum, 12, {}),
+    "cyclic": (cart_pendulum, 2, {}),
+    "damped, time": (driven_damped, 8, {"t0": 0.3}),
+    "controls, force on v": (driven, 8, {"t0": 0.3}),
+    "controls, kick": (kicked, 3, {"t0": -1.0}),
+    "turning": (turning, 8, {}),
+}
+
+
+@pytest.mark.parametrize("which", SCENES)
+def test_a_run_has_the_bytes_of_the_compiled_one(which):
+    """So has what it carries on: either may go on where the other stopped."""
+    make, stages, options = SCENES[which]
+    system = make()
+    n = system.structure.n
+    tape, code = gauss_on_tape(system, vi.gauss(stages)), gauss_kernel(system, vi.gauss(stages))
+    start = [0.5, 0.4][:n], [0.2, 0.6][:n], 0.05
+    u = controls(tape, 200) if tape.controls else None
+    one, other = (
+        simulated(k, *start, 200, system, u=u, save_every=3, **options) for k in (tape, code)
+    )
+    assert one.rows.tobytes() == other.rows.tobytes()
+    assert one.carry.tobytes() == other.carry.tobytes()
+    assert one.iterations == other.iterations and one.residual == other.residual
+    half = None if u is None else u[:100]
+    rest = None if u is None else u[100:]
+    first = simulated(tape, *start, 100, system, u=half, **options)
+    then = simulated(code, *start, 100, system, u=rest, first=100, carry=first.carry, **options)
+    assert then.last.tobytes() == other.last.tobytes()
+
+
+def test_what_has_no_native_loop_is_refused():
+    q, v = vi.coordinates("x", "y")
+    held = vi.System(q, v, ca.sumsqr(v) / 2 - q[1], constraint=ca.sumsqr(q) - 1)
+    start = {"q0": [1, 0], "v0": [0, 1], "h": 0.1, "steps": 3, "backend": "native"}
+    with pytest.raises(NotCompilable, match="without constraints"):
+        vi.simulate(held, vi.lobatto(2), **start)
+    q = ca.SX.sym("q", 65)
+    v = ca.SX.sym("v", 65)
+    large = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sum1(ca.cos(q)))
+    with pytest.raises(NotCompilable, match="too large"):
+        gauss_on_tape(large, vi.gauss(4))
+
+
+def test_without_a_compiler_the_loop_that_was_built_runs(tmp_path):
+    """With an empty PATH and nothing in the cache; where the package was built without one, the
+    run is interpreted.
+    """
+    script = (
+        "import varint as vi\n"
+        "m = vi.models.henon_heiles()\n"
+        "r = vi.simulate(m.system, vi.gauss(8), q0=m.q0, v0=m.v0, h=m.h, steps=50)\n"
+        "print(r.stats['backend'], r.q[-1].tobytes().hex())\n"
+    )
+    room = {**os.environ, "PATH": "", "XDG_CACHE_HOME": str(tmp_path)} | {"CC": ""}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=room, check=True
+    )
+    model = vi.models.henon_heiles()
+    ours = vi.simulate(model.system, vi.gauss(8), q0=model.q0, v0=model.v0, h=model.h, steps=50)
+    loop, *_, digits = done.stdout.split()
+    if core._built() is None:
+        assert loop == "interpreted"
+    else:
+        assert loop == "native:" and digits == ours.q[-1].tobytes().hex()

@@ -1,0 +1,107 @@
+"""Nothing but time depends on the gear: when a run shifts up, what the cache holds, what ran before."""
+
+import time
+
+import numpy as np
+import pytest
+from scenes import double_pendulum, henon_heiles
+
+import varint as vi
+from varint.codegen import cache
+from varint.codegen.cache import compiler
+from varint.integration import compiled_loop, gears
+from varint.integration.gears import gears_of, high_gear
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+RUN = {"h": 0.05, "steps": 6000, "save_every": 20}
+SCENES = {
+    "separable": (henon_heiles, [0.1, 0.2], [0.3, 0.1]),
+    "full mass": (double_pendulum, [1.0, 0.4], [0.1, -0.2]),
+}
+
+
+def wait_for(system: vi.System, rule: vi.Rule) -> None:
+    found = gears_of(system, rule)
+    for _ in range(600):
+        gears.kernel_now(found)
+        if high_gear(system, rule):
+            return
+        time.sleep(0.05)
+    raise AssertionError("the compiler has not come to its end")
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_run_that_shifts_up_on_its_way_has_the_bytes_of_all_others(scene, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    make, q0, v0 = SCENES[scene]
+    rule, start = vi.gauss(8), {"q0": q0, "v0": v0, **RUN}
+    low = vi.simulate(make(), rule, **start, backend="native")
+    high = vi.simulate(make(), rule, **start, backend="compiled")
+    system, used = make(), []
+    compiled_run, kernel_after = compiled_loop.compiled_run, gears.kernel_after
+
+    def noted(kernel, *arguments, **options):
+        used.append(bool(kernel.scene))
+        return compiled_run(kernel, *arguments, **options)
+
+    def patient(found, seconds, ahead):
+        kernel_after(found, seconds, 1e9)
+        wait_for(system, rule)
+        return gears.kernel_now(found)
+
+    monkeypatch.setattr(compiled_loop, "compiled_run", noted)
+    monkeypatch.setattr(compiled_loop, "kernel_after", patient)
+    shifted = vi.simulate(system, rule, **start)
+    assert used[0] and not used[-1]
+    for motion in (low, high):
+        assert motion.q.tobytes() == shifted.q.tobytes()
+        assert motion.p.tobytes() == shifted.p.tobytes()
+        for name in ("iterations", "residual", "steps"):
+            assert motion.stats[name] == shifted.stats[name]
+
+
+def test_many_short_runs_shift_up_like_a_long_one(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(gears, "compiling_seconds", lambda system, rule: 0.01)
+    system, rule = henon_heiles(), vi.gauss(6)
+    start = {"q0": [0.1, 0.2], "v0": [0.3, 0.1], "h": 0.05, "steps": 200}
+    first = vi.simulate(system, rule, **start)
+    assert first.stats["backend"].startswith("native")
+    while gears_of(system, rule).work is None:
+        vi.simulate(system, rule, **start)
+    wait_for(system, rule)
+    last = vi.simulate(system, rule, **start)
+    assert last.stats["backend"].startswith("compiled")
+    assert first.q.tobytes() == last.q.tobytes()
+
+
+def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path):
+    """A compiler that fails, a cache that is full: the run goes on as it began."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(gears, "compiling_seconds", lambda system, rule: 1e-6)
+    system, rule = henon_heiles(), vi.gauss(5)
+    start = {"q0": [0.1, 0.2], "v0": [0.3, 0.1], "h": 0.05, "steps": 3000}
+    whole = vi.simulate(henon_heiles(), rule, **start, backend="native")
+
+    def full(source, contraction):
+        raise cache.CompileError("no room")
+
+    monkeypatch.setattr(gears, "begin_compilation", full)
+    motion = vi.simulate(system, rule, **start)
+    assert gears_of(system, rule).stuck
+    assert np.array_equal(motion.q, whole.q)
+
+
+def test_a_compiler_that_is_at_work_ends_with_its_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    work = cache.begin_compilation("int run(void) { return 7; }\n")
+    for _ in range(200):
+        if cache.finished(work):
+            break
+        time.sleep(0.02)
+    assert cache.in_cache("int run(void) { return 7; }\n")
+    assert cache.library("int run(void) { return 7; }\n").run() == 7
+    refused = cache.begin_compilation("this is no C\n")
+    while not cache.finished(refused):
+        time.sleep(0.02)
+    assert not cache.in_cache("this is no C\n")

@@ -1,0 +1,110 @@
+"""Two gears of one loop: a scene's operations as data from the first step on, compiled where it pays.
+
+Both give the same numbers, so nothing but time depends on which one runs, on the clock, on what the
+cache holds or on what ran before. The compiler works in a process of its own meanwhile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from varint.codegen.cache import Compilation, CompileError, begin_compilation, finished, in_cache
+from varint.codegen.core import gauss_on_tape
+from varint.codegen.gauss import gauss_kernel, gauss_source
+from varint.codegen.graph import NotCompilable
+from varint.codegen.kernel import Kernel
+from varint.integration.cost import compiling_seconds
+from varint.rules.rule import Rule
+from varint.scene.system import System, per_system
+
+# of the compiler's predicted time: what must have been spent, or be ahead, before the source is
+# written and looked for in the cache, and before the compiler is started
+LOOK, START = 0.1, 0.5
+
+
+@dataclass(eq=False)
+class Gears:
+    """The loop of a system and a rule in both gears.
+
+    Attributes
+    ----------
+    low : Kernel
+        With the operations as data.
+    work : Compilation or None
+        The compiler at work.
+    seconds : float
+        Spent in the low gear so far.
+    looked, stuck : bool
+        Whether the cache has been asked; whether there is no high gear.
+    """
+
+    system: System
+    rule: Rule
+    low: Kernel
+    work: Compilation | None = None
+    seconds: float = 0.0
+    looked: bool = False
+    stuck: bool = False
+
+
+@per_system
+def gears_of(system: System, rule: Rule) -> Gears | None:
+    """The gears of a Gauss rule, or None where the scene has none: its operations are too many, or
+    there is neither a loop that was built with the package nor a compiler.
+    """
+    try:
+        return Gears(system, rule, replace(gauss_on_tape(system, rule)))  # not that of others
+    except (NotCompilable, CompileError):
+        return None
+
+
+@per_system
+def high_gear(system: System, rule: Rule) -> list[Kernel]:
+    """The compiled loop of a Gauss rule, once there is one."""
+    return []
+
+
+def gears_with(system: System, rule: Rule, kernel: Kernel) -> Gears | None:
+    """The gears whose low one this kernel is."""
+    gears = gears_of(system, rule) if kernel.scene else None
+    return gears if gears and gears.low is kernel else None
+
+
+def kernel_now(gears: Gears) -> Kernel:
+    """The best loop that is there."""
+    if gears.work is not None and finished(gears.work):
+        gears.work = None
+        _shift(gears)
+    return next(iter(high_gear(gears.system, gears.rule)), gears.low)
+
+
+def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
+    """The loop to go on with after so many seconds in the low gear, with about so many ahead of it."""
+    gears.seconds += seconds
+    idle = gears.work is None and not gears.stuck
+    if idle and not high_gear(gears.system, gears.rule):
+        total = (gears.seconds + ahead) / compiling_seconds(gears.system, gears.rule)
+        if total > START or (total > LOOK and not gears.looked):
+            gears.looked = True
+            _prepare(gears, total > START)
+    return kernel_now(gears)
+
+
+def _prepare(gears: Gears, start: bool) -> None:
+    """Take the compiled loop from the cache; where it is not there, start the compiler."""
+    try:
+        source = gauss_source(gears.system, gears.rule)
+        if in_cache(source.text, source.contraction):
+            _shift(gears)
+        elif start:
+            gears.work = begin_compilation(source.text, source.contraction)
+    except (NotCompilable, CompileError):
+        gears.stuck = True
+
+
+def _shift(gears: Gears) -> None:
+    """Into the high gear: the compiled loop is in the cache."""
+    try:
+        high_gear(gears.system, gears.rule).append(gauss_kernel(gears.system, gears.rule))
+    except (NotCompilable, CompileError):
+        gears.stuck = True
