@@ -1,4 +1,4 @@
-"""Builds the loop for scenes as data (varint/codegen/c/core.c) where there is a C compiler.
+"""Builds the loops for scenes as data (varint/codegen/c/*core.c) where there is a C compiler.
 
 All else stands in pyproject.toml. Without a compiler the package is installed all the same: runs
 are then interpreted, ten to a hundred times slower. VARINT_LEVELS="plain x86-64-v3 x86-64-v4"
@@ -40,19 +40,23 @@ def levels() -> list[str]:
 class BuildCore(build_ext):
     def build_extension(self, ext):
         def compiled(variant):
-            level, (lanes, vectors), form = variant
-            macros = [("LEVEL", level.replace("-", "_")), ("LANES", lanes), ("VECTORS", vectors)]
+            source, level, numbers = variant
+            macros = [("LEVEL", level.replace("-", "_"))]
+            macros += zip(("LANES", "VECTORS", "FORM"), map(str, numbers), strict=False)
             flags = FLAGS + ([] if level == "plain" else [f"-march={level}"])
-            folder = Path(self.build_temp) / f"{level}-{lanes}-{vectors}-{form}"
+            folder = "-".join(["build", level, *map(str, numbers)])
             return self.compiler.compile(
-                ext.sources,
-                output_dir=str(folder),
-                macros=[(key, str(x)) for key, x in [*macros, ("FORM", form)]],
+                [source],
+                output_dir=str(Path(self.build_temp) / folder),
+                macros=macros,
                 extra_preargs=flags,
                 depends=ext.depends,
             )
 
-        variants = [(x, shape, form) for x in levels() for shape in SHAPES[x] for form in (1, 2)]
+        gauss, newton = ext.sources
+        variants = [(newton, level, ()) for level in levels()]
+        for level in levels():
+            variants += [(gauss, level, (*x, form)) for x in SHAPES[level] for form in (1, 2)]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             objects = [path for paths in pool.map(compiled, variants) for path in paths]
         libraries = ["mvec", "m"] if sys.platform == "linux" and "x86" in platform.machine() else []
@@ -66,7 +70,7 @@ setup(
     ext_modules=[
         Extension(
             "varint.codegen._core",
-            [str(folder / "core.c")],
+            [str(folder / "core.c"), str(folder / "newton_core.c")],
             depends=sorted(str(path) for path in folder.glob("*.[ch]")),
             optional=True,  # a failure becomes a warning
         )

@@ -139,13 +139,13 @@ def test_a_full_disk_is_said_once_and_the_run_goes_on_interpreted(home, monkeypa
     monkeypatch.setattr(cache.os, "fsync", _full)
     monkeypatch.setattr(backend, "repays", lambda *_: True)
     with pytest.warns(UserWarning, match="No space left"):
-        motion = vi.simulate(scene, vi.gauss(2), **start)
+        motion = vi.simulate(scene, vi.composition("verlet"), **start)
     assert motion.stats["backend"] == "interpreted"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        vi.simulate(scene, vi.gauss(2), **start)
+        vi.simulate(scene, vi.composition("verlet"), **start)
     with pytest.raises(cache.CompileError, match="XDG_CACHE_HOME"):
-        vi.simulate(scene, vi.gauss(2), **start, backend="compiled")
+        vi.simulate(scene, vi.composition("verlet"), **start, backend="compiled")
     assert list(home.iterdir()) == []
 
 

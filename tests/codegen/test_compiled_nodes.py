@@ -10,8 +10,8 @@ import varint as vi
 from varint.codegen import newton, solution
 from varint.codegen.arguments import DONE
 from varint.codegen.cache import compiler
-from varint.codegen.kernel import run_loop
-from varint.codegen.newton import newton_kernel
+from varint.codegen.kernel import compiled, run_loop
+from varint.codegen.newton import newton_source
 from varint.discrete.shake_equations import eliminates_path
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 
@@ -31,7 +31,7 @@ def driven():
 def rows(system, rule, monkeypatch, steps=60, u=None, **how):
     for name, value in how.items():
         monkeypatch.setattr(solution, name, value)
-    kernel = newton_kernel.__wrapped__(system, rule)
+    kernel = compiled(newton_source.__wrapped__(system, rule))
     n = system.structure.n
     start = {"q0": np.linspace(0.5, 1.0, n), "v0": np.linspace(0.3, -0.2, n), "p0": None}
     problem = initial_value_problem(
@@ -64,13 +64,13 @@ def test_code_does_not_grow_with_the_number_of_nodes(monkeypatch):
     monkeypatch.setattr(solution, "LOOPED", 0)
     monkeypatch.setattr(
         newton,
-        "build",
+        "source_of",
         lambda about, system, nodes, functions, *rest, **more: emitted.append(
             sum(f.length for f in functions.values())
         ),
     )
     for stages in (2, 4, 8):
-        newton_kernel.__wrapped__(driven(), vi.gauss(stages))
+        newton_source.__wrapped__(driven(), vi.gauss(stages))
     assert emitted[1] - emitted[0] == 2 * (4 - 2)
     assert emitted[2] - emitted[1] == 2 * (8 - 4)
 
@@ -92,14 +92,14 @@ def test_rods_with_mass_keep_a_narrow_band_whatever_their_number(monkeypatch):
     reach = []
     monkeypatch.setattr(
         newton,
-        "build",
+        "source_of",
         lambda about, system, nodes, functions, defines, *rest, **more: reach.append(
             (defines["BELOW"], defines["HIDDEN_BELOW"])
         ),
     )
     for count in (10, 20, 40):
         assert not eliminates_path(rods(count), vi.lobatto(2))
-        newton_kernel.__wrapped__(rods(count), vi.lobatto(2))
+        newton_source.__wrapped__(rods(count), vi.lobatto(2))
     assert reach[0] == reach[1] == reach[2]
     assert max(reach[0]) <= 6
 

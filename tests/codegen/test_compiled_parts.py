@@ -8,7 +8,7 @@ import varint as vi
 from varint.codegen import emit, kernel, newton, parts
 from varint.codegen.cache import compiler
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.newton import newton_kernel
+from varint.codegen.newton import newton_kernel, newton_source
 from varint.integration.compiled_loop import kernel_of
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -39,9 +39,11 @@ def arm(joints):
 def emitted(system, rule, monkeypatch):
     found = {}
     monkeypatch.setattr(
-        newton, "build", lambda about, s, nodes, functions, *rest, **more: found.update(functions)
+        newton,
+        "source_of",
+        lambda about, s, nodes, functions, *rest, **more: found.update(functions),
     )
-    newton_kernel.__wrapped__(system, rule)
+    newton_source.__wrapped__(system, rule)
     return found
 
 

@@ -17,10 +17,10 @@ import varint as vi
 from varint.codegen import core
 from varint.codegen.arguments import c_source
 from varint.codegen.cache import AS_WRITTEN, compiler, library
-from varint.codegen.core import gauss_on_tape
 from varint.codegen.emit import arranged, emit_graph
 from varint.codegen.gauss import gauss_kernel
 from varint.codegen.graph import NotCompilable
+from varint.codegen.native import native_gauss
 from varint.codegen.tape import tape_of
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -31,16 +31,20 @@ def both_ways(f: ca.Function, lanes: int, many: bool, x: np.ndarray, c) -> tuple
     n, m, graph = f.numel_in(0), f.numel_out(0), arranged(f)
     written, tape = emit_graph("f", graph, 1), tape_of(graph, 1, many)
     loop = f"""
-    int run(const Tape *tape, int64_t count, const double *x, const double *c, double *one, double *other) {{
+    int run(const Tape *tape, int64_t count, const double *x, const double *c, double *one,
+            double *other) {{
         V registers[tape->registers + 1], in[{n}], out[{m}];
         double *w = (double *)registers, u[{written.uniforms} + 1];
-        prepare(tape, c, w), f_prepare(c, u);
+        prepare_tape(tape, c, w), f_prepare(c, u);
         for (int64_t k = 0; k < count; k += LANES) {{
-            for (int i = 0; i < {n}; i++) for (int l = 0; l < LANES; l++) set_lane(&in[i], l, x[(k + l) * {n} + i]);
+            for (int i = 0; i < {n}; i++)
+                for (int l = 0; l < LANES; l++) set_lane(&in[i], l, x[(k + l) * {n} + i]);
             evaluate_tape(tape, (const V *const[]){{in}}, (V *const[]){{out}}, 1, w);
-            for (int i = 0; i < {m}; i++) for (int l = 0; l < LANES; l++) one[(k + l) * {m} + i] = lane(out[i], l);
+            for (int i = 0; i < {m}; i++)
+                for (int l = 0; l < LANES; l++) one[(k + l) * {m} + i] = lane(out[i], l);
             f(in, u, out);
-            for (int i = 0; i < {m}; i++) for (int l = 0; l < LANES; l++) other[(k + l) * {m} + i] = lane(out[i], l);
+            for (int i = 0; i < {m}; i++)
+                for (int l = 0; l < LANES; l++) other[(k + l) * {m} + i] = lane(out[i], l);
         }}
         return 0;
     }}"""
@@ -94,6 +98,21 @@ def test_operations_in_any_order_give_the_bytes_of_the_compiled_code(seed):
     assert np.array_equal(one, other, equal_nan=True)
 
 
+MODELS = [vi.models.chain_rods(k) for k in (2, 3)]
+MODELS += [vi.models.four_bar(), vi.models.knife_edge()]
+
+
+def coupled() -> vi.System:
+    return row_of_springs(2)
+
+
+def row_of_springs(count: int = 9) -> vi.System:
+    """Linear; many coordinates are solved for in a band."""
+    q, v = vi.coordinates(*[f"x{i}" for i in range(count)])
+    stretch = ca.vertcat(q, 0) - ca.vertcat(0, q)
+    return vi.System(q, v, ca.sumsqr(v) / 2 - 3 * ca.sumsqr(stretch) / 2)
+
+
 SCENES = {
     "pendulum": (pendulum, 8, {}),
     "separable": (henon_heiles, 6, {}),
@@ -113,7 +132,7 @@ def test_a_run_has_the_bytes_of_the_compiled_one(which):
     make, stages, options = SCENES[which]
     system = make()
     n = system.structure.n
-    tape, code = gauss_on_tape(system, vi.gauss(stages)), gauss_kernel(system, vi.gauss(stages))
+    tape, code = native_gauss(system, vi.gauss(stages)), gauss_kernel(system, vi.gauss(stages))
     start = [0.5, 0.4][:n], [0.2, 0.6][:n], 0.05
     u = controls(tape, 200) if tape.controls else None
     one, other = (
@@ -129,17 +148,47 @@ def test_a_run_has_the_bytes_of_the_compiled_one(which):
     assert then.last.tobytes() == other.last.tobytes()
 
 
+IMPLICIT = {
+    "full mass": (double_pendulum, vi.lobatto(3)),
+    "midpoint in closed form": (cart_pendulum, vi.gauss(1)),
+    "linear": (coupled, vi.lobatto(4)),
+    "linear in a band": (row_of_springs, vi.gauss(2)),
+    "controls": (driven, vi.lobatto(2)),
+    "rods by multipliers": (lambda: vi.models.chain_rods(3).system, vi.lobatto(2)),
+    "rods": (lambda: vi.models.chain_rods(2).system, vi.lobatto(4)),
+    "linkage": (lambda: vi.models.four_bar().system, vi.lobatto(2)),
+    "knife edge": (lambda: vi.models.knife_edge().system, vi.lobatto(2)),
+}
+
+
+@pytest.mark.parametrize("which", IMPLICIT)
+def test_newtons_method_has_the_bytes_of_the_compiled_one(which):
+    make, rule = IMPLICIT[which]
+    system = make()
+    model = next((m for m in MODELS if m.system.names == system.names), None)
+    n = system.structure.n
+    q0 = model.q0 if model else np.linspace(0.3, 0.6, n)
+    v0 = model.v0 if model else np.linspace(0.2, 0.4, n)
+    u = 0.1 * np.ones(system.structure.controls) if system.structure.controls else None
+    start = {"q0": q0, "v0": v0, "u": u, "h": 0.01, "steps": 300, "save_every": 7}
+    one, other = (
+        vi.simulate(system, rule, **start, backend=backend) for backend in ("native", "compiled")
+    )
+    assert one.stats["backend"].startswith("native: ")
+    assert one.q.tobytes() == other.q.tobytes() and one.p.tobytes() == other.p.tobytes()
+    assert one.stats["iterations"] == other.stats["iterations"]
+    assert one.stats["residual"] == other.stats["residual"]
+
+
 def test_what_has_no_native_loop_is_refused():
-    q, v = vi.coordinates("x", "y")
-    held = vi.System(q, v, ca.sumsqr(v) / 2 - q[1], constraint=ca.sumsqr(q) - 1)
-    start = {"q0": [1, 0], "v0": [0, 1], "h": 0.1, "steps": 3, "backend": "native"}
-    with pytest.raises(NotCompilable, match="without constraints"):
-        vi.simulate(held, vi.lobatto(2), **start)
-    q = ca.SX.sym("q", 65)
-    v = ca.SX.sym("v", 65)
-    large = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sum1(ca.cos(q)))
+    separable = henon_heiles()
+    start = {"q0": [0.1, 0], "v0": [0, 0.1], "h": 0.1, "steps": 3, "backend": "native"}
+    with pytest.raises(NotCompilable, match="explicit"):
+        vi.simulate(separable, vi.composition("verlet"), **start)
+    q, v = ca.SX.sym("q", 65), ca.SX.sym("v", 65)
+    large = vi.System(q, v, ca.sumsqr(v) / 2 + ca.sum1(ca.cos(q)))
     with pytest.raises(NotCompilable, match="too large"):
-        gauss_on_tape(large, vi.gauss(4))
+        native_gauss(large, vi.gauss(4))
 
 
 def test_without_a_compiler_the_loop_that_was_built_runs(tmp_path):
@@ -159,7 +208,7 @@ def test_without_a_compiler_the_loop_that_was_built_runs(tmp_path):
     model = vi.models.henon_heiles()
     ours = vi.simulate(model.system, vi.gauss(8), q0=model.q0, v0=model.v0, h=model.h, steps=50)
     loop, *_, digits = done.stdout.split()
-    if core._built() is None:
+    if core.built_library() is None:
         assert loop == "interpreted"
     else:
         assert loop == "native:" and digits == ours.q[-1].tobytes().hex()

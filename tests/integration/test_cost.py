@@ -7,8 +7,8 @@ import pytest
 
 import varint as vi
 from varint.codegen import newton
-from varint.codegen.newton import newton_kernel
-from varint.integration import backend
+from varint.codegen.newton import newton_source
+from varint.integration import backend, compiled_loop
 from varint.integration.cost import (
     EXPLICIT_STARTING,
     EXPLICIT_STATEMENT,
@@ -69,6 +69,7 @@ def test_the_choice_follows_from_scene_rule_and_steps(monkeypatch):
     assert not repays(double_pendulum(), vi.gauss(4), 1000)
     scene, scale = bodies(7)
     asked = []
+    monkeypatch.setattr(compiled_loop, "kernel_in_gear", lambda *about: None)
     monkeypatch.setattr(backend, "repays", lambda *about: asked.append(about))
     q0 = [3, 3, 3, -3, -1, 2, -3, 0, 2, 0, -2, -4, 2, 4]
     start = {"q0": q0, "v0": [0.1] * 14, "h": 0.01, "steps": 2}
@@ -105,12 +106,12 @@ def test_the_prediction_is_never_below_half_of_what_is_written(scene, monkeypatc
     written = []
     monkeypatch.setattr(
         newton,
-        "build",
+        "source_of",
         lambda about, s, nodes, functions, *rest, **more: written.append(
             sum(f.length for f in functions.values())
         ),
     )
-    newton_kernel.__wrapped__(system, rule)
+    newton_source.__wrapped__(system, rule)
     explicit = rule.kicks and system.structure.explicit
     starting = EXPLICIT_STARTING if explicit else STARTING
     statement = EXPLICIT_STATEMENT if explicit else STATEMENT

@@ -270,7 +270,7 @@ def source_of(
     contraction: str = WHEREVER,
 ) -> Source:
     """The loop (C files) around the emitted functions, the right-hand side first."""
-    heads = {**defines, "N": system.q.numel(), "NU": system.control.numel()}
+    heads = {"N": system.q.numel(), "NU": system.control.numel(), **defines}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
         heads["MANY_ROOTS"] = 1

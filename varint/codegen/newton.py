@@ -8,14 +8,16 @@ factorised once for the whole run.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from varint.codegen.band import Band, band
+from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel, compiled, emit_functions, source_of
+from varint.codegen.kernel import Kernel, Source, compiled, emit_functions, source_of
 from varint.codegen.mechanics import velocity
 from varint.codegen.solution import Functions, Solution, solution_of
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
@@ -39,6 +41,12 @@ HISTORY = {
     2: 2,
     3: 2,
 }
+# the functions that c/newton.c calls, where the scene needs them
+CALLED = (
+    "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
+    "checked", "independence",
+)  # fmt: skip
+NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
 
 @kernel_per_system
@@ -65,6 +73,67 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
     CompileError
         If there is no compiler or no safe cache folder.
     """
+    return compiled(newton_source(system, rule))
+
+
+@kernel_per_system
+def newton_source(system: System, rule: Rule) -> Source:
+    """The C source of `newton_kernel`."""
+    x = newton_scheme(system, rule)
+    data = "".join(_table("int", name, map(str, t.tolist())) for name, t in x.places.items())
+    data += "".join(
+        _table("double", name, map(float.hex, t.tolist())) for name, t in x.tables.items()
+    )
+    return source_of(
+        x.about,
+        system,
+        len(rule.nodes),
+        emit_functions(x.constants, x.functions),
+        {"LANES": 1, **{f"{name.upper()}_W": 0 for name in x.idle}, **x.counts, **x.limits},
+        data,
+        *(("nodes.c", "newton.c") if x.by_nodes else ("newton.c",)),
+        opening=x.opening,
+        contraction=AS_WRITTEN,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Scheme:
+    """What the loop of c/newton.c needs of a scene and a rule, as C or as data.
+
+    Attributes
+    ----------
+    constants : SX
+        What does not change in a step: parameters, h, typical sizes.
+    functions : dict
+        Expressions by the names that c/newton.c calls them.
+    idle : list of str
+        Names of functions that this scene does not need.
+    counts, limits : dict
+        Numbers by the names in c/newton.c.
+    places, tables : dict of array
+        The same for arrays of whole and other numbers.
+    by_nodes : bool
+        Whether the equations are a loop over the nodes of the rule, c/nodes.c.
+    opening : callable
+        See `Kernel`.
+    """
+
+    about: str
+    constants: ca.SX
+    functions: Functions
+    idle: list[str]
+    counts: dict[str, int]
+    limits: dict[str, float]
+    places: dict[str, np.ndarray]
+    tables: dict[str, np.ndarray]
+    by_nodes: bool
+    opening: Callable[..., np.ndarray]
+
+
+@kernel_per_system
+def newton_scheme(system: System, rule: Rule) -> Scheme:
+    """What Newton's method needs of a scene and a rule; raises NotCompilable."""
     s = system.structure
     if s.contacts or s.degenerate or not s.quadratic_kinetic or not rule.points:
         raise NotCompilable(
@@ -78,7 +147,6 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
         e = shake_equations(system)
     else:
         e = constrained_equations(system, rule) if held else implicit_equations(system, rule)
-    constants = ca.vertcat(e.c, e.h, e.scale, e.sizes)
     solve = solution_of(system, rule, e, held)
     functions = solve.functions
     projection = _projection(system, e, eliminates) if held else None
@@ -94,7 +162,6 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
             [e.q, e.t, system.control],
             [kick_function(system)(e.q, system.control, e.t, e.c)],
         )
-    defines, data = _definitions(system, rule, e, solve, projection, eliminates)
     about = f"Newton's method, {e.y.numel()} unknowns" + (
         " in closed form"
         if solve.closed
@@ -104,17 +171,23 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
         about = about.replace("Newton's method", "one linear solve a step, factorised once")
     if solve.map:
         about = "one constant linear map a step"
-    source = source_of(
+    by_nodes = ("equations", "finish") if solve.tables else ()  # c/nodes.c has them
+    return Scheme(
         about,
-        system,
-        len(rule.nodes),
-        emit_functions(constants, functions),
-        defines,
-        data,
-        *(("nodes.c", "newton.c") if solve.tables else ("newton.c",)),
-        opening=_opening_values(system),
+        ca.vertcat(e.c, e.h, e.scale, e.sizes),
+        functions,
+        [name for name in CALLED if name not in functions and name not in by_nodes],
+        _counts(system, rule, e, solve, projection, eliminates),
+        {
+            "LAST_CORRECTION": LAST_LINEAR_CORRECTION if solve.linear else LAST_CORRECTION,
+            "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
+            "SMALLEST": SMALLEST,
+        },
+        _places(solve, projection),
+        _tables(rule, solve),
+        bool(solve.tables),
+        _opening_values(system),
     )
-    return compiled(source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,25 +220,26 @@ def _projection(system: System, e: Equations, eliminates: bool) -> _Projection:
     return _Projection(functions, order, not eliminates)
 
 
-def _definitions(
+def _counts(
     system: System,
     rule: Rule,
     e: Equations,
     solve: Solution,
     projection: _Projection | None,
     eliminates: bool,
-) -> tuple[dict, str]:
-    """Numbers and tables that newton.c expects."""
+) -> dict[str, int]:
     s, degree = system.structure, rule.degree
-    history = HISTORY.get(degree, 1)
     size = 0 if solve.closed else solve.band.size
-    defines = {
-        "LANES": 1,
+    order = projection.band if projection else NO_BAND
+    hidden_size = order.size if projection else 0
+    counts = {
+        "N": s.n,
+        "NU": s.controls,
         "NODES": len(rule.nodes),
         "Y": e.y.numel(),
         "C": e.c.numel(),
         "SIZES": e.sizes.numel(),
-        "HISTORY": history,
+        "HISTORY": HISTORY.get(degree, 1),
         "DEGREE": degree,
         "PATH": 0 if eliminates else s.n,
         "MULTIPLIERS": s.constraints,
@@ -181,38 +255,31 @@ def _definitions(
         "REACH": solve.band.reach,
         "BAND_SIZE": size,
         "NONZEROS": len(solve.band.places),
-        "LAST_CORRECTION": LAST_LINEAR_CORRECTION if solve.linear else LAST_CORRECTION,
+        "H": len(order.order),
+        "HIDDEN_BELOW": order.below,
+        "HIDDEN_REACH": order.reach,
+        "HIDDEN_NONZEROS": len(order.places),
+        "HIDDEN_SPEED": int(projection is not None and projection.speed),
+        "HIDDEN_SIZE": hidden_size,
+        "MATRIX_SIZE": max(size, hidden_size),
         "MOST_ITERATIONS": STEP_ITERATIONS,
-        "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
-        "SMALLEST": SMALLEST,
     }
-    for name in ("units", "kick", "sized", "hidden", "pulled", "slope", "checked", "independence"):
-        defines[f"{name.upper()}_W"] = 0
     if solve.tables:
-        defines["COUPLED"] = len(solve.tables["COUPLED_ROW"])
-    elif solve.map:
-        defines["EQUATIONS_W"] = 0
-    tables = {"PERM": solve.band.order, "AT": solve.band.places}
-    if projection:
-        order = projection.band
-        defines |= {"H": len(order.order), "HIDDEN_BELOW": order.below, "HIDDEN_REACH": order.reach}
-        defines |= {
-            "HIDDEN_NONZEROS": len(order.places),
-            "HIDDEN_SPEED": int(projection.speed),
-            "HIDDEN_SIZE": order.size,
-        }
-        tables |= {"HIDDEN_PERM": order.order, "HIDDEN_PLACES": order.places}
-        size = max(size, order.size)
-    defines["MATRIX_SIZE"] = size
-    tables |= {name: x for name, x in solve.tables.items() if x.dtype.kind == "i"}
-    numbers = {"POINTS": np.array(rule.points[1:]), **_continuation_tables(rule, history)}
-    numbers |= {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}
-    data = "".join(
-        _table("int", name, map(str, values.tolist())) for name, values in tables.items()
-    )
-    return defines, data + "".join(
-        _table("double", name, map(float.hex, x.tolist())) for name, x in numbers.items()
-    )
+        counts["COUPLED"] = len(solve.tables["COUPLED_ROW"])
+    return counts
+
+
+def _places(solve: Solution, projection: _Projection | None) -> dict[str, np.ndarray]:
+    order = projection.band if projection else NO_BAND
+    places = {"PERM": solve.band.order, "AT": solve.band.places}
+    places |= {"HIDDEN_PERM": order.order, "HIDDEN_PLACES": order.places}
+    return places | {name: x for name, x in solve.tables.items() if x.dtype.kind == "i"}
+
+
+def _tables(rule: Rule, solve: Solution) -> dict[str, np.ndarray]:
+    history = HISTORY.get(rule.degree, 1)
+    tables = {"POINTS": np.array(rule.points[1:]), **_continuation_tables(rule, history)}
+    return tables | {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}
 
 
 def _table(kind: str, name: str, values) -> str:

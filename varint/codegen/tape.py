@@ -56,6 +56,10 @@ class Tape:
     outputs: np.ndarray
 
 
+_NO_OPERATION, _NO_PLACES = np.zeros((1, 6), np.uint16), np.zeros((0, 3), np.uint16)
+NOTHING_TO_DO = Tape(0, 0, 0, _NO_OPERATION, _NO_OPERATION, np.zeros(1), _NO_PLACES, _NO_PLACES)
+
+
 @cache
 def operation_codes() -> dict[str, int]:
     """The machine's operations by name, as c/tape.h lists them."""

@@ -48,9 +48,7 @@ def kernel_for(
         return None
     if backend == "native":
         return _compiled_loop().native_kernel(system, rule)
-    in_gear = (
-        _compiled_loop().kernel_in_gear(system, rule) if backend == "auto" and rule.points else None
-    )
+    in_gear = _compiled_loop().kernel_in_gear(system, rule) if backend == "auto" else None
     if in_gear is not None:
         return in_gear
     if backend == "auto" and not repays(system, rule, problem.steps):

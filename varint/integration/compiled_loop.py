@@ -11,17 +11,23 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
-from varint.codegen.core import gauss_on_tape
 from varint.codegen.explicit import explicit_kernel
-from varint.codegen.gauss import gauss_form, gauss_kernel
+from varint.codegen.gauss import gauss_form
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
+from varint.codegen.native import native_gauss, native_newton
 from varint.codegen.newton import newton_kernel
 from varint.codegen.solution import CLOSED
 from varint.discrete.scales import rounding_sizes
 from varint.integration.cost import newton_repays
-from varint.integration.gears import gears_of, gears_with, high_gear, kernel_after, kernel_now
+from varint.integration.gears import (
+    compiled_kernel,
+    gears_of,
+    gears_with,
+    kernel_after,
+    kernel_now,
+)
 from varint.integration.interpreted_loop import interpreted_blocks
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock, RunState
@@ -42,25 +48,29 @@ POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 
 def kernel_in_gear(system: System, rule: Rule) -> Kernel | None:
-    """The loop of a Gauss rule that is there at once; None where the scene has no such loop."""
-    gears = gears_of(system, rule) if _by_stages(system, rule) else None
+    """The loop that is there at once; None where the scene has no such loop."""
+    gears = None if _kicks(system, rule) else gears_of(system, rule, _by_stages(system, rule))
     return kernel_now(gears) if gears else None
 
 
 def native_kernel(system: System, rule: Rule) -> Kernel:
-    """The loop of a Gauss rule for which nothing is compiled.
+    """The loop for which nothing is compiled.
 
     Raises
     ------
     NotCompilable, CompileError
         If there is none.
     """
-    if not _by_stages(system, rule):
+    if _kicks(system, rule):
         raise NotCompilable(
-            f"{rule} has no native loop for this scene: those are Gauss rules of regular scenes "
-            'without constraints; use backend="compiled" or "interpreted"'
+            f"{rule} has no native loop for this scene, whose kicks and drifts are explicit; use "
+            'backend="compiled" or "interpreted"'
         )
-    return gauss_on_tape(system, rule)
+    return (native_gauss if _by_stages(system, rule) else native_newton)(system, rule)
+
+
+def _kicks(system: System, rule: Rule) -> bool:
+    return bool(rule.kicks) and system.structure.explicit
 
 
 def _by_stages(system: System, rule: Rule) -> bool:
@@ -78,15 +88,10 @@ def kernel_of(system: System, rule: Rule) -> Kernel:
     Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss rules;
     else Newton's method.
     """
-    s = system.structure
     with notice(f"compiling {rule} for this scene (once; it is kept)"):
-        if rule.kicks and s.explicit:
+        if _kicks(system, rule):
             return explicit_kernel(system, rule)
-        if _by_stages(system, rule):
-            kernel = gauss_kernel(system, rule)
-            high_gear(system, rule).append(kernel)
-            return kernel
-        return newton_kernel(system, rule)
+        return compiled_kernel(system, rule, _by_stages(system, rule))
 
 
 def _has_stages(system: System, rule: Rule) -> bool:
@@ -112,8 +117,8 @@ def compiled_blocks(
         yield from _by_newton(system, rule, problem._replace(q0=q, p0=p, first=k))
         return
     if taken_over:
-        kernel = newton_kernel(system, rule)
-    explicit = bool(rule.kicks) and system.structure.explicit
+        kernel = _newton_in_gear(system, rule) or newton_kernel(system, rule)
+    explicit, cautious = _kicks(system, rule), False
     by_stages = kernel.opening is None and not explicit
     gears = gears_with(system, rule, kernel)
     piloted = by_stages and at is None
@@ -169,7 +174,7 @@ def compiled_blocks(
         )
         if part.status == NOT_CONVERGED and kernel.opening and part.steps:
             # once more from there, with sizes looked up anew
-            kernel = replace(kernel, opening=_above_rounding(system, kernel.opening))
+            cautious, kernel = True, _above_rounding(system, kernel)
             (q, p), carry, taken_over = np.split(x, 2), None, True
             continue
         if goes_on or (poor and part.status == DONE):
@@ -184,6 +189,7 @@ def compiled_blocks(
         carry = part.carry
         if gears:
             kernel = kernel_after(gears, seconds, per_step * (problem.steps - k))
+            kernel = _above_rounding(system, kernel) if cautious else kernel
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
 
 
@@ -199,7 +205,7 @@ def run_at_once(
     """The compiled run in one call, where it is that short; None where it is not, or where another
     loop would have to go on.
     """
-    explicit = bool(rule.kicks) and system.structure.explicit
+    explicit = _kicks(system, rule)
     piloted = kernel.opening is None and not explicit
     steps, every = problem.steps, problem.save_every
     if steps % every or steps > _first_piece(kernel, piloted):
@@ -224,9 +230,12 @@ def run_at_once(
     return found
 
 
-def _above_rounding(system: System, opening: Opening) -> Opening:
-    """What a Newton loop begins with, sizes not below the round-off of the terms that add up."""
-
+def _above_rounding(system: System, kernel: Kernel) -> Kernel:
+    """The same Newton loop, beginning with sizes not below the round-off of the terms that add
+    up.
+    """
+    opening = kernel.opening
+    assert opening is not None
     none = np.zeros(system.structure.controls)
 
     def told(
@@ -244,7 +253,7 @@ def _above_rounding(system: System, opening: Opening) -> Opening:
             row[: least.size] = np.maximum(row[: least.size], least)
         return begin
 
-    return told
+    return replace(kernel, opening=told)
 
 
 def one_step(
@@ -263,8 +272,9 @@ def _by_newton(
     """The rest of a run on which an iteration failed: by the compiled Newton's method, then the
     interpreted one.
     """
-    kernel = None
-    if compiled and newton_repays(system, rule, problem.steps - problem.first):
+    kernel = _newton_in_gear(system, rule) if compiled else None
+    steps = problem.steps - problem.first
+    if compiled and kernel is None and newton_repays(system, rule, steps):
         with suppress(NotCompilable, CompileError), notice(f"compiling Newton's method, {rule}"):
             kernel = newton_kernel(system, rule)
     if kernel is None:
@@ -275,6 +285,12 @@ def _by_newton(
         if at is not None and at.carry is not None:  # not handed on to the interpreted one
             block = block._replace(after=at._replace(by_newton=True))
         yield block
+
+
+def _newton_in_gear(system: System, rule: Rule) -> Kernel | None:
+    """Newton's method, as far as it is there at once."""
+    gears = gears_of(system, rule, False)
+    return kernel_now(gears) if gears else None
 
 
 def next_piece(k: int, steps: int, every: int, most: int) -> tuple[int, int]:

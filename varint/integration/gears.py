@@ -1,4 +1,4 @@
-"""Two gears of one loop: a scene's operations as data from the first step on, compiled where it pays.
+"""Two gears of one loop: operations as data from the first step on, compiled where it pays.
 
 Both give the same numbers, so nothing but time depends on which one runs, on the clock, on what the
 cache holds or on what ran before. The compiler works in a process of its own meanwhile.
@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from varint.codegen.cache import Compilation, CompileError, begin_compilation, finished, in_cache
-from varint.codegen.core import gauss_on_tape
 from varint.codegen.gauss import gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
+from varint.codegen.native import native_gauss, native_newton
+from varint.codegen.newton import newton_kernel, newton_source
 from varint.integration.cost import compiling_seconds
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
@@ -28,8 +29,10 @@ class Gears:
 
     Attributes
     ----------
+    system, rule, by_stages
+        `by_stages`: all stages at once by fixed-point iteration; else Newton's method.
     low : Kernel
-        With the operations as data.
+        With the scene as data.
     work : Compilation or None
         The compiler at work.
     seconds : float
@@ -40,6 +43,7 @@ class Gears:
 
     system: System
     rule: Rule
+    by_stages: bool
     low: Kernel
     work: Compilation | None = None
     seconds: float = 0.0
@@ -48,26 +52,34 @@ class Gears:
 
 
 @per_system
-def gears_of(system: System, rule: Rule) -> Gears | None:
-    """The gears of a Gauss rule, or None where the scene has none: its operations are too many, or
-    there is neither a loop that was built with the package nor a compiler.
+def gears_of(system: System, rule: Rule, by_stages: bool) -> Gears | None:
+    """The gears of a rule, or None where the scene has none: its operations are too many, or there
+    is neither a loop that was built with the package nor a compiler.
     """
     try:
-        return Gears(system, rule, replace(gauss_on_tape(system, rule)))  # not that of others
+        low = (native_gauss if by_stages else native_newton)(system, rule)
     except (NotCompilable, CompileError):
         return None
+    return Gears(system, rule, by_stages, replace(low))  # not that of backend="native"
 
 
 @per_system
-def high_gear(system: System, rule: Rule) -> list[Kernel]:
-    """The compiled loop of a Gauss rule, once there is one."""
+def high_gear(system: System, rule: Rule, by_stages: bool) -> list[Kernel]:
+    """The compiled loop, once there is one."""
     return []
+
+
+def compiled_kernel(system: System, rule: Rule, by_stages: bool) -> Kernel:
+    """The compiled loop, now; raises NotCompilable, CompileError."""
+    kernel = (gauss_kernel if by_stages else newton_kernel)(system, rule)
+    high_gear(system, rule, by_stages)[:] = [kernel]
+    return kernel
 
 
 def gears_with(system: System, rule: Rule, kernel: Kernel) -> Gears | None:
     """The gears whose low one this kernel is."""
-    gears = gears_of(system, rule) if kernel.scene else None
-    return gears if gears and gears.low is kernel else None
+    found = gears_of(system, rule, kernel.opening is None) if kernel.scene else None
+    return found if found and found.low is kernel else None
 
 
 def kernel_now(gears: Gears) -> Kernel:
@@ -75,14 +87,13 @@ def kernel_now(gears: Gears) -> Kernel:
     if gears.work is not None and finished(gears.work):
         gears.work = None
         _shift(gears)
-    return next(iter(high_gear(gears.system, gears.rule)), gears.low)
+    return next(iter(high_gear(gears.system, gears.rule, gears.by_stages)), gears.low)
 
 
 def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
-    """The loop to go on with after so many seconds in the low gear, with about so many ahead of it."""
+    """The loop to go on with after so many seconds in the low gear, with about so many ahead."""
     gears.seconds += seconds
-    idle = gears.work is None and not gears.stuck
-    if idle and not high_gear(gears.system, gears.rule):
+    if gears.work is None and not gears.stuck and kernel_now(gears) is gears.low:
         total = (gears.seconds + ahead) / compiling_seconds(gears.system, gears.rule)
         if total > START or (total > LOOK and not gears.looked):
             gears.looked = True
@@ -93,7 +104,7 @@ def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
 def _prepare(gears: Gears, start: bool) -> None:
     """Take the compiled loop from the cache; where it is not there, start the compiler."""
     try:
-        source = gauss_source(gears.system, gears.rule)
+        source = (gauss_source if gears.by_stages else newton_source)(gears.system, gears.rule)
         if in_cache(source.text, source.contraction):
             _shift(gears)
         elif start:
@@ -103,8 +114,8 @@ def _prepare(gears: Gears, start: bool) -> None:
 
 
 def _shift(gears: Gears) -> None:
-    """Into the high gear: the compiled loop is in the cache."""
+    """Into the high gear: the compiled loop is in the cache, or the compiler has refused it."""
     try:
-        high_gear(gears.system, gears.rule).append(gauss_kernel(gears.system, gears.rule))
+        compiled_kernel(gears.system, gears.rule, gears.by_stages)
     except (NotCompilable, CompileError):
         gears.stuck = True

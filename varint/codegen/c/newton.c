@@ -11,13 +11,69 @@
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
 
-/* What a run needs to go on as if it had not stopped; at a fresh start the caller fills scale and speed. */
+/* What a run needs to go on as if it had not stopped, in this order; at a fresh start the caller fills scale and speed. */
 typedef struct {
-    double started, scale[2 * N], speed[N], sizes[SIZES + 1], h, known, age, q[N], p[N], rest_q[N], rest_p[N];
-    double force[N], seen[2 * N], y[HISTORY][Y];
-} Carry;
-#define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double))
+    double *started, *scale, *speed, *sizes, *h, *known, *age, *q, *p, *rest_q, *rest_p, *force, *seen, *y;
+} State; /* 1, 2 N, N, SIZES + 1, 1, 1, 1, N, N, N, N, N, 2 N, HISTORY rows of Y numbers */
+#define CARRY_SIZE ((int64_t)(5 + 11 * N + SIZES + HISTORY * Y))
+#ifdef SCENE_AS_DATA
+int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
+#else
 const int64_t carry_size = CARRY_SIZE;
+#endif
+INLINE State state_in(double *at) {
+    State s;
+    s.started = at, s.scale = s.started + 1, s.speed = s.scale + 2 * N, s.sizes = s.speed + N, s.h = s.sizes + SIZES + 1;
+    s.known = s.h + 1, s.age = s.known + 1, s.q = s.age + 1, s.p = s.q + N, s.rest_q = s.p + N, s.rest_p = s.rest_q + N;
+    s.force = s.rest_p + N, s.seen = s.force + N, s.y = s.seen + 2 * N;
+    return s;
+}
+#define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
+#define ZEROS(of, count) memset(of, 0, (size_t)(count) * sizeof(double))
+
+#ifndef SCENE_AS_DATA /* what this scene does not need, is not there: it is not called either */
+#define NOT_NEEDED(...) ((void)0)
+#if !KICKED
+#define kick NOT_NEEDED
+#define kick_prepare NOT_NEEDED
+#endif
+#if !HELD
+#define sized NOT_NEEDED
+#define hidden NOT_NEEDED
+#define pulled NOT_NEEDED
+#define sized_prepare NOT_NEEDED
+#define hidden_prepare NOT_NEEDED
+#define pulled_prepare NOT_NEEDED
+#endif
+#if !WATCHED
+#define independence NOT_NEEDED
+#define independence_prepare NOT_NEEDED
+#endif
+#if !LINEAR || MAP
+#define slope NOT_NEEDED
+#define slope_prepare NOT_NEEDED
+#endif
+#if MAP
+#define mapped finish
+#define finished NOT_NEEDED
+#define equations NOT_NEEDED
+#define equations_prepare NOT_NEEDED
+#define units NOT_NEEDED
+#define units_prepare NOT_NEEDED
+#else
+#define finished finish
+#define mapped NOT_NEEDED
+#define checked NOT_NEEDED
+#define checked_prepare NOT_NEEDED
+#endif
+#if CLOSED || LINEAR
+#define residual_of equations
+#define residual_and_slope NOT_NEEDED
+#else
+#define residual_of NOT_NEEDED
+#define residual_and_slope equations
+#endif
+#endif
 
 #define LARGE static __attribute__((noinline))
 #define EQUATIONS_AT 0
@@ -38,6 +94,15 @@ const int64_t carry_size = CARRY_SIZE;
 typedef double Chunk __attribute__((vector_size(64), aligned(8), may_alias));
 #define IN_CHUNKS(reach) ((reach) % 8 == 0)
 #define AT_CHUNK(x, j) (*(Chunk *)((x) + (j)))
+#if defined(__AVX512F__)
+INLINE Chunk chunk_fma(double f, Chunk x, Chunk y) { /* f x + y */
+    return (Chunk)_mm512_fmadd_pd((__m512d)(f - (Chunk){0}), (__m512d)x, (__m512d)y);
+}
+INLINE Chunk chunks_fma(Chunk f, Chunk x, Chunk y) { return (Chunk)_mm512_fmadd_pd((__m512d)f, (__m512d)x, (__m512d)y); }
+#else
+INLINE Chunk chunk_fma(double f, Chunk x, Chunk y) { for (int i = 0; i < 8; i++) y[i] = v_fma(f, x[i], y[i]); return y; }
+INLINE Chunk chunks_fma(Chunk f, Chunk x, Chunk y) { for (int i = 0; i < 8; i++) y[i] = v_fma(f[i], x[i], y[i]); return y; }
+#endif
 
 INLINE int least(int a, int b) { return a < b ? a : b; }
 
@@ -65,9 +130,9 @@ INLINE void factorise(const int n, const int below, const int reach, double *a, 
             if (other[0] != 0) {
                 const double f = other[0] *= inverse;
                 if (IN_CHUNKS(reach))
-                    for (int j = 1; j <= right; j += 8) AT_CHUNK(other, j) -= f * AT_CHUNK(row, j);
+                    for (int j = 1; j <= right; j += 8) AT_CHUNK(other, j) = chunk_fma(-f, AT_CHUNK(row, j), AT_CHUNK(other, j));
                 else
-                    for (int j = 1; j <= reach; j++) other[j] -= f * row[j];
+                    for (int j = 1; j <= reach; j++) other[j] = v_fnma(f, row[j], other[j]);
             }
         }
     }
@@ -80,7 +145,7 @@ INLINE void substitute(const int n, const int below, const int reach, const doub
         const double *const row = a + c * (width + 1) + below, x = b[pivots[c]];
         const int down = least(below, n - 1 - c);
         b[pivots[c]] = b[c], b[c] = x;
-        for (int r = 1; r <= down; r++) b[c + r] -= row[r * width] * x;
+        for (int r = 1; r <= down; r++) b[c + r] = v_fnma(row[r * width], x, b[c + r]);
     }
     for (int c = n - 1; c >= 0; c--) {
         const double *const row = a + c * (width + 1) + below;
@@ -88,25 +153,23 @@ INLINE void substitute(const int n, const int below, const int reach, const doub
         double x = b[c];
         if (IN_CHUNKS(reach)) {
             Chunk parts = {0};
-            for (int j = 1; j <= right; j += 8) parts += AT_CHUNK(row, j) * AT_CHUNK(b + c, j);
+            for (int j = 1; j <= right; j += 8) parts = chunks_fma(AT_CHUNK(row, j), AT_CHUNK(b + c, j), parts);
             x -= ((parts[0] + parts[1]) + (parts[2] + parts[3])) + ((parts[4] + parts[5]) + (parts[6] + parts[7]));
         } else {
-            for (int j = 1; j <= reach; j++) x -= row[j] * b[c + j];
+            for (int j = 1; j <= reach; j++) x = v_fnma(row[j], b[c + j], x);
         }
         b[c] = x * row[0];
     }
 }
 
-#if !CLOSED
 /* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
 LARGE void correct(const double *jacobian, double *matrix, double *b) {
     int pivots[Y];
-    memset(matrix, 0, BAND_SIZE * sizeof(double));
+    ZEROS(matrix, BAND_SIZE);
     for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
     factorise(Y, BELOW, REACH, matrix, pivots);
     substitute(Y, BELOW, REACH, matrix, pivots, b);
 }
-#endif
 
 /* The largest of what remains, or no number. */
 INLINE double largest_of(const double *remains) {
@@ -115,24 +178,21 @@ INLINE double largest_of(const double *remains) {
     return left;
 }
 
-#if !MAP
 /* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. A linear solve errs by the
    round-off of the factors, the same in every step, in what it corrects alone: hardly anything, from a continued start. */
 INLINE int solve(double *y, const double *q, const double *p, const double *u, double t, const double *w,
                   const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
     for (int i = 0; i < most; i++) {
-        double b[Y + REACH] = {0}, worst = 0;
+        double b[Y + REACH], worst = 0;
+        ZEROS(b, Y + REACH);
         *count += 1;
-#if LINEAR
-        equations(y, q, p, &t, u, w + EQUATIONS_AT, b);
-        substitute(Y, BELOW, REACH, matrix, pivots, b);
-#elif CLOSED
-        equations(y, q, p, &t, u, w + EQUATIONS_AT, b);
-#else
-        double jacobian[NONZEROS];
-        equations(y, q, p, &t, u, w + EQUATIONS_AT, b, jacobian);
-        correct(jacobian, matrix, b);
-#endif
+        if (CLOSED || LINEAR) residual_of(y, q, p, &t, u, w + EQUATIONS_AT, b);
+        if (LINEAR) substitute(Y, BELOW, REACH, matrix, pivots, b);
+        else if (!CLOSED) {
+            double jacobian[NONZEROS + 1];
+            residual_and_slope(y, q, p, &t, u, w + EQUATIONS_AT, b, jacobian);
+            correct(jacobian, matrix, b);
+        }
         for (int k = 0; k < Y; k++) {
             const double size = fabs(b[k]) * inverse[k];
             worst = size > worst ? size : worst;
@@ -142,21 +202,19 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
     }
     return 0;
 }
-#endif
 
-#if HELD
 /* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
 LARGE void project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
-    double jacobian[HIDDEN_NONZEROS], b[H + HIDDEN_REACH] = {0};
-    int pivots[H];
+    double jacobian[HIDDEN_NONZEROS + 1], b[H + HIDDEN_REACH + 1];
+    int pivots[H + 1];
+    ZEROS(b, H + HIDDEN_REACH);
     hidden(q, p, &t, w + HIDDEN_AT, b, jacobian);
-    memset(matrix, 0, HIDDEN_SIZE * sizeof(double));
+    ZEROS(matrix, HIDDEN_SIZE);
     for (int i = 0; i < HIDDEN_NONZEROS; i++) matrix[HIDDEN_PLACES[i]] = jacobian[i];
     factorise(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots);
     substitute(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots, b);
     for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
 }
-#endif
 
 /* Start values of `rows` × `columns` unknowns of a step, from `offset` on: continued from `known` steps by the table. */
 INLINE void extend(const double *table, int known, int rows, int columns, int offset, double *const *y, double *next) {
@@ -167,7 +225,7 @@ INLINE void extend(const double *table, int known, int rows, int columns, int of
         for (int s = 0; s < known; s++)
             for (int k = 0; k < columns; k++) {
                 const double factor = table[(j * known + s) * columns + k], *const from = y[s] + offset + k * rows;
-                for (int i = 0; i < rows; i++) to[i] += factor * from[i];
+                for (int i = 0; i < rows; i++) to[i] = v_fma(factor, from[i], to[i]);
             }
     }
 }
@@ -185,21 +243,18 @@ INLINE void guess(int known, double *const *y, const double *speed, double *next
 
 LARGE void save(double *row, const double *q, const double *p, double t, const double *w, double *matrix) {
     memcpy(row, q, N * sizeof(double)), memcpy(row + N, p, N * sizeof(double));
-#if HELD && HIDDEN_SPEED
-    double x[H];
-    project(q, p, t, w, matrix, x);
-    speed(x, q, &t, w + SPEED_AT, row + 2 * N);
-#else
-    speed(q, p, &t, w + SPEED_AT, row + 2 * N);
-#endif
+    if (HELD && HIDDEN_SPEED) {
+        double x[H + 1];
+        project(q, p, t, w, matrix, x);
+        speed(x, q, &t, w + SPEED_AT, row + 2 * N);
+    } else speed(q, p, &t, w + SPEED_AT, row + 2 * N);
 }
 
-#if WATCHED
 /* What the saved nodes have shown of the constraint rows: pivots and lengths. What is not a number stays. */
-typedef struct { double nearest, farthest, least[VELOCITY_ROWS], largest[VELOCITY_ROWS]; } Rows;
+typedef struct { double nearest, farthest, *least, *largest; } Rows; /* VELOCITY_ROWS lengths */
 
 LARGE void look(Rows *rows, const double *q, double t, const double *w) {
-    double pivot, length[VELOCITY_ROWS];
+    double pivot = 0, length[VELOCITY_ROWS + 1];
     independence(q, &t, w + INDEPENDENCE_AT, &pivot, length);
     rows->nearest = pivot < rows->nearest || pivot != pivot ? pivot : rows->nearest;
     rows->farthest = pivot > rows->farthest ? pivot : rows->farthest;
@@ -208,36 +263,30 @@ LARGE void look(Rows *rows, const double *q, double t, const double *w) {
         rows->largest[i] = length[i] > rows->largest[i] ? length[i] : rows->largest[i];
     }
 }
-#endif
 
 /* What depends on parameters, step and sizes alone. */
 LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
     finish_prepare(k, w + FINISH_AT), speed_prepare(k, w + SPEED_AT);
-#if !MAP
-    equations_prepare(k, w + EQUATIONS_AT), units_prepare(k, w + UNITS_AT);
-    double size[Y];
-    units(w + UNITS_AT, size);
-    for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
-#endif
-#if KICKED
-    kick_prepare(k, w + KICK_AT);
-#endif
-#if HELD
-    sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT), pulled_prepare(k, w + PULLED_AT);
-#endif
-#if MAP
-    checked_prepare(k, w + CHECKED_AT);
-#endif
-#if WATCHED
-    independence_prepare(k, w + INDEPENDENCE_AT);
-#endif
-#if LINEAR && !MAP
-    double jacobian[NONZEROS];
-    slope_prepare(k, w + SLOPE_AT), slope(w + SLOPE_AT, jacobian);
-    memset(matrix, 0, BAND_SIZE * sizeof(double));
-    for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
-    factorise(Y, BELOW, REACH, matrix, pivots);
-#endif
+    if (!MAP) {
+        equations_prepare(k, w + EQUATIONS_AT), units_prepare(k, w + UNITS_AT);
+        double size[Y];
+        units(w + UNITS_AT, size);
+        for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
+    } else checked_prepare(k, w + CHECKED_AT);
+    if (KICKED) kick_prepare(k, w + KICK_AT);
+    if (HELD) {
+        sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT);
+        pulled_prepare(k, w + PULLED_AT);
+    }
+    if (WATCHED) independence_prepare(k, w + INDEPENDENCE_AT);
+    if (LINEAR && !MAP) {
+        double jacobian[NONZEROS + 1];
+        slope_prepare(k, w + SLOPE_AT);
+        slope(w + SLOPE_AT, jacobian);
+        ZEROS(matrix, BAND_SIZE);
+        for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
+        factorise(Y, BELOW, REACH, matrix, pivots);
+    }
 }
 
 /* New typical sizes from what the last steps showed. */
@@ -256,6 +305,9 @@ LARGE void rescale(double *scale, double *seen) {
 }
 
 int run(const RunArguments *a) {
+#ifdef SCENE_AS_DATA
+    scene = a->scene;
+#endif
     const int64_t steps = a->steps, first = a->first;
     const int most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
     const double t0 = a->t0, h = a->h, per_h = 1 / h;
@@ -263,140 +315,129 @@ int run(const RunArguments *a) {
     double *rows = a->rows, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
     double *const scale = k + C + 1, *const sizes = scale + 2 * N;
     int pivots[Y];
-    Carry *const state = (Carry *)a->carry;
-    double *const q = state->q, *const p = state->p, *const seen = state->seen;
+    const State state = state_in(a->carry);
+    double *const q = state.q, *const p = state.p, *const seen = state.seen;
     int64_t iterations = 0, largest_count = 0, done = 0, unsaved = 0;
     int status = DONE;
     double left = 0, worst = 0;
-#if MATRIX_SIZE
-    matrix = malloc(MATRIX_SIZE * sizeof(double));
-    if (!matrix) return NOT_FINITE;
-#endif
-    memcpy(k, a->c, C * sizeof(double)), k[C] = h;
-    if (!(state->started == 1 && state->h == h)) {
-        memcpy(q, a->start, N * sizeof(double)), memcpy(p, a->start + N, N * sizeof(double));
-        memset(state->rest_q, 0, sizeof state->rest_q), memset(state->rest_p, 0, sizeof state->rest_p);
-        memset(seen, 0, sizeof state->seen), state->known = state->age = 0;
+    if (MATRIX_SIZE) {
+        matrix = malloc(MATRIX_SIZE * sizeof(double));
+        if (!matrix) return NOT_FINITE;
     }
-    memcpy(scale, state->scale, sizeof state->scale), memcpy(sizes, state->sizes, SIZES * sizeof(double));
+    const int goes_on = *state.started == 1 && *state.h == h;
+    COPY(k, a->c, C), k[C] = h;
+    if (!goes_on) {
+        COPY(q, a->start, N), COPY(p, a->start + N, N);
+        ZEROS(state.rest_q, N), ZEROS(state.rest_p, N), ZEROS(seen, 2 * N);
+        ZEROS(state.force, N), ZEROS(state.y, HISTORY * Y), state.sizes[SIZES] = 0;
+        *state.known = *state.age = 0;
+    }
+    COPY(scale, state.scale, 2 * N), COPY(sizes, state.sizes, SIZES);
     prepare(k, w, inverse, matrix, pivots);
-#if KICKED
-    if (!(state->started == 1 && state->h == h)) {
+    if (KICKED && !goes_on) {
         const double t = t0 + h * (double)first;
-        kick(q, &t, u, w + KICK_AT, state->force);
+        kick(q, &t, u, w + KICK_AT, state.force);
     }
-#endif
     double *y[HISTORY + 1], unknowns[HISTORY + 1][Y]; /* y[0] is the step at hand, y[s] that of s steps ago */
     for (int s = 0; s <= HISTORY; s++) y[s] = unknowns[s];
-    for (int s = 0; s < HISTORY; s++) memcpy(y[s + 1], state->y[s], sizeof state->y[s]);
+    for (int s = 0; s < HISTORY; s++) COPY(y[s + 1], state.y + s * Y, Y);
     save(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
-#if WATCHED
-    Rows held = {INFINITY, 0, {0}, {0}};
-    for (int i = 0; i < VELOCITY_ROWS; i++) held.least[i] = INFINITY;
-    look(&held, q, t0 + h * (double)first, w);
-#endif
+    double shortest[VELOCITY_ROWS + 1], longest[VELOCITY_ROWS + 1];
+    Rows held = {INFINITY, 0, shortest, longest};
+    for (int i = 0; i < VELOCITY_ROWS; i++) shortest[i] = INFINITY, longest[i] = 0;
+    if (WATCHED) look(&held, q, t0 + h * (double)first, w);
 
     for (; done < steps; done++) {
         const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
         const double *p_start = p;
-        double increment[N], gain[N], remains[Y];
-#if HELD
-        if ((int64_t)state->age % RESIZED == 0) {
+        double increment[N], gain[N], remains[Y], kicked[N], force[N], after[N];
+        if (HELD && (int64_t)*state.age % RESIZED == 0) {
             sized(q, &t, w + SIZED_AT, sizes);
             prepare(k, w, inverse, matrix, pivots);
         }
-#endif
-#if KICKED
-        double kicked[N], force[N];
-        if (NU) kick(q, &t, u, w + KICK_AT, force);
-        else memcpy(force, state->force, sizeof force);
-        for (int d = 0; d < N; d++) kicked[d] = p[d] + 0.5 * h * force[d];
-        p_start = kicked;
-#endif
-        int64_t count = 0;
-#if MAP
-        finish(q, p, &t, u, w + FINISH_AT, increment, gain);
-        count = 1;
-        if ((int64_t)state->age % WINDOW == 0) {
-            checked(q, p, &t, u, w + CHECKED_AT, remains);
-            left = largest_of(remains);
+        if (KICKED) {
+            if (NU) kick(q, &t, u, w + KICK_AT, force);
+            else COPY(force, state.force, N);
+            for (int d = 0; d < N; d++) kicked[d] = v_fma(0.5 * h, force[d], p[d]);
+            p_start = kicked;
         }
-#else
-        for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
-            const int known = (int)state->known;
-            guess(known, y + 1, state->speed, y[0]);
+        int64_t count = 0;
+        if (MAP) {
+            mapped(q, p, &t, u, w + FINISH_AT, increment, gain);
+            count = 1;
+            if ((int64_t)*state.age % WINDOW == 0) {
+                checked(q, p, &t, u, w + CHECKED_AT, remains);
+                left = largest_of(remains);
+            }
+        } else for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
+            const int known = (int)*state.known;
+            guess(known, y + 1, state.speed, y[0]);
             const int converged = solve(y[0], q, p_start, u, t, w, inverse, most, matrix, pivots, &count);
-            finish(y[0], q, p_start, &t, u, w + FINISH_AT, increment, gain, remains);
+            finished(y[0], q, p_start, &t, u, w + FINISH_AT, increment, gain, remains);
             left = largest_of(remains);
             status = converged && left <= RESIDUAL_LIMIT ? DONE : left == left && left < INFINITY ? NOT_CONVERGED : NOT_FINITE;
             if (!status || !known) break;
-            state->known = known > 1;
+            *state.known = known > 1;
             if (known == 1) {
                 double row[3 * N];
-                save(row, q, p, t, w, matrix), memcpy(state->speed, row + 2 * N, sizeof state->speed);
+                save(row, q, p, t, w, matrix), COPY(state.speed, row + 2 * N, N);
             }
         }
-#endif
         iterations += count;
         largest_count = count > largest_count ? count : largest_count;
         if (status) break;
         worst = left > worst ? left : worst;
         double q1[N], p1[N], rest_q[N], rest_p[N], zero = 0;
-        for (int d = 0; d < N; d++) q1[d] = q[d], rest_q[d] = state->rest_q[d], compensated(&q1[d], &rest_q[d], increment[d]);
-#if KICKED
-        double after[N];
-        kick(q1, &end, u + (NODES - 1) * NU, w + KICK_AT, after);
-        for (int d = 0; d < N; d++) gain[d] += 0.5 * h * (force[d] + after[d]);
-#endif
-#if HELD
-        double reached[N], x[H], pull[N];
-        for (int d = 0; d < N; d++) reached[d] = p[d] + gain[d];
-        project(q1, reached, end, w, matrix, x);
-        pulled(x, q1, reached, &end, w + PULLED_AT, pull);
-        for (int d = 0; d < N; d++) gain[d] += pull[d];
-#endif
+        for (int d = 0; d < N; d++) q1[d] = q[d], rest_q[d] = state.rest_q[d], compensated(&q1[d], &rest_q[d], increment[d]);
+        if (KICKED) {
+            kick(q1, &end, u + (NODES - 1) * NU, w + KICK_AT, after);
+            for (int d = 0; d < N; d++) gain[d] = v_fma(0.5 * h, force[d] + after[d], gain[d]);
+        }
+        if (HELD) {
+            double reached[N], x[H + 1], pull[N];
+            for (int d = 0; d < N; d++) reached[d] = p[d] + gain[d];
+            project(q1, reached, end, w, matrix, x);
+            pulled(x, q1, reached, &end, w + PULLED_AT, pull);
+            for (int d = 0; d < N; d++) gain[d] += pull[d];
+        }
         for (int d = 0; d < N; d++) {
-            p1[d] = p[d], rest_p[d] = state->rest_p[d], compensated(&p1[d], &rest_p[d], gain[d]);
+            p1[d] = p[d], rest_p[d] = state.rest_p[d], compensated(&p1[d], &rest_p[d], gain[d]);
             zero += q1[d] * 0.0 + p1[d] * 0.0; /* not zero as soon as one of them is not finite */
         }
         if (!(zero == 0)) { status = NOT_FINITE; break; }
         for (int d = 0; d < N; d++) {
             const double v = fabs(increment[d] * per_h), m = fabs(p1[d]);
             seen[d] = v > seen[d] ? v : seen[d], seen[N + d] = m > seen[N + d] ? m : seen[N + d];
-            q[d] = q1[d], p[d] = p1[d], state->rest_q[d] = rest_q[d], state->rest_p[d] = rest_p[d];
+            q[d] = q1[d], p[d] = p1[d], state.rest_q[d] = rest_q[d], state.rest_p[d] = rest_p[d];
         }
-#if KICKED
-        memcpy(state->force, after, sizeof after);
-#endif
-#if !MAP
-        double *const oldest = y[HISTORY];
-        for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
-        y[0] = oldest;
-        state->known += state->known < HISTORY;
-#endif
-        state->age += 1;
-        if ((int64_t)state->age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);
+        if (KICKED) COPY(state.force, after, N);
+        if (!MAP) {
+            double *const oldest = y[HISTORY];
+            for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
+            y[0] = oldest;
+            *state.known += *state.known < HISTORY;
+        }
+        *state.age += 1;
+        if ((int64_t)*state.age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);
         u += NODES * NU;
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
-#if WATCHED
-            look(&held, q, end, w);
-#endif
+            if (WATCHED) look(&held, q, end, w);
         }
     }
     save(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
-    state->started = !status, state->h = h;
-    memcpy(state->scale, scale, sizeof state->scale), memcpy(state->sizes, sizes, SIZES * sizeof(double));
-    for (int s = 0; s < HISTORY; s++) memcpy(state->y[s], y[s + 1], sizeof state->y[s]);
+    *state.started = !status, *state.h = h;
+    COPY(state.scale, scale, 2 * N), COPY(state.sizes, sizes, SIZES);
+    for (int s = 0; s < HISTORY; s++) COPY(state.y + s * Y, y[s + 1], Y);
     free(matrix);
     a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
-#if WATCHED
-    a->stats->nearest = held.nearest, a->stats->farthest = held.farthest, a->stats->shrunk = INFINITY;
-    for (int i = 0; i < VELOCITY_ROWS; i++) {
-        const double part = held.least[i] / held.largest[i];
-        a->stats->shrunk = part < a->stats->shrunk || part != part ? part : a->stats->shrunk;
+    if (WATCHED) {
+        a->stats->nearest = held.nearest, a->stats->farthest = held.farthest, a->stats->shrunk = INFINITY;
+        for (int i = 0; i < VELOCITY_ROWS; i++) {
+            const double part = held.least[i] / held.largest[i];
+            a->stats->shrunk = part < a->stats->shrunk || part != part ? part : a->stats->shrunk;
+        }
     }
-#endif
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)iterations;
     a->stats->most_iterations = (double)largest_count, a->stats->residual = worst, a->stats->failed = status ? left : 0, a->stats->contraction = 0;
     return status;

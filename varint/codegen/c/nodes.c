@@ -54,20 +54,23 @@ static __attribute__((noinline)) void sum_over_nodes(const double *y, const doub
         for (int a = 0; a < N; a++) {
             double path = 0;
             v[a] = 0;
-            for (int j = 0; j < DEGREE; j++) path += basis[j] * y[j * N + a], v[a] += rate[j] * y[j * N + a];
-            at[a] = q[a] + h * path;
+            for (int j = 0; j < DEGREE; j++)
+                path = v_fma(basis[j], y[j * N + a], path), v[a] = v_fma(rate[j], y[j * N + a], v[a]);
+            at[a] = v_fma(h, path, q[a]);
         }
         if (slope) node_slopes(at, v, &time, u + i * NU, w, momentum, push, d[0], d[1], d[2], d[3]);
         else node_values(at, v, &time, u + i * NU, w + VALUES_AT, momentum, push);
-        for (int a = 0; a < N; a++) total[a] += h * b * push[a];
+        for (int a = 0; a < N; a++) total[a] = v_fma(h * b, push[a], total[a]);
         for (int j = 0; j < DEGREE; j++) {
             const double of_push = h * b * (j == DEGREE - 1 ? basis[j] - 1 : basis[j]), of_momentum = b * rate[j];
-            for (int a = 0; a < N; a++) left[j * N + a] += of_push * push[a] + of_momentum * momentum[a];
+            for (int a = 0; a < N; a++)
+                left[j * N + a] = v_fma(of_push, push[a], v_fma(of_momentum, momentum[a], left[j * N + a]));
             for (int k = 0; slope && k < DEGREE; k++) {
                 double *const block = slope + (j * DEGREE + k) * COUPLED;
                 const double of_q = h * basis[k], of_v = rate[k];
                 for (int e = 0; e < COUPLED; e++)
-                    block[e] += of_momentum * (of_q * d[0][e] + of_v * d[1][e]) + of_push * (of_q * d[2][e] + of_v * d[3][e]);
+                    block[e] = v_fma(of_momentum, v_fma(of_q, d[0][e], of_v * d[1][e]),
+                                     v_fma(of_push, v_fma(of_q, d[2][e], of_v * d[3][e]), block[e]));
             }
         }
     }

@@ -51,10 +51,10 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 INLINE double *registers(void) {
     return aligned_alloc(64, ((RHS_W + VELOCITY_W + MOMENTUM_W + LANES) * sizeof(double) + 63) / 64 * 64);
 }
-INLINE void kick_prepare(const double *c, double *w) { prepare(&scene->rhs[0], c, w); }
-INLINE void drift_prepare(const double *c, double *w) { prepare(&scene->rhs[1], c, w); }
-INLINE void velocity_prepare(const double *c, double *w) { prepare(&scene->velocity, c, w); }
-INLINE void momentum_prepare(const double *c, double *w) { prepare(&scene->momentum, c, w); }
+INLINE void kick_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[0], c, w); }
+INLINE void drift_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[1], c, w); }
+INLINE void velocity_prepare(const double *c, double *w) { prepare_tape(&scene->velocity, c, w); }
+INLINE void momentum_prepare(const double *c, double *w) { prepare_tape(&scene->momentum, c, w); }
 #if FORM == 2
 INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_prepare(c, w + KICK_W); }
 INLINE void rhs(const V *q, const V *v, const V *t, const V *u, const double *w, V *a) {

@@ -39,7 +39,7 @@ INLINE double s_neg(double x) { return -x; }
 INLINE V signed_by(V x, unsigned bit) { return real_of(bits_of(x) ^ ((int64_t)bit << 63)); }
 
 /* What depends on the parameters alone, in all lanes of the first registers. */
-static __attribute__((noinline)) void prepare(const Tape *tape, const double *parameters, double *w) {
+static __attribute__((noinline)) void prepare_tape(const Tape *tape, const double *parameters, double *w) {
     double x[tape->numbers + 2];
     x[ONE] = 1.0, x[NOTHING] = -0.0;
     for (const Instruction *i = tape->once;; i++) switch (i->operation) {

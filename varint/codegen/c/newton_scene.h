@@ -1,0 +1,104 @@
+/* A scene and the equations of its step as data, in place of the definitions and functions of generated source.
+
+   tape.h stands before this file. varint/codegen/newton_core.py has the same layout and reads the names here. */
+#define SCENE_AS_DATA
+#define COUNTS(DO) \
+    DO(N) DO(NU) DO(NODES) DO(Y) DO(C) DO(SIZES) DO(HISTORY) DO(DEGREE) DO(PATH) DO(MULTIPLIERS) \
+    DO(ROWS) DO(CLOSED) DO(LINEAR) DO(MAP) DO(KICKED) DO(HELD) DO(WATCHED) DO(VELOCITY_ROWS) DO(BELOW) \
+    DO(REACH) DO(BAND_SIZE) DO(NONZEROS) DO(H) DO(HIDDEN_BELOW) DO(HIDDEN_REACH) DO(HIDDEN_NONZEROS) \
+    DO(HIDDEN_SPEED) DO(HIDDEN_SIZE) DO(MATRIX_SIZE) DO(MOST_ITERATIONS)
+#define LIMITS(DO) \
+    DO(LAST_CORRECTION) DO(RESIDUAL_LIMIT) DO(SMALLEST)
+#define PLACES(DO) \
+    DO(PERM) DO(AT) DO(HIDDEN_PERM) DO(HIDDEN_PLACES)
+#define TABLES(DO) \
+    DO(POINTS) DO(AHEAD_VELOCITIES) DO(AHEAD_MULTIPLIERS) DO(AHEAD_ROWS)
+#define FUNCTIONS(DO) \
+    DO(equations) DO(finish) DO(units) DO(speed) DO(kick) DO(sized) DO(hidden) DO(pulled) DO(slope) \
+    DO(checked) DO(independence)
+
+#define COUNT(name) int64_t name##_;
+#define LIMIT(name) double name##_;
+#define PLACE(name) const int *name##_;
+#define TABLE(name) const double *name##_;
+#define FUNCTION(name) Tape name;
+typedef struct { COUNTS(COUNT) LIMITS(LIMIT) PLACES(PLACE) TABLES(TABLE) FUNCTIONS(FUNCTION) } Scene;
+static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec"))); /* of the run that is going on */
+
+#define N ((int)scene->N_)
+#define NU ((int)scene->NU_)
+#define NODES ((int)scene->NODES_)
+#define Y ((int)scene->Y_)
+#define C ((int)scene->C_)
+#define SIZES ((int)scene->SIZES_)
+#define HISTORY ((int)scene->HISTORY_)
+#define DEGREE ((int)scene->DEGREE_)
+#define PATH ((int)scene->PATH_)
+#define MULTIPLIERS ((int)scene->MULTIPLIERS_)
+#define ROWS ((int)scene->ROWS_)
+#define CLOSED ((int)scene->CLOSED_)
+#define LINEAR ((int)scene->LINEAR_)
+#define MAP ((int)scene->MAP_)
+#define KICKED ((int)scene->KICKED_)
+#define HELD ((int)scene->HELD_)
+#define WATCHED ((int)scene->WATCHED_)
+#define VELOCITY_ROWS ((int)scene->VELOCITY_ROWS_)
+#define BELOW ((int)scene->BELOW_)
+#define REACH ((int)scene->REACH_)
+#define BAND_SIZE ((int)scene->BAND_SIZE_)
+#define NONZEROS ((int)scene->NONZEROS_)
+#define H ((int)scene->H_)
+#define HIDDEN_BELOW ((int)scene->HIDDEN_BELOW_)
+#define HIDDEN_REACH ((int)scene->HIDDEN_REACH_)
+#define HIDDEN_NONZEROS ((int)scene->HIDDEN_NONZEROS_)
+#define HIDDEN_SPEED ((int)scene->HIDDEN_SPEED_)
+#define HIDDEN_SIZE ((int)scene->HIDDEN_SIZE_)
+#define MATRIX_SIZE ((int)scene->MATRIX_SIZE_)
+#define MOST_ITERATIONS ((int)scene->MOST_ITERATIONS_)
+#define LAST_CORRECTION scene->LAST_CORRECTION_
+#define RESIDUAL_LIMIT scene->RESIDUAL_LIMIT_
+#define SMALLEST scene->SMALLEST_
+#define PERM scene->PERM_
+#define AT scene->AT_
+#define HIDDEN_PERM scene->HIDDEN_PERM_
+#define HIDDEN_PLACES scene->HIDDEN_PLACES_
+#define POINTS scene->POINTS_
+#define AHEAD_VELOCITIES scene->AHEAD_VELOCITIES_
+#define AHEAD_MULTIPLIERS scene->AHEAD_MULTIPLIERS_
+#define AHEAD_ROWS scene->AHEAD_ROWS_
+#define EQUATIONS_W scene->equations.registers
+#define FINISH_W scene->finish.registers
+#define UNITS_W scene->units.registers
+#define SPEED_W scene->speed.registers
+#define KICK_W scene->kick.registers
+#define SIZED_W scene->sized.registers
+#define HIDDEN_W scene->hidden.registers
+#define PULLED_W scene->pulled.registers
+#define SLOPE_W scene->slope.registers
+#define CHECKED_W scene->checked.registers
+#define INDEPENDENCE_W scene->independence.registers
+
+#define PREPARE(name) INLINE void name##_prepare(const double *c, double *w) { prepare_tape(&scene->name, c, w); }
+FUNCTIONS(PREPARE)
+#define ARGUMENTS(...) (const double *const[]){__VA_ARGS__}
+#define CALL(name, arguments, ...) evaluate_tape(&scene->name, arguments, (double *const[]){__VA_ARGS__}, 1, w)
+typedef const double *In;
+INLINE void residual_of(In y, In q, In p, In t, In u, In w, double *b) { CALL(equations, ARGUMENTS(y, q, p, t, u), b); }
+INLINE void residual_and_slope(In y, In q, In p, In t, In u, In w, double *b, double *jacobian) {
+    CALL(equations, ARGUMENTS(y, q, p, t, u), b, jacobian);
+}
+INLINE void finished(In y, In q, In p, In t, In u, In w, double *increment, double *gain, double *remains) {
+    CALL(finish, ARGUMENTS(y, q, p, t, u), increment, gain, remains);
+}
+INLINE void mapped(In q, In p, In t, In u, In w, double *increment, double *gain) {
+    CALL(finish, ARGUMENTS(q, p, t, u), increment, gain);
+}
+INLINE void units(In w, double *size) { CALL(units, 0, size); }
+INLINE void speed(In x, In q_or_p, In t, In w, double *v) { CALL(speed, ARGUMENTS(x, q_or_p, t), v); }
+INLINE void kick(In q, In t, In u, In w, double *force) { CALL(kick, ARGUMENTS(q, t, u), force); }
+INLINE void sized(In q, In t, In w, double *sizes) { CALL(sized, ARGUMENTS(q, t), sizes); }
+INLINE void hidden(In q, In p, In t, In w, double *b, double *jacobian) { CALL(hidden, ARGUMENTS(q, p, t), b, jacobian); }
+INLINE void pulled(In x, In q, In p, In t, In w, double *pull) { CALL(pulled, ARGUMENTS(x, q, p, t), pull); }
+INLINE void slope(In w, double *jacobian) { CALL(slope, 0, jacobian); }
+INLINE void checked(In q, In p, In t, In u, In w, double *remains) { CALL(checked, ARGUMENTS(q, p, t, u), remains); }
+INLINE void independence(In q, In t, In w, double *pivot, double *lengths) { CALL(independence, ARGUMENTS(q, t), pivot, lengths); }

@@ -1,0 +1,102 @@
+"""Kernels with nothing compiled for the scene: its operations are data that a loop, built once,
+carries out.
+
+They give the same bytes as the compiled kernels of the same schemes in two to five times the time.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from varint.codegen.arguments import c_source
+from varint.codegen.block import Member, block_of, start_of
+from varint.codegen.core import Loop, gauss_loop, newton_loop
+from varint.codegen.gauss import gauss_scheme
+from varint.codegen.graph import NotCompilable, kernel_per_system, operations
+from varint.codegen.kernel import FEW_ROOTS, Kernel, Routine, routines
+from varint.codegen.newton import newton_scheme
+from varint.codegen.tableau import tableau_arrays
+from varint.codegen.tape import NOTHING_TO_DO, Tape, tape_of
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+MOST_COORDINATES, MOST_CONTROLS, MOST_TAKEN = 64, 16, 512  # MOST_N, … of c/scene.h
+MOST_OPERATIONS = 20_000  # of a scene: more are worth the compiler's time
+TOO_LARGE = "the scene is too large to be run as data; use backend='compiled'"
+
+
+@kernel_per_system
+def native_gauss(system: System, rule: Rule) -> Kernel:
+    """The kernel of `gauss_kernel` with the scene as data.
+
+    Raises
+    ------
+    NotCompilable
+        If the scene has no such kernel, or is too large for it.
+    CompileError
+        If the loop was not built with the package and cannot be compiled.
+    """
+    x = gauss_scheme(system, len(rule.nodes))
+    n, controls = system.q.numel(), system.control.numel()
+    taken = len(x.functions["kick"].graph.outputs[-1]) if "kick" in x.functions else 0
+    if x.geometry or n > MOST_COORDINATES or controls > MOST_CONTROLS or taken > MOST_TAKEN:
+        raise NotCompilable(TOO_LARGE)
+    tapes = [*tapes_of(x.functions).values()]
+    if x.form == 2:  # the right-hand side is one function
+        tapes.insert(1, NOTHING_TO_DO)
+    tables = list(tableau_arrays(x.stages, x.lanes, x.diagonals).values())
+    needs = (np.array(needed, np.int8) for needed in x.needs.values())
+    counts = n, controls, x.stages, int(x.diagonals), int(x.on_velocity), int(x.ahead)
+    block = block_of([*counts, *needs, tables, *tapes])
+    first = next(iter(x.functions.values()))
+    about = x.about, n, controls, x.stages, operations(*first)[0]
+    return _kernel(about, gauss_loop(x.lanes, x.vectors, x.form), block)
+
+
+@kernel_per_system
+def native_newton(system: System, rule: Rule) -> Kernel:
+    """The kernel of `newton_kernel` with the scene as data; raises as `native_gauss` does."""
+    x = newton_scheme(system, rule)
+    if x.by_nodes:
+        raise NotCompilable(TOO_LARGE)
+    functions = routines(x.constants, x.functions)
+    tapes = tapes_of(functions)
+    names = _names()
+    members: list[Member] = [
+        *(x.counts[name] for name in names["COUNTS"]),
+        *(float(x.limits[name]) for name in names["LIMITS"]),
+        *(x.places[name].astype(np.int32) for name in names["PLACES"]),
+        *(x.tables[name].astype(float) for name in names["TABLES"]),
+        *(tapes.get(name, NOTHING_TO_DO) for name in names["FUNCTIONS"]),
+    ]
+    first = next(iter(functions.values()))
+    about = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)
+    kernel = _kernel((*about, operations(*first)[0]), newton_loop(), block_of(members))
+    return replace(kernel, opening=x.opening)
+
+
+def tapes_of(functions: Mapping[str, Routine]) -> dict[str, Tape]:
+    """The functions as tapes; their square roots are those of the compiled kernel."""
+    sizes = [operations(*f) for f in functions.values()]
+    if sum(size for size, _ in sizes) > MOST_OPERATIONS:
+        raise NotCompilable(TOO_LARGE)
+    many = sum(roots for _, roots in sizes) > FEW_ROOTS
+    return {name: tape_of(f.graph, f.last, many) for name, f in functions.items()}
+
+
+def _kernel(about: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:
+    at = start_of(block)
+    return Kernel(*about, loop.run, loop.parts, loop.carry_size(at), None, at, block)
+
+
+@cache
+def _names() -> dict[str, list[str]]:
+    """The members of the structure Scene of c/newton_scene.h, kind by kind."""
+    text = c_source("newton_scene.h").replace("\\\n", "")
+    found = re.findall(r"#define (\w+)\(DO\) (.*)", text)
+    return {kind: re.findall(r"DO\((\w+)\)", names) for kind, names in found}
