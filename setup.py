@@ -6,6 +6,7 @@ builds for several generations of processors, as wheels for others need; by defa
 hand.
 """
 
+import hashlib
 import os
 import platform
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 
+FOLDER = Path("varint/codegen/c")
 FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {
@@ -22,6 +24,14 @@ SHAPES = {
     "x86-64-v3": [(4, 1), (4, 2), (4, 3), (2, 1), (1, 1)],
     "plain": [(2, 1), (2, 2), (2, 3), (2, 4), (1, 1)],
 }
+
+
+def digest() -> str:
+    """Of the C sources; varint/codegen/core.py compares it."""
+    found = hashlib.sha256()
+    for path in sorted(FOLDER.glob("*.[ch]")):
+        found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 def levels() -> list[str]:
@@ -42,6 +52,8 @@ class BuildCore(build_ext):
         def compiled(variant):
             source, level, numbers = variant
             macros = [("LEVEL", level.replace("-", "_"))]
+            if variant == variants[-1]:
+                macros.append(("DIGEST", f'"{digest()}"'))
             macros += zip(("LANES", "VECTORS", "FORM"), map(str, numbers), strict=False)
             flags = FLAGS + ([] if level == "plain" else [f"-march={level}"])
             folder = "-".join(["build", level, *map(str, numbers)])
@@ -65,13 +77,12 @@ class BuildCore(build_ext):
         )
 
 
-folder = Path("varint/codegen/c")
 setup(
     ext_modules=[
         Extension(
             "varint.codegen._core",
-            [str(folder / "core.c"), str(folder / "newton_core.c")],
-            depends=sorted(str(path) for path in folder.glob("*.[ch]")),
+            [str(FOLDER / "core.c"), str(FOLDER / "newton_core.c")],
+            depends=sorted(str(path) for path in FOLDER.glob("*.[ch]")),
             optional=True,  # a failure becomes a warning
         )
     ],

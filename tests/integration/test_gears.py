@@ -1,5 +1,8 @@
 """Nothing but time depends on the gear: when a run shifts up, what was compiled, what was run."""
 
+import os
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -101,7 +104,7 @@ def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path):
     assert np.array_equal(motion.q, whole.q)
 
 
-def test_a_compiler_that_is_at_work_ends_with_its_run(tmp_path, monkeypatch):
+def test_what_was_begun_is_kept_and_what_fails_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     work = cache.begin_compilation("int run(void) { return 7; }\n")
     for _ in range(200):
@@ -110,7 +113,25 @@ def test_a_compiler_that_is_at_work_ends_with_its_run(tmp_path, monkeypatch):
         time.sleep(0.02)
     assert cache.in_cache("int run(void) { return 7; }\n")
     assert cache.library("int run(void) { return 7; }\n").run() == 7
+    assert not work.place.exists()
     refused = cache.begin_compilation("this is no C\n")
     while not cache.finished(refused):
         time.sleep(0.02)
     assert not cache.in_cache("this is no C\n")
+
+
+def test_only_few_compilers_are_at_work_at_once_and_none_outlives_its_process(tmp_path):
+    script = (
+        "from varint.codegen import cache\n"
+        "loop = 'for (long i%d = 0; i%d < n; i%d++) n += i%d * n;'\n"
+        "loops = ''.join(loop % (k, k, k, k) for k in range(3000))\n"
+        "source = 'long f(long n) {' + loops + 'return n + %d;}'\n"
+        "begun = [cache.begin_compilation(source % k) for k in range(4)]\n"
+        "print([work is not None for work in begun], *(work.place for work in begun[:2]))\n"
+    )
+    room = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=room, check=True
+    )
+    assert done.stdout.startswith("[True, True, False, False]") and not done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["cache"]

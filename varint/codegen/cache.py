@@ -15,6 +15,7 @@ import importlib.util
 import os
 import platform
 import shutil
+import signal
 import stat
 import subprocess
 import sys
@@ -41,6 +42,7 @@ LIBRARIES = (
 SLOWEST_COMPILATION = 600  # seconds
 RESULT = "kernel.so"
 PART = "part-"  # what names of unfinished files begin with
+MOST_AT_WORK = 2  # compilers in the background
 ABANDONED = 60  # seconds after which such a file belongs to nobody; writing one takes less than one
 
 
@@ -160,8 +162,11 @@ class Compilation(NamedTuple):
     """A compiler at work in a process of its own, and the folder it works in."""
 
     process: subprocess.Popen
-    place: tempfile.TemporaryDirectory
+    place: Path
     key: str
+
+
+_AT_WORK: list[Compilation] = []
 
 
 def in_cache(source: str, contraction: str = WHEREVER) -> bool:
@@ -169,34 +174,53 @@ def in_cache(source: str, contraction: str = WHEREVER) -> bool:
     return _cached(cache_folder(), _key(source, contraction)) is not None
 
 
-def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation:
-    """Start the compiler and go on; `finished` says when `library` will have the result.
+def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation | None:
+    """Start the compiler and go on; `finished` says when `library` will have the result. None
+    while `MOST_AT_WORK` others are on their way.
 
-    It ends with this process. Raises CompileError as `library` does.
+    It ends with this process at the latest. Raises CompileError as `library` does.
     """
+    for work in [*_AT_WORK]:
+        finished(work)
+    if len(_AT_WORK) >= MOST_AT_WORK:
+        return None
     folder, key = cache_folder(), _key(source, contraction)
     try:
-        place = tempfile.TemporaryDirectory(prefix="varint-")
-        line = _command(Path(place.name), source, contraction, LIBRARIES[0])
+        place = Path(tempfile.mkdtemp(prefix="varint-"))
+        line = _command(place, source, contraction, LIBRARIES[0])
         away = subprocess.DEVNULL
-        process = subprocess.Popen(line, stdin=away, stdout=away, stderr=away)
+        work = Compilation(subprocess.Popen(line, stdin=away, stdout=away, stderr=away), place, key)
     except OSError as error:
         raise _no_room(folder, error) from None
-    atexit.register(process.kill)
-    return Compilation(process, place, key)
+    _AT_WORK.append(work)
+    return work
 
 
 def finished(work: Compilation) -> bool:
     """Whether the compiler has come to its end, whatever that is; what it made is kept."""
+    if work not in _AT_WORK:
+        return True
     if work.process.poll() is None:
         return False
-    atexit.unregister(work.process.kill)
-    result = Path(work.place.name) / RESULT
     if work.process.returncode == 0:
-        with suppress(OSError):  # no room: `library` will say so
-            _store(result.read_bytes(), cache_folder(), work.key)
-    work.place.cleanup()
+        with suppress(OSError, CompileError):  # no room: `library` will say so
+            _store((work.place / RESULT).read_bytes(), cache_folder(), work.key)
+    _AT_WORK.remove(work)
+    shutil.rmtree(work.place, ignore_errors=True)
     return True
+
+
+@atexit.register
+def _end_work() -> None:
+    while _AT_WORK:
+        work = _AT_WORK.pop()
+        with suppress(OSError):  # it has just ended
+            if hasattr(os, "killpg"):
+                os.killpg(work.process.pid, signal.SIGKILL)
+            else:
+                work.process.kill()
+        work.process.wait()
+        shutil.rmtree(work.place, ignore_errors=True)
 
 
 def _key(source: str, contraction: str) -> str:

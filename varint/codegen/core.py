@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from contextlib import suppress
-from ctypes import CDLL, c_char_p, c_int, c_int64, c_void_p
+from ctypes import CDLL, c_char, c_char_p, c_int, c_int64, c_void_p
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -64,8 +65,14 @@ def _loop(file: str, names: str, defines: dict[str, int]) -> Loop:
 
 @cache
 def built_library() -> CDLL | None:
-    """What setup.py has built, where there was a compiler."""
-    for path in Path(__file__).parent.glob("_core.*"):
-        with suppress(OSError):  # made for another machine
-            return CDLL(str(path))
+    """What setup.py has built of these sources, where there was a compiler."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted((here / "c").glob("*.[ch]")):
+        digest.update(path.read_bytes())
+    for path in here.glob("_core.*"):
+        with suppress(OSError, ValueError):  # made for another machine, or of sources before
+            built = CDLL(str(path))
+            if (c_char * 64).in_dll(built, "digest").value == digest.hexdigest().encode():
+                return built
     return None

@@ -13,7 +13,6 @@ from varint.ensembles.members import Members, members_of
 from varint.ensembles.result import Ensemble
 from varint.ensembles.store import load_store, open_store
 from varint.errors import InputError
-from varint.integration.backend import BACKENDS
 from varint.integration.cost import repays
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start
@@ -22,6 +21,8 @@ from varint.numerics.progress import progress_bar
 from varint.rules.rule import Rule
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
+
+BACKENDS = ("auto", "compiled", "interpreted")
 
 
 def ensemble(

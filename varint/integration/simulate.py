@@ -103,9 +103,11 @@ def simulate(
         accuracy, in place of round-off. The invariants are then kept to the same accuracy only.
     progress : bool, optional
         Show a progress bar. Default: in a terminal, for runs longer than a second.
-    backend : {"auto", "compiled", "interpreted"}
-        Whether the run's inner loop is compiled C. By default it is where the run is long enough to
-        repay the compiler.
+    backend : {"auto", "native", "compiled", "interpreted"}
+        ``"native"``: the scene's operations are data for a loop that is there; ``"compiled"``: the
+        scene is compiled first, for the same bytes in less time. By default a run begins native
+        and shifts up where that repays the compiler; explicit compositions and contacts are
+        interpreted or compiled.
     checkpoint : path, optional
         Write the run to this file every second or so. The same call goes on from there after a
         crash, a kill or Ctrl-C, and ends with the same bytes as a run that was not stopped; after

@@ -5,6 +5,9 @@
 #define run WITH_ALL(run, LEVEL, LANES, VECTORS, FORM)
 #define parts WITH_ALL(parts, LEVEL, LANES, VECTORS, FORM)
 #define carry_size WITH_ALL(carry_size, LEVEL, LANES, VECTORS, FORM)
+#ifdef DIGEST /* of the sources: a library built from others is not used */
+const char digest[] = DIGEST;
+#endif
 #include "lanes.h"
 #include "run.h"
 #include "tape.h"
