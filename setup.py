@@ -65,8 +65,8 @@ class BuildCore(build_ext):
                 depends=ext.depends,
             )
 
-        gauss, newton = ext.sources
-        variants = [(newton, level, ()) for level in levels()]
+        gauss, *others = ext.sources
+        variants = [(source, level, ()) for source in others for level in levels()]
         for level in levels():
             variants += [(gauss, level, (*x, form)) for x in SHAPES[level] for form in (1, 2)]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -81,7 +81,7 @@ setup(
     ext_modules=[
         Extension(
             "varint.codegen._core",
-            [str(FOLDER / "core.c"), str(FOLDER / "newton_core.c")],
+            [str(FOLDER / f"{name}core.c") for name in ("", "newton_", "explicit_")],
             depends=sorted(str(path) for path in FOLDER.glob("*.[ch]")),
             optional=True,  # a failure becomes a warning
         )

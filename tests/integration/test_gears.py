@@ -13,7 +13,7 @@ import varint as vi
 from varint.codegen import cache
 from varint.codegen.cache import compiler
 from varint.integration import compiled_loop, gears
-from varint.integration.gears import gears_of, high_gear
+from varint.integration.gears import BY_STAGES, gears_of, high_gear
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 RUN = {"h": 0.05, "steps": 6000, "save_every": 20}
@@ -27,15 +27,16 @@ SCENES = {
     "separable": (henon_heiles, [0.1, 0.2], [0.3, 0.1], vi.gauss(8)),
     "full mass": (double_pendulum, [1.0, 0.4], [0.1, -0.2], vi.gauss(8)),
     "implicit": (double_pendulum, [1.0, 0.4], [0.1, -0.2], vi.lobatto(3)),
+    "kicks": (henon_heiles, [0.1, 0.2], [0.3, 0.1], vi.composition("yoshida6")),
     "held": (rods, vi.models.chain_rods(2).q0, vi.models.chain_rods(2).v0, vi.lobatto(2)),
 }
 
 
-def wait_for(system: vi.System, rule: vi.Rule, by_stages: bool = True) -> None:
-    found = gears_of(system, rule, by_stages)
+def wait_for(system: vi.System, rule: vi.Rule, scheme=BY_STAGES) -> None:
+    found = gears_of(system, rule, scheme)
     for _ in range(600):
         gears.kernel_now(found)
-        if high_gear(system, rule, by_stages):
+        if high_gear(system, rule, scheme):
             return
         time.sleep(0.05)
     raise AssertionError("the compiler has not come to its end")
@@ -57,7 +58,7 @@ def test_a_run_that_shifts_up_on_its_way_has_the_bytes_of_all_others(scene, monk
 
     def patient(found, seconds, ahead):
         kernel_after(found, seconds, 1e9)
-        wait_for(system, rule, found.by_stages)
+        wait_for(system, rule, found.scheme)
         return gears.kernel_now(found)
 
     monkeypatch.setattr(compiled_loop, "CAUTION", 1e-5)  # short first pieces
@@ -79,7 +80,7 @@ def test_many_short_runs_shift_up_like_a_long_one(monkeypatch, tmp_path):
     start = {"q0": [0.1, 0.2], "v0": [0.3, 0.1], "h": 0.05, "steps": 200}
     first = vi.simulate(system, rule, **start)
     assert first.stats["backend"].startswith("native")
-    while gears_of(system, rule, True).work is None:
+    while gears_of(system, rule, BY_STAGES).work is None:
         vi.simulate(system, rule, **start)
     wait_for(system, rule)
     last = vi.simulate(system, rule, **start)
@@ -100,7 +101,7 @@ def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path):
 
     monkeypatch.setattr(gears, "begin_compilation", full)
     motion = vi.simulate(system, rule, **start)
-    assert gears_of(system, rule, True).stuck
+    assert gears_of(system, rule, BY_STAGES).stuck
     assert np.array_equal(motion.q, whole.q)
 
 

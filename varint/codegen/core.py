@@ -47,6 +47,12 @@ def newton_loop() -> Loop:
     return _loop("newton_core.c", "{name}_newton_{level}", {})
 
 
+@cache
+def explicit_loop() -> Loop:
+    """c/explicit.c; raises CompileError as `gauss_loop` does."""
+    return _loop("explicit_core.c", "{name}_explicit_{level}", {})
+
+
 def _loop(file: str, names: str, defines: dict[str, int]) -> Loop:
     level, built = _LEVELS[vector_length()], built_library()
     if built is None or not hasattr(built, names.format(name="run", level=level)):

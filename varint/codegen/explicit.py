@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import casadi as ca
 
+from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel, compiled, emit_functions, source_of
+from varint.codegen.kernel import Kernel, Routine, Source, compiled, emitted, routines, source_of
 from varint.codegen.mechanics import force, velocity
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -37,6 +38,33 @@ def explicit_kernel(system: System, rule: Rule) -> Kernel:
     CompileError
         If there is no compiler or no safe cache folder.
     """
+    return compiled(explicit_source(system, rule))
+
+
+@kernel_per_system
+def explicit_source(system: System, rule: Rule) -> Source:
+    """The C source of `explicit_kernel`."""
+    functions = emitted(explicit_functions(system, rule), written_out=LOOPS_FROM)
+    kicks = len(rule.kicks)
+    unrolled = kicks if functions["rhs"].operations * kicks <= UNROLLED_OPERATIONS else 1
+    data = "".join(
+        f"static const double {name}[] = {{{', '.join(float(x).hex() for x in values)}}};\n"
+        for name, values in zip(("KICK", "DRIFT", "NODE"), sequence(rule), strict=True)
+    )
+    return source_of(
+        about(rule),
+        system,
+        kicks,
+        functions,
+        {"LANES": 1, "KICKS": kicks, "UNROLLED": f'"GCC unroll {unrolled}"'},
+        data,
+        "explicit.c",
+        contraction=AS_WRITTEN,
+    )
+
+
+def explicit_functions(system: System, rule: Rule) -> dict[str, Routine]:
+    """The forces "rhs" and the "velocity"; raises NotCompilable."""
     if not system.structure.explicit or not rule.kicks:
         raise NotCompilable(
             "a compiled composition needs a separable scene with constant mass, and a rule with "
@@ -48,20 +76,13 @@ def explicit_kernel(system: System, rule: Rule) -> Kernel:
         "rhs": ([q, t, u], [force(system)]),
         "velocity": ([q, p, t], [velocity(system, p)]),
     }
-    functions = emit_functions(system.c, expressions, written_out=LOOPS_FROM)
-    kicks = len(rule.kicks)
-    unrolled = kicks if functions["rhs"].operations * kicks <= UNROLLED_OPERATIONS else 1
-    data = "".join(
-        f"static const double {name}[] = {{{', '.join(float(x).hex() for x in values)}}};\n"
-        for name, values in (("KICK", rule.kicks), ("DRIFT", rule.drifts), ("NODE", _times(rule)))
-    )
-    defines = {"LANES": 1, "KICKS": kicks, "UNROLLED": f'"GCC unroll {unrolled}"'}
-    source = source_of(
-        f"{rule.name}, {kicks} kicks a step", system, kicks, functions, defines, data, "explicit.c"
-    )
-    return compiled(source)
+    return routines(system.c, expressions, LOOPS_FROM)
 
 
-def _times(rule: Rule) -> list[float]:
-    """Time of each kick in a step."""
-    return [sum(rule.drifts[:k]) for k in range(len(rule.kicks))]
+def about(rule: Rule) -> str:
+    return f"{rule.name}, {len(rule.kicks)} kicks a step"
+
+
+def sequence(rule: Rule) -> tuple[list[float], list[float], list[float]]:
+    """Weights of kicks and drifts, and the time of each kick in a step."""
+    return [*rule.kicks], [*rule.drifts], [sum(rule.drifts[:k]) for k in range(len(rule.kicks))]

@@ -15,7 +15,8 @@ import numpy as np
 
 from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of, start_of
-from varint.codegen.core import Loop, gauss_loop, newton_loop
+from varint.codegen.core import Loop, explicit_loop, gauss_loop, newton_loop
+from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
 from varint.codegen.gauss import gauss_scheme
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import FEW_ROOTS, Kernel, Routine, routines
@@ -54,8 +55,8 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
     counts = n, controls, x.stages, int(x.diagonals), int(x.on_velocity), int(x.ahead)
     block = block_of([*counts, *needs, tables, *tapes])
     first = next(iter(x.functions.values()))
-    about = x.about, n, controls, x.stages, operations(*first)[0]
-    return _kernel(about, gauss_loop(x.lanes, x.vectors, x.form), block)
+    heads = x.about, n, controls, x.stages, operations(*first)[0]
+    return _kernel(heads, gauss_loop(x.lanes, x.vectors, x.form), block)
 
 
 @kernel_per_system
@@ -75,9 +76,23 @@ def native_newton(system: System, rule: Rule) -> Kernel:
         *(tapes.get(name, NOTHING_TO_DO) for name in names["FUNCTIONS"]),
     ]
     first = next(iter(functions.values()))
-    about = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)
-    kernel = _kernel((*about, operations(*first)[0]), newton_loop(), block_of(members))
+    heads = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)
+    kernel = _kernel((*heads, operations(*first)[0]), newton_loop(), block_of(members))
     return replace(kernel, opening=x.opening)
+
+
+@kernel_per_system
+def native_explicit(system: System, rule: Rule) -> Kernel:
+    """The kernel of `explicit_kernel` with the scene as data; raises as `native_gauss` does."""
+    functions = explicit_functions(system, rule)
+    size = sum(len(f.graph.nodes) for f in functions.values())
+    if size > LOOPS_FROM:  # long sums are added up in another order there
+        raise NotCompilable(TOO_LARGE)
+    n, controls, kicks = system.q.numel(), system.control.numel(), len(rule.kicks)
+    members = [n, controls, kicks, *map(np.array, sequence(rule))]
+    block = block_of([*members, *tapes_of(functions).values()])
+    work = next(operations(*f)[0] for f in functions.values())
+    return _kernel((about(rule), n, controls, kicks, work), explicit_loop(), block)
 
 
 def tapes_of(functions: Mapping[str, Routine]) -> dict[str, Tape]:
@@ -89,9 +104,9 @@ def tapes_of(functions: Mapping[str, Routine]) -> dict[str, Tape]:
     return {name: tape_of(f.graph, f.last, many) for name, f in functions.items()}
 
 
-def _kernel(about: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:
+def _kernel(heads: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:
     at = start_of(block)
-    return Kernel(*about, loop.run, loop.parts, loop.carry_size(at), None, at, block)
+    return Kernel(*heads, loop.run, loop.parts, loop.carry_size(at), None, at, block)
 
 
 @cache

@@ -11,17 +11,19 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
-from varint.codegen.explicit import explicit_kernel
 from varint.codegen.gauss import gauss_form
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
-from varint.codegen.native import native_gauss, native_newton
 from varint.codegen.newton import newton_kernel
 from varint.codegen.solution import CLOSED
 from varint.discrete.scales import rounding_sizes
 from varint.integration.cost import newton_repays
 from varint.integration.gears import (
+    BY_STAGES,
+    EXPLICIT,
+    NEWTON,
+    Scheme,
     compiled_kernel,
     gears_of,
     gears_with,
@@ -49,7 +51,7 @@ POOR = 30  # iterations a step beyond which Newton's method is cheaper
 
 def kernel_in_gear(system: System, rule: Rule) -> Kernel | None:
     """The loop that is there at once; None where the scene has no such loop."""
-    gears = None if _kicks(system, rule) else gears_of(system, rule, _by_stages(system, rule))
+    gears = gears_of(system, rule, scheme_of(system, rule))
     return kernel_now(gears) if gears else None
 
 
@@ -61,37 +63,26 @@ def native_kernel(system: System, rule: Rule) -> Kernel:
     NotCompilable, CompileError
         If there is none.
     """
-    if _kicks(system, rule):
-        raise NotCompilable(
-            f"{rule} has no native loop for this scene, whose kicks and drifts are explicit; use "
-            'backend="compiled" or "interpreted"'
-        )
-    return (native_gauss if _by_stages(system, rule) else native_newton)(system, rule)
+    return scheme_of(system, rule).native(system, rule)
 
 
-def _kicks(system: System, rule: Rule) -> bool:
-    return bool(rule.kicks) and system.structure.explicit
-
-
-def _by_stages(system: System, rule: Rule) -> bool:
-    """Whether all stages are iterated at once: for Gauss rules this beats Newton's method by far
-    except for the midpoint rule in few coordinates (double pendulum: 0.35 against 0.16 µs a step).
+def scheme_of(system: System, rule: Rule) -> Scheme:
+    """Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss
+    rules, which beats Newton's method by far except for the midpoint rule in few coordinates
+    (double pendulum: 0.35 against 0.16 µs a step); else Newton's method.
     """
     s = system.structure
-    return _has_stages(system, rule) and not s.linear and not (rule == gauss(1) and s.n <= CLOSED)
+    if rule.kicks and s.explicit:
+        return EXPLICIT
+    few = rule == gauss(1) and s.n <= CLOSED
+    return BY_STAGES if _has_stages(system, rule) and not s.linear and not few else NEWTON
 
 
 @kernel_per_system
 def kernel_of(system: System, rule: Rule) -> Kernel:
-    """The compiled loop of a system and a rule.
-
-    Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss rules;
-    else Newton's method.
-    """
+    """The compiled loop of a system and a rule."""
     with notice(f"compiling {rule} for this scene (once; it is kept)"):
-        if _kicks(system, rule):
-            return explicit_kernel(system, rule)
-        return compiled_kernel(system, rule, _by_stages(system, rule))
+        return compiled_kernel(system, rule, scheme_of(system, rule))
 
 
 def _has_stages(system: System, rule: Rule) -> bool:
@@ -118,9 +109,9 @@ def compiled_blocks(
         return
     if taken_over:
         kernel = _newton_in_gear(system, rule) or newton_kernel(system, rule)
-    explicit, cautious = _kicks(system, rule), False
-    by_stages = kernel.opening is None and not explicit
-    gears = gears_with(system, rule, kernel)
+    scheme, cautious = NEWTON if kernel.opening else scheme_of(system, rule), False
+    explicit, by_stages = scheme is EXPLICIT, scheme is BY_STAGES
+    gears = gears_with(system, rule, scheme, kernel)
     piloted = by_stages and at is None
     most = _first_piece(kernel, piloted)
     while k < problem.steps:
@@ -205,8 +196,8 @@ def run_at_once(
     """The compiled run in one call, where it is that short; None where it is not, or where another
     loop would have to go on.
     """
-    explicit = _kicks(system, rule)
-    piloted = kernel.opening is None and not explicit
+    scheme = NEWTON if kernel.opening else scheme_of(system, rule)
+    piloted = scheme is BY_STAGES
     steps, every = problem.steps, problem.save_every
     if steps % every or steps > _first_piece(kernel, piloted):
         return None
@@ -223,7 +214,7 @@ def run_at_once(
         u=problem.controls(0, steps) if kernel.controls else None,
         level=problem.level,
     )
-    if gears := gears_with(system, rule, kernel):
+    if gears := gears_with(system, rule, scheme, kernel):
         kernel_after(gears, perf_counter() - began, 0.0)
     if found.status != DONE or (piloted and found.iterations > POOR * steps):
         return None
@@ -289,7 +280,7 @@ def _by_newton(
 
 def _newton_in_gear(system: System, rule: Rule) -> Kernel | None:
     """Newton's method, as far as it is there at once."""
-    gears = gears_of(system, rule, False)
+    gears = gears_of(system, rule, NEWTON)
     return kernel_now(gears) if gears else None
 
 

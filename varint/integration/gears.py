@@ -6,13 +6,16 @@ cache holds or on what ran before. The compiler works in a process of its own me
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from varint.codegen.cache import Compilation, CompileError, begin_compilation, finished, in_cache
+from varint.codegen.explicit import explicit_kernel, explicit_source
 from varint.codegen.gauss import gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
-from varint.codegen.kernel import Kernel
-from varint.codegen.native import native_gauss, native_newton
+from varint.codegen.kernel import Kernel, Source
+from varint.codegen.native import native_explicit, native_gauss, native_newton
 from varint.codegen.newton import newton_kernel, newton_source
 from varint.integration.cost import compiling_seconds
 from varint.rules.rule import Rule
@@ -23,14 +26,26 @@ from varint.scene.system import System, per_system
 LOOK, START = 0.1, 0.5
 
 
+class Scheme(NamedTuple):
+    """A way to step: with the scene as data, as C source, and compiled."""
+
+    native: Callable[[System, Rule], Kernel]
+    source: Callable[[System, Rule], Source]
+    compiled: Callable[[System, Rule], Kernel]
+
+
+EXPLICIT = Scheme(native_explicit, explicit_source, explicit_kernel)
+BY_STAGES = Scheme(native_gauss, gauss_source, gauss_kernel)  # all at once, by fixed points
+NEWTON = Scheme(native_newton, newton_source, newton_kernel)
+
+
 @dataclass(eq=False)
 class Gears:
     """The loop of a system and a rule in both gears.
 
     Attributes
     ----------
-    system, rule, by_stages
-        `by_stages`: all stages at once by fixed-point iteration; else Newton's method.
+    system, rule, scheme
     low : Kernel
         With the scene as data.
     work : Compilation or None
@@ -43,7 +58,7 @@ class Gears:
 
     system: System
     rule: Rule
-    by_stages: bool
+    scheme: Scheme
     low: Kernel
     work: Compilation | None = None
     seconds: float = 0.0
@@ -52,33 +67,33 @@ class Gears:
 
 
 @per_system
-def gears_of(system: System, rule: Rule, by_stages: bool) -> Gears | None:
+def gears_of(system: System, rule: Rule, scheme: Scheme) -> Gears | None:
     """The gears of a rule, or None where the scene has none: its operations are too many, or there
     is neither a loop that was built with the package nor a compiler.
     """
     try:
-        low = (native_gauss if by_stages else native_newton)(system, rule)
+        low = scheme.native(system, rule)
     except (NotCompilable, CompileError):
         return None
-    return Gears(system, rule, by_stages, replace(low))  # not that of backend="native"
+    return Gears(system, rule, scheme, replace(low))  # not that of backend="native"
 
 
 @per_system
-def high_gear(system: System, rule: Rule, by_stages: bool) -> list[Kernel]:
+def high_gear(system: System, rule: Rule, scheme: Scheme) -> list[Kernel]:
     """The compiled loop, once there is one."""
     return []
 
 
-def compiled_kernel(system: System, rule: Rule, by_stages: bool) -> Kernel:
+def compiled_kernel(system: System, rule: Rule, scheme: Scheme) -> Kernel:
     """The compiled loop, now; raises NotCompilable, CompileError."""
-    kernel = (gauss_kernel if by_stages else newton_kernel)(system, rule)
-    high_gear(system, rule, by_stages)[:] = [kernel]
+    kernel = scheme.compiled(system, rule)
+    high_gear(system, rule, scheme)[:] = [kernel]
     return kernel
 
 
-def gears_with(system: System, rule: Rule, kernel: Kernel) -> Gears | None:
+def gears_with(system: System, rule: Rule, scheme: Scheme, kernel: Kernel) -> Gears | None:
     """The gears whose low one this kernel is."""
-    found = gears_of(system, rule, kernel.opening is None) if kernel.scene else None
+    found = gears_of(system, rule, scheme) if kernel.scene else None
     return found if found and found.low is kernel else None
 
 
@@ -87,7 +102,7 @@ def kernel_now(gears: Gears) -> Kernel:
     if gears.work is not None and finished(gears.work):
         gears.work = None
         _shift(gears)
-    return next(iter(high_gear(gears.system, gears.rule, gears.by_stages)), gears.low)
+    return next(iter(high_gear(gears.system, gears.rule, gears.scheme)), gears.low)
 
 
 def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
@@ -104,7 +119,7 @@ def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
 def _prepare(gears: Gears, start: bool) -> None:
     """Take the compiled loop from the cache; where it is not there, start the compiler."""
     try:
-        source = (gauss_source if gears.by_stages else newton_source)(gears.system, gears.rule)
+        source = gears.scheme.source(gears.system, gears.rule)
         if in_cache(source.text, source.contraction):
             _shift(gears)
         elif start:
@@ -116,6 +131,6 @@ def _prepare(gears: Gears, start: bool) -> None:
 def _shift(gears: Gears) -> None:
     """Into the high gear: the compiled loop is in the cache, or the compiler has refused it."""
     try:
-        compiled_kernel(gears.system, gears.rule, gears.by_stages)
+        compiled_kernel(gears.system, gears.rule, gears.scheme)
     except (NotCompilable, CompileError):
         gears.stuck = True
