@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from varint.control.phase import CheckedPhase
+from varint.discrete.constraints import velocity_rows
 from varint.numerics.arrays import over_columns
 from varint.scene.system import System, per_system
 
@@ -110,8 +111,8 @@ def _sides(phase: CheckedPhase) -> tuple[np.ndarray, np.ndarray]:
 
 @per_system
 def _inverse(system: System, free: tuple[int, ...]) -> ca.Function:
-    """(q, v, a, u0, t, c) → u with the least |F(u) − (d/dt ∂L/∂v − ∂L/∂q)|, F linear about u0;
-    only these controls are changed.
+    """(q, v, a, u0, t, c) → u with the least |F(u) + Wᵀλ − (d/dt ∂L/∂v − ∂L/∂q)|, F linear about
+    u0, Wᵀλ what constraints can give; only these controls are changed.
     """
     s, n = system, system.structure.n
     a = ca.SX.sym("a", n)
@@ -119,12 +120,13 @@ def _inverse(system: System, free: tuple[int, ...]) -> ca.Function:
     rate = ca.jtimes(p, s.q, s.v) + ca.mtimes(s.mass_matrix, a) + ca.jacobian(p, s.t)
     lacking = rate - ca.gradient(s.lagrangian, s.q) - s.force
     slope = ca.jacobian(s.force, s.control)[:, list(free)]
+    slope = ca.horzcat(slope, ca.jacobian(velocity_rows(s), s.v).T)
     f = ca.Function(
         "lacking", [s.q, s.v, a, s.control, s.t, s.c], [ca.densify(lacking), ca.densify(slope)]
     )
     q, v, a, u, t, c = (ca.MX.sym(f"i{i}", f.size1_in(i)) for i in range(6))
     need, act = f(q, v, a, u, t, c)
-    change = _least_squares(act, need) if free else ca.MX(0, 1)
+    change = _least_squares(act, need)[: len(free)] if free else ca.MX(0, 1)
     among = ca.DM.eye(s.structure.controls)[:, list(free)]
     return ca.Function("inverse_dynamics", [q, v, a, u, t, c], [u + ca.mtimes(among, change)])
 

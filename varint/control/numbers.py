@@ -170,10 +170,10 @@ def _row_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the rows with the conditions at the ends of this phase."""
     low, high = nlp.g_low.copy(), nlp.g_high.copy()
-    m = phase.system.structure.constraints
+    gaps, held = phase.system.structure.constraints, phase.system.structure.velocity_rows
     for end, rows, skipped in (
-        (phase.start, part.rows.start, 2 * m),
-        (phase.end, part.rows.last, m),
+        (phase.start, part.rows.start, gaps + held),
+        (phase.end, part.rows.last, held),
     ):
         at = rows[skipped:][: len(end.low)]
         low[at[at >= 0]], high[at[at >= 0]] = end.low[at >= 0], end.high[at >= 0]
