@@ -130,7 +130,7 @@ def _within_bounds(phase: CheckedPhase, u, rest, q, v, t, c) -> np.ndarray:
         near = np.clip(u - step[..., 0], *bounds.u)
         pulls = inverse.transpose(0, 2, 1) @ step
         side = np.where(side * pulls[..., 0] < 0, 0.0, side)  # a bound pushes, it does not pull
-    inside = (excess(near)[:, acting] <= room[acting]).all(axis=1)
+    inside = np.asarray((excess(near)[:, acting] <= room[acting]).all(axis=1))
     return np.where(inside[:, None], near, _drawn_back(u, rest, excess, room))
 
 

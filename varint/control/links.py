@@ -59,6 +59,11 @@ class Link:
     time: bool = True
 
 
+def default_links(count: int) -> list[Link]:
+    """Each of so many phases continues where the one before ended."""
+    return [Link(i, i + 1) for i in range(count - 1)]
+
+
 @dataclass(frozen=True, eq=False)
 class LinkTranscription:
     """A link in the program: its own unknowns (impulses Λ) and rows."""

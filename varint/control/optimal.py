@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
-from varint.control.links import Link
+from varint.control.links import Link, default_links
 from varint.control.phase import Phase
 from varint.control.problem import transcribe
 from varint.control.replay import LARGE, error_estimate, remedy
@@ -248,7 +248,7 @@ def solve_phases(
     )
     if not phases or not all(isinstance(phase, Phase) for phase in phases):
         raise InputError("optimal_phases takes a list of varint.Phase, at least one")
-    ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else links
+    ties = default_links(len(phases)) if links is None else links
     if callback is not None:
         _require_callback(callback, solver)
     return solve(
