@@ -258,7 +258,8 @@ def test_a_wavy_guess_is_first_solved_by_the_trapezoidal_rule():
 
     guessed = replace(phase, rule=vi.gauss(3), steps=60, guess=dict(q=path))
     problem = transcribe([guessed], [], 0.0)
-    rough = coarse_start(problem)
+    rough, iterations = coarse_start(problem)
+    assert iterations <= 300
     run = build_control_solver(problem, rough)
     found = run(rough, progress=False)
     assert found.success and found.iterations < 60
@@ -302,4 +303,10 @@ def test_a_guess_that_leads_nowhere_is_left_and_the_report_says_so(capsys):
     )
     assert -motion.cost == pytest.approx(HIGHEST, abs=1e-3)
     motion.report()
-    assert "from the guess no solution was found" in capsys.readouterr().out
+    assert "from a default start, for the guess led nowhere" in capsys.readouterr().out
+    attempts = motion.stats["attempts"]
+    assert [what for what, _ in attempts][:2] == [
+        "from the guess",
+        "by a rough solution near the guess",
+    ]
+    assert attempts[-1] == (motion.stats["start"], motion.solution.iterations)
