@@ -150,7 +150,7 @@ def main() -> None:
             cart_pole_collocation,
             cart_pole,
             (20, 40, 80),
-            ((4, 20), (5, 16), (4, 40), (5, 30)),
+            ((4, 20), (5, 16), (5, 20), (4, 40), (5, 30)),
         ),
         (
             "brachistochrone",

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from varint.control.sensitivity import Sensitivity
     from varint.control.solution import ControlSolution
     from varint.discrete.projection import project
+    from varint.discrete.reactions import reactions
     from varint.drawing.live import live_plot
     from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
@@ -108,6 +109,7 @@ __all__ = [
     "plan",
     "prepare",
     "project",
+    "reactions",
     "refine",
     "simulate",
     "soft",
@@ -163,6 +165,7 @@ _LATER = {
     "plan": "varint.integration.plan",
     "prepare": "varint.control.prepared",
     "project": "varint.discrete.projection",
+    "reactions": "varint.discrete.reactions",
     "refine": "varint.control.refine",
     "simulate": "varint.integration.simulate",
     "soft": "varint.nlp.slacks",

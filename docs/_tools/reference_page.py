@@ -35,6 +35,7 @@ ORDER = [
             "abs",
             "max",
             "control_rate",
+            "reactions",
         ],
     ),
     (

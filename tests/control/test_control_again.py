@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
+import casadi as ca
 import numpy as np
 import pytest
 from control_scenes import U, cartpole, coarse, move, particle, replay_defect, swing_up
@@ -128,11 +132,80 @@ def test_again_belongs_to_solutions_that_know_their_problem(tmp_path):
     move(vi.gauss(2), 5).save(tmp_path / "a.npz")
     with pytest.raises(vi.InputError, match="loaded from a file"):
         vi.load(tmp_path / "a.npz").again()
-    legs = vi.models.fastest_transfer().solve()
-    with pytest.raises(vi.InputError, match="one phase"):
-        legs[0].again()
     free = move(vi.gauss(2), 8, vi.free(2, 0.1, 9), cost=1, bounds=[(-1, U, 1)])
     with pytest.raises(vi.InputError, match="duration is free"):
         free.again(duration=2.0)
     with pytest.raises(vi.InputError, match=r"varint\.Phase"):
         vi.prepare(particle())
+
+
+def _two_carts(mass: float = 1.0) -> list[vi.Phase]:
+    """Push, then push another way: two phases of given and free duration, one parameter."""
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(mass=mass)
+    cart = vi.System(q, v, c.mass * v**2 / 2, force=U, control=U, params=c)
+    first = vi.Phase(cart, vi.gauss(2), 1.0, 6, U**2, start=dict(q=[0], v=[0]))
+    wall = dict(bounds=[(None, v, 5)])
+    last = vi.Phase(
+        cart, vi.gauss(2), 2.0, 6, 2 * U**2, end=dict(q=[1], v=[0], **wall), bounds=[(-9, U, 9)]
+    )
+    return [first, last]
+
+
+def test_several_phases_are_solved_again_as_if_afresh():
+    legs = vi.optimal_phases(_two_carts())
+    numbers = dict(end=dict(q=[3]), params=dict(mass=2.0), phases={0: dict(duration=1.5)}, t0=0.5)
+    again = legs[1].again(**numbers)
+    fresh = _two_carts(2.0)
+    fresh[0] = replace(fresh[0], duration=1.5)
+    fresh[1] = replace(fresh[1], end=fresh[1].end | dict(q=[3]))
+    alone = vi.optimal_phases(fresh, t0=0.5)
+    for one, two in zip(again, alone, strict=True):
+        assert one.cost == pytest.approx(two.cost, rel=1e-10)
+        assert one.q == pytest.approx(two.q, abs=1e-9)
+        assert one.t == pytest.approx(two.t, abs=1e-14)
+        assert float(one.parameters["mass"]) == 2.0
+    assert again[0].solution.iterations <= alone[0].solution.iterations
+    program = legs[0].solution.origin.problem.nlp.program
+    assert again[0].solution.origin.problem.nlp.program is program
+    back = again[0].again(
+        end=dict(q=[1]), params=dict(mass=1.0), phases={0: dict(duration=1.0)}, t0=0.0
+    )
+    assert [x.cost for x in back] == pytest.approx([x.cost for x in legs], rel=1e-9)
+
+
+def test_prepared_phases_with_impacts_and_free_times_are_solved_for_other_numbers():
+    q, v = vi.coordinates("x", "y")
+    ball = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], contact=q[1])
+    free = vi.free(0.5, 0.1, 2)
+    throw = [
+        vi.Phase(ball, vi.gauss(2), free, 4, start=dict(q=[0, 1], v=[2.0, None])),
+        vi.Phase(ball, vi.gauss(2), free, 4, end=dict(q=[2.5, 0.5])),
+    ]
+    links = [vi.Link(0, 1, contact=ball.contact, restitution=0.8)]
+    at = vi.prepare(throw, links)
+    first = at()
+    assert isinstance(first, list)
+    further = at(end=dict(q=[2.7, 0.4]), guess=first)
+    cold = at(end=dict(q=[2.7, 0.4]))
+    assert further[1].q[-1] == pytest.approx([2.7, 0.4], abs=1e-13)
+    assert further[0].v[0] == pytest.approx(cold[0].v[0], abs=1e-9)
+    assert further[1].t[0] == pytest.approx(further[0].t[-1], abs=1e-12)
+    assert further[0].solution.iterations <= cold[0].solution.iterations
+
+
+def test_numbers_of_phases_that_do_not_fit_are_refused():
+    legs = vi.optimal_phases(_two_carts())
+    for change, message in (
+        (dict(duration=1.0), "phases={0: dict(duration=…)}"),
+        (dict(phases={2: {}}), "there are 2"),
+        (dict(phases={0: dict(cost=1)}), "takes a dictionary with some of"),
+        (dict(phases=[1]), "numbers by phase"),
+        (dict(end=dict(q=[1]), phases={1: dict(end=dict(q=[2]))}), "given twice"),
+        (dict(params=dict(length=1.0)), "unknown parameters"),
+        (dict(guess=legs[:1]), "one for each of the 2 phases"),
+    ):
+        with pytest.raises(vi.InputError, match=re.escape(message)):
+            legs[0].again(**change)
+    with pytest.raises(vi.InputError, match="at least one"):
+        vi.prepare([])

@@ -12,11 +12,6 @@ from control_scenes import U, move, particle, rod, rod_swing
 import varint as vi
 
 
-def _contact():
-    q, v = vi.coordinates("y")
-    return vi.System(q, v, v**2 / 2, force=U, control=U, contact=q)
-
-
 def _free_fall():
     q, v = vi.coordinates("y")
     return vi.System(q, v, v**2 / 2)
@@ -64,7 +59,6 @@ def test_bad_input_is_refused_with_what_to_do(change, message):
 @pytest.mark.parametrize(
     ("system", "rule", "message"),
     [
-        (_contact, None, "phases and links"),
         (_free_fall, None, "nothing can be chosen"),
         (particle, vi.composition("verlet"), "composition"),
         (particle, 2, "rule must be"),

@@ -128,6 +128,42 @@ def test_guessed_controls_keep_to_all_bounds_along_the_path():
     assert np.abs(closest).max() < 1e-6
 
 
+@pytest.mark.parametrize("kind", ["ring", "cone", "moving cone"])
+def test_controls_of_a_guess_are_the_nearest_within_bounds_that_leave_out_no_force(kind):
+    """u = 0 is outside, or on the edge: there is nothing to draw them back to."""
+    q, v = vi.coordinates("x", "y")
+    u = ca.SX.sym("u", 2)
+    heavy = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1], force=u, control=u)
+    wide = 0.5 if kind == "cone" else 0.3 + q[0] ** 2 / 10
+    bounds = {"ring": [(4, ca.sumsqr(u), 25)]}.get(
+        kind, [(None, u[0] - wide * (u[1] - 2), 0), (None, -u[0] - wide * (u[1] - 2), 0)]
+    )
+    ends = dict(start=dict(q=[0, 0], v=[0, 0]), end=dict(q=[2, 0], v=[0, 0]))
+    phase = vi.Phase(
+        heavy,
+        vi.gauss(3),
+        1.0,
+        10,
+        ca.sumsqr(u),
+        bounds=bounds,
+        **ends,
+        guess=dict(q=lambda t: [2 * t**2 * (3 - 2 * t), np.sin(6 * t)]),
+    )
+    problem = transcribe([phase], [], 0.0)
+    part, x = problem.phases[0], build_start(problem)
+    g, rows = np.array(problem.nlp.program.value(x, problem.nlp.p)[1]).ravel(), part.rows.nodes
+    assert (g[rows] <= problem.nlp.g_high[rows] + 1e-7).all()
+    assert (g[rows] >= problem.nlp.g_low[rows] - 1e-7).all()
+    wanted = build_start(transcribe([replace(phase, bounds=())], [], 0.0))
+    moved = np.abs(x - wanted)[part.slots.u].max(axis=2)
+    assert (moved > 1).any()
+    if kind == "ring":  # the nearest point of a disc is on the ray
+        best = wanted[part.slots.u]
+        size = np.linalg.norm(best, axis=2)
+        away = np.maximum(np.maximum(size - 5, 2 - size), 0)
+        assert np.linalg.norm((x - wanted)[part.slots.u], axis=2) == pytest.approx(away, abs=1e-7)
+
+
 @pytest.mark.parametrize(("limit", "cost"), [(2.5, 18.695873), (3.5, None)])
 def test_a_weak_motor_swings_the_pendulum_up_without_a_guess(limit, cost):
     motion = swing(pendulum(9.81), 6.0, 60, rule=vi.gauss(3), bounds=[(-limit, U, limit)])
@@ -222,7 +258,8 @@ def test_a_wavy_guess_is_first_solved_by_the_trapezoidal_rule():
 
     guessed = replace(phase, rule=vi.gauss(3), steps=60, guess=dict(q=path))
     problem = transcribe([guessed], [], 0.0)
-    rough = coarse_start(problem)
+    rough, iterations = coarse_start(problem)
+    assert iterations <= 300
     run = build_control_solver(problem, rough)
     found = run(rough, progress=False)
     assert found.success and found.iterations < 60
@@ -266,4 +303,10 @@ def test_a_guess_that_leads_nowhere_is_left_and_the_report_says_so(capsys):
     )
     assert -motion.cost == pytest.approx(HIGHEST, abs=1e-3)
     motion.report()
-    assert "from the guess no solution was found" in capsys.readouterr().out
+    assert "from a default start, for the guess led nowhere" in capsys.readouterr().out
+    attempts = motion.stats["attempts"]
+    assert [what for what, _ in attempts][:2] == [
+        "from the guess",
+        "by a rough solution near the guess",
+    ]
+    assert attempts[-1] == (motion.stats["start"], motion.solution.iterations)

@@ -78,7 +78,7 @@ def bounded_quantities(part: PhaseTranscription, outcome: SolverResult) -> list[
         for name, (low, high), at, held in simple
     ]
     g = np.append(np.array(nlp.program.value(x, nlp.p)[1]).ravel(), np.nan)  # −1: left out
-    for i, name in enumerate(map(str, ca.vertsplit(bounds.at_nodes))):
+    for i, name in enumerate(bounds.nodes_names):
         held = rows.nodes[:, i :: bounds.at_nodes.numel() + phase.slacks.rows.numel()]
         limits = bounds.nodes_low[i], bounds.nodes_high[i]
         found.append(Quantity(name, *limits, g[held], nodes, held, True))
@@ -88,7 +88,7 @@ def bounded_quantities(part: PhaseTranscription, outcome: SolverResult) -> list[
         limits = bounds.steps_low[i], bounds.steps_high[i]
         found.append(Quantity(name, *limits, g[held], middle, held, True))
     count = bounds.at_points.numel()
-    for i, name in enumerate(map(str, ca.vertsplit(bounds.at_points))):
+    for i, name in enumerate(bounds.points_names):
         first = np.full((phase.steps, 1), -1)  # at node 0 the row stands among those of the start
         first[0] = rows.start[len(rows.start) - count + i]
         held = np.hstack([first, rows.points[:, i::count]])

@@ -54,7 +54,8 @@ def momentum_balance(motion: Trajectory, path: Piecewise) -> list[tuple[str, flo
     except InputError:  # not finite somewhere near the path: nothing can be said
         return []
     for symmetry in known:
-        crossing = ca.jtimes(s.constraint, s.q, symmetry.xi)
+        along = [ca.jtimes(s.constraint, s.q, symmetry.xi), ca.mtimes(s.nonholonomic, symmetry.xi)]
+        crossing = ca.vertcat(*along)
         fits = (
             symmetry.tau.is_zero()
             and symmetry.gauge.is_zero()

@@ -28,11 +28,13 @@ ROUGH = {
 }
 
 
-def coarse_start(problem: ControlProblem) -> np.ndarray | None:
-    """Start values of all unknowns from the rough solution; None where there is none."""
+def coarse_start(problem: ControlProblem) -> tuple[np.ndarray | None, int]:
+    """Start values of all unknowns from the rough solution, None where there is none; and its
+    iterations.
+    """
     parts = problem.phases
     if any(x.phase.system.structure.constraints or x.phase.rule.degree < 2 for x in parts):
-        return None
+        return None, 0
     phases = [replace(x.phase.given, rule=trapezoidal(), mesh=x.phase.mesh, steps=0) for x in parts]
     rough = transcribe(phases, problem.given_links, parts[0].t0, "interpreted")
     x = build_start(rough)
@@ -43,13 +45,13 @@ def coarse_start(problem: ControlProblem) -> np.ndarray | None:
     x = np.clip(x, rough.nlp.x_low, rough.nlp.x_high)
     outcome = build_control_solver(rough, x, "ipopt", {"ipopt": ROUGH})(x, progress=False)
     if not outcome.success:
-        return None
+        return None, outcome.iterations
     start = build_start(problem)
     for part, motion in zip(parts, build_trajectories(rough, outcome), strict=True):
         write_guess(start, part, read_guess(replace(part.phase, guess=motion), part.t0))
     if not np.isfinite(start).all():
-        return None
-    return np.clip(start, problem.nlp.x_low, problem.nlp.x_high)
+        return None, outcome.iterations
+    return np.clip(start, problem.nlp.x_low, problem.nlp.x_high), outcome.iterations
 
 
 def _constant(value: np.ndarray, at: np.ndarray) -> np.ndarray:

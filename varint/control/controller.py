@@ -255,14 +255,15 @@ def _on_constraints(
 ) -> None:
     """The state must be one that the constraints allow."""
     s = part.phase.system
-    if not s.structure.constraints:
+    if not s.structure.velocity_rows:
         return
     now, c = np.array([[t]]), data[part.first_shared + 2 :][: len(part.phase.c)]
     gap = over_columns(dense_constraint_function(s), q[None], now, c)[0]
     hidden = over_columns(rows_function(s), q[None], v[None], now, c)[0]
     for what, rows, size in (
         ("q violates constraint", gap, q),
-        ("v violates G v = 0 of constraint", hidden, v),
+        ("v violates G v = 0 of constraint", hidden[:, : gap.shape[1]], v),
+        ("v violates A v = 0 of non-holonomic row", hidden[:, gap.shape[1] :], v),
     ):
         for i in np.flatnonzero(np.abs(rows[0]) > OFF * (1 + np.abs(size).max())):
             raise InputError(

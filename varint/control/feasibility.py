@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from varint.control.phase import CheckedPhase
+from varint.discrete.projection import velocity_gaps
 from varint.errors import InputError
 
 # constraints and bounds at given ends hold to this, relative to the size of the coordinates
@@ -27,18 +28,14 @@ def check_feasibility(phase: CheckedPhase, t0: float) -> None:
                     f"outside its bounds {along[0][i]:g} … {along[1][i]:g}"
                 )
         if not (end.q[1] == end.q[2]).all() or not (
-            s.structure.constraints + bounds.at_points.numel()
+            s.structure.velocity_rows + bounds.at_points.numel()
         ):
             continue
         moving = what == "end" and phase.free_duration
         q, size = end.q[1], HELD * (1 + np.abs(end.q[1]).max())
-        slope = ca.densify(ca.jacobian(s.constraint, s.q))
-        at = ca.Function(
-            "at",
-            [s.q, s.t, s.c],
-            [bounds.at_points, s.constraint, slope, ca.jacobian(s.constraint, s.t)],
-        )
-        bounded, gap, G, g_t = (np.array(x) for x in at(q, t, phase.c))
+        at = ca.Function("at", [s.q, s.t, s.c], [bounds.at_points, s.constraint])
+        bounded, gap = (np.array(x) for x in at(q, t, phase.c))
+        m = len(gap)
         free_c = len(phase.free_parameters) > 0
         if not moving and not free_c:
             _refuse_rows(what, bounded.ravel(), bounds, size)
@@ -48,14 +45,12 @@ def check_feasibility(phase: CheckedPhase, t0: float) -> None:
                     f"{q.tolist()}"
                 )
             if (end.v[1] == end.v[2]).all():
-                hidden = (G @ end.v[1][:, None] + g_t).ravel()
-                for i in np.flatnonzero(
-                    np.abs(hidden)
-                    > HELD * (1 + np.abs(G).max(initial=0.0) * np.abs(end.v[1]).max())
-                ):
+                hidden, W = velocity_gaps(s, q, end.v[1], t, phase.c)
+                size = 1 + np.abs(W).max(initial=0.0) * np.abs(end.v[1]).max()
+                for i in np.flatnonzero(np.abs(hidden) > HELD * size):
+                    kind = f"constraint {i}: G v" if i < m else f"non-holonomic row {i - m}: A v"
                     raise InputError(
-                        f"the {what} velocity violates constraint {i}: G v = {hidden[i]:.3g}; it "
-                        "must be 0"
+                        f"the {what} velocity violates {kind} = {hidden[i]:.3g}; it must be 0"
                     )
 
 

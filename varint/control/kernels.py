@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import casadi as ca
 
 from varint.control.phase import CheckedPhase
+from varint.discrete.constraints import velocity_rows
 from varint.discrete.lagrangian import constraint_function, interval
+from varint.discrete.nonholonomic import half_reaction, slips
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,8 @@ def shared_symbols(phase: CheckedPhase) -> Shared:
 @dataclass(frozen=True, eq=False)
 class IntervalTerm:
     """One interval: `stage` = [q_k, λ_k, z_k, u, inner points, inner λ, slacks], then `after` =
-    [q_{k+1}, u_{k+1} where it matters]; s, w; shares by kind of row.
+    [q_{k+1}, u_{k+1} where it matters]; s, w; shares by kind of row. λ_k: of the constraints, then
+    of the non-holonomic rows, whose slips follow the gaps.
     """
 
     stage: ca.SX
@@ -87,6 +90,7 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
     u1 = ca.SX.sym("u1", phase.closing_controls)
     # of q1: counted in the next interval
     lam = ca.SX.sym("lam", system.structure.constraints, degree)
+    nu = ca.SX.sym("nu", system.structure.nonholonomic)
     z = ca.SX.sym("z", len(phase.states.index))
     slack = ca.SX.sym("slack", phase.slacks.count, r)
     mesh = ca.SX.sym("mesh", 2)
@@ -112,9 +116,12 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
         step.q_nodes,
         step.v_nodes,
         step.t_nodes,
+        slips(system, step),
     ]
     made = ca.Function("interval", own, wanted, {"cse": True})(*given)
-    p_minus, p_plus, rows, gaps, q_nodes, v_nodes, t_nodes = made
+    p_minus, p_plus, rows, gaps, q_nodes, v_nodes, t_nodes, slip = made
+    if nu.numel():
+        p_minus -= half_reaction(system, q0, given[4], shared.c, h, nu)
     s, bounds, states = system, phase.bounds, phase.states
     along = ca.Function(
         "along",
@@ -147,7 +154,7 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
         chosen[:, i] - z - sum(rule.collocation[i, j] * flows[j] for j in range(r))
         for i in range(r)
     ]
-    stage = [q0, lam[:, 0], z, ca.vec(u), ca.vec(inner), ca.vec(lam[:, 1:]), ca.vec(slack)]
+    stage = [q0, lam[:, 0], nu, z, ca.vec(u), ca.vec(inner), ca.vec(lam[:, 1:]), ca.vec(slack)]
     return IntervalTerm(
         stage=ca.vertcat(*stage),
         after=ca.vertcat(q1, u1),
@@ -157,7 +164,7 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
         p_minus=ca.densify(p_minus),
         p_plus=ca.densify(p_plus),
         inner=ca.vec(ca.densify(rows)),
-        gaps=ca.vec(gaps),
+        gaps=ca.vertcat(ca.vec(gaps), slip),
         nodes=ca.vertcat(*nodes),
         points=ca.vertcat(*point_rows),
         steps=ca.densify(at_steps(rates, shared.c)),
@@ -202,11 +209,10 @@ def end_term(phase: CheckedPhase, shared: Shared, last: bool) -> EndTerm:
     q, v, lam = (
         ca.SX.sym("q", n),
         ca.SX.sym("v", n),
-        ca.SX.sym("lam", s.structure.constraints if last else 0),
+        ca.SX.sym("lam", s.structure.velocity_rows if last else 0),
     )
     mesh, t = ca.SX.sym("mesh", 2), shared.t0 + (shared.duration if last else 0)
     end = phase.end if last else phase.start
-    velocity_row = ca.jtimes(s.constraint, s.q, s.v) + ca.jacobian(s.constraint, s.t)
     z, own = ca.SX.sym("z", len(phase.states.index)), phase.end_slacks
     slack = ca.SX.sym("slack", own.count if last else 0)
     end_rows = ca.vertcat(end.rows, own.rows) if last else end.rows
@@ -216,7 +222,7 @@ def end_term(phase: CheckedPhase, shared: Shared, last: bool) -> EndTerm:
         [
             s.momentum,
             s.constraint,
-            velocity_row,
+            velocity_rows(s),
             end_rows,
             phase.bounds.at_points,
             phase.terminal if last else ca.SX(0),
@@ -224,8 +230,11 @@ def end_term(phase: CheckedPhase, shared: Shared, last: bool) -> EndTerm:
     )
     momentum, gap, hidden, rows, points, terminal = at(q, v, z, slack, t, shared.c)
     if last and lam.numel():
+        h, m = mesh[1] * shared.duration, s.structure.constraints
+        own, nu = ca.vertsplit(lam, [0, m, lam.numel()])
         _, slope = constraint_function(s)(q, t, shared.c)
-        momentum -= mesh[1] * shared.duration * phase.rule.weights[-1] * ca.mtimes(slope.T, lam)
+        momentum -= h * phase.rule.weights[-1] * ca.mtimes(slope.T, own)
+        momentum -= half_reaction(s, q, t, shared.c, h, nu)
     return EndTerm(
         q=q,
         v=v,

@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.control.end_rows import bounded_at_end
 from varint.control.kernels import EndTerm, IntervalTerm
 from varint.control.phase import CheckedPhase
-from varint.discrete.consistency import rows_beyond
-from varint.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +20,7 @@ class Slots:
     """
 
     q: np.ndarray  # (N + 1, n)
-    lam: np.ndarray  # (N + 1, m)
+    lam: np.ndarray  # (N + 1, m + non-holonomic rows)
     states: np.ndarray  # (N + 1, m)
     u: np.ndarray  # (N, samples, k); (N + 1, 1, k) where the last node has controls
     inner: np.ndarray  # (N, d − 1, n)
@@ -46,7 +45,7 @@ class Rows:
 
     momentum: np.ndarray  # (N + 1, n)
     inner: np.ndarray  # (N, n (d − 1))
-    gaps: np.ndarray  # (N, m d)
+    gaps: np.ndarray  # (N, m d + non-holonomic rows)
     nodes: np.ndarray  # (N, r b)
     points: np.ndarray  # (N, d a)
     steps: np.ndarray  # (N, s)
@@ -87,7 +86,7 @@ def place_unknowns(phase: CheckedPhase, free_start: bool, x: int) -> Slots:
     s, count, degree = phase.system.structure, phase.steps, phase.rule.degree
     shapes = {
         "q": (s.n,),
-        "lam": (s.constraints,),
+        "lam": (s.velocity_rows,),
         "states": (len(phase.states.index),),
         "u": (phase.samples, s.controls),
         "inner": (degree - 1, s.n),
@@ -103,7 +102,7 @@ def place_unknowns(phase: CheckedPhase, free_start: bool, x: int) -> Slots:
     }
     # the last node has coordinates, multipliers and states, but no step behind it
     closing = phase.closing_controls
-    before_v = s.n + s.constraints + len(phase.states.index) + closing
+    before_v = s.n + s.velocity_rows + len(phase.states.index) + closing
     v = stages[-1, 0] + before_v + np.arange(2 * s.n).reshape(2, s.n)
     end_slack = v[-1, -1] + 1 + np.arange(phase.end_slacks.count)
     first = v[-1, -1] + 1 + len(end_slack)
@@ -123,30 +122,6 @@ def place_unknowns(phase: CheckedPhase, free_start: bool, x: int) -> Slots:
         shared=np.where(is_free, first + np.cumsum(is_free) - 1, -1),
         end=int(first + is_free.sum()),
     )
-
-
-def find_kept_rows(
-    phase: CheckedPhase, t0: float, tied: bool, q: np.ndarray, last: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Which rows of g(q) = 0 and of G v + ∂g/∂t = 0 are independent of the given coordinates and
-    velocities.
-    """
-    m = phase.system.structure.constraints
-    if not m or tied:
-        return np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
-    s, end = phase.system, phase.end if last else phase.start
-    slope = ca.Function("G", [s.q, s.t, s.c], [ca.densify(ca.jacobian(s.constraint, s.q))])
-    G = np.array(slope(q, t0 + (phase.duration[0] if last else 0.0), phase.c))
-    given = [bounds[1] == bounds[2] for bounds in (end.q, end.v)]
-    kept = [rows_beyond(np.eye(s.structure.n)[fixed], G) for fixed in given]
-    if not given[0].all() and not kept[0].all():
-        names = [name for name, y in zip(s.names, given[0], strict=True) if y]
-        raise InputError(
-            f"at the {'end' if last else 'start'} the coordinates {names} and constraint "
-            f"{int(np.flatnonzero(~kept[0])[0])} say the same at q = {q.tolist()}: give all "
-            "coordinates, or others"
-        )
-    return kept[0], kept[1]
 
 
 class Block(NamedTuple):
@@ -185,8 +160,7 @@ def place_rows(
     """
     bounds, points, nodes = phase.bounds, phase.rule.degree, len(phase.rule.nodes)
     own, at_end = phase.slacks, phase.end_slacks
-    # expressions of a fixed end hold or do not; nothing can be chosen
-    moves = [bool((end.q[1] < end.q[2]).any()) for end in (phase.start, phase.end)]
+    bounded = [bounded_at_end(phase, last) for last in (False, True)]
     first, last = ends
     stage = {
         "momentum": _equations(phase.steps, term.p_minus),
@@ -206,14 +180,15 @@ def place_rows(
         "state_inner": _equations(phase.steps, term.state_inner),
         "states": _equations(phase.steps, term.states),
     }
-    stage["gaps"].kept.reshape(phase.steps, points, -1)[-1, -1] = kept[1][0]
-    stage["points"].kept.reshape(phase.steps, points, -1)[-1, -1] = moves[1]
+    m = len(kept[1][0])
+    stage["gaps"].kept[-1, m * (points - 1) : m * points] = kept[1][0]
+    stage["points"].kept.reshape(phase.steps, points, -1)[-1, -1] = bounded[1]
     at_ends = {
         "end_momentum": _equations(1, term.p_minus),
         "start_gap": _equations(1, first.gap, kept[0][0]),
         "start_hidden": _equations(1, first.hidden, kept[0][1]),
         "start_conditions": _block(1, phase.start.low, phase.start.high),
-        "start_points": _block(1, bounds.points_low, bounds.points_high, moves[0]),
+        "start_points": _block(1, bounds.points_low, bounds.points_high, bounded[0]),
         "end_hidden": _equations(1, last.hidden, kept[1][1]),
         "end_conditions": _block(
             1,

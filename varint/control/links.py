@@ -1,24 +1,23 @@
 """What ties the end of one phase to the start of another: continuity, periodicity, relabelling,
 impacts.
-
-An impact on a contact φ(q) = 0 keeps q and makes the momentum jump along the contact's normal,
-p⁺ − p⁻ = (∂φ/∂q)ᵀ Λ, with ∂φ/∂q v⁺ = −e ∂φ/∂q v⁻ (Fetecau, Marsden, Ortiz, West 2003, §3).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from varint.control.contacts import touched
 from varint.control.ends import offsets
+from varint.control.impacts import WORDS, impact_at
+from varint.control.phase import CheckedPhase
 from varint.control.transcription import PhaseTranscription, pick
 from varint.errors import InputError
 from varint.nlp.assembly import Element
 from varint.nlp.expressions import column
-from varint.scene.inputs import number
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +31,8 @@ class Link:
         Numbers of the phases.
     contact : SX (c,) or None
         φ(q) of the first phase's coordinates: zero at the link, and the momentum jumps along its
-        normal.
+        normal. Constraints and contacts that hold in the second phase only need not be named,
+        unless coordinates are relabelled: they stop the motion across them.
     sticks : SX (f,) or None
         Further expressions of q that stop moving at a contact (a foot that does not slip): the
         momentum jumps along them too.
@@ -59,14 +59,24 @@ class Link:
     time: bool = True
 
 
+def default_links(count: int) -> list[Link]:
+    """Each of so many phases continues where the one before ended."""
+    return [Link(i, i + 1) for i in range(count - 1)]
+
+
 @dataclass(frozen=True, eq=False)
 class LinkTranscription:
     """A link in the program: its own unknowns (impulses Λ) and rows."""
 
     impulses: np.ndarray  # where Λ sits among the unknowns
-    unknowns: int
+    x_low: np.ndarray  # of its own unknowns: contacts push
     rows: int
     elements: list[Element]
+
+    @property
+    def unknowns(self) -> int:
+        """Number of its own unknowns."""
+        return len(self.x_low)
 
 
 def transcribe_link(
@@ -80,24 +90,23 @@ def transcribe_link(
             f"phases {link.before} and {link.after} have {n} and {after.phase.system.structure.n} "
             "coordinates; a link needs equally many"
         )
-    words = "q and the parameters of the first phase"
-    contact = column(
-        "the contact of a link",
-        ca.SX(0, 1) if link.contact is None else link.contact,
-        _held(s),
-        words,
+    impact = impact_at(
+        link.contact,
+        link.sticks,
+        link.restitution,
+        link.relabel is None,
+        before.phase,
+        after.phase,
     )
-    stuck = column("sticks", ca.SX(0, 1) if link.sticks is None else link.sticks, _held(s), words)
-    if stuck.numel() and not contact.numel():
-        raise InputError("sticks= belongs to a contact: give contact= as well")
-    stopped = ca.vertcat(contact, stuck)
-    new = s.q if link.relabel is None else column("relabel", link.relabel, _held(s), words)
+    new = (
+        s.q
+        if link.relabel is None
+        else column("relabel", link.relabel, ca.vertcat(s.q, s.c), WORDS)
+    )
     if new.numel() != n:
         raise InputError(f"relabel has {new.numel()} components; one for each of {list(s.names)}")
     if not isinstance(link.time, bool):
         raise InputError(f"time of a link must be True or False, got {link.time!r}")
-    if not 0 <= number("restitution", link.restitution) <= 1:
-        raise InputError(f"restitution must lie between 0 and 1, got {link.restitution!r}")
     offset = (
         np.zeros(n) if link.offset is None else offsets("offset of a link", link.offset, n, s.names)
     )
@@ -105,18 +114,15 @@ def transcribe_link(
     q0, v0, c0, q1, v1 = (
         ca.SX.sym(name, k) for name, k in zip("abcde", (n, n, s.c.numel(), n, n), strict=True)
     )
-    if stopped.numel() and ca.depends_on(s.momentum, s.t):
-        raise InputError("impacts need momenta that do not depend on time explicitly")
-    impulse = ca.SX.sym("impulse", stopped.numel())
+    impulses = len(impact.bounce)
+    impulse = ca.SX.sym("impulse", impulses)
     p_before = ca.Function("p", [s.q, s.v, s.c], [s.momentum])
-    old = ca.Function(
-        "old", [s.q, s.c], [contact, ca.jacobian(stopped, s.q), new, ca.jacobian(new, s.q)]
-    )
+    old = ca.Function("old", [s.q, s.c], [impact.contact, impact.rows, new, ca.jacobian(new, s.q)])
     gap, normal, q_new, slope = old(q0, c0)
     rows = [pick(q1 - q_new - offset_or_zero, tied)]
     extra, extra_x = [], np.zeros(0, dtype=int)
-    if stopped.numel():
-        bounce = ca.DM([link.restitution] * contact.numel() + [0.0] * stuck.numel())
+    if impulses:
+        bounce = ca.DM(impact.bounce)
         w = ca.SX.sym("w", n)  # velocity after the impact in the old coordinates
         rows += [
             pick(v1 - ca.mtimes(slope, w), tied),
@@ -124,7 +130,7 @@ def transcribe_link(
             ca.mtimes(normal, w) + bounce * ca.mtimes(normal, v0),
         ]
         rows.append(p_before(q0, w, c0) - p_before(q0, v0, c0) - ca.mtimes(normal.T, impulse))
-        extra, extra_x = [w, impulse], x + np.arange(n + stopped.numel())
+        extra, extra_x = [w, impulse], x + np.arange(n + impulses)
     else:
         rows.append(pick(v1 - ca.mtimes(slope, v0), tied))
     column_of_rows = ca.densify(ca.vertcat(*rows))
@@ -157,11 +163,24 @@ def transcribe_link(
         element = _states(before, after, g + count)
         elements.append(element)
         count += element.rows.numel()
-    return LinkTranscription(extra_x[n:], len(extra_x), count, elements)
+    x_low = np.full(len(extra_x), -np.inf)
+    x_low[n:][impact.pushes] = 0.0
+    return LinkTranscription(extra_x[n:], x_low, count, elements)
 
 
-def _held(system) -> ca.SX:
-    return ca.vertcat(system.q, system.c)
+def with_touching(checks: list[CheckedPhase], links: list[Link]) -> list[CheckedPhase]:
+    """The phases, with those of their open contacts marked that are 0 by a link at their ends."""
+    contacts = [x.contacts for x in checks]
+    for link in links:
+        first, second = checks[link.before], checks[link.after]
+        hits = [] if link.contact is None else ca.vertsplit(ca.SX(link.contact))
+        plain = link.relabel is None and link.offset is None
+        ahead = ca.vertsplit(second.system.constraint) if plain else []
+        contacts[link.before] = touched(contacts[link.before], [*hits, *ahead], True)
+        if plain:
+            known = [*hits, *ca.vertsplit(first.system.constraint)]
+            contacts[link.after] = touched(contacts[link.after], known, False)
+    return [replace(x, contacts=own) for x, own in zip(checks, contacts, strict=True)]
 
 
 def _states(before: PhaseTranscription, after: PhaseTranscription, row: int) -> Element:

@@ -38,7 +38,7 @@ def has_many_minima(problem: ControlProblem) -> bool:
         and part.phase.guess is None
         and not structure.linear
         and structure.controls > 0
-        and structure.n - structure.constraints - structure.controls >= PASSIVE
+        and structure.n - structure.velocity_rows - structure.controls >= PASSIVE
         and all((q[1] == q[2]).all() for q in ends)
     )
 

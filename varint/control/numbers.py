@@ -15,6 +15,7 @@ import numpy as np
 from varint.control.ends import VALUES, End, bounds_at, end_conditions
 from varint.control.feasibility import check_feasibility
 from varint.control.layout import bound_unknowns
+from varint.control.numbers_by_phase import changes_by_phase
 from varint.control.phase import CheckedPhase, start_of
 from varint.control.problem import ControlProblem
 from varint.control.transcription import PhaseTranscription
@@ -37,9 +38,43 @@ def with_numbers(
     params: ParameterValues | None = None,
     duration: float | None = None,
     t0: float | None = None,
+    phases: Mapping[int, Mapping[str, Any]] | None = None,
 ) -> ControlProblem:
-    """The problem of one phase with these numbers; what is not named stays as it was."""
-    part, nlp = problem.phases[0], problem.nlp
+    """The problem with these numbers; what is not named stays as it was. The start is that of the
+    first phase, the end that of the last, parameters are those of all phases that know them;
+    `phases` has the numbers of one phase each.
+    """
+    changes = changes_by_phase(problem, start, end, params, duration, phases)
+    for k, change in enumerate(changes):
+        if change or not k:
+            problem = _with_numbers_of(problem, k, **change, t0=None if k else t0)
+    return _with_start_times(problem)
+
+
+def _with_start_times(problem: ControlProblem) -> ControlProblem:
+    """Each phase begins when the one before ends, as far as both times are given; a guess of them
+    otherwise.
+    """
+    data, phases = problem.nlp.p.copy(), list(problem.phases)
+    for k in range(1, len(phases)):
+        before, part = phases[k - 1], phases[k]
+        t0 = before.t0 + before.phase.duration[0]
+        data[part.first_shared] = t0
+        phases[k] = replace(part, data=data[part.first_datum :][: len(part.data)])
+    return replace(problem, phases=phases, nlp=replace(problem.nlp, p=data))
+
+
+def _with_numbers_of(
+    problem: ControlProblem,
+    k: int,
+    start: Mapping[str, Any] | None = None,
+    end: Mapping[str, Any] | None = None,
+    params: ParameterValues | None = None,
+    duration: float | None = None,
+    t0: float | None = None,
+) -> ControlProblem:
+    """The problem with these numbers in one phase."""
+    part, nlp = problem.phases[k], problem.nlp
     phase, system = part.phase, part.phase.system
     given = phase.given
     changed: dict[str, Any] = {}
@@ -92,7 +127,8 @@ def with_numbers(
         g_high=g_high[rows],
     )
     numbers = replace(nlp, p=data, x_low=x_low, x_high=x_high, g_low=g_low, g_high=g_high)
-    return replace(problem, phases=[own_part], nlp=numbers)
+    phases = [own_part if i == k else other for i, other in enumerate(problem.phases)]
+    return replace(problem, phases=phases, nlp=numbers)
 
 
 def constants(
@@ -170,10 +206,10 @@ def _row_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the rows with the conditions at the ends of this phase."""
     low, high = nlp.g_low.copy(), nlp.g_high.copy()
-    m = phase.system.structure.constraints
+    gaps, held = phase.system.structure.constraints, phase.system.structure.velocity_rows
     for end, rows, skipped in (
-        (phase.start, part.rows.start, 2 * m),
-        (phase.end, part.rows.last, m),
+        (phase.start, part.rows.start, gaps + held),
+        (phase.end, part.rows.last, held),
     ):
         at = rows[skipped:][: len(end.low)]
         low[at[at >= 0]], high[at[at >= 0]] = end.low[at >= 0], end.high[at >= 0]

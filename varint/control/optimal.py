@@ -8,10 +8,10 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
-from varint.control.links import Link
+from varint.control.links import Link, default_links
 from varint.control.phase import Phase
 from varint.control.problem import transcribe
-from varint.control.replay import LARGE, error_estimate
+from varint.control.replay import LARGE, error_estimate, remedy
 from varint.control.solve import Callback, solve
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.slacks import Soft
@@ -50,6 +50,7 @@ def optimal_control(
     integral: Sequence[tuple[Any, Any, Any]] = (),
     states: Mapping[Any, Any] | None = None,
     callback: Callable[[int, float, float, Any], Any] | None = None,
+    closed: Sequence[int] = (),
 ) -> Trajectory:
     """Controls of least cost ∫ cost dt + terminal_cost under discrete mechanics, p⁺_{k−1} = p⁻_k
     (DMOC).
@@ -57,9 +58,11 @@ def optimal_control(
     Parameters
     ----------
     system : System
-        A scene with controls; constraints need a Lobatto rule.
+        A scene with controls; constraints need a Lobatto rule, non-holonomic rows `midpoint` or
+        `trapezoidal`.
     rule : Rule, optional
-        Default: `gauss(2)`, with constraints `lobatto(3)`.
+        Default: `gauss(2)`, with constraints `lobatto(3)`, with non-holonomic rows `midpoint()`
+        (`trapezoidal()` with both).
     duration : float or Free
         T, or ``free(guess, lower, upper)``.
     steps : int
@@ -115,6 +118,9 @@ def optimal_control(
         (iteration, cost, violation, path) of every iterate (Ipopt): the largest violation of a
         condition, and the path as a Trajectory. What it returns stops the solver if it is true.
         `live_plot` draws them.
+    closed : sequence of int, optional
+        Numbers of the system's contacts that are closed during the motion and only push; the
+        others stay open, gap ≥ 0. See `optimal_phases` for contacts that close and open.
 
     Returns
     -------
@@ -167,6 +173,7 @@ def optimal_control(
         p0,
         integral,
         states,
+        closed,
     )
     told = callback if callback is None else _single(_require_callback(callback, solver))
     found = solve_phases([phase], None, t0, solver, options, backend, progress, told)
@@ -203,9 +210,11 @@ def optimal_phases(
     Parameters
     ----------
     phases : sequence of Phase
-        Each with its own system, rule, mesh, duration, cost, ends and bounds.
+        Each with its own system, rule, mesh, duration, cost, ends and bounds; with ``closed=``
+        numbers of the contacts that are closed in it.
     links : sequence of Link, optional
-        Default: each phase continues where the one before ended.
+        Default: each phase continues where the one before ended; contacts and constraints that
+        begin to hold there stop the motion across them, a plastic impact.
     t0, solver, options, backend, progress, callback
         As in `optimal_control`; the callback gets the paths of all phases as a list.
 
@@ -239,7 +248,7 @@ def solve_phases(
     )
     if not phases or not all(isinstance(phase, Phase) for phase in phases):
         raise InputError("optimal_phases takes a list of varint.Phase, at least one")
-    ties = [Link(i, i + 1) for i in range(len(phases) - 1)] if links is None else links
+    ties = default_links(len(phases)) if links is None else links
     if callback is not None:
         _require_callback(callback, solver)
     return solve(
@@ -258,8 +267,7 @@ def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
     if worst > LARGE and all(x.solution.success for x in found):
         warnings.warn(
             f"the solution is too coarse: its controls, replayed in quarter steps, lead "
-            f"{worst:.1g} of a coordinate's range away from its path; take more steps, "
-            "a higher rule, or vi.refine",
+            f"{worst:.1g} of a coordinate's range away from its path; {remedy(found)}",
             stacklevel=stacklevel,
         )
     return [

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.control.contacts import Contacts, check_contacts, with_contacts
 from varint.control.ends import End, end_conditions
 from varint.control.phase_inputs import duration_of, mesh_of, parameters_of_phase, rule_of
 from varint.control.rates import Rates, check_rates
@@ -52,6 +53,7 @@ class Phase:
     p0: Any = None
     integral: Sequence[tuple[Any, Any, Any]] = ()
     states: Mapping[Any, Any] | None = None
+    closed: Sequence[int] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,10 @@ class CheckedPhase:
 
     Attributes
     ----------
+    system : System
+        With its closed contacts among the constraints.
+    contacts : Contacts
+        Which are closed, and gaps of the others.
     duration : tuple of float
         Guess, lower and upper bound; equal where it is fixed.
     mesh : ndarray (N + 1,)
@@ -83,6 +89,7 @@ class CheckedPhase:
     """
 
     system: System
+    contacts: Contacts
     rule: Rule
     duration: tuple[float, float, float]
     mesh: np.ndarray
@@ -151,6 +158,7 @@ def check_phase(phase: Phase) -> CheckedPhase:
     system = phase.system
     if not isinstance(system, System):
         raise InputError(f"optimal control takes a varint.System, got {type(system).__name__}")
+    system, contacts = check_contacts(system, phase.closed)
     rule = rule_of(system, phase.rule)
     duration = duration_of(phase.duration)
     c, c_low, c_high = parameters_of_phase(system, phase.params)
@@ -175,13 +183,14 @@ def check_phase(phase: Phase) -> CheckedPhase:
     cost, own = _cost("cost", phase.cost, soft_bounds, along, system, c, WORDS)
     words = "q, v, t, states and the parameters at the end"
     terminal, last = _cost("terminal_cost", phase.terminal_cost, (), at_end, system, c, words)
-    bounds = path_bounds(system, hard, rates.symbols)
+    bounds = with_contacts(path_bounds(system, hard, rates.symbols), system, contacts)
     integrals = integrals_of(phase.integral, ca.vertcat(along, s.t), s.c)
     acting = [system.force, cost, own.rows, bounds.at_nodes, integrals.rows, states.rates]
     acting += [rates.controls(system), states.symbols(system)]
     _refuse_idle(system, ca.vertcat(*acting), bounds.u)
     return CheckedPhase(
         system=system,
+        contacts=contacts,
         rule=rule,
         duration=duration,
         mesh=mesh_of(phase.steps, phase.mesh),

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from varint.discrete.suitability import require_steppable
 from varint.errors import InputError, parsed_or_refused
 from varint.numerics.limits import check_memory
-from varint.rules.rule import Rule, gauss, lobatto
+from varint.rules.rule import Rule, gauss, lobatto, midpoint, trapezoidal
 from varint.scene.free import Free
 from varint.scene.inputs import finite_array, positive_integer
 from varint.scene.parameters import ParameterValues
@@ -18,16 +19,13 @@ from varint.scene.system import System, given_parameters, parameter_values
 def rule_of(system: System, rule: Rule | None) -> Rule:
     """The rule, or the one that suits the scene."""
     structure = system.structure
-    lacking = {"contacts": structure.contacts, "non-holonomic constraints": structure.nonholonomic}
-    found = [name for name, count in lacking.items() if count]
-    if found:
-        remedy = "; describe impacts by phases and links" if structure.contacts else ""
-        raise InputError(f"optimal control does not handle {' or '.join(found)}{remedy}")
     if structure.degenerate:
         raise InputError(
             "the Lagrangian is degenerate (∂²L/∂v² = 0): it has no end velocities to control"
         )
     if rule is None:
+        if structure.nonholonomic:
+            return trapezoidal() if structure.constraints else midpoint()
         return lobatto(3) if structure.constraints else gauss(2)
     if not isinstance(rule, Rule):
         raise InputError(f"rule must be a rule such as gauss(3), got {rule!r}")
@@ -36,6 +34,7 @@ def rule_of(system: System, rule: Rule | None) -> Rule:
             f"{rule} is a composition with weights of both signs; optimal control takes gauss or "
             "lobatto"
         )
+    require_steppable(system, rule)
     return rule
 
 

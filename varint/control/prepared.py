@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,12 +10,15 @@ import numpy as np
 
 from varint.control.build import build_control_solver
 from varint.control.guess import build_start
+from varint.control.links import Link, default_links
 from varint.control.numbers import with_numbers
 from varint.control.outcome import has_converged, raise_unless_converged
 from varint.control.phase import Phase
 from varint.control.problem import ControlProblem, transcribe
 from varint.control.solution import ControlSolution
 from varint.control.starts import default_starts
+from varint.control.trajectories import build_trajectories
+from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.solver import Solver, SolverResult, choose_backend
 from varint.results.trajectory import Trajectory
@@ -32,13 +35,16 @@ class Prepared:
     ----------
     problem : ControlProblem
     solver : Solver
-    guess : Trajectory or None
-        Where it starts if nothing else is said.
+    guess : list of Trajectory or None
+        Where it starts if nothing else is said, one a phase.
+    several : bool
+        Does it return a list, one trajectory a phase?
     """
 
     problem: ControlProblem
     solver: Solver
-    guess: Trajectory | None = None
+    guess: Sequence[Trajectory] | None = None
+    several: bool = False
 
     def __call__(
         self,
@@ -49,24 +55,30 @@ class Prepared:
         duration: float | None = None,
         t0: float | None = None,
         guess: Any = None,
-    ) -> Trajectory:
+        phases: Mapping[int, Mapping[str, Any]] | None = None,
+    ) -> Any:
         """Solve with these numbers, warm where `guess` is a solution of this problem.
 
         Parameters
         ----------
         start, end : dict, optional
             As for `optimal_control`; what is not named keeps its numbers. What was given stays
-            given, and what was free stays free.
+            given, and what was free stays free. Of several phases: the start of the first, the end
+            of the last.
         params : dict, optional
-            Values of parameters by name or symbol.
+            Values of parameters by name or symbol, in all phases that have them.
         duration, t0 : float, optional
             Where the duration is not free, and the start time.
-        guess : Trajectory or dict, optional
-            As for `optimal_control`.
+        guess : Trajectory or dict, or a list of them, optional
+            As for `optimal_control`, one a phase.
+        phases : dict, optional
+            Numbers of single phases, ``{1: dict(duration=0.3, end=…)}``.
 
         Returns
         -------
-        Trajectory
+        Trajectory, or a list of them
+            A list, one a phase, where the problem was given as a list or came from
+            `optimal_phases` with several.
 
         Raises
         ------
@@ -75,14 +87,12 @@ class Prepared:
         SolverError
             If no solution is found.
         """
-        problem = with_numbers(self.problem, start, end, params, duration, t0)
-        guess, outcome = self.guess if guess is None else guess, None
-        if guess is not None:
-            part = problem.phases[0]
-            given = replace(part.phase.given, guess=guess)
-            phase = replace(part.phase, guess=guess, given=given)
-            problem = replace(problem, phases=[replace(part, phase=phase)])
-            known = _known(guess)
+        problem = with_numbers(self.problem, start, end, params, duration, t0, phases)
+        guesses, outcome = self.guess if guess is None else self._guesses(guess), None
+        if guesses is not None:
+            parts = [_guessed(part, one) for part, one in zip(problem.phases, guesses, strict=True)]
+            problem = replace(problem, phases=parts)
+            known = _known(guesses)
             if known is not None and len(known.x) == problem.unknowns:
                 outcome = self._run(problem, known.x, (known.lam_x, known.lam_g))
         starts = default_starts(problem)
@@ -92,7 +102,18 @@ class Prepared:
                 break
             outcome = self._run(problem, x)
         assert outcome is not None
-        return raise_unless_converged(problem, outcome)[0]
+        found = raise_unless_converged(problem, outcome)
+        return found if self.several else found[0]
+
+    def _guesses(self, given: Any) -> list[Any]:
+        """One guess a phase."""
+        guesses = list(given) if self.several and isinstance(given, Sequence) else [given]
+        if len(guesses) != len(self.problem.phases):
+            raise InputError(
+                f"guess must be a list with one for each of the {len(self.problem.phases)} phases, "
+                f"got {given!r}"
+            )
+        return guesses
 
     def _run(
         self,
@@ -114,7 +135,8 @@ class Prepared:
 
 
 def prepare(
-    phase: Phase,
+    phase: Phase | Sequence[Phase],
+    links: Sequence[Link] | None = None,
     *,
     t0: float = 0.0,
     solver: str = "ipopt",
@@ -125,8 +147,10 @@ def prepare(
 
     Parameters
     ----------
-    phase : Phase
+    phase : Phase or list of Phase
         The problem, as for `optimal_phases`.
+    links : sequence of Link, optional
+        As for `optimal_phases`.
     t0, solver, options, backend
         As in `optimal_control`.
 
@@ -155,29 +179,38 @@ def prepare(
     >>> round(first.cost, 6), round(further.cost, 6)
     (12.0, 48.0)
     """
-    if not isinstance(phase, Phase):
-        raise InputError(f"prepare takes a varint.Phase, got {type(phase).__name__}")
-    problem = transcribe([phase], [], t0, choose_backend(solver, backend), SOLVES)
+    phases = [phase] if isinstance(phase, Phase) else phase
+    if not isinstance(phases, Sequence) or not all(isinstance(x, Phase) for x in phases):
+        raise InputError(f"prepare takes a varint.Phase or a list of them, got {phase!r}")
+    if not phases:
+        raise InputError("prepare takes a varint.Phase or a list of them, at least one")
+    ties = default_links(len(phases)) if links is None else links
+    problem = transcribe(phases, ties, t0, choose_backend(solver, backend), SOLVES)
     run = build_control_solver(problem, build_start(problem), solver, options)
-    return Prepared(replace(problem, solver=run, again=prepared_from), run)
+    several = not isinstance(phase, Phase)
+    return Prepared(replace(problem, solver=run, again=prepared_from), run, None, several)
 
 
 def prepared_from(motion: Trajectory, problem: ControlProblem) -> Prepared:
-    """The problem of an optimal control with its solver, and the motion as its guess."""
-    if len(problem.phases) != 1:
-        raise InputError(
-            "again() is for problems of one phase; solve several with optimal_phases, each phase "
-            "with its guess="
-        )
+    """The problem of an optimal control with its solver, and the motions of all its phases as their
+    guesses.
+    """
     assert problem.solver is not None
-    return Prepared(problem, problem.solver, motion)
+    several = len(problem.phases) > 1
+    known = _known([motion])
+    guess = [motion] if not several or known is None else build_trajectories(problem, known)
+    return Prepared(problem, problem.solver, guess, several)
 
 
-def _known(guess: Any) -> SolverResult | None:
-    """The solver's own numbers of an earlier solution of this run."""
-    found = guess.solution if isinstance(guess, Trajectory) else None
-    return (
-        found.origin.outcome
-        if isinstance(found, ControlSolution) and found.origin is not None
-        else None
-    )
+def _guessed(part: PhaseTranscription, guess: Any) -> PhaseTranscription:
+    given = replace(part.phase.given, guess=guess)
+    return replace(part, phase=replace(part.phase, guess=guess, given=given))
+
+
+def _known(guesses: Sequence[Any]) -> SolverResult | None:
+    """The solver's own numbers of an earlier solution of this run, that all phases belong to."""
+    solutions = [x.solution if isinstance(x, Trajectory) else None for x in guesses]
+    origins = [x.origin if isinstance(x, ControlSolution) else None for x in solutions]
+    outcomes = [x.outcome for x in origins if x is not None]
+    same = len(outcomes) == len(guesses) and all(x is outcomes[0] for x in outcomes)
+    return outcomes[0] if same else None

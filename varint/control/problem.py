@@ -14,7 +14,7 @@ from varint.codegen.functions import compiled_functions, compiled_where_it_pays
 from varint.control.constrained_guess import move_ends_onto_constraints
 from varint.control.ends import offsets
 from varint.control.feasibility import check_feasibility
-from varint.control.links import Link, LinkTranscription, transcribe_link
+from varint.control.links import Link, LinkTranscription, transcribe_link, with_touching
 from varint.control.phase import CheckedPhase, Phase, check_phase
 from varint.control.transcription import PhaseTranscription, transcribe_phase
 from varint.errors import InputError, parsed_or_refused
@@ -82,6 +82,7 @@ def transcribe(
             raise InputError(
                 f"a link joins phases {link.before} and {link.after}; there are {len(checks)}: 0 …"
             )
+    checks = with_touching(checks, links)
     transcriptions: list[PhaseTranscription] = []
     x = p = g = 0
     free_start = False
@@ -111,7 +112,7 @@ def transcribe(
         x_low=np.concatenate(
             [
                 *(part.x_low for part in transcriptions),
-                *(np.full(t.unknowns, -np.inf) for t in ties),
+                *(t.x_low for t in ties),
             ]
         ),
         x_high=np.concatenate(

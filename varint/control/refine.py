@@ -1,5 +1,5 @@
 """Mesh refinement: solve with s and s + 1 stages, compare, then split the steps that differ or keep
-the higher order.
+the higher order; non-holonomic rows have one order only, and half the steps stand in for it.
 
 The difference of the two costs estimates the error of the cheaper one; the result is the better
 one. Where the two controls differ in a few steps only (a switch, the entry to a bound), those steps
@@ -25,6 +25,7 @@ from varint.scene.inputs import number, positive_integer
 MARKED = 0.3  # of the largest difference: such steps are split
 SMOOTH = 0.5  # of the steps marked: the order rises instead
 MOST_STAGES = 8
+MOST_STEPS = 10_000  # of a phase whose order cannot rise
 SAMPLES = np.linspace(0.05, 0.95, 7)  # places in a step where the two solutions are compared
 
 
@@ -115,9 +116,11 @@ def refine(
         return solve_phases(phases, links, t0, solver, options, backend, None)
 
     for _ in range(rounds):
-        rules, higher = [x.rule for x in low], [_next(x.rule) for x in low]
-        meshes = [_solution(x).mesh for x in low]
-        high = solve(higher, meshes, low)
+        rules, meshes = [x.rule for x in low], [_solution(x).mesh for x in low]
+        higher, finer = zip(*map(_next, low), strict=True)
+        if max(map(len, finer)) > MOST_STEPS:
+            break
+        high = solve(higher, finer, low)
         cost, before = _solution(high[0]).total_cost, _solution(low[0]).total_cost
         wanted = tol * (abs(cost) if abs(cost) > SMALL else 1.0)
         different = [
@@ -129,7 +132,7 @@ def refine(
         kinks = any(_solution(x).active for x in high) or not smooth
         # near a kink both rules can err alike: ask a mesh of half the steps
         if error <= wanted and kinks:
-            best = solve(higher, [_bisect(x) for x in meshes], high)
+            best = solve(higher, [_bisect(x) for x in finer], high)
             error = max(error, abs(_solution(best[0]).total_cost - cost))
         words = ", ".join(dict.fromkeys(map(str, rules)))
         history.append((words, sum(len(x) - 1 for x in meshes), before, error))
@@ -142,8 +145,9 @@ def refine(
             low = high
         else:
             low = solve(rules, [_bisect(x, y) for x, y in zip(meshes, marked, strict=True)], high)
+    known = history[-1][3] if history else np.inf
     raise SolverError(
-        f"after {rounds} rounds the cost is known to {history[-1][3]:.1e} only, wanted {tol:.1e} "
+        f"after {len(history)} rounds the cost is known to {known:.1e} only, wanted {tol:.1e} "
         "relative; more rounds, or phases where the controls switch",
         status="Tolerance_Not_Reached",
         iterate=low[0] if single else low,
@@ -191,10 +195,15 @@ def _solved_together(motions: list[Trajectory]) -> list[Trajectory]:
     return motions
 
 
-def _next(rule: Rule) -> Rule:
-    """The rule of the same family with one stage more."""
+def _next(motion: Trajectory) -> tuple[Rule, np.ndarray]:
+    """The rule of the same family with one stage more; non-holonomic rows have one order only: half
+    the steps.
+    """
+    rule, mesh = motion.rule, _solution(motion).mesh
+    if motion.system.structure.nonholonomic:
+        return rule, _bisect(mesh)
     stages = len(rule.nodes) + 1
-    return lobatto(stages) if rule.points == rule.nodes else gauss(stages)
+    return lobatto(stages) if rule.points == rule.nodes else gauss(stages), mesh
 
 
 def _bisect(mesh: np.ndarray, steps: np.ndarray | slice = slice(None)) -> np.ndarray:

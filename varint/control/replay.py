@@ -4,6 +4,7 @@ the same motion; on a finer mesh what the scene really does, and how far the pat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 
@@ -67,6 +68,12 @@ def error_estimate(motion: Trajectory, controls: Piecewise) -> float:
     if not np.isfinite(off).all():
         return float("inf")
     return float((off / np.where(extent > 0, extent, 1.0)).max())
+
+
+def remedy(motions: Sequence[Trajectory]) -> str:
+    """What makes coarse solutions finer."""
+    higher = not all(x.system.structure.nonholonomic for x in motions)
+    return f"take more steps, {'a higher rule, ' if higher else ''}or vi.refine"
 
 
 def _through(

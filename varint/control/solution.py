@@ -17,7 +17,7 @@ from varint.control.balances import energy_balance, momentum_balance
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
-from varint.control.replay import LARGE, defect, error_estimate, replay
+from varint.control.replay import LARGE, defect, error_estimate, remedy, replay
 from varint.control.second_order import SecondOrder, second_order
 from varint.control.sensitivity import Sensitivity, sensitivity
 from varint.control.swings import CURE, swinging_controls
@@ -288,7 +288,7 @@ def error_in_words(motion: Trajectory, controls: Piecewise) -> str:
     """The estimate made when the problem was solved, or one made now; what to do if it is large."""
     known = motion.stats.get("error_estimate")
     error = error_estimate(motion, controls) if known is None else float(known)
-    cure = ": too coarse, take more steps, a higher rule, or vi.refine" if error > LARGE else ""
+    cure = f": too coarse, {remedy([motion])}" if error > LARGE else ""
     return f"{error:.1e} of its range, by a replay in quarter steps{cure}"
 
 

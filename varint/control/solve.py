@@ -28,6 +28,7 @@ Callback = Callable[[int, float, float, list[Trajectory]], Any]
 # iterations without getting closer to what is asked for, as in a long restoration: another default
 # guess is tried
 PATIENCE = 50
+DRAWN = 150  # the same from a rough solution near a path that the user has drawn
 # ends of a solver that has met no motion which keeps all conditions
 UNMET = (
     "Infeasible_Problem_Detected",
@@ -61,13 +62,9 @@ def solve(
         # multipliers of another problem can mislead
     guesses = [part.phase.guess for part in problem.phases]
     known = all(isinstance(guess, Trajectory) for guess in guesses)
+    if all(isinstance(guess, Mapping) for guess in guesses):
+        return _from_path(problem, run, x)
     first = outcome = run(x, patience=np.inf if known else PATIENCE)
-    drawn = all(isinstance(guess, Mapping) for guess in guesses)
-    if drawn and not has_converged(outcome) and not outcome.stopped:
-        rough, starts = coarse_start(problem), default_starts(without_guesses(problem))
-        outcome = first if rough is None else run(rough, patience=PATIENCE)
-        if not has_converged(outcome) and not outcome.stopped:
-            return _from_elsewhere(problem, run, x, starts)
     if name == "ipopt" and has_converged(outcome) and has_many_minima(problem):
         outcome, costs = cheapest_neighbour(problem, run, x, outcome, tell)
         found = raise_unless_converged(problem, outcome)
@@ -88,22 +85,43 @@ def solve(
     return raise_unless_converged(problem, outcome)
 
 
-def _from_elsewhere(
-    problem: ControlProblem, run: Callable[..., SolverResult], x: np.ndarray, starts: Any
+def _from_path(
+    problem: ControlProblem, run: Callable[..., SolverResult], x: np.ndarray
 ) -> list[Trajectory]:
-    """Where a guess by its coordinates has led nowhere: the default starts, then the guess with all
-    the time that it wants; the trajectories say so.
+    """From a path that the user has drawn: at once, by a rough solution near it, from the default
+    starts, and then from the path with all the time that it wants. The trajectories tell the
+    attempts and their iterations where the first one failed.
     """
-    for start in starts:
-        outcome = run(start, patience=PATIENCE)
-        if has_converged(outcome) or outcome.stopped:
-            found = raise_unless_converged(problem, outcome)
-            note = {"start": "a default start: from the guess no solution was found"}
-            return [replace(y, stats=MappingProxyType({**y.stats, **note})) for y in found]
-    outcome = run(x)
-    contradictory = outcome.status in UNMET and not outcome.stopped
+    tries: list[tuple[str, int]] = []
+
+    def attempt(what: str, start: np.ndarray, patience: float, before: int = 0) -> SolverResult:
+        outcome = run(start, patience=patience)
+        tries.append((what, before + outcome.iterations))
+        return outcome
+
+    outcome = attempt("from the guess", x, PATIENCE)
+    if not _is_over(outcome):
+        rough, count = coarse_start(problem)
+        if rough is None:
+            tries.append(("by a rough solution near the guess", count))
+        else:
+            outcome = attempt("by a rough solution near the guess", rough, DRAWN, count)
+    if not _is_over(outcome):
+        for start in default_starts(without_guesses(problem)):
+            outcome = attempt("from a default start, for the guess led nowhere", start, PATIENCE)
+            if _is_over(outcome):
+                break
+    if not _is_over(outcome):
+        outcome = attempt("from the guess, with patience", x, np.inf)
+    contradictory = not _is_over(outcome) and outcome.status in UNMET
     nearest = least_violation(problem, outcome) if contradictory else None
-    return raise_unless_converged(problem, outcome, nearest)
+    found = raise_unless_converged(problem, outcome, nearest)
+    note = {"attempts": tuple(tries)} | ({"start": tries[-1][0]} if len(tries) > 1 else {})
+    return [replace(y, stats=MappingProxyType({**y.stats, **note})) for y in found]
+
+
+def _is_over(outcome: SolverResult) -> bool:
+    return has_converged(outcome) or outcome.stopped
 
 
 def _teller(

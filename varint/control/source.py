@@ -39,7 +39,7 @@ def controller_function(
     part, nlp = problem.phases[0], problem.nlp
     phase, slots = part.phase, part.slots
     n, first = phase.system.structure.n, part.first_shared
-    if phase.system.structure.constraints:
+    if phase.system.structure.velocity_rows:
         raise InputError(
             "source() does not handle constraints: their rows imply each other, which its solver "
             "does not cope with; write the scene in coordinates without constraints"

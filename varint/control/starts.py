@@ -11,18 +11,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 
 from varint.control.guess import Guess, build_start, read_guess, write_guess
 from varint.control.inverse_dynamics import rest_controls
+from varint.control.neighbours import wave
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
 from varint.control.transcription import PhaseTranscription
 from varint.control.trial import can_be_tried, tried
 from varint.errors import VarintError
 from varint.integration.simulate import simulate
+from varint.numerics.arrays import over_columns
 from varint.scene.system import parameters_by_name
 
+DETOURS = 4  # paths around, where the straight line would have to slip
+BEND = 0.3  # height of their waves, of each coordinate's range
+SLIP = 1e-9  # of the range of the coordinates: rows broken by less are not
 PREFERRED = 3.0  # times the violation of the line: up to this the start's own motion goes first
 
 
@@ -36,6 +42,7 @@ def default_starts(problem: ControlProblem) -> Iterator[np.ndarray]:
     if not open_phases:
         yield line
         return
+    yield from _detours(problem, line, [part for part in open_phases if _slips(part)])
     moving = [part for part in open_phases if _starts_in_motion(part)]
     first = _with_guesses(problem, line, {part: _bent(part) for part in moving})
     if first is not None and _violation(problem, first) <= PREFERRED * _violation(problem, line):
@@ -56,6 +63,35 @@ def default_starts(problem: ControlProblem) -> Iterator[np.ndarray]:
     found = _with_guesses(problem, line, {part: tried(part) for part in weak})
     if found is not None:
         yield found
+
+
+def _slips(part: PhaseTranscription) -> bool:
+    """Does the straight line break a non-holonomic row?"""
+    phase, s = part.phase, part.phase.system
+    if not s.structure.nonholonomic:
+        return False
+    q = read_guess(phase, part.t0).q(phase.mesh)
+    t = part.t0 + phase.duration[0] * phase.mesh
+    along = s.nonholonomic @ s.v
+    slip = ca.Function("slip", [s.q, s.v, s.t, s.c], [ca.densify(along)])
+    rows = over_columns(slip, q[:-1], np.diff(q, axis=0), t[:-1, None], phase.c)[0]
+    return bool(np.abs(rows).max(initial=0.0) > SLIP * np.ptp(q, axis=0).max(initial=0.0))
+
+
+def _detours(
+    problem: ControlProblem, line: np.ndarray, parts: list[PhaseTranscription]
+) -> Iterator[np.ndarray]:
+    """Ways around, where the straight line would have to slip: along it the rows say nothing about
+    how to get sideways, so that no solver leaves it. Sine waves in all coordinates do.
+    """
+    random = np.random.default_rng(0)
+    for _ in range(DETOURS if parts else 0):
+        guesses: dict[PhaseTranscription, Guess | None] = {
+            part: wave(read_guess(part.phase, part.t0), part, BEND, random) for part in parts
+        }
+        found = _with_guesses(problem, line, guesses)
+        if found is not None:
+            yield found
 
 
 def without_guesses(problem: ControlProblem) -> ControlProblem:

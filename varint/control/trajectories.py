@@ -140,7 +140,9 @@ def _momenta_and_terms(
     )
     terminal, p_end = (np.array(y).ravel() for y in at_end_of)
     p = np.vstack([p_minus, p_plus[-1:]])
-    if phase.system.structure.constraints:
+    if phase.system.structure.velocity_rows:
+        v, at = x[slots.v[0]], (shared[0], shared[2:])
+        p[0] = transcription.functions.momentum(x[slots.q[0]], v, *at).full().ravel()
         t = shared[0] + shared[1] * phase.mesh
         p = (
             p

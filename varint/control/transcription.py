@@ -15,6 +15,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from varint.control.end_rows import find_kept_rows
 from varint.control.kernels import (
     IntervalTerm,
     Shared,
@@ -26,7 +27,6 @@ from varint.control.layout import (
     Rows,
     Slots,
     bound_unknowns,
-    find_kept_rows,
     place_rows,
     place_unknowns,
 )
@@ -69,6 +69,12 @@ class PhaseFunctions:
         s, phase = self.phase.system, self.phase
         inputs = [s.q, s.v, phase.states.symbols(s), phase.end_slacks.symbols, s.t, s.c]
         return ca.Function("terminal", inputs, [phase.terminal, s.momentum])
+
+    @cached_property
+    def momentum(self) -> ca.Function:
+        """(q, v, t, c) → ∂L/∂v."""
+        s = self.phase.system
+        return ca.Function("momentum", [s.q, s.v, s.t, s.c], [ca.densify(s.momentum)])
 
     @cached_property
     def slacks(self) -> ca.Function:

@@ -31,7 +31,7 @@ def can_be_tried(part: PhaseTranscription) -> bool:
     return bool(
         given
         and structure.controls
-        and not structure.constraints
+        and not structure.velocity_rows
         and np.isfinite(phase.bounds.u).all()
         and (phase.end.q[1] == phase.end.q[2]).any()
         and phase.end.periodic is None

@@ -7,6 +7,7 @@ import casadi as ca
 from varint.discrete.constraints import rows_function
 from varint.discrete.equations import Equations
 from varint.discrete.lagrangian import Interval, constraint_function, interval
+from varint.discrete.nonholonomic import half_reaction, slips
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
 
@@ -75,17 +76,11 @@ def _parts(sizes: ca.SX, n: int, m: int, k: int) -> list[list[ca.SX]]:
 
 def _equations(system: System, one: Interval, z, lam, nu, p) -> tuple[ca.SX, ca.SX]:
     """Residual (momenta, gaps, slips) and the momentum gain without the end's own reaction."""
-    k = nu.numel()
-    at = ca.Function("A", [system.q, system.t, system.c], [system.nonholonomic])
-    slip_reaction = one.h / 2 * ca.mtimes(at(one.q0, one.t, one.c).T, nu) if k else 0
+    slip_reaction = (
+        half_reaction(system, one.q0, one.t, one.c, one.h, nu) if nu.numel() else ca.SX(0)
+    )
     rows = ca.horzcat(one.inner, one.p_plus - p - one.total - slip_reaction)
-    weights = [1.0] if one.q_nodes.shape[1] == 1 else [0.5, 0.5]
-    slips = [
-        b * ca.mtimes(at(one.q_nodes[:, i], one.t_nodes[i], one.c), one.v_nodes[:, i])
-        for i, b in enumerate(weights)
-        if k
-    ]
-    left = ca.vertcat(ca.vec(rows), ca.vec(one.gaps), sum(slips) if k else ca.SX(0, 1))
+    left = ca.vertcat(ca.vec(rows), ca.vec(one.gaps), slips(system, one))
     last = ca.SX.zeros(lam.shape[0], 1)
     return ca.substitute(
         [ca.densify(left), ca.densify(one.total + slip_reaction)],

@@ -121,15 +121,20 @@ def multiplier_function(system: System) -> ca.Function:
     The index-1 relation M a − Wᵀλ = ∂L/∂q + F − (∂p/∂q) v − ∂p/∂t, W a = −(∂(Wv + w)/∂q) v − ∂(Wv +
     w)/∂t.
     """
-    s, rows = system, velocity_rows(system)
-    n, m = s.q.numel(), rows.numel()
-    generalised_force = ca.gradient(s.lagrangian, s.q) + s.force - _along(s.momentum, s)
-    parts = _saddle(s.mass_matrix, ca.jacobian(rows, s.v), generalised_force, -_along(rows, s))
-    kkt = ca.Function("kkt", [s.q, s.v, s.control, s.t, s.c], [*parts], {"cse": True})
+    s, n, m = system, system.structure.n, system.structure.velocity_rows
+    inputs = [s.q, s.v, s.control, s.t, s.c]
+    kkt = ca.Function("kkt", inputs, [*saddle_parts(s)], {"cse": True})
     sizes = (n, n, s.control.numel(), 1, s.c.numel())
-    inputs = [ca.MX.sym(name, size) for name, size in zip("qvutc", sizes, strict=True)]
-    a, lam = ca.vertsplit(_saddle_solution(kkt(*inputs)), [0, n, n + m])
-    return ca.Function("multipliers", inputs, [-lam, a])
+    given = [ca.MX.sym(name, size) for name, size in zip("qvutc", sizes, strict=True)]
+    a, lam = ca.vertsplit(_saddle_solution(kkt(*given)), [0, n, n + m])
+    return ca.Function("multipliers", given, [-lam, a])
+
+
+def saddle_parts(system: System) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Matrix, right side and scales of the index-1 relation for (a, −λ)."""
+    s, rows = system, velocity_rows(system)
+    generalised_force = ca.gradient(s.lagrangian, s.q) + s.force - _along(s.momentum, s)
+    return _saddle(s.mass_matrix, ca.jacobian(rows, s.v), generalised_force, -_along(rows, s))
 
 
 def _along(expression: ca.SX, system: System) -> ca.SX:

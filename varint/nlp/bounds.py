@@ -34,6 +34,8 @@ class PathBounds:
         quadrature nodes, and of (rates, c), held once a step.
     points_low, points_high, nodes_low, nodes_high, steps_low, steps_high : ndarray
         Their bounds.
+    points_names, nodes_names : tuple of str
+        What reports call them.
     """
 
     q: np.ndarray
@@ -48,6 +50,8 @@ class PathBounds:
     at_steps: ca.SX
     steps_low: np.ndarray
     steps_high: np.ndarray
+    points_names: tuple[str, ...]
+    nodes_names: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +124,17 @@ def path_bounds(system: System, bounds: Any, rates: ca.SX | None = None) -> Path
         nodes_low,
         nodes_high,
         *steps,
+        points_names=tuple(map(_name, ca.vertsplit(points))),
+        nodes_names=tuple(map(_name, ca.vertsplit(nodes))),
     )
+
+
+LONG = 80  # letters of an expression: longer ones are cut short in reports
+
+
+def _name(x: ca.SX) -> str:
+    found = str(x)
+    return found if len(found) <= LONG else f"{found[: LONG - 8]}… #{x.element_hash() % 1000:03d}"
 
 
 def _place(system: System, rates: ca.SX, x: ca.SX) -> str:

@@ -32,6 +32,11 @@ WARM = {
     "warm_start_slack_bound_push": 1e-8,
     "warm_start_slack_bound_frac": 1e-8,
     "warm_start_mult_bound_push": 1e-8,
+    # units are chosen before: scaling and permuting the few linear systems of a warm solve costs a
+    # sixth of it; where they would be needed the cold start that follows has them
+    "mumps_scaling": 0,
+    "mumps_permuting_scaling": 0,
+    "mumps_pivot_order": 0,
 }
 WORDS = {
     "Infeasible_Problem_Detected": (

@@ -441,8 +441,8 @@ class Trajectory:
         the solver starts warm from this solution.
 
         ``motion.again(end=dict(q=[2]))`` solves it with another end, ``params=dict(mass=2)`` with
-        other parameters; see `Prepared` for all that may change. `report` estimates the error of
-        what it returns when it is asked for.
+        other parameters; see `Prepared` for all that may change. Several phases come back as a
+        list. `report` estimates the error of what it returns when it is asked for.
         """
         return self._solution("again()").again(self)
 

@@ -47,6 +47,11 @@ class Structure:
             and not extra
         )
 
+    @property
+    def velocity_rows(self) -> int:
+        """Number of rows W v + w = 0 that restrict velocities, holonomic and non-holonomic."""
+        return self.constraints + self.nonholonomic
+
     def __str__(self) -> str:
         return "\n".join(f"{f.name:>18}: {getattr(self, f.name)}" for f in fields(self))
 

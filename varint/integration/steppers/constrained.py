@@ -16,6 +16,7 @@ from varint.discrete.constraints import tangent_function
 from varint.discrete.equations import Equations
 from varint.discrete.lagrangian import Interval, constraint_function, interval
 from varint.discrete.legendre import velocity_function
+from varint.discrete.nonholonomic import half_reaction
 from varint.integration.steppers.newton import iterations, newton
 from varint.integration.steppers.stepper import (
     Method,
@@ -73,14 +74,11 @@ def _impulses(system: System, rule: Rule) -> ca.Function:
     m, k = s.structure.constraints, s.structure.nonholonomic
     z, lam, nu = ca.SX.sym("z", n, d), ca.SX.sym("lam", m, d), ca.SX.sym("nu", k)
     h, impulses = ca.SX.sym("h"), []
-    at = ca.Function("A", [s.q, s.t, s.c], [s.nonholonomic])
     for j in range(d):
         q = s.q + h * z[:, j - 1] if j else s.q
         slope = constraint_function(s)(q, s.t + h * rule.points[j], s.c)[1]
         impulse = h * rule.weights[j] * ca.mtimes(slope.T, lam[:, j]) if m else ca.SX.zeros(n)
-        impulses.append(
-            impulse if j or not k else impulse + h / 2 * ca.mtimes(at(s.q, s.t, s.c).T, nu)
-        )
+        impulses.append(impulse if j or not k else impulse + half_reaction(s, s.q, s.t, s.c, h, nu))
     y = ca.vertcat(ca.vec(z), ca.vec(lam), nu)
     return ca.Function(
         "pushes",
