@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from varint.scene.epigraph import max as max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
+    from varint.standalone.export import export
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
     from varint.symmetry.table import Symmetries
@@ -88,6 +89,7 @@ __all__ = [
     "diagnostics",
     "ensemble",
     "equations",
+    "export",
     "free",
     "from_sympy",
     "gauss",
@@ -146,6 +148,7 @@ _LATER = {
     "control_rate": "varint.scene.control_rate",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
+    "export": "varint.standalone.export",
     "free": "varint.scene.free",
     "from_sympy": "varint.typeset.sympy_systems",
     "geodesic": "varint.scene.geodesic",

@@ -42,6 +42,7 @@ ORDER = [
         ["ControlSolution", "Sensitivity", "SecondOrder", "Contradiction", "live_plot"],
     ),
     ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
+    ("Code that leaves", ["export"]),
     ("Results", ["Trajectory", "State", "load", "Sketch"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
     ("Equations to read", ["equations", "Equations", "from_sympy"]),

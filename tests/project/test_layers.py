@@ -30,6 +30,7 @@ FLOORS = (
     "integration",
     "boundary",
     "control",
+    "standalone",
     "ensembles",
     "diagnostics",
     "models",
