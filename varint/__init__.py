@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
     from varint.ensembles.result import Ensemble
+    from varint.explorer.play import play
     from varint.integration.plan import Plan, plan
     from varint.integration.simulate import simulate
     from varint.integration.start_momentum import start_momentum
@@ -108,6 +109,7 @@ __all__ = [
     "optimal_phases",
     "paths",
     "plan",
+    "play",
     "prepare",
     "project",
     "refine",
@@ -164,6 +166,7 @@ _LATER = {
     "optimal_phases": "varint.control.optimal",
     "paths": "varint.boundary.families",
     "plan": "varint.integration.plan",
+    "play": "varint.explorer.play",
     "prepare": "varint.control.prepared",
     "project": "varint.discrete.projection",
     "refine": "varint.control.refine",

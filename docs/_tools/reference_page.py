@@ -43,7 +43,7 @@ ORDER = [
     ),
     ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
     ("Code that leaves", ["export"]),
-    ("Results", ["Trajectory", "State", "load", "Sketch"]),
+    ("Results", ["Trajectory", "State", "load", "Sketch", "play"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
     ("Equations to read", ["equations", "Equations", "from_sympy"]),
 ]

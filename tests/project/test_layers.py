@@ -34,6 +34,7 @@ FLOORS = (
     "ensembles",
     "diagnostics",
     "models",
+    "explorer",
     "load",
     "__init__",
     "command_line",
