@@ -20,6 +20,7 @@ from varint.numerics.files import write_atomically
 
 ITERATIONS = 100
 TOLERANCE = 1e-10  # of rows and of the gradient of the Lagrangian
+LARGEST = 1e300  # what is not a number is not below it
 QUIET = {
     "print_header": False,
     "print_iteration": False,
@@ -71,6 +72,9 @@ def controller_function(
     residual = ca.mmax(ca.fabs(gradient.T + ca.mtimes(jacobian.T, lam_g) + lam_x))
     g = found["g"]
     sides = ca.vertcat(low - x, x - high, nlp.g_low - g, g - nlp.g_high)
+    residual = ca.fmax(residual, ca.mmax(sides))
+    # the largest of numbers passes over those that are none, a sum does not
+    size = ca.sum1(ca.fabs(ca.vertcat(q, v, t, c, x, lam_x, lam_g)))
     u = x[slots.u[0].ravel().tolist()]
     step = ca.Function(
         name,
@@ -80,7 +84,7 @@ def controller_function(
             x[ahead[0].tolist()],
             lam_x[ahead[0].tolist()],
             lam_g[ahead[1].tolist()],
-            ca.fmax(residual, ca.mmax(sides)),
+            ca.if_else(size < LARGEST, residual, np.inf),
         ],
         ["q", "v", "t", "params", "x0", "lam_x0", "lam_g0"],
         ["u", "x", "lam_x", "lam_g", "residual"],
