@@ -60,18 +60,19 @@ LOOP = r"""
 int main(void) {
     static double memory[REACH_MEMORY];
     double x[4], goal, u[2], params[REACH_PARAMETERS], report[1];
-    int k, i, status;
+    int ahead, i, status;
     for (i = 0; i < REACH_PARAMETERS; ++i) params[i] = reach_params[i];
     reach_start(memory);
-    for (k = 0; scanf("%lf %lf %lf %lf %lf", x, x + 1, x + 2, x + 3, &goal) == 5; ++k) {
+    while (scanf("%d %lf %lf %lf %lf %lf", &ahead, x, x + 1, x + 2, x + 3, &goal) == 6) {
         params[REACH_PARAMETERS - 1] = goal;
-        status = reach_step(memory, x, x + 2, 0, params, k > 0, u, report);
+        status = reach_step(memory, x, x + 2, 0, params, ahead, u, report);
         printf("%d %.17g %.17g %g\n", status, u[0], u[1], report[0]);
     }
     return 0;
 }
 """
-JUMP = np.repeat([0.6, 1.4], 6)  # of the elbow's set-point
+JUMP = 6 * [0.6] + 6 * [1.4]  # of the elbow's set-point
+AHEAD = [0] + 11 * [1]
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +82,10 @@ def loop(arm):
     return compiled(arm[0], "reach.c", "loop.c").rename(arm[0] / "loop")
 
 
-def answers(program, states: np.ndarray) -> np.ndarray:
+def answers(program, states: np.ndarray, ahead=AHEAD, goal=JUMP) -> np.ndarray:
     """Status, controls and residual at each of the states (q, v)."""
-    lines = "\n".join(" ".join(map(repr, map(float, x))) for x in np.column_stack([states, JUMP]))
+    rows = zip(ahead, states.tolist(), goal, strict=True)
+    lines = "\n".join(" ".join(map(str, [k, *x, y])) for k, x, y in rows)
     done = subprocess.run([program], input=lines, capture_output=True, text=True, check=True)
     return np.loadtxt(done.stdout.splitlines())
 
@@ -126,6 +128,27 @@ def test_a_call_without_a_plan_in_time_gives_the_controls_of_the_former_plan(arm
         former = controller(motion.q[k], motion.v[k], former)
     assert broken[4:7, 1:3] == pytest.approx(former.u[1:4, 0], abs=1e-4)
     assert broken[7:, 1:3] == pytest.approx(full[7:, 1:3], abs=1e-6)
+
+
+@needs_compiler
+def test_calls_that_are_too_short_go_on_from_one_another(arm, loop):
+    """A set-point that jumps, and one quadratic program a call at the same state: the plan is
+    found after some calls, and until then the controls are the former ones.
+    """
+    folder, _, motion = arm
+    state, calls = np.append(motion.q[6], motion.v[6]), 12
+    given = dict(states=np.tile(state, (calls, 1)), ahead=calls * [0], goal=[0.6, *11 * [1.4]])
+    options = "-O0", "-DREACH_ITERATIONS=1", "-DREACH_TOLERANCE=1e-8"
+    status, *u, residual = answers(
+        compiled(folder, "reach.c", "loop.c", options=options), **given
+    ).T
+    full = answers(loop, **given)
+    tried = np.flatnonzero(status[1:] == 1) + 1
+    assert 1 <= len(tried) < calls - 2
+    assert tried.tolist() == list(range(1, 1 + len(tried)))
+    assert status[tried[-1] + 1 :].tolist() == (calls - 1 - len(tried)) * [0]
+    assert (np.diff(residual[tried]) < 0).all()
+    assert np.array(u)[:, -1] == pytest.approx(full[-1, 1:3], abs=1e-6)
 
 
 def test_what_no_controller_in_c_can_be_is_refused(arm, tmp_path):

@@ -165,8 +165,8 @@ class Controller:
         part, nlp = self.problem.phases[0], self.problem.nlp
         ahead = ahead_by_a_step(part, nlp)
         functions = controller_function(self.problem, self.start, ahead, name)
-        write_source(path, functions)
-        return functions[0]
+        write_source(path, (functions.step, functions.start))
+        return functions.step
 
     def _softened(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, data: np.ndarray

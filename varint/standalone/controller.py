@@ -71,22 +71,23 @@ def controller_files(
 
 
 def _parts(controller: Controller, name: str) -> Parts:
-    """The function of one call: (q, v, t, params, x, λ, ahead) → (controls, x, λ, residual, guess
-    and its controls).
+    """The function of one call: (q, v, t, params, kept, ahead) → (controls, kept, residual, the
+    guess's controls, guess and residual), where x and λ are kept.
     """
     nlp, part = controller.problem.nlp, controller.problem.phases[0]
     same = np.arange(nlp.unknowns), np.arange(nlp.rows)
-    solve, _ = controller_function(controller.problem, controller.start, same, f"{name}_solve")
-    q, v, t, c, x, lam_x, lam_g = inputs = solve.mx_in()
+    made = controller_function(controller.problem, controller.start, same, f"{name}_solve")
+    q, v, t, c, x, lam_x, lam_g = inputs = made.step.mx_in()
     ahead = ca.MX.sym("ahead")
     to = ahead_by_a_step(part, nlp)
     guess = [
         ca.if_else(ahead, old[index.tolist()], old)
         for old, index in ((x, to[0]), (lam_x, to[0]), (lam_g, to[1]))
     ]
-    u, *found, residual = solve(q, v, t, c, *guess)
+    u, *found, residual = made.step(q, v, t, c, *guess)
+    before = made.before(q, v, t, c, *guess)
     held = guess[0][part.slots.u[0].ravel().tolist()]
-    outputs = [ca.vec(u), ca.vertcat(*found), residual, held, ca.vertcat(*guess)]
+    outputs = [ca.vec(u), ca.vertcat(*found), residual, held, ca.vertcat(*guess), before]
     kept = ca.MX.sym("kept", 2 * nlp.unknowns + nlp.rows)
     split = ca.vertsplit(kept, [0, nlp.unknowns, 2 * nlp.unknowns, kept.numel()])
     whole = ca.Function("whole", [*inputs, ahead], outputs)
@@ -135,7 +136,7 @@ def _step_wrapper(name: str, text: CText, parts: Parts, sizes: dict[str, int]) -
     f, big, kept = text.functions[f"{name}_step_"], name.upper(), sizes["kept"]
     k = sizes["controls"]
     given = ["q", "v", "&t", "params", "memory", "&moved"]
-    results = ["now", "next", "&residual", "held", "guess"]
+    results = ["now", "next", "&residual", "held", "guess", "&before"]
     lines = [f"    arg[{i}] = {x};" for i, x in enumerate(given)]
     lines += [f"    res[{i}] = {x};" for i, x in enumerate(results)]
     parameters = ""
@@ -148,7 +149,7 @@ int {name}_step(double *memory, const double *q, const double *v, double t,
     const double *arg[{f.arguments}];
     double *res[{f.results}];
     int iw[{max(f.integers, 1)}];
-    double now[{k}], held[{k}], residual = 0, moved = ahead != 0;
+    double now[{k}], held[{k}], residual = 0, before = 0, moved = ahead != 0;
     double *next = memory + {kept}, *guess = next + {kept}, *w = guess + {kept};
     const double *plan;
     int i, status = {big}_SOLVED;
@@ -159,7 +160,8 @@ int {name}_step(double *memory, const double *q, const double *v, double t,
     if (!isfinite(t)) status = {big}_NOT_FINITE; /* the largest of numbers passes over these */
     for (i = 0; i < {sizes["n"]}; ++i) if (!isfinite(q[i] + v[i])) status = {big}_NOT_FINITE;
 {parameters}    for (i = 0; i < {kept}; ++i) if (!isfinite(next[i])) status = {big}_NOT_FINITE;
-    plan = status == {big}_SOLVED ? next : guess;
+    /* what is not solved yet is gone on with by the next call, if it is any better */
+    plan = status != {big}_NOT_FINITE && residual <= fmax(before, {big}_TOLERANCE) ? next : guess;
     for (i = 0; i < {k}; ++i) u[i] = status == {big}_SOLVED ? now[i] : held[i];
     for (i = 0; i < {kept}; ++i) memory[i] = plan[i];
     return status;

@@ -26,7 +26,8 @@ TEXT = """
 
 /* Status of a call */
 #define {N}_SOLVED 0     /* u are the controls of a new plan */
-#define {N}_NOT_SOLVED 1 /* no plan was found in time: u are those of the former plan */
+#define {N}_NOT_SOLVED 1 /* no plan was found in time: u are those of the former plan for this
+                            time; the next call goes on where this one came to */
 #define {N}_NOT_FINITE 2 /* the same, and a number overflowed or is not defined */
 {extern}
 /* Before the first call: the plan at the first state of the motion that the test goes along.
