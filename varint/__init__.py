@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
     from varint.ensembles.result import Ensemble
+    from varint.explorer.play import play
     from varint.integration.plan import Plan, plan
     from varint.integration.simulate import simulate
     from varint.integration.start_momentum import start_momentum
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from varint.scene.epigraph import max as max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
+    from varint.standalone.export import export
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
     from varint.symmetry.table import Symmetries
@@ -89,6 +91,7 @@ __all__ = [
     "diagnostics",
     "ensemble",
     "equations",
+    "export",
     "free",
     "from_sympy",
     "gauss",
@@ -107,6 +110,7 @@ __all__ = [
     "optimal_phases",
     "paths",
     "plan",
+    "play",
     "prepare",
     "project",
     "reactions",
@@ -148,6 +152,7 @@ _LATER = {
     "control_rate": "varint.scene.control_rate",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
+    "export": "varint.standalone.export",
     "free": "varint.scene.free",
     "from_sympy": "varint.typeset.sympy_systems",
     "geodesic": "varint.scene.geodesic",
@@ -163,6 +168,7 @@ _LATER = {
     "optimal_phases": "varint.control.optimal",
     "paths": "varint.boundary.families",
     "plan": "varint.integration.plan",
+    "play": "varint.explorer.play",
     "prepare": "varint.control.prepared",
     "project": "varint.discrete.projection",
     "reactions": "varint.discrete.reactions",

@@ -1,4 +1,4 @@
-"""The command line: `varint list | run | check | bench`, also as `python -m varint`."""
+"""The command line: `varint list | run | check | bench | play`, also as `python -m varint`."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ from varint.command_line.arguments import (
     simulated,
     start_of,
 )
+from varint.explorer.page import serve
+from varint.explorer.scene import scene_of_start
 from varint.models import ControlModel, Model
 
 # of all compositions those worth comparing first
@@ -84,6 +86,7 @@ def parser() -> argparse.ArgumentParser:
         ("run", run, "simulate a model, or solve one of optimal control"),
         ("check", check, "measure order, structure, energy, constraints and momenta on a model"),
         ("bench", bench, "run time against error of several rules on a model"),
+        ("play", play, "a page with sliders for a model, in the browser"),
     ):
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         command.set_defaults(command=function)
@@ -110,7 +113,7 @@ def parser() -> argparse.ArgumentParser:
                 "--rule", type=rule, help="such as gauss(2), lobatto(3), midpoint, blanes-moan6"
             )
             command.add_argument("--h", type=positive, help="step (default: the model's)")
-        if name != "check":
+        if name in ("run", "bench"):
             command.add_argument(
                 "--plot",
                 type=file(*FIGURES),
@@ -131,6 +134,13 @@ def parser() -> argparse.ArgumentParser:
             )
             command.add_argument(
                 "--save", type=file(*DATA), metavar="FILE", help="write the trajectory (.npz)"
+            )
+        if name == "play":
+            command.add_argument(
+                "--port", type=int, default=0, help="of the page (default: any that is free)"
+            )
+            command.add_argument(
+                "--no-browser", action="store_true", help="say where the page is, and open nothing"
             )
     return top
 
@@ -227,6 +237,12 @@ def bench(asked: argparse.Namespace) -> None:
     if asked.plot:
         result.plot().savefig(_folder(asked.plot), dpi=120)
         print(f"wrote {asked.plot}")
+
+
+def play(asked: argparse.Namespace) -> None:
+    """Serve the page of a model until it is interrupted."""
+    model, start = simulated(asked, "play")
+    serve(scene_of_start(model, asked.rule, start), asked.port, not asked.no_browser)
 
 
 def _folder(path: Path) -> Path:

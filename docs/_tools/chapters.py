@@ -110,5 +110,7 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "control_films": r"\min \sum_k \int \ell(q, \dot q, u)\,dt,\qquad p^+_{k-1} = p^-_k",
         "mpc_cart_pole": CART_POLE
         + r",\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{at every step}",
+        "two_link_arm_in_c": r"L = \tfrac12 \sum_i \bigl(m_i\,|\dot{\mathbf r}_i|^2 + I_i\,\omega_i^2\bigr),"
+        r"\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{in C at 1 kHz}",
     },
 }

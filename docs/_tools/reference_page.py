@@ -43,7 +43,8 @@ ORDER = [
         ["ControlSolution", "Sensitivity", "SecondOrder", "Contradiction", "live_plot"],
     ),
     ("Feedback", ["mpc", "Controller", "closed_loop", "lqr"]),
-    ("Results", ["Trajectory", "State", "load", "Sketch"]),
+    ("Code that leaves", ["export"]),
+    ("Results", ["Trajectory", "State", "load", "Sketch", "play"]),
     ("Symmetries", ["symmetries", "noether", "Symmetries", "Symmetry"]),
     ("Equations to read", ["equations", "Equations", "from_sympy"]),
 ]

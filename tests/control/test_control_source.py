@@ -78,6 +78,20 @@ def test_a_state_that_has_no_solution_shows_in_the_residual(tmp_path):
     assert not float(residual) < 1e-3
 
 
+@pytest.mark.skipif(CC is None, reason="needs a C compiler")
+def test_what_is_no_number_shows_in_the_residual_of_the_c_function(tmp_path):
+    controller = follow()
+    controller.source(tmp_path / "step.c", "follow")
+    line = [CC, "-shared", "-fPIC", "step.c", "-o", "step.so", "-lm"]
+    subprocess.run(line, cwd=tmp_path, check=True)
+    step = ca.external("follow", str(tmp_path / "step.so"))
+    given = [[0.1], [0.2], 0.0, [1.0], controller.start, 0, 0]
+    assert float(step(*given)[4]) < 1e-9
+    for broken in range(4):  # state, velocity, time, set-point
+        wrong = [np.nan if i == broken else x for i, x in enumerate(given)]
+        assert float(step(*wrong)[4]) == np.inf
+
+
 def test_what_cannot_be_written_is_refused(tmp_path):
     controller = follow()
     with pytest.raises(vi.InputError, match=r"ends in \.c"):

@@ -20,7 +20,14 @@ CLOSE = {
 }
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+# what compiles a controller takes the compiler three seconds
+RUN = [
+    pytest.param(path, marks=pytest.mark.long) if path.stem.endswith("_in_c") else path
+    for path in EXAMPLES
+]
+
+
+@pytest.mark.parametrize("path", RUN, ids=lambda path: path.stem)
 def test_an_example_finds_what_it_claims_and_draws_it(path, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main = runpy.run_path(str(path))["main"]

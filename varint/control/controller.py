@@ -23,6 +23,7 @@ from varint.discrete.constraints import rows_function
 from varint.errors import InputError
 from varint.nlp.arrangement import plain_order
 from varint.nlp.elastic import ElasticProgram, elastic_scales, soften
+from varint.nlp.program import NonlinearProgram
 from varint.nlp.solver import Solver, SolverResult, build_solver
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
@@ -162,13 +163,10 @@ class Controller:
         if not isinstance(name, str) or not name.isidentifier() or not name.isascii():
             raise InputError(f"name must be a name in C such as 'controller_step', got {name!r}")
         part, nlp = self.problem.phases[0], self.problem.nlp
-        ahead = (
-            _shifted_unknowns(part, np.arange(nlp.unknowns)),
-            _shifted_rows(part, np.arange(nlp.rows)),
-        )
+        ahead = ahead_by_a_step(part, nlp)
         functions = controller_function(self.problem, self.start, ahead, name)
-        write_source(path, functions)
-        return functions[0]
+        write_source(path, (functions.step, functions.start))
+        return functions.step
 
     def _softened(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, data: np.ndarray
@@ -270,6 +268,16 @@ def _on_constraints(
                 f"the state's {what} {i} by {rows[0, i]:.3g}; vi.project brings a state onto "
                 "constraints"
             )
+
+
+def ahead_by_a_step(
+    part: PhaseTranscription, nlp: NonlinearProgram
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where each unknown and each row of the plan one step later stands in the plan now."""
+    return (
+        _shifted_unknowns(part, np.arange(nlp.unknowns)),
+        _shifted_rows(part, np.arange(nlp.rows)),
+    )
 
 
 def _shifted_unknowns(part: PhaseTranscription, x: np.ndarray) -> np.ndarray:

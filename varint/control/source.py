@@ -7,7 +7,7 @@ Sequential quadratic programming with exact Hessians (Nocedal & Wright, Numerica
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -20,6 +20,7 @@ from varint.numerics.files import write_atomically
 
 ITERATIONS = 100
 TOLERANCE = 1e-10  # of rows and of the gradient of the Lagrangian
+LARGEST = 1e300  # what is not a number is not below it
 QUIET = {
     "print_header": False,
     "print_iteration": False,
@@ -29,10 +30,29 @@ QUIET = {
 }
 
 
+class ControllerFunctions(NamedTuple):
+    """A controller as functions.
+
+    Attributes
+    ----------
+    step : Function
+        (q, v, t, params, x0, lam_x0, lam_g0) → (u, x, lam_x, lam_g, residual).
+    start : Function
+        () → (x, lam_x, lam_g, params) of the first call.
+    before : Function
+        What `step` takes → the residual with which it starts.
+    """
+
+    step: ca.Function
+    start: ca.Function
+    before: ca.Function
+
+
 def controller_function(
     problem: ControlProblem, start: np.ndarray, ahead: tuple[np.ndarray, np.ndarray], name: str
-) -> tuple[ca.Function, ca.Function]:
-    """One call of a controller as a function, and the function that gives the first call's start.
+) -> ControllerFunctions:
+    """One call of a controller as a function, the function that gives the first call's start, and
+    the residual with which a call starts.
 
     `ahead`: where unknowns and rows of the next call's start stand in this call's solution.
     """
@@ -67,10 +87,15 @@ def controller_function(
         ubg=nlp.g_high,
     )
     x, lam_x, lam_g = found["x"], found["lam_x"], found["lam_g"]
-    gradient, jacobian = solve["derivatives"](x, data)[1::2]
-    residual = ca.mmax(ca.fabs(gradient.T + ca.mtimes(jacobian.T, lam_g) + lam_x))
-    g = found["g"]
-    sides = ca.vertcat(low - x, x - high, nlp.g_low - g, g - nlp.g_high)
+
+    def residual(x: ca.MX, lam_x: ca.MX, lam_g: ca.MX) -> ca.MX:
+        _, gradient, g, jacobian = solve["derivatives"](x, data)
+        slope = gradient.T + ca.mtimes(jacobian.T, lam_g) + lam_x
+        sides = ca.vertcat(low - x, x - high, nlp.g_low - g, g - nlp.g_high)
+        # the largest of numbers passes over those that are none, a sum does not
+        size = ca.sum1(ca.fabs(ca.vertcat(q, v, t, c, x, lam_x, lam_g)))
+        return ca.if_else(size < LARGEST, ca.fmax(ca.mmax(ca.fabs(slope)), ca.mmax(sides)), np.inf)
+
     u = x[slots.u[0].ravel().tolist()]
     step = ca.Function(
         name,
@@ -80,11 +105,13 @@ def controller_function(
             x[ahead[0].tolist()],
             lam_x[ahead[0].tolist()],
             lam_g[ahead[1].tolist()],
-            ca.fmax(residual, ca.mmax(sides)),
+            residual(x, lam_x, lam_g),
         ],
         ["q", "v", "t", "params", "x0", "lam_x0", "lam_g0"],
         ["u", "x", "lam_x", "lam_g", "residual"],
     )
+    given = [q, v, t, c, x0, lam_x0, lam_g0]
+    before = ca.Function(f"{name}_before", given, [residual(x0, lam_x0, lam_g0)])
     zeros = ca.DM.zeros(nlp.unknowns), ca.DM.zeros(nlp.rows)
     begin = ca.Function(
         f"{name}_start",
@@ -93,7 +120,7 @@ def controller_function(
         [],
         ["x", "lam_x", "lam_g", "params"],
     )
-    return step, begin
+    return ControllerFunctions(step, begin, before)
 
 
 def _sqp(program: Program, nlp: NonlinearProgram, name: str) -> dict[str, ca.Function]:

@@ -54,11 +54,11 @@ def trajectory_animation(
         )
     # dense output between nodes, then one more round over the finer times that traces are drawn
     # with
-    frames = _places(motion.at(times), sketch)
+    frames = places(motion.at(times), sketch)
     past = np.linspace(
         motion.t[0], motion.t[-1], min(max(len(times), len(motion), SMOOTH), TRACE_POINTS)
     )
-    trail = _places(motion.at(past), sketch) if sketch.traces else {}
+    trail = places(motion.at(past), sketch) if sketch.traces else {}
     fig = plt.figure(figsize=SIZE, dpi=DPI, layout="constrained")
     axes = fig.add_subplot(projection="3d") if sketch.dimensions == 3 else fig.add_subplot()
     _frame(axes, [*frames.values(), *trail.values()])
@@ -173,7 +173,7 @@ def frame_times(motion: Trajectory, speed: float, seconds: float) -> np.ndarray:
     return motion.t[0] + np.sign(motion.duration or 1.0) * speed * seconds * np.arange(count)
 
 
-def _places(motion: Trajectory, sketch: Sketch) -> dict[str, np.ndarray]:
+def places(motion: Trajectory, sketch: Sketch) -> dict[str, np.ndarray]:
     """Positions of every point at every node, (N + 1, 2 or 3)."""
     return {name: motion.value(where) for name, where in sketch.points.items()}
 
@@ -203,11 +203,16 @@ def _writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, 
     raise InputError(f"{path} is no film: give a name that ends in .gif, .mp4 or .html")
 
 
-def _frame(axes: Any, places: list[np.ndarray]) -> None:
-    """Limits that hold the whole motion, equal scales, and names of the axes."""
-    every = np.vstack(places)
+def extent(found: list[np.ndarray]) -> tuple[np.ndarray, float]:
+    """Middle and half of the side of the square or cube that holds all these places."""
+    every = np.vstack(found)
     low, high = every.min(axis=0), every.max(axis=0)
-    middle, half = (low + high) / 2, max((high - low).max() / 2, 1e-12) * (1 + 2 * MARGIN)
+    return (low + high) / 2, max((high - low).max() / 2, 1e-12) * (1 + 2 * MARGIN)
+
+
+def _frame(axes: Any, found: list[np.ndarray]) -> None:
+    """Limits that hold the whole motion, equal scales, and names of the axes."""
+    middle, half = extent(found)
     for name, centre in zip("xyz", middle, strict=False):
         axes.set(**{f"{name}lim": (centre - half, centre + half), f"{name}label": f"${name}$"})
     axes.set_aspect("equal")

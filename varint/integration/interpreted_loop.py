@@ -62,7 +62,7 @@ def start_state(system: System, rule: Rule, problem: InitialValueProblem) -> Run
     if u.size:
         typical = np.abs(problem.u).max(axis=(0, 1))
     t, h = np.array((problem.t0 + problem.h * problem.first,)), np.array((problem.h,))
-    begin = _beginning_function(system, rule)
+    begin = beginning_function(system, rule)
     x, scale, inertia = call(begin, problem.q0, problem.p0, u, typical, t, h, problem.c)
     return RunState(x, scale, inertia, problem.first, largest_block(x))
 
@@ -84,12 +84,12 @@ def start_states(
     run.
     """
     t = np.full((len(q0), 1), t0)
-    x, scale, inertia = over_columns(_beginning_function(system, rule), q0, p0, u, typical, t, h, c)
+    x, scale, inertia = over_columns(beginning_function(system, rule), q0, p0, u, typical, t, h, c)
     return RunState(x, scale, inertia, 0, largest_block(x[0]))
 
 
 @per_system
-def _beginning_function(system: System, rule: Rule) -> ca.Function:
+def beginning_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, typical, t, h, c) → x, typical sizes, and the inertia between them."""
     start, n = plan(system, rule).build(system, rule).start, system.structure.n
     sizes = (n, n, start.numel_in(2), system.structure.controls, 1, 1, system.c.numel())

@@ -1,0 +1,1 @@
+"""A scene to play with: sliders for parameters and start, and what the motion does then."""
