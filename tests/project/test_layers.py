@@ -33,6 +33,7 @@ FLOORS = (
     "ensembles",
     "diagnostics",
     "models",
+    "course",
     "load",
     "__init__",
     "command_line",
