@@ -25,7 +25,9 @@ extensions = [
     "formulas",
     "docstrings",
     "executed",
+    "fitted",
     "generated",
+    "notebooks",
 ]
 myst_enable_extensions = ["amsmath", "attrs_inline", "deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -43,7 +45,6 @@ autodoc_typehints = "none"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 nitpicky = False  # types in docstrings are words: "SX (n,)"
-mathjax_path = "mathjax/tex-chtml.js"
 default_role = "py:obj"
 suppress_warnings = ["ref.python"]  # "steps" in a shape such as (steps, k) is no reference
 linkcheck_ignore = [

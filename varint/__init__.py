@@ -10,7 +10,7 @@ from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates, time
 
 if TYPE_CHECKING:
-    from varint import diagnostics, models
+    from varint import course, diagnostics, models
     from varint.boundary.derivatives import action_derivatives
     from varint.boundary.families import paths
     from varint.boundary.least_action import least_action
@@ -88,6 +88,7 @@ __all__ = [
     "composition",
     "control_rate",
     "coordinates",
+    "course",
     "diagnostics",
     "ensemble",
     "equations",
@@ -179,7 +180,7 @@ _LATER = {
     "step_function": "varint.integration.step_function",
     "symmetries": "varint.symmetry.noether",
 }
-_LATER_MODULES = ("diagnostics", "models")
+_LATER_MODULES = ("course", "diagnostics", "models")
 
 
 def __getattr__(name: str) -> Any:

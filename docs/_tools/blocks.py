@@ -11,24 +11,31 @@ import os
 import re
 import tempfile
 import warnings
+from base64 import b64decode
 from dataclasses import dataclass
 from typing import Any
 
 FENCE = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
 MARKED = re.compile(r"^```\{code-block\} python\n:class: (\w+)\n\n?(.*?)^```$", re.M | re.S)
 FIGURE = re.compile(r"^# figure: (.+)$", re.M)
+FILM = re.compile(r"^# film: (.+)$", re.M)
+ANSWER = re.compile(r"^# answer\n.*?^# end of answer\n", re.M | re.S)
+ANSWER_MARKS = re.compile(r"^# (?:end of )?answer\n", re.M)
+EMBEDDED = re.compile(r'src="data:image/gif;base64,([^"]+)"')
 DPI = 110
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a block printed, the figures it left open as PNG, each with its description, and the
-    LaTeX of its value where that has one, as a notebook shows it.
+    """What a block printed, the figures it left open as PNG, for light and for dark pages, each
+    with its description, the LaTeX of its value where that has one, as a notebook shows it, and
+    the film that its value is as GIF.
     """
 
     text: str
-    figures: tuple[tuple[str, bytes], ...]
+    figures: tuple[tuple[str, bytes, bytes], ...]
     formula: str = ""
+    films: tuple[tuple[str, bytes], ...] = ()
 
 
 def python_blocks(markdown: str) -> list[str]:
@@ -44,9 +51,11 @@ def marked_blocks(markdown: str) -> list[tuple[str, str]]:
 def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Outcome:
     """Run one block, in an empty folder that it may write to.
 
-    A line ``# figure: words`` describes a figure for those who do not see it, and captions it.
+    A line ``# figure: words`` describes a figure for those who do not see it, and captions it;
+    ``# film: words`` does so for an animation that is the block's value.
     """
     import matplotlib.pyplot as plt
+    from matplotlib.animation import FuncAnimation
 
     printed = io.StringIO()
     before = os.getcwd()
@@ -58,24 +67,47 @@ def outcome(code: str, namespace: dict, where: str, *, draw: bool = True) -> Out
                 warnings.simplefilter("error")
                 value = run(code, namespace, where)
             namespace["__style__"] = {"axes.prop_cycle": plt.rcParams["axes.prop_cycle"]}
-            pictures = []
-            for number in plt.get_fignums():
-                png = io.BytesIO()
-                if draw:
-                    plt.figure(number).savefig(png, dpi=DPI, format="png")
-                pictures.append(png.getvalue())
+            films = []
+            if isinstance(value, FuncAnimation):
+                films.append(gif(value) if draw else b"")
+                plt.close(value._fig)
+            pictures = [
+                light_and_dark(plt.figure(number)) if draw else (b"", b"")
+                for number in plt.get_fignums()
+            ]
     finally:
         plt.close("all")
         os.chdir(before)
-    words = FIGURE.findall(code)
-    if len(words) != len(pictures):
-        raise ValueError(
-            f"{where}: {len(pictures)} figures but {len(words)} lines '# figure: …' to describe "
-            "them"
-        )
+    words, titles = FIGURE.findall(code), FILM.findall(code)
+    for kind, found, said in (("figure", pictures, words), ("film", films, titles)):
+        if len(said) != len(found):
+            raise ValueError(
+                f"{where}: {len(found)} {kind}s but {len(said)} lines '# {kind}: …' to describe "
+                "them"
+            )
     formula = value._repr_latex_() if hasattr(value, "_repr_latex_") else None
-    figures = tuple(zip(words, pictures, strict=True))
-    return Outcome(printed.getvalue(), figures, (formula or "").strip("$ "))
+    figures = tuple((w, *png) for w, png in zip(words, pictures, strict=True))
+    shown = tuple(zip(titles, films, strict=True))
+    return Outcome(printed.getvalue(), figures, (formula or "").strip("$ "), shown)
+
+
+def light_and_dark(figure: Any) -> tuple[bytes, bytes]:
+    """A figure as PNG on white, and with its greys turned round on the colour of dark pages."""
+    from dark import darken, few_colours
+
+    light, dark = io.BytesIO(), io.BytesIO()
+    figure.savefig(light, dpi=DPI, format="png")
+    darken(figure)
+    figure.savefig(dark, dpi=DPI, format="png")
+    return few_colours(light.getvalue()), few_colours(dark.getvalue())
+
+
+def gif(film: Any) -> bytes:
+    """A film as a notebook shows it."""
+    found = EMBEDDED.search(film._repr_html_())
+    if found is None:
+        raise ValueError("the film has no picture to show")
+    return b64decode(found[1])
 
 
 def run(code: str, namespace: dict, where: str) -> Any:

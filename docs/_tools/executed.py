@@ -9,7 +9,7 @@ import os
 from logging import getLogger
 from pathlib import Path
 
-from blocks import FIGURE
+from blocks import ANSWER_MARKS, FIGURE, FILM
 from docutils import nodes
 from page_runs import PageError, outcomes
 from sphinx.transforms import SphinxTransform
@@ -20,7 +20,6 @@ getLogger("matplotlib").setLevel(
     "WARNING"
 )  # Sphinx shows the notes of all loggers, such as each film written
 LOG = logging.getLogger(__name__)
-WIDE = 105  # characters
 NOT_HERE = {
     "still",
     "script",
@@ -48,19 +47,18 @@ class Execute(SphinxTransform):
             LOG.warning(f"the block failed: {failed}", location=where)
             return
         for block, code, result in zip(runs, codes, results, strict=True):
-            shown = FIGURE.sub("", code).rstrip()
+            shown = ANSWER_MARKS.sub("", FILM.sub("", FIGURE.sub("", code))).rstrip()
             block.rawsource = shown
             block.children = [nodes.Text(shown)]
             self._insert(block, result)
+            if ANSWER_MARKS.search(code):
+                _fold(block)
 
     def _insert(self, block: nodes.literal_block, result) -> None:
         parent, at = block.parent, block.parent.index(block) + 1
         if result.text.strip():
-            wide = any(len(line) > WIDE for line in result.text.splitlines())
-            kind = (
-                ["output", "wrapped"] if wide and "──" not in result.text else ["output"]
-            )  # tables stay in columns
-            text = nodes.literal_block(result.text, result.text.rstrip(), classes=kind)
+            printed = result.text.rstrip()
+            text = nodes.literal_block(printed, printed, classes=["output"])
             text["language"] = "text"
             parent.insert(at, text)
             at += 1
@@ -69,27 +67,46 @@ class Execute(SphinxTransform):
             math["number"] = math["label"] = None
             parent.insert(at, math)
             at += 1
-        for words, png in result.figures:
-            parent.insert(at, figure(self._stored(png), words))
+        for words, light, dark in result.figures:
+            uris = [self._stored(png, "png") for png in (light, dark)]
+            parent.insert(at, figure(uris, words))
+            at += 1
+        for words, film in result.films:
+            parent.insert(at, figure([self._stored(film, "gif")], words))
             at += 1
 
-    def _stored(self, png: bytes) -> str:
+    def _stored(self, data: bytes, kind: str) -> str:
         """Path of the picture in the source folder's scratch space, from the root of the
         documentation.
         """
         folder = Path(self.env.srcdir) / "_build" / "figures"
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{hashlib.sha256(png).hexdigest()[:16]}.png"
-        path.write_bytes(png)
+        path = folder / f"{hashlib.sha256(data).hexdigest()[:16]}.{kind}"
+        path.write_bytes(data)
         return "/" + str(path.relative_to(self.env.srcdir))
 
 
-def figure(uri: str, words: str) -> nodes.figure:
-    """A picture with its description as caption and as alternative text."""
-    node = nodes.figure(classes=["executed"], ids=[f"figure-{Path(uri).stem}"])
-    node += nodes.image(uri=uri, alt=words)
+def figure(uris: list[str], words: str) -> nodes.figure:
+    """A picture, or its versions for light and dark pages, with its description as caption and as
+    alternative text; loaded when it comes into view.
+    """
+    node = nodes.figure(classes=["executed"], ids=[f"figure-{Path(uris[0]).stem}"])
+    modes = [["only-light"], ["only-dark"]] if len(uris) == 2 else [["film"]]
+    for uri, classes in zip(uris, modes, strict=True):
+        node += nodes.image(uri=uri, alt=words, classes=classes, loading="lazy")
     node += nodes.caption(words, words)
     return node
+
+
+def _fold(block: nodes.literal_block) -> None:
+    """Hide an answer until its reader asks for it."""
+    parent, at = block.parent, block.parent.index(block)
+    opening = '<details class="answer"><summary>An answer</summary>'
+    parent.insert(at, nodes.raw("", opening, format="html"))
+    after = at + 2
+    while after < len(parent) and "output" in parent[after].get("classes", ()):
+        after += 1
+    parent.insert(after, nodes.raw("", "</details>", format="html"))
 
 
 def setup(app):

@@ -4,7 +4,6 @@ and its code.
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import html
 import os
@@ -16,13 +15,13 @@ import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
+import cards
 from chapters import CHAPTERS
+from state import ROOT, package_state, say, write_if_changed
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 EXAMPLES = ROOT / "examples"
 SLOWEST = 300  # seconds
 
@@ -70,6 +69,16 @@ def write(folder: Path, jobs: int) -> None:
     if changed:
         say(f"running {len(changed)} of {len(names)} examples, {jobs} at a time")
 
+    undrawn = [name for name in cards.SCENES if not cards.is_kept(name, folder)]
+
+    def draw(part: int) -> None:
+        """Every so many cards in a process."""
+        command = [sys.executable, "-W", "ignore", str(HERE / "cards.py"), str(folder)]
+        some = undrawn[part::jobs]
+        if some:
+            subprocess.run([*command, *some], check=True, env=_environment(), cwd=folder)
+            say(f"drew the cards of {len(some)} examples")
+
     def run(at: int) -> str:
         started = time.perf_counter()
         printed = _run(changed[at], folder)
@@ -79,8 +88,12 @@ def write(folder: Path, jobs: int) -> None:
 
     with ThreadPoolExecutor(jobs) as pool:
         new = dict(zip(changed, pool.map(run, range(len(changed))), strict=True))
+        list(pool.map(draw, range(jobs)))
     outputs = {name: new.get(name) or _kept(name, folder) or "" for name in names}
-    pages = {f"{name}.md": _page(example(EXAMPLES / f"{name}.py"), outputs[name]) for name in names}
+    pages = {
+        f"{name}.md": _page(example(EXAMPLES / f"{name}.py"), outputs[name], folder)
+        for name in names
+    }
     pages["index.md"] = _index()
     for name, text in pages.items():
         write_if_changed(folder / name, text)
@@ -88,53 +101,10 @@ def write(folder: Path, jobs: int) -> None:
         (folder / stale).unlink()
 
 
-def write_if_changed(path: Path, text: str) -> None:
-    """Leave an unchanged page's time stamp alone, so that it is not read again."""
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
-
-
-@cache
-def package_state() -> str:
-    """A digest of the package's code, without its comments and docstrings: what was measured with
-    it is kept until it changes.
-    """
-    digest = hashlib.sha256()
-    for path in sorted((ROOT / "varint").rglob("*")):
-        if path.suffix == ".py":
-            digest.update(code_only(path.read_text(encoding="utf-8")).encode())
-        elif path.suffix in {".c", ".h"}:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def code_only(text: str) -> str:
-    """What a module does: its syntax tree, without docstrings."""
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if not isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) or not body:
-            continue
-        first = body[0]
-        if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
-            body[:1] = [ast.Pass()]
-    return ast.dump(tree)
-
-
-def say(text: str) -> None:
-    """A line of progress, which Sphinx's quiet mode leaves alone."""
-    print(f"docs: {text}", file=sys.stderr, flush=True)
-
-
 def _run(name: str, folder: Path) -> str:
     """What the example prints; its figure is in `folder` afterwards."""
     path, log, picture = EXAMPLES / f"{name}.py", folder / f".{name}.txt", folder / f"{name}.png"
-    environment = os.environ | {
-        "MPLBACKEND": "Agg",
-        "PYTHONPATH": str(ROOT),
-        "PYTHONIOENCODING": "utf-8",
-    }
-    command = [sys.executable, "-W", "error", str(path)]
+    command = [sys.executable, "-W", "error", str(HERE / "run_example.py"), str(path)]
     with (
         tempfile.TemporaryDirectory() as empty
     ):  # an example writes to the folder `out` of where it runs
@@ -142,7 +112,7 @@ def _run(name: str, folder: Path) -> str:
             command,
             capture_output=True,
             text=True,
-            env=environment,
+            env=_environment(),
             timeout=SLOWEST,
             encoding="utf-8",
             cwd=empty,
@@ -151,14 +121,22 @@ def _run(name: str, folder: Path) -> str:
         if done.returncode or not drawn.exists():
             raise RuntimeError(f"examples/{name}.py failed:\n{done.stderr[-2000:]}")
         shutil.copy(drawn, picture)
+        shutil.copy(drawn.with_stem(f"{name}-dark"), picture.with_stem(f"{name}-dark"))
     log.write_text(done.stdout, encoding="utf-8")
     (folder / f".{name}.state").write_text(_state(name))
     return done.stdout
 
 
+def _environment() -> dict[str, str]:
+    """Of a process that draws without a screen."""
+    own = {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
+    return os.environ | own
+
+
 def _state(name: str) -> str:
     """A digest of all that an example's output depends on."""
     code = (EXAMPLES / f"{name}.py").read_bytes()
+    code += (HERE / "run_example.py").read_bytes() + (HERE / "dark.py").read_bytes()
     return hashlib.sha256(code + package_state().encode()).hexdigest()
 
 
@@ -170,19 +148,35 @@ def _kept(name: str, folder: Path) -> str | None:
     return None
 
 
-def _page(it: Example, printed: str) -> str:
-    lagrangian = next((names[it.name] for names in CHAPTERS.values() if it.name in names), "")
-    formula = f"$$\n{lagrangian}\n$$\n\n" if lagrangian else ""
+def lagrangian(it: Example) -> str:
+    """The example's Lagrangian, displayed; nothing for one without a place."""
+    found = next((names[it.name] for names in CHAPTERS.values() if it.name in names), "")
+    return f"$$\n{found}\n$$\n\n" if found else ""
+
+
+def _page(it: Example, printed: str, folder: Path) -> str:
     lead = f"{it.lead[:1].upper()}{it.lead[1:]}.\n\n" if it.lead else ""
     alt = it.claim.replace('"', "'").replace("\\", "")
+    film = ""
+    if (folder / f"{it.name}-film.gif").exists():
+        film = _picture(f"{it.name}-film.gif", f"Film: {alt}", "film")
+    pictures = "".join(
+        _picture(f"{it.name}{kind}.png", alt, f"gallery {mode}", f"../_images/{it.name}{kind}.png")
+        for kind, mode in (("", "only-light"), ("-dark", "only-dark"))
+    )
     return (
-        f"# {it.title}\n\n{lead}{formula}**Claim.** {it.claim}\n\n*Source:* {it.source}\n\n"
-        f"```{{figure}} {it.name}.png\n:alt: {alt}\n:class: gallery\n"
-        f":target: ../_images/{it.name}.png\n\n{it.title}.\n```\n\n"
+        f"# {it.title}\n\n{lead}{lagrangian(it)}**Claim.** {it.claim}\n\n*Source:* {it.source}\n\n"
+        f"{pictures}{film}"
         f"## What it prints\n\n```text\n{printed.rstrip()}\n```\n\n"
         f"## The code\n\n`python examples/{it.name}.py`\n\n"
         f"```{{code-block}} python\n:class: still\n\n{it.code.rstrip()}\n```\n"
     )
+
+
+def _picture(file: str, alt: str, kind: str, target: str = "") -> str:
+    """A picture that is loaded when it comes into view."""
+    link = f":target: {target}\n" if target else ""
+    return f"```{{image}} {file}\n:alt: {alt}\n:class: {kind}\n:loading: lazy\n{link}```\n\n"
 
 
 def _index() -> str:
@@ -204,6 +198,6 @@ def _card(it: Example) -> str:
     """A small picture that leads to the page, with its claim for those who do not see it."""
     claim = html.escape(it.claim)
     return (
-        f'<a href="{it.name}.html"><img src="../_images/{it.name}.png" '
-        f'alt="{claim}"><span>{it.title}</span></a>'
+        f'<a href="{it.name}.html"><img src="../_cards/{it.name}.png" width="390" height="240" '
+        f'loading="lazy" alt="{claim}"><span>{it.title}</span></a>'
     )

@@ -9,9 +9,9 @@ from base64 import b64decode, b64encode
 from pathlib import Path
 
 from blocks import Outcome, outcome
-from gallery import package_state, say
+from state import package_state, say
 
-FORMAT = "text, figures, formula"  # of what is kept
+FORMAT = "text, figures on white and on black, formula, films"  # of what is kept
 
 
 class PageError(Exception):
@@ -32,8 +32,8 @@ def outcomes(codes: list[str], page: str, scratch: Path) -> list[Outcome]:
     kept = scratch / "executed" / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
     if kept.exists():
         return [
-            Outcome(text, tuple((words, b64decode(png)) for words, png in figures), formula)
-            for text, figures, formula in json.loads(kept.read_text(encoding="utf-8"))
+            Outcome(text, _decoded(figures), formula, _decoded(films))
+            for text, figures, formula, films in json.loads(kept.read_text(encoding="utf-8"))
         ]
     namespace: dict = {"__name__": "page"}
     results, started = [], time.perf_counter()
@@ -43,9 +43,15 @@ def outcomes(codes: list[str], page: str, scratch: Path) -> list[Outcome]:
         except Exception as error:
             raise PageError(k, error) from error
     say(f"executed {page}: {len(codes)} blocks in {time.perf_counter() - started:.1f} s")
-    rows = [
-        [x.text, [[w, b64encode(png).decode()] for w, png in x.figures], x.formula] for x in results
-    ]
+    rows = [[x.text, _encoded(x.figures), x.formula, _encoded(x.films)] for x in results]
     kept.parent.mkdir(parents=True, exist_ok=True)
     kept.write_text(json.dumps(rows), encoding="utf-8")
     return results
+
+
+def _encoded(pictures: tuple[tuple, ...]) -> list[list[str]]:
+    return [[words, *(b64encode(data).decode() for data in kinds)] for words, *kinds in pictures]
+
+
+def _decoded(pictures: list[list[str]]) -> tuple[tuple, ...]:
+    return tuple((words, *(b64decode(data) for data in kinds)) for words, *kinds in pictures)

@@ -6,7 +6,7 @@ import importlib
 import inspect
 from pathlib import Path
 
-from gallery import write_if_changed
+from state import write_if_changed
 
 import varint as vi
 
@@ -49,7 +49,7 @@ ORDER = [
     ("Equations to read", ["equations", "Equations", "from_sympy"]),
 ]
 ERRORS = ["VarintError", "InputError", "ConvergenceError", "SolverError"]
-MODULES = ["diagnostics", "models"]
+MODULES = ["course", "diagnostics", "models"]
 
 # what other modules of the package use of a public class, and users need not know
 INTERNAL = {

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from gallery import package_state, write_if_changed
+from state import package_state, write_if_changed
 
 import varint as vi
 

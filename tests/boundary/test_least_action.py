@@ -372,3 +372,17 @@ def test_a_guess_through_a_singular_point_of_a_bound_is_told_in_words_without_a_
         vi.least_action(free, vi.gauss(2), bounds=[(1.0, ca.norm_2(q), None)], **ends)
     printed = capfd.readouterr()
     assert not printed.out and not printed.err
+
+
+@pytest.mark.parametrize("place", [0.0, 5.0])
+@pytest.mark.parametrize("hardening", [0.0, 1e-3])
+def test_what_is_thrown_straight_up_and_caught_where_it_began_has_a_path(place, hardening):
+    q, v = vi.coordinates("x")
+    height = q - place
+    throw = vi.System(q, v, v**2 / 2 - 9.81 * height - hardening * height**4)
+    path = vi.least_action(throw, vi.gauss(2), q_start=place, q_end=place, duration=2.0, steps=50)
+    again = vi.simulate(throw, vi.gauss(2), q0=place, v0=path.v[0], h=path.h, steps=50)
+    np.testing.assert_allclose(again.q, path.q, atol=1e-12)
+    assert path.q.max() - place > 3
+    if not hardening:
+        assert path.v[0, 0] == pytest.approx(9.81, rel=1e-13)

@@ -2,6 +2,10 @@
 shown.
 """
 
+import re
+from base64 import b64decode
+from io import BytesIO
+
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
@@ -180,3 +184,18 @@ def test_every_control_model_has_a_sketch_of_its_scene(name):
         length = ca.Function("length", [phase.system.q, phase.system.c], [rods])
         found = np.array([length(x, phase.system.default_vector) for x in q])
         assert np.ptp(found, axis=0).max() < 1e-12
+
+
+def played(film):
+    """The GIF that a notebook shows of a film."""
+    return b64decode(re.fullmatch(r'<img .*base64,([^"]+)">', film._repr_html_())[1])
+
+
+def test_in_a_notebook_a_film_plays_inside(swing, tmp_path):
+    model, motion = swing
+    few = motion.at(np.linspace(0.0, 0.8, 9))
+    few_frames = dict(sketch=vi.models.sketch(model), fps=5)
+    with Image.open(BytesIO(played(few.animate(**few_frames)))) as film:
+        assert film.n_frames == 5 and film.info["duration"] == 200
+    written = few.animate(tmp_path / "film.gif", **few_frames)
+    assert played(written) == (tmp_path / "film.gif").read_bytes()

@@ -35,6 +35,7 @@ FLOORS = (
     "diagnostics",
     "models",
     "explorer",
+    "course",
     "load",
     "__init__",
     "command_line",

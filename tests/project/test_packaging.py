@@ -63,3 +63,59 @@ def test_the_source_distribution_contains_what_its_tests_need(tmp_path):
         check=False,
     )
     assert collected.returncode == 0, collected.stdout[-2000:] + collected.stderr[-2000:]
+
+
+def test_every_recipe_and_record_has_the_version():
+    version = re.search(r'^version = "(.+)"$', PROJECT, re.MULTILINE)[1]
+    recipe = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    assert re.search(r'set version = "(.+?)"', recipe)[1] == version
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    dated = dict(re.findall(r"^## \[([\d.]+)\] - (\d{4}-\d\d-\d\d)$", changes, re.MULTILINE))
+    assert next(iter(dated)) == version
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"date-released: {dated[version]}" in citation
+
+
+def test_conda_and_pip_need_the_same():
+    recipe = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    run = re.search(r"^  run:\n((?:    - .+\n)+)", recipe, re.MULTILINE)[1]
+    conda = {line.strip("- ").replace(" ", "").replace("-base", "") for line in run.splitlines()}
+    pip = set(
+        re.findall(r'"([^"]+)"', re.search(r"^dependencies = (.+)$", PROJECT, re.MULTILINE)[1])
+    )
+    python = re.search(r'^requires-python = "(.+)"$', PROJECT, re.MULTILINE)[1]
+    assert conda == pip | {f"python{python}"}
+
+
+def test_wheels_are_built_for_every_python_that_is_named():
+    named = set(re.findall(r"Python :: (3\.\d+)", PROJECT))
+    built = re.search(r'^build = "(.+)"$', PROJECT, re.MULTILINE)[1]
+    assert {f"3.{x}" for x in re.findall(r"cp3(\d+)-\*", built)} == named
+
+
+def test_the_paper_cites_what_it_lists_and_lists_what_it_cites():
+    paper = (ROOT / "paper.md").read_text(encoding="utf-8")
+    library = (ROOT / "paper.bib").read_text(encoding="utf-8")
+    keys = re.findall(r"^@\w+\{(\w+),$", library, re.MULTILINE)
+    assert len(keys) == len(set(keys)) == library.count("doi = {10.")
+    assert set(re.findall(r"@(\w+)", paper)) == set(keys)
+    for heading in ("Summary", "Statement of need", "State of the field", "References"):
+        assert f"\n# {heading}\n" in paper
+    gallery = len(list((ROOT / "examples").glob("*.py")))
+    assert f"A gallery of {gallery} scenes" in paper
+
+
+def test_what_is_promised_about_names_counts_the_public_ones():
+    """The page names the modules whose members are public: all that are reached by name."""
+    page = (ROOT / "docs" / "stability.md").read_text(encoding="utf-8")
+    varint = importlib.import_module("varint")
+    for name in varint._LATER_MODULES:
+        assert f"`varint.{name}`" in page
+        assert importlib.import_module(f"varint.{name}").__all__
+
+
+def test_an_installation_is_tried_by_what_the_readme_says():
+    tried = (ROOT / ".ci" / "try_installation.py").read_text(encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    [six] = re.findall(r"```python\n(import casadi.*?motion = .*?)\nmotion\.plot", readme, re.S)[:1]
+    assert six in tried

@@ -16,9 +16,9 @@ import varint as vi
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "_tools"))
 
-import gallery  # noqa: E402  (only findable now)
-import page_runs  # noqa: E402
+import page_runs  # noqa: E402  (only findable now)
 import reference_page  # noqa: E402
+import state  # noqa: E402
 
 BENCHMARKS = sorted((ROOT / "benchmarks").glob("*.py"))
 
@@ -64,10 +64,8 @@ def test_a_page_that_fails_is_not_kept(tmp_path):
 
 def test_comments_and_docstrings_do_not_count_as_changes():
     before = 'def f(x):\n    """One."""\n    return x  # why\n'
-    assert gallery.code_only(before) == gallery.code_only('def f(x):\n    """Two."""\n    return x')
-    assert gallery.code_only(before) != gallery.code_only(
-        'def f(x):\n    """One."""\n    return 2 * x'
-    )
+    assert state.code_only(before) == state.code_only('def f(x):\n    """Two."""\n    return x')
+    assert state.code_only(before) != state.code_only('def f(x):\n    """One."""\n    return 2 * x')
 
 
 def test_internals_of_public_classes_exist_and_are_left_out_of_the_reference(tmp_path):

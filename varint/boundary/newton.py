@@ -16,7 +16,7 @@ import numpy as np
 
 from varint.boundary.iterate import Iterate
 from varint.boundary.stationary import BoundaryValueProblem, momenta_and_action
-from varint.numerics.limits import PATH_ITERATIONS
+from varint.numerics.limits import PATH_ITERATIONS, SHORTEST
 
 SOLVED = "solved"
 LAST_CORRECTION = 1e-8  # relative to the path; quadratic convergence makes the next one round-off
@@ -68,12 +68,13 @@ def newton(
         return NewtonResult(iterate, status, iteration, correction, residual)
 
     for iteration in range(1, most + 1):
-        size = Measure(problem, iterate)
         values, slope = equations.derivatives(problem, iterate)
         solve = path_solver(problem, slope)
         if not np.isfinite(values).all():
             return ended(iterate, "values that are not finite", iteration, values)
         change = -solve(values)
+        # a path that stays where it is has no size yet: what it becomes is the measure
+        size = Measure(problem, iterate if _extends(iterate) else iterate.moved(change))
         correction = size(change)
         if not np.isfinite(correction):
             return ended(iterate, "singular equations", iteration, values)
@@ -94,6 +95,10 @@ def newton(
                 return ended(iterate, "no further progress", iteration, values)
         iterate = trial
     return ended(iterate, "too many iterations", most, left)
+
+
+def _extends(iterate: Iterate) -> bool:
+    return bool(np.ptp(iterate.points, axis=0).any())
 
 
 class Measure:
@@ -118,7 +123,7 @@ class Measure:
 def coordinate_ranges(points: np.ndarray) -> np.ndarray:
     """Range of every coordinate of a path, (n,), none less than a thousandth of the largest."""
     ranges = np.maximum(np.ptp(points, axis=0), np.abs(points[-1] - points[0]))
-    largest = max(float(ranges.max()), 1e-3 * float(np.abs(points).max()), np.finfo(float).tiny)
+    largest = max(float(ranges.max()), 1e-3 * float(np.abs(points).max()), SHORTEST)
     return np.maximum(ranges, 1e-3 * largest)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from base64 import b64encode
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,8 +93,11 @@ def trajectory_animation(
 
     film = FuncAnimation(fig, draw, frames=len(times), interval=1000 * seconds, repeat=True)
     film._draw_was_started = True  # type: ignore[attr-defined]  # shown or saved later by whoever asked: no warning if it is neither
+    moving, count = [*trails.values(), *rods, *dots.values(), clock], len(times)
+    film._repr_html_ = lambda: _shown(  # type: ignore[method-assign]
+        _pictures(fig, draw, moving, count), seconds, count, target
+    )
     if target is not None:
-        moving, count = [*trails.values(), *rods, *dots.values(), clock], len(times)
         with progress_bar(count, "frames", None) as move:
             if writer is None:
                 _write_gif(target, _pictures(fig, draw, moving, count), seconds, move)
@@ -123,18 +128,34 @@ def _pictures(fig: Any, draw: Callable[[int], list], moving: list, count: int) -
         yield Image.fromarray(np.asarray(fig.canvas.buffer_rgba())).convert("RGB")
 
 
-def _write_gif(path: Path, pictures: Iterator[Any], seconds: float, move: Callable) -> None:
-    """A GIF file of all pictures but the first, in the 256 colours of the first."""
+def _shown(pictures: Iterator[Any], seconds: float, count: int, target: Path | None) -> str:
+    """What a notebook shows of a film: it plays inside, as the GIF that was written or would be."""
+    if target is not None and target.suffix.lower() == ".gif" and target.exists():
+        data = target.read_bytes()
+    else:
+        played = io.BytesIO()
+        with progress_bar(count, "frames", None) as move:
+            _write_gif(played, pictures, max(seconds, 2 * GIF_TICK), move)
+        data = played.getvalue()
+    encoded = b64encode(data).decode()
+    return f'<img alt="Film of the motion." src="data:image/gif;base64,{encoded}">'
+
+
+def _write_gif(target: Any, pictures: Iterator[Any], seconds: float, move: Callable) -> None:
+    """A GIF, as a file or in memory, of all pictures but the first, in the 256 colours of the
+    first.
+    """
     colours = next(pictures).quantize()
 
     def frames() -> Iterator[Any]:
         for picture in pictures:
-            move(1, lambda: path.name)
+            move(1, lambda: str(getattr(target, "name", "")))
             yield picture.quantize(palette=colours, dither=0)
 
     each = frames()
     milliseconds = round(1000 * seconds)
-    next(each).save(path, save_all=True, append_images=each, duration=milliseconds, loop=0)
+    settings = dict(save_all=True, append_images=each, duration=milliseconds, loop=0)
+    next(each).save(target, format="GIF", **settings)
 
 
 def _still(fig: Any, moving: list) -> Any:

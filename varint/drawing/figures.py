@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from varint.results.trajectory import Trajectory
 
 MOST_EVENTS = 40  # marked; bounces that pile up would paint the figure grey
+ARROWS = (0.07, 0.4, 0.8)  # where along a phase portrait its direction is shown
+ARROW = dict(
+    arrowstyle="-|>,head_width=0.3,head_length=0.7", lw=0, mutation_scale=14, shrinkA=0, shrinkB=0
+)
 EVENT_STYLES = ("--", ":", "-.", (0, (1, 3)))
 
 
@@ -74,6 +78,7 @@ def _overview(motion: Trajectory) -> Figure:
     draw_coordinates(top, motion, keep)
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
         phase.plot(motion.q[keep, i], motion.p[keep, i], color=colour, label=name, lw=0.9)
+        _draw_direction(phase, motion.q[keep, i], motion.p[keep, i], colour)
     name_axes(
         phase,
         "$q$",
@@ -90,6 +95,19 @@ def _overview(motion: Trajectory) -> Figure:
             _mark_events(axes, motion, named=axes is top)
     fig.suptitle(f"{motion.rule}, h = {motion.h:.4g}", fontsize="medium")
     return handed_over(fig)
+
+
+def _draw_direction(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str) -> None:
+    """Arrows along a curve, in the sense in which it is run through."""
+    count = len(x) - 1
+    for k in {int(share * count) for share in ARROWS if count > 1}:
+        if x[k] != x[k + 1] or y[k] != y[k + 1]:
+            axes.annotate(
+                "",
+                xy=(x[k + 1], y[k + 1]),
+                xytext=(x[k], y[k]),
+                arrowprops=ARROW | {"color": colour},
+            )
 
 
 def draw_coordinates(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:

@@ -12,7 +12,7 @@ from typing import IO, Any
 
 from varint.errors import InputError
 
-VERSION = "0.1.0"  # of varint; files and the identity of runs tell it
+VERSION = "0.2.0"  # of varint; files and the identity of runs tell it
 PART = ".part"
 
 

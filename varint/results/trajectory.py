@@ -493,7 +493,8 @@ class Trajectory:
         Returns
         -------
         matplotlib.animation.FuncAnimation
-            In a notebook, ``HTML(film.to_jshtml())`` shows it.
+            As the value of a notebook's cell it plays inside; ``HTML(film.to_jshtml())`` has
+            buttons.
 
         Raises
         ------

@@ -1,0 +1,73 @@
+"""Try an installed varint without its repository: the README's six lines, a model with its picture
+from the command line, and a notebook where Jupyter's client is installed.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+SIX_LINES = """
+import casadi as ca
+import varint as vi
+
+q, v = vi.coordinates("theta")
+pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
+motion = vi.simulate(pendulum, q0=1.0, v0=0.0, h=0.01, steps=1000)
+motion.plot().savefig("pendulum.png")
+assert abs(motion.energy - motion.energy[0]).max() < 1e-9
+assert vi.course.check("6.1", 4.0)
+print(vi.__version__, vi.__file__, motion)
+"""
+
+
+def main() -> None:
+    """Everything in an empty folder, in processes that see no other varint."""
+    hidden = ("PYTHONPATH", "PYTHONHOME")
+    environment = {name: x for name, x in os.environ.items() if name not in hidden}
+    environment["MPLBACKEND"] = "Agg"
+
+    with tempfile.TemporaryDirectory() as folder:
+
+        def run(*command: str) -> None:
+            subprocess.run([sys.executable, *command], check=True, cwd=folder, env=environment)
+
+        def require(name: str) -> None:
+            if (Path(folder) / name).stat().st_size < 5000:
+                raise SystemExit(f"{name} is no picture")
+
+        run("-W", "error", "-c", SIX_LINES)
+        require("pendulum.png")
+        run("-W", "error", "-m", "varint", "run", "double_pendulum", "--plot", "double.png")
+        require("double.png")
+        if find_spec("nbclient") and find_spec("ipykernel"):
+            run("-c", NOTEBOOK)
+        else:
+            print("no notebook: nbclient or ipykernel is not installed")
+
+
+NOTEBOOK = f"""
+import nbformat
+from nbclient import NotebookClient
+
+cells = [
+    nbformat.v4.new_code_cell({SIX_LINES!r}),
+    nbformat.v4.new_code_cell("motion"),
+    nbformat.v4.new_code_cell(
+        "model = vi.models.double_pendulum()\\n"
+        "swing = vi.simulate(model.system, q0=model.q0, v0=model.v0, duration=1.0)\\n"
+        "swing.animate(sketch=vi.models.sketch(model), fps=5)"
+    ),
+]
+done = NotebookClient(nbformat.v4.new_notebook(cells=cells), timeout=120).execute()
+shown = [out.data["text/html"] for out in done.cells[1].outputs + done.cells[2].outputs]
+assert "Trajectory" in shown[0] and "image/gif" in shown[1], shown
+print("a notebook ran, its film inside")
+"""
+
+if __name__ == "__main__":
+    main()
