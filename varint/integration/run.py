@@ -90,7 +90,7 @@ def start_run(
         kernel = kernel_for(scene, chosen.rule, problem, backend)
         blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
         if folds(scene):
-            blocks_from = with_folds_watched(blocks_from, scene, problem)
+            blocks_from = with_folds_watched(blocks_from, scene, chosen.rule, problem)
         if scene is not system:
             blocks_from = watch_rows(blocks_from, system, chosen.rule, problem)
         remedy = partial(subdivide_failed_step, scene, chosen.rule, problem, kernel)

@@ -10,6 +10,7 @@
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
+#define NEARLY 4    /* times the smallest reciprocal of a pivot: G M^-1 G' is as regular as elsewhere, and so are the rows G */
 
 /* What a run needs to go on as if it had not stopped; at a fresh start the caller fills scale and speed. */
 typedef struct {
@@ -144,8 +145,9 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
 #endif
 
 #if HELD
-/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
-LARGE void project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
+/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint; the reciprocal of
+   the smallest pivot on the way. */
+LARGE double project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
     double jacobian[HIDDEN_NONZEROS], b[H + HIDDEN_REACH] = {0};
     int pivots[H];
     hidden(q, p, &t, w + HIDDEN_AT, b, jacobian);
@@ -154,6 +156,12 @@ LARGE void project(const double *q, const double *p, double t, const double *w, 
     factorise(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots);
     substitute(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots, b);
     for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
+    double most = 0;
+    for (int k = 0; k < H; k++) {
+        const double inverse = fabs(matrix[k * (HIDDEN_BELOW + HIDDEN_REACH + 1) + HIDDEN_BELOW]);
+        most = inverse > most || inverse != inverse ? inverse : most;
+    }
+    return most;
 }
 #endif
 
@@ -267,6 +275,9 @@ int run(const RunArguments *a) {
     int64_t iterations = 0, largest_count = 0, done = 0, unsaved = 0;
     int status = DONE;
     double left = 0, worst = 0;
+#if HELD
+    double strongest = INFINITY;
+#endif
 #if MATRIX_SIZE
     matrix = malloc(MATRIX_SIZE * sizeof(double));
     if (!matrix) return NOT_FINITE;
@@ -350,7 +361,8 @@ int run(const RunArguments *a) {
 #if HELD
         double reached[N], x[H], pull[N];
         for (int d = 0; d < N; d++) reached[d] = p[d] + gain[d];
-        project(q1, reached, end, w, matrix, x);
+        const double weakness = project(q1, reached, end, w, matrix, x);
+        strongest = weakness < strongest ? weakness : strongest;
         pulled(x, q1, reached, &end, w + PULLED_AT, pull);
         for (int d = 0; d < N; d++) gain[d] += pull[d];
 #endif
@@ -379,7 +391,7 @@ int run(const RunArguments *a) {
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
 #if WATCHED
-            look(&held, q, end, w);
+            if (!KICKED || !(weakness < NEARLY * strongest) || (int64_t)state->age % RESIZED == 0) look(&held, q, end, w);
 #endif
         }
     }
