@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from varint.scene.epigraph import max as max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
+    from varint.scene.massless_limit import massless_limit
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
     from varint.symmetry.table import Symmetries
@@ -97,6 +98,7 @@ __all__ = [
     "load",
     "lobatto",
     "lqr",
+    "massless_limit",
     "midpoint",
     "models",
     "mpc",
@@ -144,6 +146,7 @@ _LATER = {
     "close_encounters": "varint.integration.time_transformation.time_scale",
     "closed_loop": "varint.control.mpc",
     "control_rate": "varint.scene.control_rate",
+    "massless_limit": "varint.scene.massless_limit",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
     "free": "varint.scene.free",
