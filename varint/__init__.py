@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from varint.scene.epigraph import max as max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
+    from varint.scene.massless_limit import massless_limit
     from varint.standalone.export import export
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
@@ -102,6 +103,7 @@ __all__ = [
     "load",
     "lobatto",
     "lqr",
+    "massless_limit",
     "midpoint",
     "models",
     "mpc",
@@ -151,6 +153,7 @@ _LATER = {
     "close_encounters": "varint.integration.time_transformation.time_scale",
     "closed_loop": "varint.control.mpc",
     "control_rate": "varint.scene.control_rate",
+    "massless_limit": "varint.scene.massless_limit",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
     "export": "varint.standalone.export",

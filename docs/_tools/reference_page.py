@@ -11,7 +11,7 @@ from state import write_if_changed
 import varint as vi
 
 ORDER = [
-    ("Scenes", ["coordinates", "time", "Parameters", "System"]),
+    ("Scenes", ["coordinates", "time", "Parameters", "System", "massless_limit"]),
     (
         "Rules",
         ["midpoint", "trapezoidal", "gauss", "lobatto", "composition", "Rule", "plan", "Plan"],

@@ -110,6 +110,59 @@ def test_a_step_over_the_fold_stays_on_the_branch_without_a_word(loops, stages, 
     np.testing.assert_allclose(motion.q[:, 2] - motion.q[:, 0], 1, atol=1e-9)
 
 
+DRAG, SHAKE = 0.3, 0.5
+
+
+def driven(loops: int, shaken: bool) -> tuple[vi.System, np.ndarray, np.ndarray, float]:
+    """The four-bar model with drag on every joint, or a force that shakes the first; its start and
+    when it folds.
+    """
+    model, t = models.four_bar(loops), vi.time()
+    q, v = model.system.q, model.system.v
+    lagrangian = ca.substitute(model.system.lagrangian, model.system.c, GRAVITY)
+    rows = model.system.constraint
+    if shaken:
+        lagrangian -= SHAKE * ca.sin(3 * t) * q[0]
+        system = vi.System(q, v, lagrangian, constraint=rows, t=t)
+    else:
+        system = vi.System(q, v, lagrangian, constraint=rows, force=-DRAG * v)
+    inertia, weight = (loops + 1) / 3 + loops, ((loops + 1) / 2 + loops) * GRAVITY
+
+    def slope(time, y):
+        push = -SHAKE * np.sin(3 * time) * np.cos(y[0]) if shaken else -DRAG * (loops + 1) * y[1]
+        return [y[1], (weight * np.sin(y[0]) + push) / inertia]
+
+    def level(_t, y):
+        return y[0] - np.pi / 2
+
+    level.terminal = True
+    found = solve_ivp(slope, [0, 5], [0.0, 1.0], events=level, rtol=1e-13, atol=1e-14)
+    return system, model.q0, model.v0, float(found.t_events[0][0])
+
+
+@pytest.mark.parametrize("shaken", [False, True])
+@pytest.mark.parametrize("stages", [3, 4, 5])
+@pytest.mark.parametrize("where", ["between saved nodes", "within a step"])
+@pytest.mark.parametrize(("loops", "backend"), [(2, "interpreted"), (1, "compiled")])
+def test_a_hidden_node_on_a_fold_is_told_of_where_forces_act(loops, shaken, stages, where, backend):
+    """Energy says nothing there. Half a step further on the same scene passes without a word."""
+    system, q0, v0, fold = driven(loops, shaken)
+    within, every = (WITHIN[stages], 1) if where == "within a step" else (0, 10)
+    run = dict(q0=q0, v0=v0, save_every=every, backend=backend)
+    h = fold / (64 + within)
+    try:
+        motion = vi.simulate(system, vi.lobatto(stages), **run, h=h, steps=100)
+    except vi.ConvergenceError as error:
+        told = ("other steps lead elsewhere", "no solution", "not finite", "nearly depend")
+        assert any(words in str(error) for words in told)
+        assert 60 // every <= len(error.trajectory) <= 67
+    else:  # no harm was done
+        half = vi.simulate(system, vi.lobatto(stages), **run, h=0.997 * h, steps=110)
+        np.testing.assert_allclose(half.at(motion.t[-1]).q, motion.q[-1], atol=1e-5)
+    beside = vi.simulate(system, vi.lobatto(stages), **run, h=fold / (64.4 + within), steps=100)
+    assert beside.k[-1] == 100
+
+
 def slider_crank(crank: float, rod: float) -> vi.System:
     """A massive crank pin and a slider; with rod = crank it may fold on to its bearing."""
     q, v = vi.coordinates("x", "y", "s")

@@ -69,8 +69,9 @@ def check_inertia(system: System, mass: np.ndarray, rows: np.ndarray | None = No
     if rows is None and massless:
         raise InputError(
             f"the mass of {massless} is zero at the start: what has no mass is a test particle, "
-            "moved by the others and moving none of them; give it the kinetic energy v²/2 of a "
-            "unit mass, leave it out of the potential, and add the field at its place as force="
+            "moved by the others and moving none of them; write its mass as a parameter m and take "
+            "massless_limit(system, m), or give it the kinetic energy v²/2 of a unit mass, leave "
+            "it out of the potential, and add the field at its place as force="
         )
     if rows is None:
         raise InputError(

@@ -29,13 +29,7 @@ def velocity_function(system: System) -> ca.Function:
         inputs = [ca.MX.sym(name, size) for name, size in zip("qptc", sizes, strict=True)]
         return ca.Function("velocity", inputs, [tangent_function(s)(*inputs)[0]])
     if structure.degenerate:
-        gyroscopic = ca.jacobian(s.momentum, s.q) - ca.jacobian(s.momentum, s.q).T
-        rest = ca.substitute(s.lagrangian, s.v, ca.SX.zeros(s.v.shape))
-        generalised_force = ca.gradient(rest, s.q) + s.force - ca.jacobian(s.momentum, s.t)
-        v = ca.solve(gyroscopic, generalised_force)
-        return ca.Function(
-            "velocity", [s.q, p, s.t, s.c], [ca.substitute(v, s.control, 0 * s.control)]
-        )
+        return _first_order_velocity(s)
     if structure.quadratic_kinetic:
         offset = ca.substitute(s.momentum, s.v, ca.SX.zeros(s.v.shape))
         if full_inertia(s):
@@ -56,6 +50,33 @@ def velocity_function(system: System) -> ca.Function:
     )
     constant = (ca.repmat(x, 1, LEGENDRE_ITERATIONS) for x in (q, p, t, c))
     return ca.Function("velocity", [q, p, t, c], [iterated(ca.DM.zeros(structure.n), *constant)])
+
+
+def _first_order_velocity(system: System) -> ca.Function:
+    """(q, p, t, c) → v of a degenerate scene, L = ϑ·v − H, from its Euler–Lagrange equations of
+    first order, without controls: G v = −∂H/∂q − ∂ϑ/∂t + F(v), G_ij = ∂ϑ_i/∂q_j − ∂ϑ_j/∂q_i.
+
+    Where the force is linear in the velocities Newton's method ends after one step.
+    """
+    s = system
+    still, p = ca.SX.zeros(s.v.shape), ca.SX.sym("p", s.v.numel())
+    gyroscopic = ca.jacobian(s.momentum, s.q) - ca.jacobian(s.momentum, s.q).T
+    rest = ca.substitute(s.lagrangian, s.v, still)
+    left = ca.mtimes(gyroscopic, s.v) - ca.gradient(rest, s.q) - s.force
+    left += ca.jacobian(s.momentum, s.t)
+    left = ca.substitute(left, s.control, 0 * s.control)
+    slope = ca.jacobian(left, s.v)
+    improved = s.v - ca.solve(slope, left)
+    if not ca.depends_on(slope, s.v):
+        v = ca.substitute(improved, s.v, still)
+        return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.densify(v)], {"cse": True})
+    once = ca.Function("improved", [s.v, s.q, s.t, s.c], [ca.densify(improved)], {"cse": True})
+    q, p, t, c = (
+        ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True)
+    )
+    constant = (ca.repmat(x, 1, LEGENDRE_ITERATIONS) for x in (q, t, c))
+    found = once.fold(LEGENDRE_ITERATIONS)(ca.DM.zeros(s.v.numel()), *constant)
+    return ca.Function("velocity", [q, p, t, c], [found])
 
 
 def full_inertia(system: System) -> bool:

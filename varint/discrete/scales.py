@@ -51,11 +51,8 @@ def scale_function(system: System, smallest: float = SMALLEST) -> ca.Function:
     if system.structure.quadratic_kinetic:
         # what the push does where nothing holds against it counts too: constraints may let it do
         # nothing
-        v_size = (
-            ca.fabs(v)
-            + ca.fabs(velocity(q, p + h * gain[0], t + h, c) - v)
-            + generalised_force / inertia
-        )
+        gained = ca.fabs(velocity(q, p + h * gain[0], t + h, c) - v) + generalised_force / inertia
+        v_size = ca.fabs(v) + gained / _turns(system)(q, v, u, t, h, c, gain[0] / inertia, inertia)
     else:  # p + h·gain may belong to no velocity at all (soap films, light rays): stay where p is
         along = _along_function(system)(q, v, t, c)
         v_size = ca.fabs(v) + ca.fmax(*(ca.fabs(h * (x - along)) for x in gain)) / inertia
@@ -67,6 +64,23 @@ def scale_function(system: System, smallest: float = SMALLEST) -> ca.Function:
     sizes = [ca.fmax(x, UNKNOWN) for x in sizes]
     options = {"is_diff_out": [False], "never_inline": True}
     return ca.Function("scale", [q, p, u, t, h, c], [ca.vertcat(*sizes)], options)
+
+
+@per_system
+def _turns(system: System) -> ca.Function:
+    """(q, v, u, t, h, c, a, M) → by how much less than h a a step changes the velocity where it
+    lasts for longer than the force goes on to push: max(1, hω), ω² = |M⁻¹ ∂F/∂q a| / |a|.
+    """
+    s, n = system, system.structure.n
+    h, a, mass = ca.SX.sym("h"), ca.SX.sym("a", n), ca.SX.sym("mass", n)
+    inputs = [s.q, s.v, s.control, s.t, s.c]
+    _, _, gradient, force = point_function(s)(*inputs)
+    turned = ca.densify(ca.jtimes(gradient + force, s.q, a))
+    size = ca.sum1(mass * a**2)
+    square = ca.if_else(size > 0, ca.sqrt(ca.sum1(turned**2 / mass) / size), 0)
+    turns = ca.fmax(1, ca.fabs(h) * ca.sqrt(square))
+    bounded = ca.if_else(turns < np.inf, turns, 1)  # what is not a number is found elsewhere
+    return ca.Function("turns", [*inputs[:4], h, s.c, a, mass], [bounded], {"cse": True})
 
 
 @per_system

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from varint.discrete.legendre import velocity_function
+from varint.integration.exchanged_energy import exchanged_energies
 from varint.integration.work_bound import (
-    balances_energy,
     given_by_impacts,
     keeps_energy,
     work_bound,
@@ -115,17 +115,21 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
     A step that is much too large can have solutions that are none of the motion's, and an explicit
     rule beyond its limit of stability is finite for long: nothing else tells.
     """
-    if not balances_energy(motion.system) or len(motion) < 2:
+    if len(motion) < 2:
         return None
     h, i = np.array((motion.h,)), nodes_looked_at(len(motion) - 1)
     q, p, t = motion.q[i], motion.p[i], motion.t[i]
-    if motion.active_set is None:
-        found = over_columns(_energy_of_momentum(motion.system), q, p, t[:, None], motion.c, h)
+    if motion.system.structure.degenerate:
+        energy, moving = exchanged_energies(motion, i)
+        kicked = np.zeros_like(moving)
     else:
-        found = over_columns(
-            _energy_function(motion.system), q, motion[i].v, t[:, None], motion.c, h
-        )
-    energy, moving, kicked = (x[:, 0] for x in found)
+        if motion.active_set is None:
+            found = over_columns(_energy_of_momentum(motion.system), q, p, t[:, None], motion.c, h)
+        else:
+            found = over_columns(
+                _energy_function(motion.system), q, motion[i].v, t[:, None], motion.c, h
+            )
+        energy, moving, kicked = (x[:, 0] for x in found)
     if motion.events and motion.system.structure.contacts:
         energy = energy - given_by_impacts(motion, t)
     change = np.abs(energy - energy[0])

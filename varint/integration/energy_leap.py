@@ -68,7 +68,8 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     A change of energy is a leap where it is large beside those of other steps nearby and stays.
     """
     system = motion.system
-    other = system.structure.contacts or system.structure.nonholonomic
+    s = system.structure
+    other = s.contacts or s.nonholonomic or s.degenerate
     if not (folds(system) and keeps_energy(system)) or other:
         return None
     if motion.active_set is not None or len(motion) <= FEW:

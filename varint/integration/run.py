@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from varint.integration.checkpoint import Checkpoint
 
 
-AT_ONCE = 10_000  # nodes that are searched together for zeros: many cost little more than a few
+# nodes that are searched together for zeros, and coordinates of nodes where there are few: many
+# cost little more than a few
+AT_ONCE, NUMBERS_AT_ONCE = 10_000, 50_000
 
 
 def start_run(
@@ -88,7 +90,7 @@ def start_run(
         kernel = kernel_for(scene, chosen.rule, problem, backend)
         blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
         if folds(scene):
-            blocks_from = with_folds_watched(blocks_from, scene, problem)
+            blocks_from = with_folds_watched(blocks_from, scene, chosen.rule, problem)
         if scene is not system:
             blocks_from = watch_rows(blocks_from, system, chosen.rule, problem)
         remedy = partial(subdivide_failed_step, scene, chosen.rule, problem, kernel)
@@ -157,6 +159,7 @@ def collect(
     substeps = substeps_of(run.kernel)
     noted, pending = [], [last_node(nodes)]  # events so far, and the nodes not yet searched
     reached = int(nodes[-1].k[-1])
+    at_once = max(AT_ONCE, NUMBERS_AT_ONCE // run.system.structure.n)
 
     def so_far() -> Trajectory:
         if searches and len(pending) > 1:
@@ -192,7 +195,7 @@ def collect(
                 if block.good:
                     before, reached = reached, int(block.k[block.good - 1])
                     move(reached - before, partial(_energy_note, run, block))
-                if sum([part.good for part in pending]) > AT_ONCE:
+                if sum([part.good for part in pending]) > at_once:
                     so_far()
                 if file and file.due():
                     so_far()

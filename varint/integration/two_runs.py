@@ -67,7 +67,8 @@ class Proved(NamedTuple):
 
 def shows_its_error(system: System) -> bool:
     """Whether the energy of a run tells of its error."""
-    return keeps_energy(system) and not system.structure.contacts
+    s = system.structure
+    return keeps_energy(system) and not (s.contacts or s.degenerate)
 
 
 def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) -> Proved | None:

@@ -24,14 +24,7 @@ def keeps_energy(system: System) -> bool:
     too large.
     """
     s = system.structure
-    return s.autonomous and not (s.forced or s.degenerate)
-
-
-def balances_energy(system: System) -> bool:
-    """Whether the energy changes by forces, ∂L/∂t and constraints that move alone, whose work is
-    known: not where momenta are no measure of the motion.
-    """
-    return not system.structure.degenerate
+    return s.autonomous and not s.forced
 
 
 @per_system

@@ -1,8 +1,8 @@
 """CasADi functions over many columns at once, through the buffer interface: NumPy memory in, NumPy
 memory out.
 
-Runs of any length are cut into blocks of 1, 10, 100, … so that only a handful of functions is ever
-built.
+Runs of any length are cut into blocks of 1, 4, 16, … so that only a handful of functions is ever
+built; where that costs less than another call, the last block is filled up.
 """
 
 from __future__ import annotations
@@ -18,6 +18,10 @@ import numpy as np
 
 LARGEST_BLOCK = 10_000
 FEW = 10  # rows for each number of which a function is built
+LARGEST_ROWS = 4**5  # at once: more are no faster a row, and take longer to build
+# a call from Python, and a row within one, in operations of CasADi's virtual machine (3 ns each)
+CALL, ROW = 2000, 40
+MANY = 10**9  # operations of iterations and loops, which are not counted
 REMEMBERED = 256  # functions whose buffers are kept
 DEFINITE = 1e-12  # least eigenvalue of a matrix that is definite by far: beyond its round-off
 COPIED = 500  # numbers of a function's arguments and results that are worth a copy of them
@@ -53,6 +57,28 @@ def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
             size //= 10
         yield size
         count -= size
+
+
+@lru_cache(maxsize=1024)
+def row_blocks(count: int, operations: int) -> tuple[int, ...]:
+    """Powers of four that add up to `count` rows or, the last one filled up, to more: those that
+    take the least time where a row takes so many operations.
+    """
+    sizes: list[int] = []
+    size, row = LARGEST_ROWS, ROW + operations
+    while count:
+        many = count // size
+        sizes += [size] * many
+        count -= many * size
+        rest, less, calls = count, size, 0
+        while less > 1:
+            less //= 4
+            calls += rest // less
+            rest %= less
+        if count and CALL + size * row <= calls * CALL + count * row:
+            return (*sizes, size)
+        size //= 4
+    return tuple(sizes)
 
 
 class _Prepared(NamedTuple):
@@ -135,44 +161,57 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     return [memory.copy() for memory in outputs]
 
 
-_ROWS: dict[tuple[int, int, int], tuple[ca.Function, _Prepared | None]] = {}
-
-
-def _prepared_rows(function: ca.Function, count: int) -> _Prepared | None:
-    """The function for so many rows at once, its arguments and results as rows; None where they
-    are many.
+class _Rows(NamedTuple):
+    """How a function is called for so many rows: the sizes of the blocks, and what one block of few
+    numbers needs, arguments and results as rows; None where there are more.
     """
+
+    function: ca.Function
+    sizes: tuple[int, ...]
+    few: _Prepared | None
+
+
+_ROWS: dict[tuple[int, int, int], _Rows] = {}
+
+
+def _rows_of(function: ca.Function, count: int) -> _Rows:
     key = id(function), count, get_ident()
-    if key not in _ROWS:
+    known = _ROWS.get(key)
+    if known is None:
         if len(_ROWS) >= REMEMBERED:
             _ROWS.clear()
-        _ROWS[key] = function, _preparation_of_rows(function, count)
-    return _ROWS[key][1]
+        known = _ROWS[key] = _plan_of_rows(function, count)
+    return known
 
 
-def _preparation_of_rows(function: ca.Function, count: int) -> _Prepared | None:
-    if not count or (next(blocks(count)) != count and count > FEW):
-        return None
-    flat = _prepare(_map_function(function, count))
+def _plan_of_rows(function: ca.Function, count: int) -> _Rows:
+    operations = function.n_instructions() if function.is_a("SXFunction") else MANY
+    sizes = (count,) if 0 < count <= FEW else row_blocks(count, operations)
+    if len(sizes) != 1 or count >= COPIED:
+        return _Rows(function, sizes, None)
+    flat = _prepare(_map_function(function, sizes[0]))
     if flat.inputs is None:
-        return None
+        return _Rows(function, sizes, None)
     inputs, outputs = (
-        [memory.reshape(count, -1) for memory in part] for part in (flat.inputs, flat.outputs)
+        [memory.reshape(sizes[0], -1) for memory in part] for part in (flat.inputs, flat.outputs)
     )
-    return flat._replace(inputs=inputs, outputs=outputs)
+    return _Rows(function, sizes, flat._replace(inputs=inputs, outputs=outputs))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=REMEMBERED)
 def _map_function(function: ca.Function, size: int) -> ca.Function:
     return function.map(size) if size > 1 else function
 
 
-def _rows(a: np.ndarray, count: int) -> np.ndarray:
-    """`a` with so many rows, in one piece of memory; faster than `np.broadcast_to` for few."""
-    if a.ndim == 2 and len(a) == count:
+def _rows(a: np.ndarray, count: int, whole: int) -> np.ndarray:
+    """`a` with `count` rows, the last again until there are `whole`, in one piece of memory; faster
+    than `np.broadcast_to` for few.
+    """
+    if a.ndim == 2 and len(a) == count == whole:
         return np.ascontiguousarray(a, dtype=float)
-    rows = np.empty((count, a.shape[-1]))
-    rows[:] = a
+    rows = np.empty((whole, a.shape[-1]))
+    rows[:count] = a
+    rows[count:] = rows[count - 1 : count]
     return rows
 
 
@@ -200,27 +239,32 @@ def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]
     list of ndarray (N, size of output i)
     """
     count = max([len(a) for a in arrays if a.ndim == 2])
-    if count < COPIED:
-        few = _prepared_rows(function, count)
-        if few is not None:
-            for rows, a in zip(few.inputs, arrays, strict=True):  # type: ignore[arg-type]
-                if rows.shape[1] != a.shape[-1]:
-                    raise AssertionError(
-                        f"{function.name()}: {a.shape[-1]} numbers a row, not {rows.shape[1]}"
-                    )
-                rows[...] = a
-            few.trigger()
-            return [rows.copy() for rows in few.outputs]
-    columns = [_rows(a, count) for a in arrays]
+    _, sizes, few = _rows_of(function, count)
+    if few is not None:
+        for rows, a in zip(few.inputs, arrays, strict=True):  # type: ignore[arg-type]
+            if rows.shape[1] != a.shape[-1]:
+                raise AssertionError(
+                    f"{function.name()}: {a.shape[-1]} numbers a row, not {rows.shape[1]}"
+                )
+            if sizes[0] > count:
+                rows[:count] = a
+                rows[count:] = rows[count - 1 : count]
+            else:
+                rows[...] = a  # faster
+        few.trigger()
+        return [rows[:count].copy() for rows in few.outputs]
+    whole = sum(sizes)
+    columns = [_rows(a, count, whole) for a in arrays]
     results: list[Sequence[np.ndarray]] = []
     done = 0
-    for size in blocks(count):
+    for size in sizes:
         part = call(_map_function(function, size), *(a[done : done + size] for a in columns))
         results.append([x.reshape(size, -1) for x in part])
         done += size
     if len(results) == 1:
-        return list(results[0])
-    sizes = [function.nnz_out(i) for i in range(function.n_out())]
+        return [x[:count] for x in results[0]]
+    widths = [function.nnz_out(i) for i in range(function.n_out())]
     return [
-        np.concatenate([r[i] for r in results] or [np.empty((0, k))]) for i, k in enumerate(sizes)
+        np.concatenate([r[i] for r in results] or [np.empty((0, k))])[:count]
+        for i, k in enumerate(widths)
     ]

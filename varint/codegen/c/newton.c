@@ -10,12 +10,13 @@
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
+#define NEARLY 4    /* times the smallest reciprocal of a pivot: G M^-1 G' is as regular as elsewhere, and so are the rows G */
 
 /* What a run needs to go on as if it had not stopped, in this order; at a fresh start the caller fills scale and speed. */
 typedef struct {
-    double *started, *scale, *speed, *sizes, *h, *known, *age, *q, *p, *rest_q, *rest_p, *force, *seen, *y;
-} State; /* 1, 2 N, N, SIZES + 1, 1, 1, 1, N, N, N, N, N, 2 N, HISTORY rows of Y numbers */
-#define CARRY_SIZE ((int64_t)(5 + 11 * N + SIZES + HISTORY * Y))
+    double *started, *scale, *speed, *sizes, *h, *known, *age, *q, *p, *rest_q, *rest_p, *force, *seen, *y, *strongest;
+} State; /* 1, 2 N, N, SIZES + 1, 1, 1, 1, N, N, N, N, N, 2 N, HISTORY rows of Y numbers, 1 */
+#define CARRY_SIZE ((int64_t)(6 + 11 * N + SIZES + HISTORY * Y))
 #ifdef SCENE_AS_DATA
 int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
 #else
@@ -26,6 +27,7 @@ INLINE State state_in(double *at) {
     s.started = at, s.scale = s.started + 1, s.speed = s.scale + 2 * N, s.sizes = s.speed + N, s.h = s.sizes + SIZES + 1;
     s.known = s.h + 1, s.age = s.known + 1, s.q = s.age + 1, s.p = s.q + N, s.rest_q = s.p + N, s.rest_p = s.rest_q + N;
     s.force = s.rest_p + N, s.seen = s.force + N, s.y = s.seen + 2 * N;
+    s.strongest = s.y + HISTORY * Y;
     return s;
 }
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
@@ -203,8 +205,9 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
     return 0;
 }
 
-/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint */
-LARGE void project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
+/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint; the reciprocal of
+   the smallest pivot on the way. */
+LARGE double project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
     double jacobian[HIDDEN_NONZEROS + 1], b[H + HIDDEN_REACH + 1];
     int pivots[H + 1];
     ZEROS(b, H + HIDDEN_REACH);
@@ -214,6 +217,12 @@ LARGE void project(const double *q, const double *p, double t, const double *w, 
     factorise(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots);
     substitute(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots, b);
     for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
+    double most = 0;
+    for (int k = 0; k < H; k++) {
+        const double inverse = fabs(matrix[k * (HIDDEN_BELOW + HIDDEN_REACH + 1) + HIDDEN_BELOW]);
+        most = inverse > most || inverse != inverse ? inverse : most;
+    }
+    return most;
 }
 
 /* Start values of `rows` × `columns` unknowns of a step, from `offset` on: continued from `known` steps by the table. */
@@ -330,6 +339,7 @@ int run(const RunArguments *a) {
         COPY(q, a->start, N), COPY(p, a->start + N, N);
         ZEROS(state.rest_q, N), ZEROS(state.rest_p, N), ZEROS(seen, 2 * N);
         ZEROS(state.force, N), ZEROS(state.y, HISTORY * Y), state.sizes[SIZES] = 0;
+        *state.strongest = INFINITY;
         *state.known = *state.age = 0;
     }
     COPY(scale, state.scale, 2 * N), COPY(sizes, state.sizes, SIZES);
@@ -350,7 +360,7 @@ int run(const RunArguments *a) {
     for (; done < steps; done++) {
         const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
         const double *p_start = p;
-        double increment[N], gain[N], remains[Y], kicked[N], force[N], after[N];
+        double increment[N], gain[N], remains[Y], kicked[N], force[N], after[N], weakness = 0;
         if (HELD && (int64_t)*state.age % RESIZED == 0) {
             sized(q, &t, w + SIZED_AT, sizes);
             prepare(k, w, inverse, matrix, pivots);
@@ -396,7 +406,8 @@ int run(const RunArguments *a) {
         if (HELD) {
             double reached[N], x[H + 1], pull[N];
             for (int d = 0; d < N; d++) reached[d] = p[d] + gain[d];
-            project(q1, reached, end, w, matrix, x);
+            weakness = project(q1, reached, end, w, matrix, x);
+            *state.strongest = weakness < *state.strongest ? weakness : *state.strongest;
             pulled(x, q1, reached, &end, w + PULLED_AT, pull);
             for (int d = 0; d < N; d++) gain[d] += pull[d];
         }
@@ -422,7 +433,8 @@ int run(const RunArguments *a) {
         u += NODES * NU;
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
-            if (WATCHED) look(&held, q, end, w);
+            const int regular = KICKED && weakness < NEARLY * *state.strongest;
+            if (WATCHED && (!regular || (int64_t)*state.age % RESIZED == 0)) look(&held, q, end, w);
         }
     }
     save(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);

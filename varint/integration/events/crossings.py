@@ -90,15 +90,26 @@ def _functions_known(system: System) -> dict[str, tuple[ca.Function, ...]]:
     return {}
 
 
+@per_system
+def _asked_for(system: System) -> dict[int, tuple[ca.SX, tuple[ca.Function, ...]]]:
+    """The same functions by the very expression that was asked for, which is not read again."""
+    return {}
+
+
 def crossing_search(system: System, watch: Watch) -> CrossingSearch:
     """The search for the zeros of a watched expression in motions of the system."""
-    known, text = _functions_known(system), expression_as_data(system, watch.expression, WATCHED)
-    functions = known.get(text)
-    if functions is None:
-        if len(known) >= REMEMBERED:
-            known.clear()
-        functions = known[text] = _search_functions(system, watch.expression)
-    return CrossingSearch(watch.name, watch.direction, *functions)
+    known, asked = _functions_known(system), _asked_for(system)
+    key = watch.expression.element_hash()  # of a node, which is kept and never changes
+    if key not in asked:
+        text = expression_as_data(system, watch.expression, WATCHED)
+        if text not in known:
+            if len(known) >= REMEMBERED:
+                known.clear()
+            known[text] = _search_functions(system, watch.expression)
+        if len(asked) >= REMEMBERED:
+            asked.clear()
+        asked[key] = ca.SX(watch.expression), known[text]
+    return CrossingSearch(watch.name, watch.direction, *asked[key][1])
 
 
 def _search_functions(system: System, watched: ca.SX) -> tuple[ca.Function, ...]:

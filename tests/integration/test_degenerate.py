@@ -1,0 +1,86 @@
+"""Scenes of first order, L = ϑ(q)·v − H(q): their energy tells of steps too large, and their
+velocities are those of their equations, whatever forces act.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint import models
+
+pytestmark = pytest.mark.filterwarnings("ignore:the Lagrangian is degenerate")
+ALARM = "the energy went from"
+Q, V = vi.coordinates("x", "y")
+PENDULUM = Q[1] ** 2 / 2 - ca.cos(Q[0])
+
+
+def phase_space(force=0.0, gauge=0.0) -> vi.System:
+    """A pendulum by its angle x and momentum y; a gauge changes ϑ and no equation."""
+    lagrangian = Q[1] * V[0] - PENDULUM + gauge * ca.dot(ca.gradient(Q[0] * Q[1], Q), V)
+    return vi.System(Q, V, lagrangian, force=force * V)
+
+
+def vortices() -> tuple[vi.System, np.ndarray]:
+    q, v = vi.coordinates(*(f"{axis}{i}" for i in range(3) for axis in "xy"))
+    circulation, places, speeds = [1.0, 1.5, -0.5], ca.vertsplit(q, 2), ca.vertsplit(v, 2)
+    one_form = sum(
+        g * (a[0] * b[1] - a[1] * b[0]) / 2
+        for g, a, b in zip(circulation, places, speeds, strict=True)
+    )
+    energy = sum(
+        circulation[i] * circulation[j] * ca.log(ca.sumsqr(places[i] - places[j])) / (4 * ca.pi)
+        for i in range(3)
+        for j in range(i)
+    )
+    return vi.System(q, v, one_form + energy), np.array([0.0, 0.0, 0.4, 0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("force", [0.0, -1e-4])
+@pytest.mark.parametrize("gauge", [0.0, 3.0])
+def test_steps_too_large_are_told_of_with_forces_and_without(force, gauge):
+    start = dict(q0=[1.0, 0.0], steps=200)
+    system = phase_space(force, gauge)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message="the Lagrangian is degenerate")
+        good = vi.simulate(system, h=0.3, **start)
+    assert np.abs(np.diff(good.energy[[0, -1]])) < 0.05
+    with pytest.warns(UserWarning, match=ALARM):
+        vi.simulate(phase_space(force), h=8.0, **start)
+
+
+def test_populations_and_vortices_are_told_of_where_steps_are_too_large_alone():
+    prey = models.lotka_volterra()
+    vortex, q0 = vortices()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message="the Lagrangian is degenerate")
+        vi.simulate(prey.system, q0=prey.q0, h=0.5, steps=300)
+        vi.simulate(vortex, q0=q0, h=0.1, steps=400)
+    with pytest.warns(UserWarning, match=ALARM):
+        vi.simulate(prey.system, q0=prey.q0, h=2.0, steps=300)
+
+
+def test_damping_takes_energy_without_an_alarm():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message="the Lagrangian is degenerate")
+        motion = vi.simulate(phase_space(-0.3), q0=[2.0, 0.0], h=0.05, steps=800)
+    assert motion.energy[-1] < motion.energy[0] - 0.5
+
+
+@pytest.mark.parametrize("power", [1, 3])
+def test_velocities_solve_the_equations_under_forces_of_the_velocities(power):
+    """y' = −sin x + F_x and −x' = −y + F_y, F = −0.2 v |v|^(power − 1)."""
+    speed = ca.sumsqr(V) ** ((power - 1) / 2)
+    system = vi.System(Q, V, Q[1] * V[0] - PENDULUM, force=-0.2 * speed * V)
+    motion = vi.simulate(system, q0=[1.0, 0.3], h=0.05, steps=40)
+    (x, y), (vx, vy) = motion.q.T, motion.v.T
+    size = np.hypot(vx, vy) ** (power - 1)
+    np.testing.assert_allclose(-vy - np.sin(x) - 0.2 * size * vx, 0, atol=1e-12)
+    np.testing.assert_allclose(vx - y - 0.2 * size * vy, 0, atol=1e-12)
