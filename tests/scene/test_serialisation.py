@@ -88,7 +88,7 @@ class Seen(Exception):
 def test_every_scene_gives_the_same_c_source_when_it_has_come_back(catalogue, name, monkeypatch):
     """The same source is the same library, and the same bytes."""
 
-    def caught(source):
+    def caught(source, contraction):
         raise Seen(source)
 
     monkeypatch.setattr(kernels, "library", caught)
