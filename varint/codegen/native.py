@@ -6,21 +6,16 @@ They give the same bytes as the compiled kernels of the same schemes in two to f
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
-from varint.codegen.arguments import c_source
-from varint.codegen.block import Member, block_of, start_of
-from varint.codegen.core import Loop, explicit_loop, gauss_loop, newton_loop
+from varint.codegen.block import block_of, start_of
+from varint.codegen.core import Loop, explicit_loop, gauss_loop
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
 from varint.codegen.gauss import gauss_scheme
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
-from varint.codegen.kernel import FEW_ROOTS, Kernel, Routine, routines
-from varint.codegen.newton import newton_scheme
+from varint.codegen.kernel import FEW_ROOTS, Kernel, Routine
 from varint.codegen.tableau import tableau_arrays
 from varint.codegen.tape import NOTHING_TO_DO, Tape, tape_of
 from varint.rules.rule import Rule
@@ -56,29 +51,7 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
     block = block_of([*counts, *needs, tables, *tapes])
     first = next(iter(x.functions.values()))
     heads = x.about, n, controls, x.stages, operations(*first)[0]
-    return _kernel(heads, gauss_loop(x.lanes, x.vectors, x.form), block)
-
-
-@kernel_per_system
-def native_newton(system: System, rule: Rule) -> Kernel:
-    """The kernel of `newton_kernel` with the scene as data; raises as `native_gauss` does."""
-    x = newton_scheme(system, rule)
-    if x.by_nodes:
-        raise NotCompilable(TOO_LARGE)
-    functions = routines(x.constants, x.functions)
-    tapes = tapes_of(functions)
-    names = _names()
-    members: list[Member] = [
-        *(x.counts[name] for name in names["COUNTS"]),
-        *(float(x.limits[name]) for name in names["LIMITS"]),
-        *(x.places[name].astype(np.int32) for name in names["PLACES"]),
-        *(x.tables[name].astype(float) for name in names["TABLES"]),
-        *(tapes.get(name, NOTHING_TO_DO) for name in names["FUNCTIONS"]),
-    ]
-    first = next(iter(functions.values()))
-    heads = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)
-    kernel = _kernel((*heads, operations(*first)[0]), newton_loop(), block_of(members))
-    return replace(kernel, opening=x.opening)
+    return kernel_on(heads, gauss_loop(x.lanes, x.vectors, x.form), block)
 
 
 @kernel_per_system
@@ -92,7 +65,7 @@ def native_explicit(system: System, rule: Rule) -> Kernel:
     members = [n, controls, kicks, *map(np.array, sequence(rule))]
     block = block_of([*members, *tapes_of(functions).values()])
     work = next(operations(*f)[0] for f in functions.values())
-    return _kernel((about(rule), n, controls, kicks, work), explicit_loop(), block)
+    return kernel_on((about(rule), n, controls, kicks, work), explicit_loop(), block)
 
 
 def tapes_of(functions: Mapping[str, Routine]) -> dict[str, Tape]:
@@ -104,14 +77,7 @@ def tapes_of(functions: Mapping[str, Routine]) -> dict[str, Tape]:
     return {name: tape_of(f.graph, f.last, many) for name, f in functions.items()}
 
 
-def _kernel(heads: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:
+def kernel_on(heads: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:
+    """The kernel that begins with these fields and runs a loop on a scene."""
     at = start_of(block)
     return Kernel(*heads, loop.run, loop.parts, loop.carry_size(at), None, at, block)
-
-
-@cache
-def _names() -> dict[str, list[str]]:
-    """The members of the structure Scene of c/newton_scene.h, kind by kind."""
-    text = c_source("newton_scene.h").replace("\\\n", "")
-    found = re.findall(r"#define (\w+)\(DO\) (.*)", text)
-    return {kind: re.findall(r"DO\((\w+)\)", names) for kind, names in found}

@@ -15,20 +15,19 @@ from varint.codegen.gauss import gauss_form
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
-from varint.codegen.newton import newton_kernel
 from varint.codegen.solution import CLOSED
 from varint.discrete.scales import rounding_sizes
 from varint.integration.cost import newton_repays
 from varint.integration.gears import (
     BY_STAGES,
     EXPLICIT,
-    NEWTON,
     Scheme,
     compiled_kernel,
     gears_of,
     gears_with,
     kernel_after,
     kernel_now,
+    newton,
 )
 from varint.integration.interpreted_loop import interpreted_blocks
 from varint.integration.problem import InitialValueProblem
@@ -75,7 +74,7 @@ def scheme_of(system: System, rule: Rule) -> Scheme:
     if rule.kicks and s.explicit:
         return EXPLICIT
     few = rule == gauss(1) and s.n <= CLOSED
-    return BY_STAGES if _has_stages(system, rule) and not s.linear and not few else NEWTON
+    return BY_STAGES if _has_stages(system, rule) and not s.linear and not few else newton()
 
 
 @kernel_per_system
@@ -108,8 +107,8 @@ def compiled_blocks(
         yield from _by_newton(system, rule, problem._replace(q0=q, p0=p, first=k))
         return
     if taken_over:
-        kernel = _newton_in_gear(system, rule) or newton_kernel(system, rule)
-    scheme, cautious = NEWTON if kernel.opening else scheme_of(system, rule), False
+        kernel = _newton_in_gear(system, rule) or newton().compiled(system, rule)
+    scheme, cautious = newton() if kernel.opening else scheme_of(system, rule), False
     explicit, by_stages = scheme is EXPLICIT, scheme is BY_STAGES
     gears = gears_with(system, rule, scheme, kernel)
     piloted = by_stages and at is None
@@ -196,7 +195,7 @@ def run_at_once(
     """The compiled run in one call, where it is that short; None where it is not, or where another
     loop would have to go on.
     """
-    scheme = NEWTON if kernel.opening else scheme_of(system, rule)
+    scheme = newton() if kernel.opening else scheme_of(system, rule)
     piloted = scheme is BY_STAGES
     steps, every = problem.steps, problem.save_every
     if steps % every or steps > _first_piece(kernel, piloted):
@@ -267,7 +266,7 @@ def _by_newton(
     steps = problem.steps - problem.first
     if compiled and kernel is None and newton_repays(system, rule, steps):
         with suppress(NotCompilable, CompileError), notice(f"compiling Newton's method, {rule}"):
-            kernel = newton_kernel(system, rule)
+            kernel = newton().compiled(system, rule)
     if kernel is None:
         yield from interpreted_blocks(system, rule, problem)
         return
@@ -280,7 +279,7 @@ def _by_newton(
 
 def _newton_in_gear(system: System, rule: Rule) -> Kernel | None:
     """Newton's method, as far as it is there at once."""
-    gears = gears_of(system, rule, NEWTON)
+    gears = gears_of(system, rule, newton())
     return kernel_now(gears) if gears else None
 
 

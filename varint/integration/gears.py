@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 from varint.codegen.cache import Compilation, CompileError, begin_compilation, finished, in_cache
@@ -15,8 +16,7 @@ from varint.codegen.explicit import explicit_kernel, explicit_source
 from varint.codegen.gauss import gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, Source
-from varint.codegen.native import native_explicit, native_gauss, native_newton
-from varint.codegen.newton import newton_kernel, newton_source
+from varint.codegen.native import native_explicit, native_gauss
 from varint.integration.cost import compiling_seconds
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
@@ -36,7 +36,15 @@ class Scheme(NamedTuple):
 
 EXPLICIT = Scheme(native_explicit, explicit_source, explicit_kernel)
 BY_STAGES = Scheme(native_gauss, gauss_source, gauss_kernel)  # all at once, by fixed points
-NEWTON = Scheme(native_newton, newton_source, newton_kernel)
+
+
+@cache
+def newton() -> Scheme:
+    """Newton's method; its modules are many, and loaded when it is needed."""
+    from varint.codegen.native_newton import native_newton
+    from varint.codegen.newton import newton_kernel, newton_source
+
+    return Scheme(native_newton, newton_source, newton_kernel)
 
 
 @dataclass(eq=False)
