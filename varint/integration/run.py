@@ -203,7 +203,8 @@ def collect(
     except StepRefused as error:
         from varint.integration.failures import refusal
 
-        raise refusal(so_far(), _next_step(nodes[-1]), str(error)) from None
+        last = next(block for block in reversed(nodes) if block.after or len(block.k))
+        raise refusal(so_far(), _next_step(last), str(error)) from None
     except KeyboardInterrupt:
         interrupted = True
     motion = so_far()
