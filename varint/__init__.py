@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from varint.scene.epigraph import max as max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
+    from varint.sensitivities.gradient import Gradient, gradient
+    from varint.sensitivities.tangents import sensitivity
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
     from varint.symmetry.table import Symmetries
@@ -61,6 +63,7 @@ __all__ = [
     "ConvergenceError",
     "Ensemble",
     "Equations",
+    "Gradient",
     "InputError",
     "Link",
     "Parameters",
@@ -92,6 +95,7 @@ __all__ = [
     "from_sympy",
     "gauss",
     "geodesic",
+    "gradient",
     "least_action",
     "live_plot",
     "load",
@@ -109,6 +113,7 @@ __all__ = [
     "prepare",
     "project",
     "refine",
+    "sensitivity",
     "simulate",
     "soft",
     "start_momentum",
@@ -144,11 +149,13 @@ _LATER = {
     "close_encounters": "varint.integration.time_transformation.time_scale",
     "closed_loop": "varint.control.mpc",
     "control_rate": "varint.scene.control_rate",
+    "Gradient": "varint.sensitivities.gradient",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
     "free": "varint.scene.free",
     "from_sympy": "varint.typeset.sympy_systems",
     "geodesic": "varint.scene.geodesic",
+    "gradient": "varint.sensitivities.gradient",
     "least_action": "varint.boundary.least_action",
     "live_plot": "varint.drawing.live",
     "load": "varint.load",
@@ -164,6 +171,7 @@ _LATER = {
     "prepare": "varint.control.prepared",
     "project": "varint.discrete.projection",
     "refine": "varint.control.refine",
+    "sensitivity": "varint.sensitivities.tangents",
     "simulate": "varint.integration.simulate",
     "soft": "varint.nlp.slacks",
     "start_momentum": "varint.integration.start_momentum",

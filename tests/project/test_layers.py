@@ -32,6 +32,7 @@ FLOORS = (
     "control",
     "ensembles",
     "diagnostics",
+    "sensitivities",
     "models",
     "load",
     "__init__",
@@ -50,6 +51,7 @@ BEHIND = {
     "varint.drawing.notebook",
     "varint.diagnostics.momentum",
     "varint.diagnostics.second_variation",
+    "varint.sensitivities.tangents",
 }
 LONGEST = 250  # lines of code: without blank lines, comments and docstrings
 

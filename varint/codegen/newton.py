@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from varint.codegen.arguments import c_table
 from varint.codegen.band import Band, band
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, build, emit_functions
@@ -207,16 +208,11 @@ def _definitions(
     numbers = {"POINTS": np.array(rule.points[1:]), **_continuation_tables(rule, history)}
     numbers |= {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}
     data = "".join(
-        _table("int", name, map(str, values.tolist())) for name, values in tables.items()
+        c_table("int", name, map(str, values.tolist())) for name, values in tables.items()
     )
     return defines, data + "".join(
-        _table("double", name, map(float.hex, x.tolist())) for name, x in numbers.items()
+        c_table("double", name, map(float.hex, x.tolist())) for name, x in numbers.items()
     )
-
-
-def _table(kind: str, name: str, values) -> str:
-    values = list(values) or ["0"]
-    return f"static const {kind} {name}[] __attribute__((unused)) = {{{', '.join(values)}}};\n"
 
 
 def _continuation_tables(rule: Rule, history: int) -> dict[str, np.ndarray]:
