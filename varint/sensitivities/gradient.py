@@ -13,7 +13,7 @@ from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import finite_array
-from varint.scene.system import System, parameters_by_name
+from varint.scene.system import System, parameters_by_name, per_system
 from varint.sensitivities.pieces import pieces, scene_of
 from varint.sensitivities.start import start_slopes, state_function
 from varint.sensitivities.sweeps import Sweeper, backwards, sweeper
@@ -136,7 +136,7 @@ def gradient(
     scene, c = scene_of(motion), motion.c
     if held not in ("v0", "p0"):
         raise InputError(f"held must be 'v0' or 'p0', what stays at the start, got {held!r}")
-    density = None if loss is None else _density(scene, loss)
+    density = None if loss is None else _serialised(scene, _scalar("loss", loss, scene))
     at_nodes = _at_nodes(motion, scene, terminal_loss, nodes, weights)
     if density is None and terminal_loss is None and nodes is None:
         raise InputError("give loss, terminal_loss or nodes: there is nothing to differentiate")
@@ -183,10 +183,11 @@ def _swept(
     return adjoint, u, value
 
 
-def _density(scene: System, loss: Any) -> str:
-    """(q, v, t, u, c) → ℓ, serialised: the same text for the same loss."""
-    s, own = scene, _scalar("loss", loss, scene)
-    return ca.Function("density", [s.q, s.v, s.t, s.control, s.c], [own], {"cse": True}).serialize()
+def _serialised(scene: System, expression: ca.SX) -> str:
+    """The function (q, v, t, u, c) → an expression, as text: the same for the same expression."""
+    s = scene
+    inputs = [s.q, s.v, s.t, s.control, s.c]
+    return ca.Function("density", inputs, [expression], {"cse": True}).serialize()
 
 
 def _scalar(what: str, expression: Any, scene: System) -> ca.SX:
@@ -240,14 +241,22 @@ def _weighted(
     motion: Trajectory, scene: System, expression: ca.SX, weights: np.ndarray, at: slice
 ) -> _AtNodes:
     """Σ_k w_k·ψ at some nodes with its derivatives."""
-    of_state = state_function(scene, expression)
-    inputs = [ca.MX.sym(f"a{i}", of_state.numel_in(i)) for i in range(4)]
-    q, p, t, c = inputs
-    w = ca.MX.sym("w", expression.numel())
-    value = ca.dot(w, of_state(*inputs))
-    slopes = [ca.densify(ca.gradient(value, x)) for x in (ca.vertcat(q, p), c, t)]
-    function = ca.Function("weighted", [*inputs, w], [value, *slopes])
+    function = _weighted_function(scene, _serialised(scene, expression))
     found = over_columns(
         function, motion.q[at], motion.p[at], motion.t[at, None], motion.c, weights
     )
     return _AtNodes(float(found[0].sum()), found[1], found[2], found[3][:, 0])
+
+
+@per_system
+def _weighted_function(scene: System, expression: str) -> ca.Function:
+    """(q, p, t, c, w) → w·ψ and its derivatives with respect to (q, p), c and t."""
+    s = scene
+    own = ca.Function.deserialize(expression)(s.q, s.v, s.t, s.control, s.c)
+    of_state = state_function(s, own)
+    inputs = [ca.MX.sym(f"a{i}", of_state.numel_in(i)) for i in range(4)]
+    q, p, t, c = inputs
+    w = ca.MX.sym("w", own.numel())
+    value = ca.dot(w, of_state(*inputs))
+    slopes = [ca.densify(ca.gradient(value, x)) for x in (ca.vertcat(q, p), c, t)]
+    return ca.Function("weighted", [*inputs, w], [value, *slopes])

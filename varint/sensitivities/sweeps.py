@@ -16,7 +16,7 @@ from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import BACKENDS
 from varint.numerics.arrays import blocks, over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System
+from varint.scene.system import System, per_system
 from varint.sensitivities.linear_steps import linear_step, lossy_step, operations
 from varint.sensitivities.pieces import Piece
 
@@ -113,6 +113,7 @@ def sweeper(
     return Sweeper(system, rule, density, (), interpreted)
 
 
+@per_system
 def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
     """Where stages are iterated the factors of a step's equations are not built at once: only a
     stiff scene needs them.
