@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
     from varint.ensembles.result import Ensemble
+    from varint.estimation.fit import fit
+    from varint.estimation.measurement import Experiment, Measurement
+    from varint.estimation.result import Fit
     from varint.integration.plan import Plan, plan
     from varint.integration.simulate import simulate
     from varint.integration.start_momentum import start_momentum
@@ -63,9 +66,12 @@ __all__ = [
     "ConvergenceError",
     "Ensemble",
     "Equations",
+    "Experiment",
+    "Fit",
     "Gradient",
     "InputError",
     "Link",
+    "Measurement",
     "Parameters",
     "Phase",
     "Plan",
@@ -91,6 +97,7 @@ __all__ = [
     "diagnostics",
     "ensemble",
     "equations",
+    "fit",
     "free",
     "from_sympy",
     "gauss",
@@ -149,7 +156,11 @@ _LATER = {
     "close_encounters": "varint.integration.time_transformation.time_scale",
     "closed_loop": "varint.control.mpc",
     "control_rate": "varint.scene.control_rate",
+    "Experiment": "varint.estimation.measurement",
+    "Fit": "varint.estimation.result",
     "Gradient": "varint.sensitivities.gradient",
+    "Measurement": "varint.estimation.measurement",
+    "fit": "varint.estimation.fit",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
     "free": "varint.scene.free",

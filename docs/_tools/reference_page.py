@@ -18,6 +18,7 @@ ORDER = [
     ),
     ("Motion", ["simulate", "project", "step_function", "scale_function"]),
     ("Derivatives of whole runs", ["sensitivity", "gradient", "Gradient"]),
+    ("Parameters from data", ["fit", "Measurement", "Experiment", "Fit"]),
     ("Many at once", ["ensemble", "Ensemble"]),
     ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
     (

@@ -33,6 +33,7 @@ FLOORS = (
     "ensembles",
     "diagnostics",
     "sensitivities",
+    "estimation",
     "models",
     "load",
     "__init__",

@@ -5,7 +5,7 @@ that were.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,11 @@ from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import step_controls
 from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.codegen.kernel import Kernel
 
 LONGEST_PIECE = 100_000  # steps: what stands in memory beside the run is bounded
 SHORTEST_RUN = 1_000  # steps that are run once more at a time, where fewer were left out
@@ -156,21 +160,39 @@ def _once_more(
         first=k0,
     )
     kernel = kernel_for(scene, motion.rule, problem._replace(steps=int(motion.k[-1])), "auto")
-    parts = [np.hstack([motion.q[a], motion.p[a]])[None]]
-    for block in blocks_of(scene, motion.rule, problem, kernel):
+    x = all_nodes(scene, motion.rule, problem, kernel)
+    t = start + motion.h * np.arange(k0, k1)
+    return x, velocities(scene, x, start + motion.h * np.arange(k0, k1 + 1), motion.c), t
+
+
+def velocities(scene: System, x: np.ndarray, t: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """v at many states (q, p) and times, (N, n)."""
+    n = x.shape[1] // 2
+    return over_columns(velocity_function(scene), x[:, :n], x[:, n:], t[:, None], c)[0]
+
+
+def all_nodes(
+    scene: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel | None
+) -> np.ndarray:
+    """(q, p) at every node of a run, the first included, (steps + 1, 2n).
+
+    Raises
+    ------
+    ConvergenceError
+        If a step cannot be solved.
+    """
+    parts = [np.hstack([problem.q0, problem.p0])[None]]
+    for block in blocks_of(scene, rule, problem, kernel):
         parts.append(np.hstack([block.q[: block.good], block.p[: block.good]]))
         if block.good < len(block.q):
             break
     x = np.concatenate(parts)
-    if len(x) != k1 - k0 + 1:
-        k = k0 + len(x) - 1
+    k = problem.first + len(x) - 1
+    if k < problem.steps:
         raise ConvergenceError(
-            f"step {k} of the run cannot be taken once more, which its derivatives need where "
-            "nodes were left out: run it with save_every=1",
+            f"step {k} of the run cannot be taken: try a smaller h",
             step=k,
-            time=start + k * motion.h,
+            time=problem.t0 + k * problem.h,
             residual=float("nan"),
         )
-    n, t = motion.q.shape[1], start + motion.h * np.arange(k0, k1 + 1)
-    v = over_columns(velocity_function(scene), x[:, :n], x[:, n:], t[:, None], motion.c)[0]
-    return x, v, t[:-1]
+    return x
