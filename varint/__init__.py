@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from varint.scene.epigraph import max as max
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
+    from varint.sensitivities.flow import flow
     from varint.sensitivities.gradient import Gradient, gradient
     from varint.sensitivities.tangents import sensitivity
     from varint.symmetry.noether import noether, symmetries
@@ -98,6 +99,7 @@ __all__ = [
     "ensemble",
     "equations",
     "fit",
+    "flow",
     "free",
     "from_sympy",
     "gauss",
@@ -161,6 +163,7 @@ _LATER = {
     "Gradient": "varint.sensitivities.gradient",
     "Measurement": "varint.estimation.measurement",
     "fit": "varint.estimation.fit",
+    "flow": "varint.sensitivities.flow",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
     "free": "varint.scene.free",

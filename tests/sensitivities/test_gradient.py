@@ -165,3 +165,22 @@ def test_losses_that_make_no_sense_are_refused_in_words():
     driven = vi.simulate(cart, vi.gauss(2), q0=[0, 0], v0=[0, 0], h=0.1, steps=2, u=[1.0, 1.0])
     with pytest.raises(vi.InputError, match="controls"):
         vi.gradient(driven, terminal_loss=cart.control[0])
+
+
+@pytest.mark.parametrize(
+    ("model", "rule", "h"),
+    [
+        (vi.models.chain_rods(4), vi.lobatto(2), 1e-3),
+        (vi.models.double_pendulum(), vi.gauss(2), 1e-6),
+    ],
+    ids=["rods", "links"],
+)
+def test_tiny_steps_from_rest_lose_no_derivative_to_round_off(model, rule, h):
+    """Their mean velocities are round-off of q by h."""
+    motion = vi.simulate(model.system, rule, q0=model.q0, v0=0 * model.v0, h=h, steps=20)
+    loss = ca.sumsqr(model.system.q) + ca.sum1(model.system.q)
+    one, other = (
+        vi.gradient(motion, terminal_loss=loss, backend=x) for x in ("compiled", "interpreted")
+    )
+    assert np.allclose(one.q0, other.q0, rtol=1e-8, atol=1e-8 * np.abs(other.q0).max())
+    assert np.allclose(one.p0, other.p0, rtol=1e-7, atol=1e-7 * np.abs(other.p0).max())

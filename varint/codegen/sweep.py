@@ -15,6 +15,7 @@ from varint.codegen.cache import library
 from varint.codegen.emit import Emitted
 from varint.codegen.graph import kernel_per_system
 from varint.codegen.kernel import FAST_COMPILATION, LARGE_SOURCE, emit_functions
+from varint.discrete.constrained_equations import CORRECTION_FLOOR
 from varint.discrete.step_map import StepMap, path_guess, running, step_map
 from varint.discrete.tolerances import LAST_CORRECTION
 from varint.numerics.limits import STEP_ITERATIONS
@@ -105,6 +106,7 @@ def sweep_kernel(system: System, rule: Rule, density: str | None = None) -> Swee
         "MOST_ITERATIONS": STEP_ITERATIONS,
         "ROUNDED": ROUNDED,
         "LEAST_SPEED": LEAST_SPEED,
+        "ROUNDABLE": CORRECTION_FLOOR,
         "AFTER_W": 0,
         "DENSITY_W": 0,
     }

@@ -16,10 +16,10 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.step_function import step_function
 from varint.numerics.arrays import call, over_columns
 from varint.rules.polynomials import lagrange_values
-from varint.scene.system import System, per_system
+from varint.scene.system import System
 from varint.sensitivities.linear_steps import linear_step
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
-from varint.sensitivities.start import momentum_slopes, state_function
+from varint.sensitivities.start import momentum_function, momentum_slopes, state_function
 from varint.sensitivities.sweeps import Directions, Sweeper, forwards, sweeper
 
 ITERATIONS = 10  # that a fit is expected to take, each a run with its derivatives
@@ -155,7 +155,7 @@ def _start(
     n, many = p.system.structure.n, len(p.theta)
     q, v = np.split(start_of(p, motion, e, z), 2)
     t = np.array([motion.t0])
-    momentum = call(_momentum(p.system), q, v, t, c)[0]
+    momentum = call(momentum_function(p.system), q, v, t, c)[0]
     flat = call(momentum_slopes(p.system), q, v, t, c)
     of_q, of_v, of_c, _ = (x.reshape(-1, n).T for x in flat)
     by_start = np.block([[np.eye(n), np.zeros((n, n))], [of_q, of_v]])
@@ -163,13 +163,6 @@ def _start(
     tangent[:, first : first + len(p.free)] = by_start[:, p.free]
     tangent[n:, :many] = of_c[:, p.theta]
     return np.concatenate([q, momentum]), tangent
-
-
-@per_system
-def _momentum(system: System) -> ca.Function:
-    """(q, v, t, c) → p."""
-    s = system
-    return ca.Function("momentum", [s.q, s.v, s.t, s.c], [ca.densify(s.momentum)])
 
 
 def _piece(

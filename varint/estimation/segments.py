@@ -12,9 +12,11 @@ from varint.estimation.measurement import Measurement
 from varint.estimation.problem import Estimation, Motion
 from varint.estimation.residuals import segment_columns
 from varint.integration.simulate import simulate
+from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.system import System, parameters_by_name
+from varint.sensitivities.start import momentum_function
 
 
 def guessed_states(p: Estimation, z: np.ndarray) -> np.ndarray:
@@ -46,10 +48,7 @@ def _states(p: Estimation, motion: Motion) -> np.ndarray:
         places = _seen(p.system, motion, p.system.v[i])
         if places is not None:
             v[:, i] = np.interp(t, *places)
-    s = p.system
-    momentum = ca.Function("momentum", [s.q, s.v, s.t, s.c], [ca.densify(s.momentum)])
-    rows = [np.array(momentum(*x, p.c)).ravel() for x in zip(q, v, t, strict=True)]
-    return np.hstack([q, np.array(rows)])
+    return np.hstack([q, over_columns(momentum_function(p.system), q, v, t[:, None], p.c)[0]])
 
 
 def _seen(system: System, motion: Motion, symbol: ca.SX) -> tuple[np.ndarray, np.ndarray] | None:

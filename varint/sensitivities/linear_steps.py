@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from varint.discrete.constrained_equations import CORRECTION_FLOOR
 from varint.discrete.step_map import StepMap, path_guess, running, step_map
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
@@ -118,5 +119,7 @@ def _unknowns(
         change = ca.solve(slope, left, "csparse")
         y = y - change
         moved = change[: n * len(path)]
-        worst = ca.norm_inf(moved) / (ca.norm_inf(mean) + ca.norm_inf(v) + ca.norm_inf(v1) + 1e-300)
+        fast = ca.norm_inf(mean) + ca.norm_inf(v) + ca.norm_inf(v1)
+        far = CORRECTION_FLOOR * ca.norm_inf(x[:n]) / ca.fabs(h)
+        worst = ca.norm_inf(moved) / (fast + far + 1e-300)
     return y, worst

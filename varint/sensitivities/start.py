@@ -21,6 +21,13 @@ def momentum_slopes(system: System) -> ca.Function:
     return ca.Function("momentum_slopes", [s.q, s.v, s.t, s.c], slopes, {"cse": True})
 
 
+@per_system
+def momentum_function(system: System) -> ca.Function:
+    """(q, v, t, c) → p = ∂L/∂v."""
+    s = system
+    return ca.Function("momentum", [s.q, s.v, s.t, s.c], [ca.densify(s.momentum)])
+
+
 def start_slopes(motion: Trajectory, node: int = 0) -> list[np.ndarray]:
     """∂p/∂q (n, n), ∂p/∂v (n, n), ∂p/∂c (n, C), ∂p/∂t (n, 1) at a node."""
     n = motion.q.shape[1]
@@ -48,3 +55,18 @@ def state_function(system: System, expression: ca.SX) -> ca.Function:
     sizes = (s.structure.n, s.structure.n, 1, s.c.numel())
     q, p, t, c = (ca.MX.sym(name, size) for name, size in zip("qptc", sizes, strict=True))
     return ca.Function("of_state", [q, p, t, c], [value(q, velocity_function(s)(q, p, t, c), t, c)])
+
+
+def slopes_of(system: System, outputs: ca.SX) -> ca.Function:
+    """(q, p, t, c) → derivatives of expressions with respect to (q, p), c and t."""
+    value = state_function(system, outputs)
+    q, p, t, c = inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
+    out = value(*inputs)
+    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c, t)]
+    return ca.Function("output_slopes", inputs, slopes)
+
+
+@per_system
+def output_slopes(system: System) -> ca.Function:
+    """`slopes_of` q and v."""
+    return slopes_of(system, ca.vertcat(system.q, system.v))

@@ -15,7 +15,7 @@ from varint.results.trajectory import Trajectory
 from varint.scene.parameters import values_by_name
 from varint.scene.system import System, parameters_by_name
 from varint.sensitivities.pieces import pieces, scene_of
-from varint.sensitivities.start import start_slopes, state_function
+from varint.sensitivities.start import slopes_of, start_slopes
 from varint.sensitivities.sweeps import Directions, carried, forwards, sweeper
 
 START = ("q0", "v0", "p0")
@@ -92,7 +92,7 @@ def sensitivity(
     """
     scene = scene_of(motion)
     asked = asked_directions(motion, wrt)
-    of_nodes = _output_slopes(scene, outputs)
+    of_nodes = slopes_of(scene, _wanted(scene, outputs))
     rows, m = len(motion), asked.tangent.shape[1]
     found = np.empty((rows, of_nodes.size1_out(0), m))
     check_memory("the derivatives of this run", found.size, "ask for fewer of them, or save_every")
@@ -114,6 +114,10 @@ def sensitivity(
             moved += of_t.transpose(0, 2, 1) * clock[:, None, :]
         found[place] = moved
     return found
+
+
+def _wanted(scene: System, outputs: Any) -> ca.SX:
+    return ca.vertcat(scene.q, scene.v) if outputs is None else outputs
 
 
 def transition_matrix(motion: Trajectory, k0: int = 0, k1: int = -1) -> np.ndarray:
@@ -201,13 +205,3 @@ def _names(system: System, wrt: Sequence[Any]) -> list[str]:
     if "h" in names and "duration" in names:
         raise InputError("wrt has both h and duration, which are the same: leave one out")
     return names
-
-
-def _output_slopes(scene: System, outputs: Any) -> ca.Function:
-    """(q, p, t, c) → derivatives of the outputs with respect to (q, p), c and t."""
-    wanted = ca.vertcat(scene.q, scene.v) if outputs is None else outputs
-    value = state_function(scene, wanted)
-    q, p, t, c = inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
-    out = value(*inputs)
-    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c, t)]
-    return ca.Function("output_slopes", inputs, slopes)

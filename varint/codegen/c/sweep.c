@@ -74,15 +74,16 @@ static void solve_transposed(Work *k, double *g) {
 static int linearise(Work *k, const double *x, const double *x1, const double *v, const double *t, const double *u,
                      const double *part) {
 #if Y
-    double size[ROOM(N)], most = 0, before = INFINITY;
+    double size[ROOM(N)], most = 0, far = 0, before = INFINITY;
     const double *const v1 = v + N;
     for (int i = 0; i < N; i++) {
         const double mean = (x1[i] - x[i]) / k->h;
-        size[i] = fabs(mean) + fabs(v[i]) + fabs(v1[i]), most = fmax(most, size[i]);
+        size[i] = fabs(mean) + fabs(v[i]) + fabs(v1[i]), most = fmax(most, size[i]), far = fmax(far, fabs(x[i]));
         for (int j = 0; j < POINTS; j++)
             k->y[j * N + i] = HERMITE[3 * j] * mean + HERMITE[3 * j + 1] * v[i] + HERMITE[3 * j + 2] * v1[i];
     }
-    for (int i = 0; i < N; i++) size[i] = 1 / fmax(size[i], LEAST_SPEED * most + 1e-300);
+    far *= ROUNDABLE / fabs(k->h); /* the speed that no step can tell from rest, many times over */
+    for (int i = 0; i < N; i++) size[i] = 1 / (fmax(size[i], LEAST_SPEED * most) + far + 1e-300);
     if (ENDS) memcpy(k->y + Y - ENDS, v1, N * sizeof(double));
     for (int count = 0, fresh = 0; count < MOST_ITERATIONS; count++) {
         blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
@@ -95,7 +96,8 @@ static int linearise(Work *k, const double *x, const double *x1, const double *v
         }
         if (!(worst < INFINITY)) return NOT_SOLVED;
         const int settled = before <= LAST_CORRECTION && worst > SHRINKS * before;
-        if (worst <= ROUNDED || settled) return !fresh || factors(k) ? SWEPT : NOT_REGULAR;
+        const int told = count > 0 || Y == N * POINTS; /* the ends tell velocities, not multipliers */
+        if (told && (worst <= ROUNDED || settled)) return !fresh || factors(k) ? SWEPT : NOT_REGULAR;
         for (int i = 0; i < Y; i++) k->y[i] -= k->f[i];
         fresh = worst < SHRINKS * before, before = worst;
     }

@@ -71,7 +71,10 @@ static int iterate(Work *k, int transposed, double enough, const double *base, S
             }
         }
         if (!(change < INFINITY)) return NOT_SOLVED;
-        if (change <= SETTLED * all || change <= enough || (change <= ALIKE * all && change >= 0.5 * before)) return SWEPT;
+        /* or the next one will be: they shrink by the same ratio again */
+        const double next_change = before < INFINITY ? change * (change / before) : change;
+        if (change <= SETTLED * all || next_change <= SETTLED * all || next_change <= enough) return SWEPT;
+        if (change <= ALIKE * all && change >= 0.5 * before) return SWEPT;
         before = change;
     }
     return NOT_SOLVED;
