@@ -289,6 +289,24 @@ def test_nodes_that_were_left_out_are_computed_once_more():
     assert np.allclose(few.transition_matrix(2, 4), all_kept.transition_matrix(14, 28))
 
 
+def test_a_part_of_a_run_is_differentiated_from_its_own_start():
+    system, steps = driven_cart(), 6
+    u = np.random.default_rng(1).uniform(-1, 1, (steps, 2))
+    motion = vi.simulate(
+        system, vi.gauss(2), q0=[0.1, 0.4], v0=[0.2, -0.3], h=0.1, steps=steps, u=u
+    )
+    part = motion[2:]
+    alone = vi.simulate(
+        system, vi.gauss(2), q0=part.q[0], v0=part.v[0], h=0.1, steps=4, t0=0.2, u=u[2:]
+    )
+    found, wanted = (vi.sensitivity(x, ["q0", "h", "u"])[-1] for x in (part, alone))
+    assert found.shape == (4, 3 + 12) and not found[:, 3:7].any()
+    assert np.abs(np.delete(found, range(3, 7), 1) - wanted).max() < 1e-12 * np.abs(wanted).max()
+    one, other = (vi.gradient(x, terminal_loss=system.q[0]) for x in (part, alone))
+    assert not one.u[:2].any() and np.allclose(one.u[2:], other.u, rtol=1e-11, atol=1e-14)
+    assert one.h == pytest.approx(other.h, rel=1e-11)
+
+
 def test_redundant_constraints_have_the_tangents_of_those_that_are_independent():
     q, v = vi.coordinates("x", "y")
     lagrangian, rod = ca.sumsqr(v) / 2 - 9.81 * q[1], ca.sumsqr(q) - 1
@@ -329,6 +347,12 @@ def test_what_cannot_be_differentiated_is_refused_in_words():
     bounce = vi.simulate(ball.system, q0=ball.q0, v0=ball.v0, h=0.01, steps=20)
     with pytest.raises(vi.InputError, match="contacts"):
         bounce.transition_matrix()
+    between = vi.simulate(
+        system, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=40, at=[0.05, 1.23, 2.0]
+    )
+    for within in (between, motion.at([0.05, 0.15, 0.25])):
+        with pytest.raises(vi.InputError, match="within a step"):
+            within.transition_matrix()
     until = vi.simulate(system, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=40, until=system.q[0])
     with pytest.raises(vi.InputError, match="within a step"):
         until.transition_matrix()

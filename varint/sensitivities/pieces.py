@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel
 
 LONGEST_PIECE = 100_000  # steps: what stands in memory beside the run is bounded
+OFF_GRID = 1e-6  # of a step: what lies further from the end of one lies within it
 SHORTEST_RUN = 1_000  # steps that are run once more at a time, where fewer were left out
 
 
@@ -85,13 +86,23 @@ def scene_of(motion: Trajectory) -> System:
         )
     if len(motion) < 2:
         raise InputError("the run has no step to differentiate")
-    if (np.diff(motion.k) < 1).any():
+    if (np.diff(motion.k) < 1).any() or not _on_grid(motion):
         raise InputError(
             "some nodes of this run lie within a step (until=, at=, or parts of a failed step); "
             "differentiate a run whose nodes are whole steps apart, without them"
         )
     sets = motion.active_sets
     return motion.system if not sets else sets[0].scene(motion.system)
+
+
+def _on_grid(motion: Trajectory) -> bool:
+    """Whether whole steps lie between the nodes, and nothing else."""
+    if motion.sizes is None:
+        ends = motion.h * motion.k
+    else:
+        ends = np.append(0.0, np.cumsum(motion.sizes))[motion.k]
+    start = motion.t[0] - ends[0] if motion.origin is None else motion.origin
+    return bool((np.abs(motion.t - start - ends) <= OFF_GRID * abs(motion.h)).all())
 
 
 def pieces(

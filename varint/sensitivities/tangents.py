@@ -172,7 +172,9 @@ def asked_directions(motion: Trajectory, wrt: Sequence[Any]) -> Asked:
             outer[index, np.arange(m)[at]] = 1.0
     if held:
         tangent[n:] += of_c @ outer[:c] + of_t @ outer[-1:]
-    controls = columns["u"].start if "u" in columns else -1
+    controls = -1
+    if "u" in columns:  # those of all steps, of which the first kept node may have passed some
+        controls = columns["u"].start + int(motion.k[0]) * motion.u[0].size
     return Asked(tangent, Directions(outer, controls, motion.u.shape[1]), columns)
 
 
