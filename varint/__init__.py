@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
     from varint.ensembles.result import Ensemble
+    from varint.estimation.fit import fit
+    from varint.estimation.measurement import Experiment, Measurement
+    from varint.estimation.result import Fit
     from varint.explorer.play import play
     from varint.integration.plan import Plan, plan
     from varint.integration.simulate import simulate
@@ -49,6 +52,9 @@ if TYPE_CHECKING:
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
     from varint.scene.massless_limit import massless_limit
+    from varint.sensitivities.flow import flow
+    from varint.sensitivities.gradient import Gradient, gradient
+    from varint.sensitivities.tangents import sensitivity
     from varint.standalone.export import export
     from varint.symmetry.noether import noether, symmetries
     from varint.symmetry.symmetry import Symmetry
@@ -65,8 +71,12 @@ __all__ = [
     "ConvergenceError",
     "Ensemble",
     "Equations",
+    "Experiment",
+    "Fit",
+    "Gradient",
     "InputError",
     "Link",
+    "Measurement",
     "Parameters",
     "Phase",
     "Plan",
@@ -94,10 +104,13 @@ __all__ = [
     "ensemble",
     "equations",
     "export",
+    "fit",
+    "flow",
     "free",
     "from_sympy",
     "gauss",
     "geodesic",
+    "gradient",
     "least_action",
     "live_plot",
     "load",
@@ -118,6 +131,7 @@ __all__ = [
     "project",
     "reactions",
     "refine",
+    "sensitivity",
     "simulate",
     "soft",
     "start_momentum",
@@ -154,12 +168,19 @@ _LATER = {
     "closed_loop": "varint.control.mpc",
     "control_rate": "varint.scene.control_rate",
     "massless_limit": "varint.scene.massless_limit",
+    "Experiment": "varint.estimation.measurement",
+    "Fit": "varint.estimation.result",
+    "Gradient": "varint.sensitivities.gradient",
+    "Measurement": "varint.estimation.measurement",
+    "fit": "varint.estimation.fit",
+    "flow": "varint.sensitivities.flow",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
     "export": "varint.standalone.export",
     "free": "varint.scene.free",
     "from_sympy": "varint.typeset.sympy_systems",
     "geodesic": "varint.scene.geodesic",
+    "gradient": "varint.sensitivities.gradient",
     "least_action": "varint.boundary.least_action",
     "live_plot": "varint.drawing.live",
     "load": "varint.load",
@@ -177,6 +198,7 @@ _LATER = {
     "project": "varint.discrete.projection",
     "reactions": "varint.discrete.reactions",
     "refine": "varint.control.refine",
+    "sensitivity": "varint.sensitivities.tangents",
     "simulate": "varint.integration.simulate",
     "soft": "varint.nlp.slacks",
     "start_momentum": "varint.integration.start_momentum",

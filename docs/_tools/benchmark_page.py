@@ -61,6 +61,12 @@ KNOWN = {
         "Paths between fixed end points",
         "`least_action` beside SciPy's `solve_bvp`, from the same straight line.",
     ),
+    "gradients": Benchmark(
+        "Gradients of whole runs",
+        "A run of a double pendulum and the gradient of a loss at its end by start and parameters, "
+        "beside CasADi's derivatives of the same steps and of cvodes, and diffrax where it is "
+        "installed.",
+    ),
     "ensemble": Benchmark(
         "Ensembles",
         "Ten thousand pendulums in one call of `ensemble`, and in a loop of `simulate`.",

@@ -97,6 +97,10 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "figure_eight": PAIRS,
         "obstacle": r"\min \int_0^T L\,dt,\qquad |\mathbf r - \mathbf c| \ge R",
     },
+    "Parameters from data": {
+        "learnt_from_data": PENDULUM
+        + r",\qquad \min_{\theta, q_0, v_0} \sum_j \bigl((\psi(q(t_j)) - y_j) / \sigma_j\bigr)^2",
+    },
     "Optimal control": {
         "control_cart_pole": CART_POLE + r",\qquad \min \int_0^2 u^2\,dt",
         "control_minima": r"L = \tfrac12 m\ell^2\dot\theta^2 + m g \ell\cos\theta,\quad F = u,\qquad"

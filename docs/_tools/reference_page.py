@@ -17,6 +17,8 @@ ORDER = [
         ["midpoint", "trapezoidal", "gauss", "lobatto", "composition", "Rule", "plan", "Plan"],
     ),
     ("Motion", ["simulate", "project", "step_function", "scale_function"]),
+    ("Derivatives of whole runs", ["sensitivity", "gradient", "Gradient", "flow"]),
+    ("Parameters from data", ["fit", "Measurement", "Experiment", "Fit"]),
     ("Many at once", ["ensemble", "Ensemble"]),
     ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
     (

@@ -33,6 +33,8 @@ FLOORS = (
     "standalone",
     "ensembles",
     "diagnostics",
+    "sensitivities",
+    "estimation",
     "models",
     "explorer",
     "course",
@@ -53,6 +55,7 @@ BEHIND = {
     "varint.drawing.notebook",
     "varint.diagnostics.momentum",
     "varint.diagnostics.second_variation",
+    "varint.sensitivities.tangents",
 }
 LONGEST = 250  # lines of code: without blank lines, comments and docstrings
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterable
 from ctypes import Structure, c_double, c_int64, c_void_p
 from enum import IntEnum
 from functools import cache
@@ -15,6 +16,12 @@ def c_source(name: str) -> str:
     """A C file of this package, with those of its own that it includes in their places."""
     text = (Path(__file__).parent / "c" / name).read_text()
     return re.sub(r'#include "(.*?)"\n', lambda found: c_source(found[1]), text)
+
+
+def c_table(kind: str, name: str, values: Iterable[str]) -> str:
+    """A constant array in C, of one zero where there are no values."""
+    entries = ", ".join(values) or "0"
+    return f"static const {kind} {name}[] __attribute__((unused)) = {{{entries}}};\n"
 
 
 def _status_names() -> list[str]:

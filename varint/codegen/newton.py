@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from varint.codegen.arguments import c_table
 from varint.codegen.band import Band, band
 from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.graph import NotCompilable, kernel_per_system
@@ -80,9 +81,9 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
 def newton_source(system: System, rule: Rule) -> Source:
     """The C source of `newton_kernel`."""
     x = newton_scheme(system, rule)
-    data = "".join(_table("int", name, map(str, t.tolist())) for name, t in x.places.items())
+    data = "".join(c_table("int", name, map(str, t.tolist())) for name, t in x.places.items())
     data += "".join(
-        _table("double", name, map(float.hex, t.tolist())) for name, t in x.tables.items()
+        c_table("double", name, map(float.hex, t.tolist())) for name, t in x.tables.items()
     )
     return source_of(
         x.about,
@@ -280,11 +281,6 @@ def _tables(rule: Rule, solve: Solution) -> dict[str, np.ndarray]:
     history = HISTORY.get(rule.degree, 1)
     tables = {"POINTS": np.array(rule.points[1:]), **_continuation_tables(rule, history)}
     return tables | {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}
-
-
-def _table(kind: str, name: str, values) -> str:
-    values = list(values) or ["0"]
-    return f"static const {kind} {name}[] __attribute__((unused)) = {{{', '.join(values)}}};\n"
 
 
 def _continuation_tables(rule: Rule, history: int) -> dict[str, np.ndarray]:

@@ -283,11 +283,8 @@ class Trajectory:
         ):
             # a scene with contacts has no step of its own
             values = over_columns(integrand(scene), *arguments)[0]
-            total = (
-                total
-                if total.shape[1] == values.shape[1]
-                else np.zeros((len(total), values.shape[1]))
-            )
+            if total.shape[1] != values.shape[1]:
+                total = np.zeros((len(total), values.shape[1]))
             total[active] += values
         return total
 
@@ -358,6 +355,40 @@ class Trajectory:
     def is_minimum(self) -> bool:
         """Whether no variation with fixed ends lowers the action to second order: Morse index 0."""
         return self.morse_index == 0
+
+    def transition_matrix(self, k0: int = 0, k1: int = -1) -> np.ndarray:
+        """Exact derivative of the discrete motion, Φ = ∂(q, p)_{k1}/∂(q, p)_{k0}.
+
+        The product of the steps' derivatives by the implicit function theorem; ΦᵀJΦ = J with J =
+        [[0, 1], [−1, 0]] where there are no forces (Marsden & West 2001, §1.3).
+
+        Parameters
+        ----------
+        k0, k1 : int
+            Indices of nodes, k0 not after k1; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray (2n, 2n)
+
+        Raises
+        ------
+        InputError
+            If there is no such node, or the run has impacts, a fictitious time, or nodes within
+            steps.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import varint as vi
+        >>> q, v = vi.coordinates("x")
+        >>> motion = vi.simulate(vi.System(q, v, v**2 / 2), q0=0.0, v0=1.0, h=0.5, steps=4)
+        >>> motion.transition_matrix().tolist()
+        [[1.0, 2.0], [0.0, 1.0]]
+        """
+        from varint.sensitivities.tangents import transition_matrix
+
+        return transition_matrix(self, k0, k1)
 
     def at(self, t: Any, side: str = "after") -> Any:
         """Dense output of the rule's order: a sub-step of the same rule from the node before each

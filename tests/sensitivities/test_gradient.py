@@ -1,0 +1,186 @@
+"""Gradients of whole runs: adjoints are the tangents' transpose, losses are integrals of the rule's
+order, and nodes that were left out cost memory of the square root of their number.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scenes import double_pendulum, driven_damped, pendulum, slopes
+from test_tangents import differences, driven_cart, named, run_of, spring
+
+import varint as vi
+import varint.sensitivities.pieces as pieces_module
+
+KINDS = [
+    (pendulum, vi.composition("blanes-moan4")),
+    (pendulum, vi.midpoint()),
+    (double_pendulum, vi.gauss(4)),
+    (driven_damped, vi.gauss(2)),
+    (driven_damped, vi.lobatto(3)),
+    (vi.models.pendulum_cartesian, vi.lobatto(3)),
+    (vi.models.pendulum_cartesian, vi.trapezoidal()),
+    (vi.models.turning_wire, vi.lobatto(2)),
+    (vi.models.chaplygin_sleigh, vi.midpoint()),
+]
+
+
+@pytest.mark.parametrize(("scene", "rule"), KINDS, ids=named)
+def test_the_adjoint_is_the_tangents_transpose(scene, rule):
+    motion = run_of(scene, rule, steps=15)
+    s, names = motion.system, list(motion.system.defaults)
+    loss = ca.sum1(ca.sin(s.q) * (1 + s.v)) + (s.t if not s.structure.autonomous else 0)
+    found = vi.gradient(motion, terminal_loss=loss)
+    wanted = vi.sensitivity(motion, ["q0", "v0", "h", "t0", *names], outputs=loss)[-1, 0]
+    flat = np.concatenate(
+        [found.q0, found.v0, [found.h, found.t0], *(found.params[x].ravel() for x in names)]
+    )
+    assert found.value == pytest.approx(motion[-1:].value(loss)[0], rel=1e-14)
+    assert np.abs(flat - wanted).max() < 1e-12 * np.abs(wanted).max()
+    assert found.duration == pytest.approx(found.h / 15)
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(3), vi.composition("kahan-li6")], ids=str)
+def test_compiled_and_interpreted_gradients_agree(rule):
+    system, _ = spring()
+    motion = vi.simulate(system, rule, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=30)
+    loss = ca.sumsqr(system.q) + system.v[0] ** 2 * system.c[0]
+    one, other = (
+        vi.gradient(motion, loss, system.q[0], nodes=system.v[1] ** 2, backend=backend)
+        for backend in ("compiled", "interpreted")
+    )
+    assert one.value == pytest.approx(other.value, rel=1e-13)
+    for name in ("q0", "v0", "p0", "h", "t0"):
+        assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-11, atol=1e-12)
+    for name, x in one.params.items():
+        assert np.allclose(x, other.params[name], rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("held", [True, False], ids=["held", "at nodes"])
+@pytest.mark.parametrize(
+    ("rule", "backend"),
+    [(vi.gauss(2), "interpreted"), (vi.gauss(3), "compiled"), (vi.lobatto(2), "compiled")],
+    ids=str,
+)
+def test_the_gradient_by_controls_is_what_differences_of_the_loss_come_to(rule, backend, held):
+    system, steps = driven_cart(), 3
+    shape = (steps, 1 if held else len(rule.nodes), 2)
+    loss = ca.sumsqr(system.q) * (1 + system.t) + ca.sumsqr(system.control) * system.c[0]
+    start = np.random.default_rng(2).uniform(-1, 1, 2 + int(np.prod(shape)))
+
+    def of(x: np.ndarray) -> vi.Gradient:
+        u, h = x[2:].reshape(shape), 0.1 + 0.01 * x[1]
+        given = dict(q0=[0.1, 0.4], v0=[0.2, -0.3], h=h, t0=x[0])
+        motion = vi.simulate(system, rule, **given, steps=steps, u=u[:, 0] if held else u)
+        return vi.gradient(motion, loss, backend=backend)
+
+    found = of(start)
+    flat = np.concatenate([[found.t0, 0.01 * found.h], found.u.ravel()])
+    wanted = differences(lambda x: np.array([of(x).value]), start)[0]
+    assert found.u.shape == shape
+    assert np.abs(flat - wanted).max() < 1e-10 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(2), vi.lobatto(3), vi.composition("yoshida4")], ids=str)
+def test_the_running_loss_is_an_integral_of_the_rules_order(rule):
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - q**2 / 2 + q**3 / 30)
+    exact = vi.simulate(system, vi.gauss(8), q0=1.0, v0=0.0, duration=4.0, steps=64)
+    wanted = vi.gradient(exact, q**2, backend="interpreted")
+    counts, errors = [16, 32, 64], []
+    for steps in counts:
+        motion = vi.simulate(system, rule, q0=1.0, v0=0.0, duration=4.0, steps=steps)
+        found = vi.gradient(motion, q**2, backend="interpreted")
+        errors.append([abs(found.value - wanted.value), abs(found.q0[0] - wanted.q0[0])])
+    assert np.abs(slopes(counts, np.array(errors), 1e-13) - rule.order).max() < 0.3
+
+
+def test_a_gradient_of_an_oscillator_in_closed_form():
+    q, v = vi.coordinates("x")
+    motion = vi.simulate(
+        vi.System(q, v, v**2 / 2 - q**2 / 2), vi.gauss(8), q0=1.5, v0=0.5, duration=2.0, steps=20
+    )
+    found = vi.gradient(motion, q**2)  # ∫ (a cos t + b sin t)² dt
+    s, c, t = np.sin(2.0), np.cos(2.0), 2.0
+    cc, cs, ss = (t + s * c) / 2, s**2 / 2, (t - s * c) / 2
+    assert found.value == pytest.approx(1.5**2 * cc + 2 * 1.5 * 0.5 * cs + 0.5**2 * ss, rel=1e-13)
+    assert found.q0[0] == pytest.approx(3 * cc + cs, rel=1e-12)
+    assert found.v0[0] == pytest.approx(3 * cs + ss, rel=1e-12)
+    assert found.duration == pytest.approx((1.5 * c + 0.5 * s) ** 2, rel=1e-12)
+
+
+def test_measured_nodes_have_weights_of_their_own():
+    system, _ = spring()
+    motion = vi.simulate(system, vi.gauss(2), q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=20)
+    weights = np.random.default_rng(3).normal(size=(21, 2))
+    found = vi.gradient(motion, nodes=system.q * system.c[0], weights=weights)
+    by = vi.sensitivity(motion, ["q0", "v0", "m", "k"], outputs=system.q * system.c[0])
+    wanted = np.einsum("ko,kom->m", weights, by)
+    flat = np.concatenate([found.q0, found.v0, [found.params["m"], found.params["k"]]])
+    assert np.abs(flat - wanted).max() < 1e-12 * np.abs(wanted).max()
+    assert found.value == pytest.approx((weights * motion.value(system.q * system.c[0])).sum())
+
+
+def test_with_momenta_held_at_the_start_parameters_act_on_the_motion_alone():
+    system, _ = spring()
+    motion = vi.simulate(system, vi.gauss(2), q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=20)
+    held = vi.gradient(motion, terminal_loss=system.q[0], held="p0")
+    free = vi.gradient(motion, terminal_loss=system.q[0])
+    assert np.allclose(held.p0 * 1.3, free.v0)  # p = m v
+    # at fixed v a heavier body has more momentum
+    assert free.params["m"] - held.params["m"] == pytest.approx(held.p0 @ [0.2, 0.5])
+
+
+def test_a_gradient_with_nodes_left_out_holds_twice_the_root_of_their_number(monkeypatch):
+    monkeypatch.setattr(pieces_module, "SHORTEST_RUN", 1)  # as of a million steps and more
+    system, _ = spring()
+    given = dict(q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.02, steps=2500)
+    few = vi.simulate(system, vi.composition("verlet"), **given, save_every=50)
+    largest = max(len(piece.x) for piece in pieces_module.pieces(few, backwards=True))
+    assert len(few) + largest <= 2 * 50 + 2
+    found = vi.gradient(few, system.q[0] ** 2, system.v[0])
+    every = vi.simulate(system, vi.composition("verlet"), **given)
+    whole = vi.gradient(every, system.q[0] ** 2, system.v[0])
+    for name in ("value", "q0", "v0", "h"):
+        assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-8)
+
+
+def test_losses_that_make_no_sense_are_refused_in_words():
+    system, _ = spring()
+    motion = vi.simulate(system, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=4)
+    q = system.q
+    for given, words in (
+        ({}, "nothing to differentiate"),
+        (dict(loss=q), "one number"),
+        (dict(terminal_loss=ca.SX.sym("z")), "unknown symbols"),
+        (dict(weights=np.ones(5)), "nodes="),
+        (dict(nodes=q, weights=np.ones(4)), r"\(5, 2\)"),
+        (dict(loss=q[0], held="q0"), "'v0' or 'p0'"),
+        (dict(loss=q[0], backend="fast"), "backend"),
+    ):
+        with pytest.raises(vi.InputError, match=words):
+            vi.gradient(motion, **given)
+    cart = driven_cart()
+    driven = vi.simulate(cart, vi.gauss(2), q0=[0, 0], v0=[0, 0], h=0.1, steps=2, u=[1.0, 1.0])
+    with pytest.raises(vi.InputError, match="controls"):
+        vi.gradient(driven, terminal_loss=cart.control[0])
+
+
+@pytest.mark.parametrize(
+    ("model", "rule", "h"),
+    [
+        (vi.models.chain_rods(4), vi.lobatto(2), 1e-3),
+        (vi.models.double_pendulum(), vi.gauss(2), 1e-6),
+    ],
+    ids=["rods", "links"],
+)
+def test_tiny_steps_from_rest_lose_no_derivative_to_round_off(model, rule, h):
+    """Their mean velocities are round-off of q by h."""
+    motion = vi.simulate(model.system, rule, q0=model.q0, v0=0 * model.v0, h=h, steps=20)
+    loss = ca.sumsqr(model.system.q) + ca.sum1(model.system.q)
+    one, other = (
+        vi.gradient(motion, terminal_loss=loss, backend=x) for x in ("compiled", "interpreted")
+    )
+    assert np.allclose(one.q0, other.q0, rtol=1e-8, atol=1e-8 * np.abs(other.q0).max())
+    assert np.allclose(one.p0, other.p0, rtol=1e-7, atol=1e-7 * np.abs(other.p0).max())

@@ -1,0 +1,178 @@
+"""Compiled loops that carry derivatives over the steps of a Gauss rule, all stages at once in
+vectors.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.algebra import graph_of
+from varint.codegen.arguments import c_table
+from varint.codegen.emit import Emitted, emit_graph
+from varint.codegen.gauss import gauss_form, lanes_for
+from varint.codegen.graph import NotCompilable, kernel_per_system
+from varint.codegen.mechanics import force, velocity
+from varint.codegen.sweep import LEAST_SPEED, SweepKernel, compiled_sweep
+from varint.codegen.tableau import gauss_tableau
+from varint.discrete.legendre import full_inertia
+from varint.numerics.limits import FIXED_POINT_ITERATIONS
+from varint.rules.polynomials import MOST_STAGES
+from varint.rules.rule import Rule, gauss
+from varint.scene.system import System
+
+WINDOW = 8  # nodes around a step whose q and v tell its stages: a polynomial of degree 15
+# relative: stages that miss their equations by this much have slopes that err by no more, in a step
+# of which they change the state by its angle only
+CLOSE = 1e-13
+CONTINUED_DEGREE = (
+    6  # of the adjoints of a step continued over the one before; more amplifies errors
+)
+FEWEST = 6  # unknowns, coordinates times stages, below which factors of F_y are as fast
+
+
+def has_stage_sweep(system: System, rule: Rule) -> bool:
+    """Whether the stages' iteration is the way to derivatives: that of nonstiff scenes."""
+    stages = len(rule.nodes)
+    return (
+        rule == gauss(min(stages, MOST_STAGES))
+        and bool(gauss_form(system))
+        and not system.structure.linear
+        and not full_inertia(system)
+        and stages * system.structure.n >= FEWEST
+    )
+
+
+@kernel_per_system
+def stage_sweep_kernel(system: System, rule: Rule, density: str | None = None) -> SweepKernel:
+    """The compiled loops; `density` as in `sweep_kernel`.
+
+    Raises
+    ------
+    NotCompilable
+        If the scene or the rule is not of this kind, or a stage has too many operations.
+    CompileError
+        If there is no compiler or no safe cache folder.
+    """
+    if not has_stage_sweep(system, rule):
+        raise NotCompilable("the stages' iteration needs a Gauss rule and a regular scene")
+    s, stages = system, len(rule.nodes)
+    lanes, padded = lanes_for(stages)
+    p = ca.SX.sym("p", s.structure.n)
+    speed = velocity(s, p)
+    rates = ca.densify(ca.vertcat(speed, ca.substitute(force(s), s.v, speed)))
+    state, outside = ca.vertcat(s.q, p), ca.vertcat(s.c, s.t, s.control)
+    slope, by_outside = ca.jacobian(rates, state), ca.jacobian(rates, outside)
+    m = ca.SX.sym("m", rates.numel())
+    inputs = [s.q, p, s.t, s.control]
+    expressions = {
+        "slopes": (inputs, [rates, slope.nz[:]]),
+        "outside": (inputs, [by_outside.nz[:]]),
+        "momentum": ([s.q, s.v, s.t], [s.momentum]),
+        "pull": ([*inputs, m], [ca.gradient(ca.dot(m, rates), outside)]),
+    }
+    if density is not None:
+        loss = ca.Function.deserialize(density)(s.q, speed, s.t, s.control, s.c)
+        of_loss = [ca.densify(ca.gradient(loss, x)) for x in (state, outside)]
+        expressions["density"] = inputs, [loss, *of_loss]
+    expressions |= _products(slope.sparsity(), s.structure.n)
+    defines = {
+        "LANES": lanes,
+        "STAGES": stages,
+        "STRIDE": padded // lanes,
+        "N": s.structure.n,
+        "NU": s.control.numel(),
+        "C": s.c.numel(),
+        "NJ": slope.nnz(),
+        "FE": by_outside.nnz(),
+        "WINDOW": WINDOW,
+        "LOSS": int(density is not None),
+        "MOST_ITERATIONS": FIXED_POINT_ITERATIONS,
+        "ROUNDED": CLOSE,
+        "LEAST_SPEED": LEAST_SPEED,
+        "DENSITY_W": 0,
+    }
+    fe_rows, fe_columns = by_outside.sparsity().get_triplet()
+    integers = {
+        "FE_ROW": np.array(fe_rows, dtype=int),
+        "FE_COLUMN": np.array(fe_columns, dtype=int),
+    }
+    tables = "".join(c_table("int", name, map(str, x.tolist())) for name, x in integers.items())
+    tables += "".join(
+        c_table("double", name, map(float.hex, x.ravel().tolist()))
+        for name, x in _stage_tables(stages, padded).items()
+    )
+    functions = {
+        name: _emitted(name, [*given, s.c], outputs)
+        for name, (given, outputs) in expressions.items()
+    }
+    return compiled_sweep(functions, defines, tables, "sweep_gauss.c")
+
+
+def _products(pattern: ca.Sparsity, n: int) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
+    """J x + source and Jᵀ x + source from the nonzeros of J, halves of them: straight-line code,
+    for it is all that an iteration does.
+    """
+    nonzeros, x, source = ca.SX.sym("j", pattern.nnz()), ca.SX.sym("x", 2 * n), ca.SX.sym("s", n)
+    matrix, found = ca.SX(pattern, nonzeros), {}
+    for name, product in (("turn", matrix @ x), ("back", matrix.T @ x)):
+        for half, part in zip("qp", ca.vertsplit(ca.densify(product), n), strict=True):
+            found[f"{name}_{half}"] = [nonzeros, x, source], [source + part]
+    return found
+
+
+def _emitted(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> Emitted:
+    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
+    return emit_graph(name, graph_of(f, len(inputs) - 1), len(inputs) - 1)
+
+
+def _stage_tables(stages: int, padded: int) -> dict[str, np.ndarray]:
+    """Columns of the tableau and of its adjoint, weights, nodes, start values; lanes beyond the
+    stages repeat the last one, with weight 0.
+    """
+    constants = gauss_tableau(stages)
+    b, c = constants["STAGE_B"][0], constants["STAGE_C"][0]
+    a = constants["STAGE_M1"] * b  # m_ij = a_ij / b_j
+    repeat = np.minimum(np.arange(padded), stages - 1)
+    guess_q, guess_v = np.zeros((2, WINDOW, 2 * WINDOW, padded))
+    for place in range(WINDOW):
+        nodes = np.arange(WINDOW) - place if place < WINDOW - 1 else np.array([0, 1])
+        guess_q[place, : 2 * len(nodes)], guess_v[place, : 2 * len(nodes)] = _hermite(
+            nodes.astype(float), c[repeat]
+        )
+    weights = np.append(b, np.zeros(padded - stages))
+    return {
+        "COLUMN_A": a[repeat].T,
+        "COLUMN_M": (b - a)[repeat].T,
+        "STAGE_B": weights,
+        "STAGE_C": c[repeat],
+        "GUESS_Q": guess_q,
+        "GUESS_V": guess_v,
+        "CONTINUED": _continued(c)[repeat].T,
+    }
+
+
+def _hermite(nodes: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Polynomials at x that are 1 in value, or else in slope, at one node and 0 in both at all
+    others: values and slopes in turn, node by node; and their derivatives.
+    """
+    found, rates = np.empty((2, 2 * len(nodes), len(x)))
+    for j, at in enumerate(nodes):
+        others = np.delete(nodes, j)
+        factors = (x[:, None] - others) / (at - others)
+        single = np.prod(factors, axis=1)
+        parts = [np.prod(np.delete(factors, i, 1), axis=1) / (at - b) for i, b in enumerate(others)]
+        rate, steep, ahead = sum(parts), 2 * (1 / (at - others)).sum(), x - at
+        found[2 * j] = (1 - steep * ahead) * single**2
+        found[2 * j + 1] = ahead * single**2
+        rates[2 * j] = -steep * single**2 + (1 - steep * ahead) * 2 * single * rate
+        rates[2 * j + 1] = single**2 + ahead * 2 * single * rate
+    return found, rates
+
+
+def _continued(c: np.ndarray) -> np.ndarray:
+    """What the stages at c of a step make of those at c − 1, both less the value between: the
+    polynomial through it that fits best, a row for each of the latter.
+    """
+    powers = np.arange(1, min(len(c), CONTINUED_DEGREE) + 1)
+    return (c[:, None] - 1) ** powers @ np.linalg.pinv(c[:, None] ** powers)

@@ -1,0 +1,1 @@
+"""Parameters and states of a scene from measurements."""

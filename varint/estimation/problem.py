@@ -1,0 +1,238 @@
+"""From what the user wrote to a well-posed estimation problem, or a clear refusal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from varint.errors import InputError
+from varint.estimation.measurement import Experiment, Measurement
+from varint.integration.problem import controls
+from varint.rules.rule import Rule
+from varint.scene.free import Free
+from varint.scene.inputs import finite_array, number, positive_integer, vector
+from varint.scene.parameters import values_by_name
+from varint.scene.system import System, parameter_entries, parameter_values, parameters_by_name
+
+START = ("q0", "v0")
+ON_NODE = 1e-9  # of a step: a time this close to a node is the node
+MOST_UNKNOWNS = 3000  # of a dense least-squares problem that takes seconds
+
+
+class Motion(NamedTuple):
+    """One experiment on its grid.
+
+    Attributes
+    ----------
+    data : tuple of Measurement
+    start : ndarray (2n,)
+        (q0, v0), or guesses of them.
+    t0 : float
+    steps : int
+    u : ndarray (steps, r, k)
+    cuts : ndarray of int
+        Steps at which segments begin, the end of the last one included.
+    times : ndarray (T,)
+        When something was measured, in order.
+    rows : tuple of ndarray
+        For each measurement the places of its times among them.
+    """
+
+    data: tuple[Measurement, ...]
+    start: np.ndarray
+    t0: float
+    steps: int
+    u: np.ndarray
+    cuts: np.ndarray
+    times: np.ndarray
+    rows: tuple[np.ndarray, ...]
+
+
+class Estimation(NamedTuple):
+    """What is to be found.
+
+    Attributes
+    ----------
+    system, rule : System, Rule
+    h : float
+    c : ndarray
+        Parameter values, guesses where they are unknown.
+    theta : ndarray of int
+        Places in c of the unknown ones.
+    free : ndarray of int
+        Places in (q0, v0) of the unknown ones, alike in all experiments.
+    lower, upper : ndarray
+        Bounds of the unknown parameters, then of the unknown start.
+    prior : ndarray (P, 3)
+        Which of the unknown parameters, mean, spread.
+    motions : tuple of Motion
+    names : tuple of str
+        Of the unknown parameters, then of every experiment's unknown start.
+    """
+
+    system: System
+    rule: Rule
+    h: float
+    c: np.ndarray
+    theta: np.ndarray
+    free: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    prior: np.ndarray
+    motions: tuple[Motion, ...]
+    names: tuple[str, ...]
+
+    @property
+    def many(self) -> int:
+        """Unknowns that have names."""
+        return len(self.theta) + len(self.free) * len(self.motions)
+
+    @property
+    def size(self) -> int:
+        """Unknowns with the states at which segments begin."""
+        n = self.system.structure.n
+        return self.many + sum(2 * n * (len(m.cuts) - 2) for m in self.motions)
+
+
+def estimation(
+    system: System,
+    rule: Rule,
+    experiments: Sequence[Experiment],
+    unknown: Any,
+    h: Any,
+    params: Any,
+    segments: Any,
+    priors: Any,
+) -> Estimation:
+    """Checked and completed input of one fit."""
+    s, n = system.structure, system.structure.n
+    if s.contacts or s.degenerate:
+        raise InputError(
+            "fit takes scenes without contacts whose Lagrangian is regular in the velocities"
+        )
+    if number("h", h) <= 0:
+        raise InputError(f"h must be positive, got {h!r}")
+    segments = positive_integer("segments", segments)
+    wanted = _unknown(system, unknown)
+    held = bool(s.constraints or s.nonholonomic)
+    if held and (segments > 1 or {"q0", "v0"} & set(wanted)):
+        raise InputError(
+            "the scene has constraints: its start cannot vary freely; give q0 and v0 on the "
+            "constraints, leave them out of unknown, and take segments=1"
+        )
+    given = parameter_values(system, params)
+    c, places = given.copy(), parameters_by_name(system, np.arange(given.size))
+    theta: list[int] = []
+    low: list[float] = []
+    high: list[float] = []
+    for name, x in wanted.items():
+        if name in START:
+            continue
+        at = places[name].ravel(order="F")
+        guess, lower, upper = _bounds(name, x, given[at])
+        c[at] = guess
+        theta += at.tolist()
+        low, high = [*low, *lower], [*high, *upper]
+    free: list[int] = []
+    starts: dict[str, Any] = {}
+    for i, name in enumerate(START):
+        if name in wanted:
+            free += range(i * n, (i + 1) * n)
+            starts[name] = wanted[name]
+            _, lower, upper = _bounds(name, wanted[name], np.zeros(n))
+            low, high = [*low, *lower], [*high, *upper]
+    motions = tuple(_motion(system, rule, x, float(h), segments, starts) for x in experiments)
+    entries = parameter_entries(system)
+    of_start = [*(f"{x}(0)" for x in system.names), *(f"d{x}/dt(0)" for x in system.names)]
+    names = [entries[i] for i in theta]
+    for e in range(len(motions)):
+        where = f" of experiment {e}" if len(motions) > 1 else ""
+        names += [of_start[i] + where for i in free]
+    made = Estimation(
+        system,
+        rule,
+        float(h),
+        c,
+        np.array(theta, dtype=int),
+        np.array(free, dtype=int),
+        np.array(low),
+        np.array(high),
+        _priors(system, priors, theta, places),
+        motions,
+        tuple(names),
+    )
+    if made.size > MOST_UNKNOWNS:
+        raise InputError(
+            f"{made.size} unknowns are more than the {MOST_UNKNOWNS} that a fit can take: take "
+            "fewer segments"
+        )
+    return made
+
+
+def _unknown(system: System, unknown: Any) -> dict[str, Any]:
+    """What is unknown by name, with what is given of each: bounds and guess, or nothing."""
+    if isinstance(unknown, Mapping):
+        wanted = values_by_name(unknown)
+    else:
+        listed = [unknown] if isinstance(unknown, str) or hasattr(unknown, "numel") else unknown
+        wanted = {next(iter(values_by_name([(x, None)]))): None for x in listed}
+    known = [*START, *system.defaults]
+    if wrong := [x for x in wanted if x not in known]:
+        raise InputError(f"unknown has {wrong}, which the scene has not; known: {known}")
+    if not wanted:
+        raise InputError(f"unknown names nothing to be found; known: {known}")
+    return wanted
+
+
+def _bounds(name: str, x: Any, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Guess, lower and upper bound of an unknown."""
+    infinite = np.full(value.shape, np.inf)
+    if x is None:
+        return value, -infinite, infinite
+    if not isinstance(x, Free):
+        guess = finite_array(f"unknown {name!r}", x).ravel(order="F")
+        if guess.size not in (1, value.size):
+            raise InputError(f"unknown {name!r} has {guess.size} numbers, not {value.size}")
+        return np.broadcast_to(guess, value.shape), -infinite, infinite
+    parts = (np.ravel(y, order="F") for y in (x.guess, x.lower, x.upper))
+    guess, lower, upper = (np.broadcast_to(y, value.shape) for y in parts)
+    return guess, lower, upper
+
+
+def _priors(
+    system: System, priors: Any, theta: list[int], places: dict[str, np.ndarray]
+) -> np.ndarray:
+    rows = []
+    for name, given in values_by_name(priors or {}).items():
+        mean_and_sigma = finite_array(f"the prior of {name!r}", given)
+        if name not in places or mean_and_sigma.shape != (2,) or mean_and_sigma[1] <= 0:
+            raise InputError(
+                f"priors takes parameters with (mean, sigma), sigma positive; got {name!r}: "
+                f"{given!r}"
+            )
+        rows += [(theta.index(i), *mean_and_sigma) for i in places[name].ravel() if i in theta]
+    return np.array(rows).reshape(-1, 3)
+
+
+def _motion(
+    system: System, rule: Rule, x: Experiment, h: float, segments: int, starts: dict[str, Any]
+) -> Motion:
+    data = tuple([x.data] if isinstance(x.data, Measurement) else x.data)
+    if not data or not all(isinstance(m, Measurement) for m in data):
+        raise InputError("data must be Measurements, or Experiments that have some")
+    t0, n = number("t0", x.t0), system.structure.n
+    times = np.unique(np.concatenate([m.t for m in data]))
+    if times[0] < t0 - ON_NODE * h:
+        raise InputError(f"something was measured at t={times[0]:g}, before the start at t0={t0:g}")
+    steps = max(math.ceil((times[-1] - t0) / h - ON_NODE), 1)
+    start = [vector(name, value, n, system.names) for name, value in (("q0", x.q0), ("v0", x.v0))]
+    for i, name in enumerate(START):
+        if isinstance(starts.get(name), Free):
+            start[i] = np.clip(start[i], starts[name].lower, starts[name].upper)
+    cuts = np.unique(np.linspace(0, steps, min(segments, steps) + 1).round().astype(int))
+    rows = tuple(np.searchsorted(times, m.t) for m in data)
+    u = controls(system, rule, x.u, steps)
+    return Motion(data, np.concatenate(start), t0, steps, u, cuts, times, rows)

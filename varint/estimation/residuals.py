@@ -1,0 +1,279 @@
+"""Residuals of an estimation problem and their exact derivatives, by multiple shooting on the
+discrete motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.estimation.problem import ON_NODE, Estimation, Motion
+from varint.integration.backend import kernel_for
+from varint.integration.problem import InitialValueProblem
+from varint.integration.step_function import step_function
+from varint.numerics.arrays import call, over_columns
+from varint.rules.polynomials import lagrange_values
+from varint.scene.system import System
+from varint.sensitivities.linear_steps import linear_step
+from varint.sensitivities.pieces import Piece, all_nodes, velocities
+from varint.sensitivities.start import momentum_function, momentum_slopes, state_function
+from varint.sensitivities.sweeps import Directions, Sweeper, forwards, sweeper
+
+ITERATIONS = 10  # that a fit is expected to take, each a run with its derivatives
+
+
+class Residuals(NamedTuple):
+    """At one guess: residuals r in units of σ with ∂r/∂z, defects d between segments with ∂d/∂z,
+    nodes of every experiment (steps + 1, 2n).
+    """
+
+    r: np.ndarray
+    of_r: np.ndarray
+    d: np.ndarray
+    of_d: np.ndarray
+    nodes: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Shooter:
+    """An estimation problem with what its runs need; `observed` are the functions of the
+    measurements of every experiment.
+    """
+
+    problem: Estimation
+    by: Sweeper
+    observed: tuple[tuple[ca.Function, ...], ...]
+
+    @property
+    def scene(self) -> System:
+        return self.problem.system
+
+
+def shooter(problem: Estimation, backend: str) -> Shooter:
+    """The runs of a problem, compiled where so many steps repay it."""
+    steps = ITERATIONS * sum(m.steps for m in problem.motions)
+    functions = tuple(
+        tuple(observed(problem.system, m.expression) for m in motion.data)
+        for motion in problem.motions
+    )
+    return Shooter(problem, sweeper(problem.system, problem.rule, steps, backend), functions)
+
+
+def first_guess(problem: Estimation) -> np.ndarray:
+    """z: parameters, then for each experiment its unknown start; then the states between segments,
+    still zero.
+    """
+    starts = [m.start[problem.free] for m in problem.motions]
+    named = np.concatenate([problem.c[problem.theta], *starts])
+    return np.concatenate([named, np.zeros(problem.size - problem.many)])
+
+
+def segment_columns(problem: Estimation) -> list[list[slice]]:
+    """Where the states between segments stand in z, for every experiment."""
+    size, at, found = 2 * problem.system.structure.n, problem.many, []
+    for motion in problem.motions:
+        count = len(motion.cuts) - 2
+        found.append([slice(at + i * size, at + (i + 1) * size) for i in range(count)])
+        at += count * size
+    return found
+
+
+def residuals(shoot: Shooter, z: np.ndarray) -> Residuals:
+    """All residuals and defects at z.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step cannot be solved.
+    """
+    p = shoot.problem
+    c = p.c.copy()
+    c[p.theta] = z[: len(p.theta)]
+    parts = [
+        _of_motion(shoot, motion, e, columns, z, c)
+        for e, (motion, columns) in enumerate(zip(p.motions, segment_columns(p), strict=True))
+    ]
+    prior = np.zeros((len(p.prior), p.size))
+    which = p.prior[:, 0].astype(int)
+    prior[np.arange(len(which)), which] = 1 / p.prior[:, 2]
+    r = [*(x[0] for x in parts), (z[which] - p.prior[:, 1]) / p.prior[:, 2]]
+    of_r = [*(x[1] for x in parts), prior]
+    d, of_d = (np.concatenate([x[i] for x in parts]) for i in (2, 3))
+    return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, tuple(x[4] for x in parts))
+
+
+def _of_motion(
+    shoot: Shooter, motion: Motion, e: int, columns: list[slice], z: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    p = shoot.problem
+    size, many = 2 * p.system.structure.n, len(p.theta)
+    state, tangent = _start(p, motion, e, z, c)
+    seen = np.empty((len(motion.times), size))
+    of_seen = np.zeros((len(motion.times), size, p.size))
+    defects, of_defects, nodes = [], [], []
+    step_of, fraction = _places(motion, p.h)
+    for j, (k0, k1) in enumerate(zip(motion.cuts, motion.cuts[1:], strict=False)):
+        piece = _piece(shoot, motion, state, int(k0), int(k1), c)
+        # local columns: the state at which the segment begins, then the parameters
+        along = np.zeros((len(c) + 2, size + many))
+        along[p.theta, size + np.arange(many)] = 1.0
+        begin = np.hstack([np.eye(size), np.zeros((size, many))])
+        local = forwards(shoot.by, piece, c, Directions(along), begin)
+        spread = np.vstack([tangent, np.eye(p.size)[:many]])
+        here = np.flatnonzero((step_of >= k0) & ((step_of < k1) | (k1 == motion.steps)))
+        if len(here):
+            at = step_of[here] - k0
+            x, of_x = _within(shoot, motion, piece, local, at, fraction[here], c)
+            seen[here], of_seen[here] = x, of_x @ spread
+        nodes.append(piece.x if k1 == motion.steps else piece.x[:-1])
+        if j < len(columns):
+            state, end = z[columns[j]], piece.x[-1]
+            tangent = np.zeros((size, p.size))
+            tangent[:, columns[j]] = np.eye(size)
+            defects.append(end - state)
+            of_defects.append(local[-1] @ spread - tangent)
+    r, of_r = _measured(p, motion, shoot.observed[e], seen, of_seen, c)
+    d = np.concatenate([np.zeros(0), *defects])
+    of_d = np.concatenate([np.zeros((0, p.size)), *of_defects])
+    return r, of_r, d, of_d, np.concatenate(nodes)
+
+
+def start_of(p: Estimation, motion: Motion, e: int, z: np.ndarray) -> np.ndarray:
+    """(q0, v0) of an experiment."""
+    start, first = motion.start.copy(), len(p.theta) + e * len(p.free)
+    start[p.free] = z[first : first + len(p.free)]
+    return start
+
+
+def _start(
+    p: Estimation, motion: Motion, e: int, z: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(q, p) at the start and its derivative by z."""
+    n, many = p.system.structure.n, len(p.theta)
+    q, v = np.split(start_of(p, motion, e, z), 2)
+    t = np.array([motion.t0])
+    momentum = call(momentum_function(p.system), q, v, t, c)[0]
+    flat = call(momentum_slopes(p.system), q, v, t, c)
+    of_q, of_v, of_c, _ = (x.reshape(-1, n).T for x in flat)
+    by_start = np.block([[np.eye(n), np.zeros((n, n))], [of_q, of_v]])
+    tangent, first = np.zeros((2 * n, p.size)), many + e * len(p.free)
+    tangent[:, first : first + len(p.free)] = by_start[:, p.free]
+    tangent[n:, :many] = of_c[:, p.theta]
+    return np.concatenate([q, momentum]), tangent
+
+
+def _piece(
+    shoot: Shooter, motion: Motion, state: np.ndarray, k0: int, k1: int, c: np.ndarray
+) -> Piece:
+    """The run of one segment."""
+    p, nodes = shoot.problem, len(shoot.problem.rule.nodes)
+    q, momentum = np.split(np.ascontiguousarray(state), 2)
+    run = InitialValueProblem(q, momentum, motion.t0, p.h, k1, 1, motion.u, c, nodes, first=k0)
+    kernel = None
+    if shoot.by.kernels:
+        kernel = kernel_for(p.system, p.rule, run._replace(steps=10**7), "auto")
+    x = all_nodes(p.system, p.rule, run, kernel)
+    t = motion.t0 + p.h * np.arange(k0, k1 + 1)
+    v = velocities(p.system, x, t, c)
+    h = np.full(k1 - k0, p.h)
+    return Piece(0, 1, k0, x, v, t[:-1], h, run.controls(k0, k1 - k0), np.array([0, k1 - k0]))
+
+
+def _places(motion: Motion, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """The step in which each measured time lies, or which begins there, and the part of it that has
+    passed.
+    """
+    passed = (motion.times - motion.t0) / h
+    step = np.floor(passed + ON_NODE).astype(int)
+    fraction = passed - step
+    return step, np.where(np.abs(fraction) <= ON_NODE, 0.0, fraction)
+
+
+def _within(
+    shoot: Shooter,
+    motion: Motion,
+    piece: Piece,
+    local: np.ndarray,
+    at: np.ndarray,
+    fraction: np.ndarray,
+    c: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """States at measured times and their derivatives: nodes, or a shorter step of the rule."""
+    p, scene = shoot.problem, shoot.scene
+    x, of_x = piece.x[at], local[at]
+    inner = np.flatnonzero(fraction > 0)
+    if not len(inner):
+        return x, of_x
+    k, part = at[inner], fraction[inner]
+    n, size = scene.structure.n, part * p.h
+    u = _controls_within(p, piece.u[k], part)
+    start = x[inner]
+    found = over_columns(
+        step_function(scene, p.rule),
+        start[:, :n],
+        start[:, n:],
+        u,
+        c,
+        piece.t[k, None],
+        size[:, None],
+    )
+    end = np.hstack(found[:2])
+    v1 = velocities(scene, end, piece.t[k] + size, c)
+    arguments = (start, end, piece.v[k], v1, piece.t[k, None], size[:, None], u, c)
+    phi, outside, *_ = over_columns(linear_step(scene, p.rule), *arguments)
+    phi = phi.reshape(len(k), 2 * n, 2 * n).transpose(0, 2, 1)
+    outside = outside.reshape(len(k), -1, 2 * n).transpose(0, 2, 1)
+    moved = phi @ of_x[inner]
+    moved[:, :, 2 * n :] += outside[:, :, p.theta]
+    x, of_x = x.copy(), of_x.copy()
+    x[inner], of_x[inner] = end, moved
+    return x, of_x
+
+
+def _controls_within(p: Estimation, u: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Controls at the rule's nodes of a part of a step: the polynomial through those of all of
+    it.
+    """
+    count, r, k = u.shape
+    if not k:
+        return np.empty((count, 0))
+    nodes = np.array(p.rule.nodes)
+    if p.rule.points:
+        u = lagrange_values(nodes, (nodes * part[:, None]).ravel()).reshape(-1, r, r) @ u
+    return u.reshape(count, -1)
+
+
+def _measured(
+    p: Estimation,
+    motion: Motion,
+    functions: tuple[ca.Function, ...],
+    seen: np.ndarray,
+    of_seen: np.ndarray,
+    c: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(ψ − y)/σ of every value that is there, and its derivative."""
+    n, many = p.system.structure.n, len(p.theta)
+    r, of_r = [np.zeros(0)], [np.zeros((0, p.size))]
+    for m, rows, f in zip(motion.data, motion.rows, functions, strict=True):
+        x = seen[rows]
+        value, of_x, of_c = over_columns(f, x[:, :n], x[:, n:], m.t[:, None], c)
+        o = value.shape[1]
+        slope = of_x.reshape(len(x), 2 * n, o).transpose(0, 2, 1) @ of_seen[rows]
+        slope[:, :, :many] += of_c.reshape(len(x), -1, o).transpose(0, 2, 1)[:, :, p.theta]
+        there = np.isfinite(m.values)
+        r.append(((value - m.values) / m.sigma)[there])
+        of_r.append((slope / m.sigma[:, :, None])[there])
+    return np.concatenate(r), np.concatenate(of_r)
+
+
+def observed(system: System, expression: ca.SX) -> ca.Function:
+    """(q, p, t, c) → an expression and its derivatives with respect to (q, p) and c."""
+    value = state_function(system, expression)
+    inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
+    q, p, _, c = inputs
+    out = value(*inputs)
+    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c)]
+    return ca.Function("observed", inputs, [ca.densify(out), *slopes])

@@ -1,0 +1,173 @@
+"""What a fit found: estimates with their spread, residuals, and what stays open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from statistics import NormalDist
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from varint.errors import InputError
+from varint.estimation.measurement import Measurement
+from varint.results.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+ROUNDED = 1e-12  # of χ² by its degrees of freedom: what is left is round-off, not noise
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """Parameters and start values estimated from measurements.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of everything estimated, entry by entry.
+    estimates : ndarray (k,)
+        In the same order.
+    covariance : ndarray (k, k)
+        By the linearised problem, (JᵀJ)⁻¹ along the equations of motion; infinite where the data
+        tell nothing.
+    params : dict of ndarray
+        All parameters of the scene, the estimated ones put in.
+    q0, v0 : tuple of ndarray (n,)
+        Start of every experiment.
+    trajectories : tuple of Trajectory
+        The motions fitted, one an experiment.
+    data : tuple of tuple of Measurement
+        What they were fitted to.
+    residuals : tuple of tuple of ndarray
+        (ψ − y)/σ of every measurement, in the shape of its values; NaN where none was.
+    unidentifiable : tuple of str
+        What the data leave open, a sentence each.
+    chi_squared : float
+        Σ ((ψ − y)/σ)².
+    freedom : int
+        Values measured less what was estimated from them.
+    converged : bool
+    steps : int
+        Gauss–Newton steps.
+    at_bounds : tuple of str
+        What bounds hold.
+    """
+
+    names: tuple[str, ...]
+    estimates: np.ndarray
+    covariance: np.ndarray
+    params: dict[str, np.ndarray]
+    q0: tuple[np.ndarray, ...]
+    v0: tuple[np.ndarray, ...]
+    trajectories: tuple[Trajectory, ...]
+    data: tuple[tuple[Measurement, ...], ...]
+    residuals: tuple[tuple[np.ndarray, ...], ...]
+    unidentifiable: tuple[str, ...]
+    chi_squared: float
+    freedom: int
+    converged: bool
+    steps: int
+    at_bounds: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        parts = [
+            f"{name}={x:.6g}±{s:.2g}"
+            for name, x, s in zip(self.names, self.estimates, self.sigma, strict=True)
+        ]
+        return f"Fit({', '.join(parts)})"
+
+    @cached_property
+    def sigma(self) -> np.ndarray:
+        """Standard deviations of the estimates, (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the estimates, (k, k); NaN where the data tell nothing of one."""
+        with np.errstate(invalid="ignore"):
+            found = self.covariance / np.outer(self.sigma, self.sigma)
+        found[~np.isfinite(np.outer(self.sigma, self.sigma))] = np.nan
+        return found
+
+    def interval(self, level: float = 0.95) -> np.ndarray:
+        """Confidence intervals by the linearised problem, estimate ± z σ, rows (lower, upper).
+
+        Parameters
+        ----------
+        level : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        ndarray (k, 2)
+
+        Raises
+        ------
+        InputError
+            If the level is none.
+        """
+        if not (isinstance(level, (int, float)) and 0 < level < 1):
+            raise InputError(f"level must be a number between 0 and 1, got {level!r}")
+        wide = NormalDist().inv_cdf((1 + level) / 2) * self.sigma
+        return np.column_stack([self.estimates - wide, self.estimates + wide])
+
+    @cached_property
+    def whiteness(self) -> tuple[tuple[float, ...], ...]:
+        """√M times the correlation of neighbouring residuals of every measurement: beyond ±2 they
+        are not independent, so something is missing in the scene or in the noise.
+        """
+        return tuple(tuple(_neighbours(r) for r in parts) for parts in self.residuals)
+
+    def report(self) -> None:
+        """Print estimates with intervals, the size and independence of the residuals, what bounds
+        hold and what the data leave open.
+        """
+        print(self.summary)
+
+    @property
+    def summary(self) -> str:
+        """What `report` prints."""
+        how = "converged" if self.converged else "did NOT converge"
+        lines = [f"{how} after {self.steps} Gauss–Newton steps"]
+        wide = max((len(name) for name in self.names), default=0)
+        rows = zip(self.names, self.estimates, self.sigma, self.interval(), strict=True)
+        for name, x, s, (low, high) in rows:
+            spread = f"± {s:.2g}   95 %: {low:.6g} … {high:.6g}" if np.isfinite(s) else "not told"
+            lines.append(f"  {name:<{wide}}  {x:.8g}  {spread}")
+        ratio = self.chi_squared / self.freedom if self.freedom > 0 else float("nan")
+        lines.append(
+            f"χ² = {self.chi_squared:.4g} for {self.freedom} degrees of freedom: {ratio:.3g}"
+        )
+        for e, parts in enumerate(self.whiteness):
+            for m, white in zip(self.data[e], parts, strict=True):
+                if ratio < ROUNDED:
+                    continue
+                what = "white" if abs(white) <= 2 else "NOT white: neighbours go together"
+                lines.append(f"residuals of {m.expression}: {what} ({white:+.1f})")
+        lines += [f"at a bound: {name}" for name in self.at_bounds]
+        lines += [f"open: {sentence}" for sentence in self.unidentifiable]
+        return "\n".join(lines)
+
+    def plot(self) -> Figure:
+        """Figure of what was measured and what was fitted, with the residuals beneath."""
+        from varint.drawing.fit_figures import Fitted, fit_figure
+
+        rows = zip(self.trajectories, self.data, self.residuals, strict=True)
+        return fit_figure(
+            [
+                Fitted(motion, m.expression, m.t, m.values, r)
+                for motion, data, parts in rows
+                for m, r in zip(data, parts, strict=True)
+            ]
+        )
+
+
+def _neighbours(r: np.ndarray) -> float:
+    good = [column[np.isfinite(column)] for column in r.T]
+    products = sum(float(x[1:] @ x[:-1]) for x in good)
+    squares = sum(float(x @ x) for x in good)
+    count = sum(max(len(x) - 1, 0) for x in good)
+    return products / squares * np.sqrt(count) if squares > 0 else 0.0

@@ -1,0 +1,134 @@
+"""The run behind a flow: its values, its Jacobian, and products with a row of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from varint.errors import ConvergenceError
+from varint.integration.backend import kernel_for
+from varint.integration.problem import InitialValueProblem
+from varint.numerics.arrays import call, over_columns
+from varint.rules.rule import Rule
+from varint.scene.system import System
+from varint.sensitivities.pieces import Piece, all_nodes, velocities
+from varint.sensitivities.start import momentum_function, momentum_slopes, output_slopes
+from varint.sensitivities.sweeps import Directions, Sweeper, backwards, forwards
+
+
+@dataclass(eq=False)
+class Shot:
+    """The run behind a flow; the last one is remembered, for values and derivatives are asked for
+    at the same place.
+    """
+
+    system: System
+    rule: Rule
+    h: float
+    steps: int
+    nodes: tuple[int, ...]
+    t0: float
+    by: Sweeper
+    last: tuple[bytes, Piece | None] | None = field(default=None)
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """Shapes of the inputs."""
+        n, s = self.system.structure.n, self.system
+        return [(n, 1), (n, 1), (s.c.numel(), 1), (s.structure.controls, self.steps)]
+
+    def run(self, given: list[np.ndarray]) -> Piece | None:
+        """All nodes of the run, or None where it cannot be finished."""
+        if np.isnan(given[2]).all():
+            given[2] = self.system.default_vector
+        key = b"".join(x.tobytes() for x in given)
+        if self.last is None or self.last[0] != key:
+            self.last = key, self._run(*given)
+        return self.last[1]
+
+    def _run(self, q: np.ndarray, v: np.ndarray, c: np.ndarray, u: np.ndarray) -> Piece | None:
+        steps = self.steps
+        if not all(np.isfinite(x).all() for x in (q, v, c, u)):
+            return None
+        t = self.t0 + self.h * np.arange(steps + 1)
+        p = call(momentum_function(self.system), q, v, t[:1], c)[0]
+        held = np.ascontiguousarray(u.reshape(steps, 1, -1))
+        problem = InitialValueProblem(
+            q, p, self.t0, self.h, steps, 1, held, c, len(self.rule.nodes)
+        )
+        kernel = None
+        if self.by.kernels:
+            kernel = kernel_for(self.system, self.rule, problem._replace(steps=10**7), "auto")
+        try:
+            x = all_nodes(self.system, self.rule, problem, kernel)
+        except ConvergenceError:
+            return None
+        sizes = np.full(steps, self.h)
+        controls = problem.controls(0, steps)
+        speeds = velocities(self.system, x, t, c)
+        return Piece(0, 1, 0, x, speeds, t[:-1], sizes, controls, np.array(self.nodes))
+
+    def values(self, given: list[np.ndarray]) -> list[np.ndarray]:
+        """q and v at the nodes, (nodes, n) each."""
+        n, piece = len(given[0]), self.run(given)
+        if piece is None:
+            return [np.full((len(self.nodes), n), np.nan)] * 2
+        kept = list(self.nodes)
+        return [piece.x[kept, :n], piece.v[kept]]
+
+    def slopes_at_nodes(self, piece: Piece, c: np.ndarray) -> list[np.ndarray]:
+        """∂(q, v)/∂(q, p) (nodes, 2n, 2n) and ∂(q, v)/∂c (nodes, 2n, C) at the nodes."""
+        kept, n = list(self.nodes), piece.v.shape[1]
+        t = self.t0 + self.h * np.array(kept, dtype=float)
+        x = piece.x[kept]
+        flat = over_columns(output_slopes(self.system), x[:, :n], x[:, n:], t[:, None], c)
+        return [y.reshape(len(kept), -1, 2 * n).transpose(0, 2, 1) for y in flat[:2]]
+
+    def jacobian(self, given: list[np.ndarray]) -> np.ndarray:
+        """∂(q, v)/∂(q0, v0, c, u): rows are q of the first node, …, v of the last."""
+        n, piece = len(given[0]), self.run(given)
+        c = given[2]
+        rows, columns = 2 * n * len(self.nodes), sum(a * b for a, b in self.sizes)
+        if piece is None:
+            return np.full((rows, columns), np.nan)
+        if columns > rows:
+            seeds = np.eye(rows).reshape(rows, 2, len(self.nodes), n)
+            return np.array([self.adjoint(given, one[0], one[1]) for one in seeds])
+        of_q, of_v, of_c, _ = self._start(given)
+        controls = given[3].size
+        outer = np.zeros((len(c) + 2, columns))
+        outer[: len(c), 2 * n : 2 * n + len(c)] = np.eye(len(c))
+        begin = np.zeros((2 * n, columns))
+        begin[:n, :n], begin[n:, :n], begin[n:, n : 2 * n] = np.eye(n), of_q, of_v
+        begin[n:, 2 * n : 2 * n + len(c)] = of_c
+        first = columns - controls if controls else -1
+        every = forwards(self.by, piece, c, Directions(outer, first, 1), begin)
+        of_x, by_c = self.slopes_at_nodes(piece, c)
+        found = of_x @ every[list(self.nodes)] + by_c @ outer[: len(c)]
+        return (
+            found.reshape(len(self.nodes), 2, n, columns)
+            .transpose(1, 0, 2, 3)
+            .reshape(rows, columns)
+        )
+
+    def adjoint(self, given: list[np.ndarray], of_q: np.ndarray, of_v: np.ndarray) -> np.ndarray:
+        """The gradient of Σ of_q·q + of_v·v over the nodes, (nodes, n) each, by all inputs."""
+        n, piece, c = len(given[0]), self.run(given), given[2]
+        if piece is None:
+            return np.full(sum(a * b for a, b in self.sizes), np.nan)
+        of_x, by_c = self.slopes_at_nodes(piece, c)
+        weights = np.hstack([of_q, of_v])
+        seeds = np.zeros((self.steps + 1, 2 * n))
+        seeds[list(self.nodes)] = np.einsum("ko,kox->kx", weights, of_x)
+        mu, pulled = backwards(self.by, piece, c, seeds[-1], seeds[:-1], 1)
+        by_q, by_v, by_start, _ = self._start(given)
+        of_c = pulled.outer[: len(c)] + np.einsum("ko,koc->c", weights, by_c) + by_start.T @ mu[n:]
+        return np.concatenate(
+            [mu[:n] + by_q.T @ mu[n:], by_v.T @ mu[n:], of_c, pulled.controls.ravel()]
+        )
+
+    def _start(self, given: list[np.ndarray]) -> list[np.ndarray]:
+        q, v, c, _ = given
+        flat = call(momentum_slopes(self.system), q, v, np.array([self.t0]), c)
+        return [x.reshape(-1, len(q)).T for x in flat]

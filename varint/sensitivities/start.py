@@ -1,0 +1,72 @@
+"""How a run begins: from (q0, v0) or (q0, p0), and what that makes of changes of both."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.legendre import velocity_function
+from varint.errors import InputError
+from varint.numerics.arrays import call
+from varint.results.trajectory import Trajectory
+from varint.scene.expressions import in_own_symbols
+from varint.scene.system import System, per_system
+
+
+@per_system
+def momentum_slopes(system: System) -> ca.Function:
+    """(q, v, t, c) → ∂p/∂q, ∂p/∂v, ∂p/∂c, ∂p/∂t of p = ∂L/∂v."""
+    s = system
+    slopes = [ca.densify(ca.jacobian(s.momentum, x)) for x in (s.q, s.v, s.c, s.t)]
+    return ca.Function("momentum_slopes", [s.q, s.v, s.t, s.c], slopes, {"cse": True})
+
+
+@per_system
+def momentum_function(system: System) -> ca.Function:
+    """(q, v, t, c) → p = ∂L/∂v."""
+    s = system
+    return ca.Function("momentum", [s.q, s.v, s.t, s.c], [ca.densify(s.momentum)])
+
+
+def start_slopes(motion: Trajectory, node: int = 0) -> list[np.ndarray]:
+    """∂p/∂q (n, n), ∂p/∂v (n, n), ∂p/∂c (n, C), ∂p/∂t (n, 1) at a node."""
+    n = motion.q.shape[1]
+    at = motion.q[node], motion.v[node], motion.t[node : node + 1], motion.c
+    flat = call(momentum_slopes(motion.system), *at)
+    return [x.reshape(-1, n).T for x in flat]
+
+
+def state_function(system: System, expression: ca.SX) -> ca.Function:
+    """(q, p, t, c) → an expression of q, v, t and the parameters, a column.
+
+    Raises
+    ------
+    InputError
+        If it depends on controls, which belong to steps and not to nodes.
+    """
+    s = system
+    own = ca.vec(ca.densify(in_own_symbols(expression, s)))
+    if s.structure.controls and ca.depends_on(own, s.control):
+        raise InputError(
+            "an expression of the nodes depends on controls, which belong to the steps between "
+            "them; write it without, or as the running loss"
+        )
+    value = ca.Function("value", [s.q, s.v, s.t, s.c], [own], {"cse": True})
+    sizes = (s.structure.n, s.structure.n, 1, s.c.numel())
+    q, p, t, c = (ca.MX.sym(name, size) for name, size in zip("qptc", sizes, strict=True))
+    return ca.Function("of_state", [q, p, t, c], [value(q, velocity_function(s)(q, p, t, c), t, c)])
+
+
+def slopes_of(system: System, outputs: ca.SX) -> ca.Function:
+    """(q, p, t, c) → derivatives of expressions with respect to (q, p), c and t."""
+    value = state_function(system, outputs)
+    q, p, t, c = inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
+    out = value(*inputs)
+    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c, t)]
+    return ca.Function("output_slopes", inputs, slopes)
+
+
+@per_system
+def output_slopes(system: System) -> ca.Function:
+    """`slopes_of` q and v."""
+    return slopes_of(system, ca.vertcat(system.q, system.v))

@@ -1,0 +1,360 @@
+"""Tangents carried forwards and adjoints carried backwards over a piece of a run, by compiled loops
+or by CasADi's own.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import ConvergenceError, InputError
+from varint.integration.backend import BACKENDS
+from varint.numerics.arrays import blocks, over_columns
+from varint.rules.rule import Rule
+from varint.scene.system import System, per_system
+from varint.sensitivities.linear_steps import linear_step, lossy_step, operations
+from varint.sensitivities.pieces import Piece
+
+if TYPE_CHECKING:
+    from varint.codegen.sweep import SweepKernel
+
+INSTRUCTION = 8e-9  # seconds of CasADi's virtual machine for an operation
+CALL = 5e-5  # seconds of it for a step besides
+STARTING, STATEMENT = 0.25, 1e-4  # seconds to compile loops, and for a statement of them
+LOOSE = 1e-6  # relative: unknowns whose last correction is larger were not found
+TURNS = 1000  # of CasADi's own loops at a time
+NOT_REGULAR = 2  # enum Sweep of c/sweep.h
+
+
+@dataclass(frozen=True, eq=False)
+class Sweeper:
+    """How the derivatives of a scene's steps are taken.
+
+    Attributes
+    ----------
+    system, rule : System, Rule
+    density : str or None
+        Running loss, the function (q, v, t, u, c) → ℓ, serialised.
+    kernels : tuple of SweepKernel
+        Compiled loops, each there where the one before it fails.
+    steps : Function or None
+        `linear_step` or `lossy_step`, evaluated at many steps at once where nothing is compiled.
+    """
+
+    system: System
+    rule: Rule
+    density: str | None
+    kernels: tuple[SweepKernel, ...]
+    steps: ca.Function | None = None
+
+
+class Directions(NamedTuple):
+    """What a run is varied by, a column each.
+
+    Attributes
+    ----------
+    outer : ndarray (C + 2, m)
+        Changes of the parameters, of the step and of the start time.
+    controls : int
+        The first of the columns that are the controls of every step in turn; −1 where there are
+        none.
+    nodes : int
+        Control values a step: 1 where they are held over it.
+    """
+
+    outer: np.ndarray
+    controls: int = -1
+    nodes: int = 1
+
+
+class Pulled(NamedTuple):
+    """Derivatives of a loss with respect to what is outside, summed over a piece: parameters, step,
+    start time; controls (S, nodes, k); the running loss itself.
+    """
+
+    outer: np.ndarray
+    controls: np.ndarray
+    loss: float
+
+
+def sweeper(
+    system: System, rule: Rule, steps: int, backend: str, density: str | None = None
+) -> Sweeper:
+    """Compiled loops where the run is long enough to repay the compiler, or where asked for.
+
+    Raises
+    ------
+    InputError
+        If there is no such backend.
+    NotCompilable, CompileError
+        If ``"compiled"`` is asked for and impossible.
+    """
+    if backend not in BACKENDS:
+        raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
+    if backend == "compiled" or (backend == "auto" and _repays(system, rule, steps)):
+        from varint.codegen.cache import CompileError
+        from varint.codegen.graph import NotCompilable
+
+        try:
+            return Sweeper(system, rule, density, _kernels(system, rule, density))
+        except (CompileError, NotCompilable) as error:
+            if backend == "compiled":
+                raise
+            if isinstance(error, CompileError):
+                warnings.warn(f"{str(error).splitlines()[0]}; slower until then", stacklevel=4)
+    interpreted = (
+        linear_step(system, rule) if density is None else lossy_step(system, rule, density)
+    )
+    return Sweeper(system, rule, density, (), interpreted)
+
+
+@per_system
+def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
+    """Where stages are iterated the factors of a step's equations are not built at once: only a
+    stiff scene needs them.
+    """
+    from varint.codegen.sweep import sweep_kernel
+    from varint.codegen.sweep_gauss import has_stage_sweep, stage_sweep_kernel
+
+    if has_stage_sweep(system, rule):
+        return (stage_sweep_kernel(system, rule, density),)
+    return (sweep_kernel(system, rule, density),)
+
+
+def _repays(system: System, rule: Rule, steps: int) -> bool:
+    """Whether the steps take CasADi longer than the compiler needs for their loops."""
+    turn, statements = operations(system, rule)
+    return steps * (CALL + INSTRUCTION * turn) > STARTING + STATEMENT * statements
+
+
+def forwards(
+    by: Sweeper, piece: Piece, c: np.ndarray, directions: Directions, tangent: np.ndarray
+) -> np.ndarray:
+    """∂x at every node of the piece, (S + 1, 2n, m), from that at its first, (2n, m).
+
+    Raises
+    ------
+    ConvergenceError
+        If a step's equations cannot be solved again or have no regular derivative.
+    """
+    if by.steps is not None:
+        return _forwards_interpreted(by, piece, c, directions, tangent)
+    out = np.empty((len(piece.x), *tangent.shape))
+    _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent, out=out), every=1)
+    return out
+
+
+def carried(
+    by: Sweeper, piece: Piece, c: np.ndarray, directions: Directions, tangent: np.ndarray
+) -> np.ndarray:
+    """∂x at the last node of the piece alone, (2n, m)."""
+    if by.steps is not None:
+        return _forwards_interpreted(by, piece, c, directions, tangent)[-1]
+    return _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent))["tangent"]
+
+
+def backwards(
+    by: Sweeper,
+    piece: Piece,
+    c: np.ndarray,
+    adjoint: np.ndarray,
+    seeds: np.ndarray | None,
+    nodes: int,
+) -> tuple[np.ndarray, Pulled]:
+    """The adjoint (2n,) carried from the piece's last node to its first, and what it pulls back.
+
+    `seeds` (S, 2n) is what the node at which each step begins adds to the adjoint; `nodes` are the
+    control values a step.
+    """
+    if by.steps is not None:
+        return _backwards_interpreted(by, piece, c, adjoint, seeds, nodes)
+    directions = Directions(np.zeros((len(c) + 2, 1)), -1, nodes)
+    arrays = dict(
+        tangent=adjoint,
+        out=np.zeros((len(piece.t), nodes, piece.u.shape[2])),
+        loss=np.zeros(1),
+        outer=directions.outer,
+    )
+    found = _compiled(by, "adjoints", piece, c, directions, arrays, seeds=seeds)
+    pulled = Pulled(found["outer"][:, 0], found["out"], float(found["loss"][0]))
+    return found["tangent"], pulled
+
+
+def _compiled(
+    by: Sweeper,
+    loop: str,
+    piece: Piece,
+    c: np.ndarray,
+    directions: Directions,
+    arrays: dict[str, np.ndarray],
+    *,
+    every: int = 0,
+    seeds: np.ndarray | None = None,
+) -> dict[str, np.ndarray]:
+    """What a loop makes of copies of the arrays; where the stages' iteration fails, the loop that
+    factorises.
+    """
+    smooth = not piece.u.shape[2] and bool((piece.h == piece.h[0]).all())
+    kernels, status = list(by.kernels), 0
+    while kernels:
+        given = {name: x if name == "out" and every else x.copy() for name, x in arrays.items()}
+        given = dict(outer=np.ascontiguousarray(directions.outer)) | given
+        failed = np.zeros(1)
+        status = getattr(kernels.pop(0), loop)(
+            dict(
+                steps=len(piece.t),
+                first=piece.first,
+                columns=directions.outer.shape[1],
+                every=every,
+                outer_moves=int(directions.outer.any()),
+                control_column=directions.controls,
+                control_nodes=directions.nodes,
+                smooth=int(smooth),
+                x=piece.x,
+                v=piece.v,
+                t=piece.t,
+                h=piece.h,
+                c=np.ascontiguousarray(c),
+                u=np.ascontiguousarray(piece.u),
+                seeds=None if seeds is None else np.ascontiguousarray(seeds),
+                failed=failed,
+                **given,
+            )
+        )
+        if not status:
+            return given
+        if not kernels and (other := _by_factors(by)) is not None:
+            kernels = [other]
+            by = Sweeper(by.system, by.rule, by.density, (other,))
+    raise _failure(piece, int(failed[0]), "regular" if status == NOT_REGULAR else "solved")
+
+
+def _by_factors(by: Sweeper) -> SweepKernel | None:
+    """The loop that factorises the equations of a step, if it is not the one that failed."""
+    from varint.codegen.sweep import sweep_kernel
+
+    kernel = sweep_kernel(by.system, by.rule, by.density)
+    return None if kernel in by.kernels else kernel
+
+
+def _failure(piece: Piece, step: int, what: str) -> ConvergenceError:
+    why = (
+        "its equations have no regular derivative there (a grazing contact, dependent constraints)"
+        if what == "regular"
+        else "its equations could not be solved once more: the nodes are not those of this rule, "
+        "or h is too large"
+    )
+    k = piece.first + step
+    return ConvergenceError(
+        f"the derivative of step {k} at t={piece.t[step]:g} cannot be taken: {why}",
+        step=k,
+        time=float(piece.t[step]),
+        residual=float("nan"),
+        cause=why,
+    )
+
+
+def _steps(by: Sweeper, piece: Piece, c: np.ndarray) -> list[np.ndarray]:
+    """Outputs of `linear_step` at every step, matrices as (S, columns, rows)."""
+    assert by.steps is not None
+    try:
+        found = over_columns(
+            by.steps,
+            piece.x[:-1],
+            piece.x[1:],
+            piece.v[:-1],
+            piece.v[1:],
+            piece.t[:, None],
+            piece.h[:, None],
+            piece.u.reshape(len(piece.t), -1),
+            c,
+        )
+    except RuntimeError:  # CasADi's factorisation of a singular matrix
+        raise _failure(piece, 0, "regular") from None
+    bad = np.flatnonzero(~(found[2][:, 0] <= LOOSE))
+    if len(bad):
+        raise _failure(piece, int(bad[0]), "solved")
+    size, count = piece.x.shape[1], len(piece.t)
+    return [found[0].reshape(count, size, size), found[1].reshape(count, -1, size), *found[2:]]
+
+
+@lru_cache(maxsize=64)
+def _carry(n: int, columns: int, count: int) -> ca.Function:
+    """X ← A X + S, so many times."""
+    x, s = ca.MX.sym("x", n, columns), ca.MX.sym("s", n, columns)
+    a = ca.MX.sym("a", n, n)
+    once = ca.Function("carry", [x, a, s], [a @ x + s])
+    return once.mapaccum("carried", count) if count > 1 else once
+
+
+def _accumulate(matrices: np.ndarray, sources: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """X_{k+1} = A_k X_k + S_k: every X, the first included, (S + 1, n, m); A and S have columns
+    first, (S, n, n), (S, m, n).
+    """
+    n, m = start.shape
+    out, done = [start.T[None]], 0
+    for count in blocks(len(matrices), TURNS):
+        a, s = (x[done : done + count].reshape(-1, n).T for x in (matrices, sources))
+        found = np.array(_carry(n, m, count)(out[-1][-1].T, a, s))
+        out.append(found.T.reshape(count, m, n))
+        done += count
+    return np.concatenate(out).transpose(0, 2, 1)
+
+
+def _forwards_interpreted(
+    by: Sweeper, piece: Piece, c: np.ndarray, directions: Directions, tangent: np.ndarray
+) -> np.ndarray:
+    phi, outside, *_ = _steps(by, piece, c)
+    outer, m, count = len(c) + 2, tangent.shape[1], len(piece.t)
+    along = np.repeat(directions.outer.T[None], count, axis=0)  # (S, m, outer)
+    along[:, :, -1] += (piece.first + np.arange(count))[:, None] * directions.outer[-2]
+    sources = along @ outside[:, :outer]
+    if directions.controls >= 0:
+        of_controls = _by_values(outside[:, outer:], directions.nodes, piece.u.shape[2])
+        width = of_controls.shape[1]
+        for j in range(width):
+            steps = np.arange(count)
+            at = directions.controls + (piece.first + steps) * width + j
+            sources[steps, at] += of_controls[:, j]
+    assert sources.shape[1] == m
+    return _accumulate(phi, sources, tangent)
+
+
+def _by_values(of_nodes: np.ndarray, values: int, k: int) -> np.ndarray:
+    """Derivatives by the controls of all nodes (S, nodes·k, …) as those by the values given."""
+    if values > 1 or not k:
+        return of_nodes
+    count, _, *rest = of_nodes.shape
+    return of_nodes.reshape(count, -1, k, *rest).sum(1)
+
+
+def _backwards_interpreted(
+    by: Sweeper,
+    piece: Piece,
+    c: np.ndarray,
+    adjoint: np.ndarray,
+    seeds: np.ndarray | None,
+    nodes: int,
+) -> tuple[np.ndarray, Pulled]:
+    phi, outside, _, *lossy = _steps(by, piece, c)
+    outer, (count, size) = len(c) + 2, phi.shape[:2]
+    sources = np.zeros((count, size))
+    if seeds is not None:
+        sources += seeds
+    if lossy:
+        sources += lossy[1]
+    transposed = phi.transpose(0, 2, 1)
+    mu = _accumulate(transposed[::-1], sources[::-1, None], adjoint[:, None])[::-1, :, 0]
+    pulled = np.einsum("kei,ki->ke", outside, mu[1:])
+    if lossy:
+        pulled = pulled + lossy[2]
+    total = pulled[:, :outer].sum(0)
+    total[-2] += ((piece.first + np.arange(count)) * pulled[:, outer - 1]).sum()
+    k = piece.u.shape[2]
+    controls = _by_values(pulled[:, outer:], nodes, k).reshape(count, nodes, k)
+    return mu[0], Pulled(total, controls, float(lossy[0].sum()) if lossy else 0.0)
