@@ -42,6 +42,22 @@ KNOWN = {
         "collocations written by hand in CasADi, and rockit and opty where they are installed "
         "(opty's time includes its compiler's).",
     ),
+    "optimal_control_tools": Benchmark(
+        "Toolkits for optimal control",
+        "Kelly's cart-pole in each tool that pip installs, every setting in processes of its own: "
+        "import, first solve (building counted, byte code and kernels cached), and the median of "
+        "three further ends, from the last solution. For each wanted error of the cost the "
+        "quickest first solve among a tool's settings, and the quickest further one; a tool that is missing reached the error "
+        "with none of its settings in a minute.",
+    ),
+    "control_starts": Benchmark(
+        "Starts of control problems",
+        "Problems from ten random paths each, the same for varint and for Hermite–Simpson "
+        "collocation written by hand: how many are solved from the path (by varint also by a rough "
+        "solution near it), how many of these are true, their controls leading along their path "
+        "within 1 % of its range when replayed finely, and how many varint solved only by leaving "
+        "the path for a default start. Iterations are medians, of all attempts together.",
+    ),
     "optimal_control_again": Benchmark(
         "Optimal control solved again",
         "The second solve of a problem, with another end, beside Hermite–Simpson collocation written "
