@@ -82,6 +82,13 @@ def loop(arm):
     return compiled(arm[0], "reach.c", "loop.c").rename(arm[0] / "loop")
 
 
+@pytest.fixture(scope="module")
+def short(arm, loop):
+    """The same with one quadratic program a call."""
+    options = "-O0", "-DREACH_ITERATIONS=1", "-DREACH_TOLERANCE=1e-9"
+    return compiled(arm[0], "reach.c", "loop.c", options=options).rename(arm[0] / "short")
+
+
 def answers(program, states: np.ndarray, ahead=AHEAD, goal=JUMP) -> np.ndarray:
     """Status, controls and residual at each of the states (q, v)."""
     rows = zip(ahead, states.tolist(), goal, strict=True)
@@ -108,12 +115,11 @@ def test_it_plans_what_ipopt_plans_also_where_bounds_hold_and_the_set_point_move
 
 
 @needs_compiler
-def test_a_call_without_a_plan_in_time_gives_the_controls_of_the_former_plan(arm, loop):
+def test_a_call_without_a_plan_in_time_gives_the_controls_of_the_former_plan(arm, loop, short):
     """At the jump one quadratic program is not enough for the tolerance."""
-    folder, controller, motion = arm
+    _, controller, motion = arm
     states = np.hstack([motion.q, motion.v])[:12]
-    options = "-O0", "-DREACH_ITERATIONS=1", "-DREACH_TOLERANCE=1e-9"
-    strict = answers(compiled(folder, "reach.c", "loop.c", options=options), states)
+    strict = answers(short, states)
     assert (strict[:, 0] == 1).any()
     assert (strict[strict[:, 0] == 1, 3] > 1e-9).all()
     full = answers(loop, states)
@@ -131,17 +137,14 @@ def test_a_call_without_a_plan_in_time_gives_the_controls_of_the_former_plan(arm
 
 
 @needs_compiler
-def test_calls_that_are_too_short_go_on_from_one_another(arm, loop):
+def test_calls_that_are_too_short_go_on_from_one_another(arm, loop, short):
     """A set-point that jumps, and one quadratic program a call at the same state: the plan is
     found after some calls, and until then the controls are the former ones.
     """
-    folder, _, motion = arm
+    _, _, motion = arm
     state, calls = np.append(motion.q[6], motion.v[6]), 12
     given = dict(states=np.tile(state, (calls, 1)), ahead=calls * [0], goal=[0.6, *11 * [1.4]])
-    options = "-O0", "-DREACH_ITERATIONS=1", "-DREACH_TOLERANCE=1e-8"
-    status, *u, residual = answers(
-        compiled(folder, "reach.c", "loop.c", options=options), **given
-    ).T
+    status, *u, residual = answers(short, **given).T
     full = answers(loop, **given)
     tried = np.flatnonzero(status[1:] == 1) + 1
     assert 1 <= len(tried) < calls - 2
