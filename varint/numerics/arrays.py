@@ -181,12 +181,14 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
 
 class _Rows(NamedTuple):
     """How a function is called for so many rows: the sizes of the blocks, and what one block of few
-    numbers needs, arguments and results as rows; None where there are more.
+    numbers needs, arguments and results as rows; None where there are more. `fails`: see
+    `_Prepared`.
     """
 
     function: ca.Function
     sizes: tuple[int, ...]
     few: _Prepared | None
+    fails: bool
 
 
 _ROWS: dict[tuple[int, int, int], _Rows] = {}
@@ -203,18 +205,19 @@ def _rows_of(function: ca.Function, count: int) -> _Rows:
 
 
 def _plan_of_rows(function: ca.Function, count: int) -> _Rows:
-    operations = function.n_instructions() if function.is_a("SXFunction") else MANY
+    fails = not function.is_a("SXFunction")
+    operations = MANY if fails else function.n_instructions()
     sizes = (count,) if 0 < count <= FEW else row_blocks(count, operations)
     if len(sizes) != 1 or count >= COPIED:
-        return _Rows(function, sizes, None)
+        return _Rows(function, sizes, None, fails)
     flat = _prepare(_map_function(function, sizes[0]))
     if flat.inputs is None:
-        return _Rows(function, sizes, None)
+        return _Rows(function, sizes, None, fails)
     inputs, outputs = (
         [memory.reshape(sizes[0], -1) for memory in part] for part in (flat.inputs, flat.outputs)
     )
-    fails = flat.fails and not function.is_a("SXFunction")
-    return _Rows(function, sizes, flat._replace(inputs=inputs, outputs=outputs, fails=fails))
+    few = flat._replace(inputs=inputs, outputs=outputs, fails=fails)
+    return _Rows(function, sizes, few, fails)
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -264,7 +267,7 @@ def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]
     list of ndarray (N, size of output i)
     """
     count = max([len(a) for a in arrays if a.ndim == 2])
-    _, sizes, few = _rows_of(function, count)
+    _, sizes, few, fails = _rows_of(function, count)
     if few is not None:
         for rows, a in zip(few.inputs, arrays, strict=True):  # type: ignore[arg-type]
             if rows.shape[1] != a.shape[-1]:
@@ -282,7 +285,7 @@ def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]
     whole = sum(sizes)
     columns = [_rows(a, count, whole) for a in arrays]
     results: list[Sequence[np.ndarray]] = []
-    done, fails = 0, not function.is_a("SXFunction")
+    done = 0
     for size in sizes:
         some = [a[done : done + size] for a in columns]
         part = [x.reshape(size, -1) for x in call(_map_function(function, size), *some)]
