@@ -84,3 +84,13 @@ def test_velocities_solve_the_equations_under_forces_of_the_velocities(power):
     size = np.hypot(vx, vy) ** (power - 1)
     np.testing.assert_allclose(-vy - np.sin(x) - 0.2 * size * vx, 0, atol=1e-12)
     np.testing.assert_allclose(vx - y - 0.2 * size * vy, 0, atol=1e-12)
+
+
+def test_equations_that_determine_no_velocities_are_refused_at_the_start():
+    q, v = vi.coordinates("a", "b", "c")
+    odd = vi.System(q, v, q[1] * v[0] - ca.sumsqr(q))
+    with pytest.raises(vi.InputError, match=r"no velocities at the start.*odd number"):
+        vi.simulate(odd, q0=[1.0, 0.2, 0.1], h=0.1, steps=5)
+    flat = vi.System(Q, V, Q[0] * V[0] - ca.sumsqr(Q))
+    with pytest.raises(vi.InputError, match=r"no velocities at the start"):
+        vi.simulate(flat, q0=[1.0, 0.2], h=0.1, steps=5)

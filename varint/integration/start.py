@@ -21,6 +21,7 @@ from varint.discrete.constraints import (
 )
 from varint.discrete.inertia import check_inertia
 from varint.discrete.lagrangian import point_function
+from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
 from varint.numerics.arrays import call, finite
 from varint.scene.inputs import vector
@@ -107,9 +108,26 @@ def start_momentum_of(
             f"q0={q}, t0={t0:g}: a collision, a square root or logarithm of a negative number, or "
             "a parameter value; move the start or change the parameters"
         )
-    if not (structure.degenerate or structure.constraints or structure.nonholonomic):
+    if structure.degenerate:
+        _check_first_order(system, q, p, t, c)
+    elif not (structure.constraints or structure.nonholonomic):
         _check_mass(system, mass.reshape(n, n), c)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
+
+
+def _check_first_order(
+    system: System, q: np.ndarray, p: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> None:
+    """Refuse a degenerate Lagrangian whose equations determine no velocities."""
+    s = system.structure
+    if s.constraints or s.nonholonomic or finite(call(velocity_function(system), q, p, t, c)[0]):
+        return
+    odd = ", as for every odd number of coordinates" if s.n % 2 else ""
+    raise InputError(
+        "the Lagrangian is degenerate (∂²L/∂v² = 0), and its equations of first order determine no "
+        f"velocities at the start: ∂p_i/∂q_j − ∂p_j/∂q_i, p = ∂L/∂v, is singular there{odd}; give "
+        "every coordinate a partner or a kinetic energy, or another start"
+    )
 
 
 @per_system

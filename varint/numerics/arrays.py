@@ -86,7 +86,8 @@ class _Prepared(NamedTuple):
     and their memory.
 
     Where arguments and results are few they have memory of their own in the buffer: to copy numbers
-    is cheaper than to hand over where they are. Memory of many is None.
+    is cheaper than to hand over where they are. Memory of many is None. `fails`: linear systems or
+    iterations may end the call without results.
     """
 
     function: ca.Function
@@ -96,6 +97,21 @@ class _Prepared(NamedTuple):
     out: list[int]
     inputs: list[np.ndarray] | None
     outputs: list[np.ndarray]
+    fails: bool
+
+    def run(self, outputs: Sequence[np.ndarray]) -> bool:
+        """The call, and whether it came to its end; if not its results are no numbers, rather than
+        what was in memory.
+        """
+        written = [x for x in outputs if x.size] if self.fails else []
+        if written:
+            written[-1].flat[-1] = math.nan
+        self.trigger()
+        if written and math.isnan(written[-1].flat[-1]) and self.buffer.ret():
+            for x in written:
+                x.fill(math.nan)
+            return False
+        return True
 
 
 _PREPARED: dict[tuple[int, int], _Prepared] = {}
@@ -121,11 +137,12 @@ def _preparation(function: ca.Function) -> _Prepared:
     buffer, trigger = function.buffer()
     sizes = [function.nnz_in(i) for i in range(function.n_in())]
     out = [function.nnz_out(i) for i in range(function.n_out())]
+    fails = not function.is_a("SXFunction")
     if sum(sizes) + sum(out) > COPIED:
-        return _Prepared(function, buffer, trigger, sizes, out, None, [])
+        return _Prepared(function, buffer, trigger, sizes, out, None, [], fails)
     inputs, outputs = ([np.empty(size) for size in part] for part in (sizes, out))
     _hand_over(buffer, inputs, outputs)
-    return _Prepared(function, buffer, trigger, sizes, out, inputs, outputs)
+    return _Prepared(function, buffer, trigger, sizes, out, inputs, outputs, fails)
 
 
 def _hand_over(
@@ -143,7 +160,8 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
 
     `function` must have dense inputs; each argument's size must match.
     """
-    _, buffer, trigger, sizes, out, inputs, outputs = _prepare(function)
+    prepared = _prepare(function)
+    sizes, inputs, outputs = prepared.sizes, prepared.inputs, prepared.outputs
     for argument, size, memory in zip(arguments, sizes, inputs or arguments, strict=True):
         if argument.size != size:
             raise AssertionError(
@@ -153,22 +171,24 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
             # faster than [:]
             memory[...] = argument if argument.ndim == 1 else argument.reshape(-1)
     if inputs is None:
-        outputs = [np.empty(size) for size in out]
-        _hand_over(buffer, arguments, outputs)
-        trigger()
+        outputs = [np.empty(size) for size in prepared.out]
+        _hand_over(prepared.buffer, arguments, outputs)
+        prepared.run(outputs)
         return outputs
-    trigger()
+    prepared.run(outputs)
     return [memory.copy() for memory in outputs]
 
 
 class _Rows(NamedTuple):
     """How a function is called for so many rows: the sizes of the blocks, and what one block of few
-    numbers needs, arguments and results as rows; None where there are more.
+    numbers needs, arguments and results as rows; None where there are more. `fails`: see
+    `_Prepared`.
     """
 
     function: ca.Function
     sizes: tuple[int, ...]
     few: _Prepared | None
+    fails: bool
 
 
 _ROWS: dict[tuple[int, int, int], _Rows] = {}
@@ -185,17 +205,19 @@ def _rows_of(function: ca.Function, count: int) -> _Rows:
 
 
 def _plan_of_rows(function: ca.Function, count: int) -> _Rows:
-    operations = function.n_instructions() if function.is_a("SXFunction") else MANY
+    fails = not function.is_a("SXFunction")
+    operations = MANY if fails else function.n_instructions()
     sizes = (count,) if 0 < count <= FEW else row_blocks(count, operations)
     if len(sizes) != 1 or count >= COPIED:
-        return _Rows(function, sizes, None)
+        return _Rows(function, sizes, None, fails)
     flat = _prepare(_map_function(function, sizes[0]))
     if flat.inputs is None:
-        return _Rows(function, sizes, None)
+        return _Rows(function, sizes, None, fails)
     inputs, outputs = (
         [memory.reshape(sizes[0], -1) for memory in part] for part in (flat.inputs, flat.outputs)
     )
-    return _Rows(function, sizes, flat._replace(inputs=inputs, outputs=outputs))
+    few = flat._replace(inputs=inputs, outputs=outputs, fails=fails)
+    return _Rows(function, sizes, few, fails)
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -224,6 +246,12 @@ def lengths(rows: np.ndarray) -> np.ndarray:
     return size * np.sqrt(((rows / size[..., None]) ** 2).sum(axis=-1))
 
 
+def _one_by_one(function: ca.Function, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Values row by row."""
+    rows = [call(function, *row) for row in zip(*columns, strict=True)]
+    return [np.stack(x) for x in zip(*rows, strict=True)]
+
+
 def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]:
     """Evaluate `function` for every row of the arrays.
 
@@ -239,7 +267,7 @@ def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]
     list of ndarray (N, size of output i)
     """
     count = max([len(a) for a in arrays if a.ndim == 2])
-    _, sizes, few = _rows_of(function, count)
+    _, sizes, few, fails = _rows_of(function, count)
     if few is not None:
         for rows, a in zip(few.inputs, arrays, strict=True):  # type: ignore[arg-type]
             if rows.shape[1] != a.shape[-1]:
@@ -251,15 +279,19 @@ def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]
                 rows[count:] = rows[count - 1 : count]
             else:
                 rows[...] = a  # faster
-        few.trigger()
-        return [rows[:count].copy() for rows in few.outputs]
+        if few.run(few.outputs):
+            return [rows[:count].copy() for rows in few.outputs]
+        return _one_by_one(function, [_rows(a, count, count) for a in arrays])
     whole = sum(sizes)
     columns = [_rows(a, count, whole) for a in arrays]
     results: list[Sequence[np.ndarray]] = []
     done = 0
     for size in sizes:
-        part = call(_map_function(function, size), *(a[done : done + size] for a in columns))
-        results.append([x.reshape(size, -1) for x in part])
+        some = [a[done : done + size] for a in columns]
+        part = [x.reshape(size, -1) for x in call(_map_function(function, size), *some)]
+        if fails and size > 1 and not all(x.size == 0 or math.isfinite(x[-1, -1]) for x in part):
+            part = _one_by_one(function, some)  # a row that comes to no result ends the others
+        results.append(part)
         done += size
     if len(results) == 1:
         return [x[:count] for x in results[0]]
