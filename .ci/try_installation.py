@@ -25,6 +25,25 @@ print(vi.__version__, vi.__file__, motion)
 """
 
 
+COMPILED = """
+import ctypes
+import os
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.metadata import distribution
+from pathlib import Path
+
+import varint
+
+folder = Path(varint.__file__).parent
+parts = [path for end in EXTENSION_SUFFIXES[:1] for path in folder.rglob(f"*{end}")]
+for path in parts:
+    ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOW", 0))  # every function that it needs is there
+pure = "Root-Is-Purelib: true" in (distribution("varint-mechanics").read_text("WHEEL") or "")
+assert pure != bool(parts), f"a wheel for one platform must have compiled parts: {parts}"
+print("compiled parts:", [path.name for path in parts])
+"""
+
+
 def main() -> None:
     """Everything in an empty folder, in processes that see no other varint."""
     hidden = ("PYTHONPATH", "PYTHONHOME")
@@ -40,11 +59,13 @@ def main() -> None:
             if (Path(folder) / name).stat().st_size < 5000:
                 raise SystemExit(f"{name} is no picture")
 
+        run("-c", COMPILED)
         run("-W", "error", "-c", SIX_LINES)
         require("pendulum.png")
         run("-W", "error", "-m", "varint", "run", "double_pendulum", "--plot", "double.png")
         require("double.png")
         if find_spec("nbclient") and find_spec("ipykernel"):
+            del environment["MPLBACKEND"]  # notebooks have their own
             run("-c", NOTEBOOK)
         else:
             print("no notebook: nbclient or ipykernel is not installed")

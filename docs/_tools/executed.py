@@ -11,9 +11,10 @@ from pathlib import Path
 
 from blocks import ANSWER_MARKS, FIGURE, FILM
 from docutils import nodes
-from page_runs import PageError, outcomes
+from page_runs import FORMAT, PageError, outcomes
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
+from state import package_state
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 getLogger("matplotlib").setLevel(
@@ -109,6 +110,14 @@ def _fold(block: nodes.literal_block) -> None:
     parent.insert(after, nodes.raw("", "</details>", format="html"))
 
 
+def outdated(app, env, added, changed, removed) -> list[str]:
+    """All pages where the package or the way in which pages are run has changed."""
+    now = f"{FORMAT} {package_state()}"
+    before, env.varint_state = getattr(env, "varint_state", None), now
+    return [] if before == now else sorted(env.found_docs)
+
+
 def setup(app):
+    app.connect("env-get-outdated", outdated)
     app.add_transform(Execute)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

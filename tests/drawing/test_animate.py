@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib import animation
+from matplotlib.backend_bases import FigureCanvasBase
 from PIL import Image
 
 import varint as vi
@@ -199,3 +200,11 @@ def test_in_a_notebook_a_film_plays_inside(swing, tmp_path):
         assert film.n_frames == 5 and film.info["duration"] == 200
     written = few.animate(tmp_path / "film.gif", **few_frames)
     assert played(written) == (tmp_path / "film.gif").read_bytes()
+
+
+def test_a_film_plays_after_its_figure_was_closed_as_notebooks_do(swing):
+    model, motion = swing
+    film = motion[:3].animate(sketch=vi.models.sketch(model), fps=10)
+    plt.close(film._fig)
+    film._fig.set_canvas(FigureCanvasBase(film._fig))  # as newer Matplotlib leaves it
+    assert played(film)[:3] == b"GIF"

@@ -101,3 +101,13 @@ def test_wide_blocks_are_set_smaller_and_tables_stay_in_columns():
     assert classes("x" * 141, "text") == ["wrapped"]
     assert classes("rule   step   error\ngauss  0.1    1e-3", "text") == ["columns"]
     assert classes("one sentence of words\nand another", "text") == []
+
+
+def test_formulas_side_by_side_are_divided_at_wide_spaces_that_stand_in_no_group():
+    pytest.importorskip("sphinx")
+    from formulas import pieces
+
+    assert pieces(r"a = b ,\qquad c = \{d\}") == ["a = b ,", r"c = \{d\}"]
+    assert pieces(r"\frac{a \qquad b}{c}") == [r"\frac{a \qquad b}{c}"]
+    together = r"\begin{cases} a \qquad b \end{cases}"
+    assert pieces(together) == [together]

@@ -117,8 +117,11 @@ def _pictures(fig: Any, draw: Callable[[int], list], moving: list, count: int) -
     """The last frame, which has every colour, then all frames in turn: what moves, drawn upon the
     picture of what does not.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
+    if not hasattr(fig.canvas, "copy_from_bbox"):  # pyplot took it away when the figure was closed
+        FigureCanvasAgg(fig)
     still = _still(fig, moving)
     for frame in (count - 1, *range(count)):
         draw(frame)
