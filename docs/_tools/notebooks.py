@@ -58,7 +58,8 @@ def from_example(path: Path) -> nbformat.NotebookNode:
         new_markdown_cell(f"{lagrangian(it)}**Claim.** {it.claim}\n\n*Source:* {it.source}"),
     ]
     main = next(x for x in tree.body if isinstance(x, ast.FunctionDef) and x.name == "main")
-    above = [x for x in tree.body[1:] if x.lineno < main.lineno]
+    # functions that stand below `main` come before it in a notebook
+    above = [x for x in tree.body[1:] if x is not main and not isinstance(x, ast.If)]
     cells += [new_code_cell(text) for text in paragraphs(lines, above, tree.body[0].end_lineno)]
     kept = [x for x in main.body if not writes_the_picture(ast.unparse(x))]
     body = paragraphs(lines, kept, main.body[0].lineno - 1, indent=4)
@@ -72,7 +73,7 @@ def from_example(path: Path) -> nbformat.NotebookNode:
 
 def writes_the_picture(statement: str) -> bool:
     """Whether a statement only puts the figure into a file, which a notebook shows instead."""
-    return bool(re.match(r"(out|OUT|Path\('out'\))\.mkdir\(|figure\.savefig\(", statement))
+    return bool(re.match(r"out\.mkdir\(|figure\.savefig\(", statement))
 
 
 def paragraphs(lines: list[str], statements: list, after: int, indent: int = 0) -> list[str]:
