@@ -13,7 +13,7 @@ import pytest
 
 import varint as vi
 from varint.codegen import cache
-from varint.integration import backend
+from varint.integration import backend, compiled_loop
 
 pytestmark = pytest.mark.skipif(cache.compiler() is None, reason="no C compiler")
 SOURCE = "int answer(void) { return 42; }\n"
@@ -138,6 +138,7 @@ def test_a_full_disk_is_said_once_and_the_run_goes_on_interpreted(home, monkeypa
     start = {"q0": 1.0, "v0": 0.0, "h": 0.01, "steps": 20}
     monkeypatch.setattr(cache.os, "fsync", _full)
     monkeypatch.setattr(backend, "repays", lambda *_: True)
+    monkeypatch.setattr(compiled_loop, "kernel_in_gear", lambda *_: None)
     with pytest.warns(UserWarning, match="No space left"):
         motion = vi.simulate(scene, vi.composition("verlet"), **start)
     assert motion.stats["backend"] == "interpreted"

@@ -14,8 +14,8 @@ from test_compiled import controls, driven, kicked, simulated, turning
 from test_compiled_emit import LANES, expressions
 
 import varint as vi
-from varint.codegen import core
 from varint.codegen.arguments import c_source
+from varint.codegen.built import built_library
 from varint.codegen.cache import AS_WRITTEN, compiler, library
 from varint.codegen.emit import arranged, emit_graph
 from varint.codegen.gauss import gauss_kernel
@@ -210,7 +210,7 @@ def test_without_a_compiler_the_loop_that_was_built_runs(tmp_path):
     model = vi.models.henon_heiles()
     ours = vi.simulate(model.system, vi.gauss(8), q0=model.q0, v0=model.v0, h=model.h, steps=50)
     loop, *_, digits = done.stdout.split()
-    if core.built_library() is None:
+    if built_library() is None:
         assert loop == "interpreted"
     else:
         assert loop == "native:" and digits == ours.q[-1].tobytes().hex()

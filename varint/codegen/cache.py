@@ -26,6 +26,7 @@ from pathlib import Path
 from time import time
 from typing import NamedTuple
 
+from varint.codegen.built import newer_functions
 from varint.errors import VarintError
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math")
@@ -90,8 +91,13 @@ def machine() -> str:
             _processor(),
             *FLAGS,
             *SHARED,
+            *_functions(),
         ]
     )
+
+
+def _functions() -> tuple[str, ...]:
+    return () if newer_functions() else ("-DNO_NEWER_FUNCTIONS",)
 
 
 def _processor() -> str:
@@ -253,6 +259,7 @@ def _command(place: Path, source: str, contraction: str, libraries: tuple[str, .
     return [
         *command,
         *FLAGS,
+        *_functions(),
         contraction,
         *SHARED,
         str(text),
@@ -312,8 +319,9 @@ def _store(content: bytes, folder: Path, key: str) -> Path:
     file or none.
     """
     for old in folder.glob(f"{PART}*"):
-        if time() - old.stat().st_mtime > ABANDONED:
-            old.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # another process has just moved it into place
+            if time() - old.stat().st_mtime > ABANDONED:
+                old.unlink()
     number, name = tempfile.mkstemp(dir=folder, prefix=PART)
     try:
         with os.fdopen(number, "wb") as file:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
-from contextlib import suppress
-from ctypes import CDLL, c_char, c_char_p, c_int, c_int64, c_void_p
+from ctypes import c_char_p, c_int, c_int64, c_void_p
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import NamedTuple
 
 from varint.codegen.arguments import c_source
+from varint.codegen.built import built_library
 from varint.codegen.cache import AS_WRITTEN, library, vector_length
 from varint.numerics.progress import notice
 
@@ -67,18 +65,3 @@ def _loop(file: str, names: str, defines: dict[str, int]) -> Loop:
         entry.argtypes, entry.restype = [c_char_p], c_int
     size.argtypes, size.restype = [c_void_p], c_int64
     return Loop(run, parts, size)
-
-
-@cache
-def built_library() -> CDLL | None:
-    """What setup.py has built of these sources, where there was a compiler."""
-    here = Path(__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted((here / "c").glob("*.[ch]")):
-        digest.update(path.read_bytes())
-    for path in here.glob("_core.*"):
-        with suppress(OSError, ValueError):  # made for another machine, or of sources before
-            built = CDLL(str(path))
-            if (c_char * 64).in_dll(built, "digest").value == digest.hexdigest().encode():
-                return built
-    return None

@@ -135,9 +135,10 @@ def _dependent_rows(motion: Trajectory) -> list[str]:
     leads.
     """
     last, system = motion[-1], motion.system
-    if not np.isfinite(last.v).all():
+    if not np.isfinite(last.q).all():
         return []
-    ahead = last.q + motion.h * np.linspace(0, AHEAD, SAMPLES)[:, None] * last.v
+    v = last.v if np.isfinite(last.v).all() else np.zeros_like(last.q)  # rows that hold none
+    ahead = last.q + motion.h * np.linspace(0, AHEAD, SAMPLES)[:, None] * v
     times = np.append(motion.t, last.t + motion.h * np.linspace(0, AHEAD, SAMPLES))
     slope = over_columns(
         position_rows_function(system), np.vstack([motion.q, ahead]), times[:, None], motion.c

@@ -9,6 +9,9 @@
 const char digest[] = DIGEST;
 #endif
 #include "lanes.h"
+#ifdef DIGEST
+const int newer_functions = NEWER_FUNCTIONS;
+#endif
 #include "run.h"
 #include "tape.h"
 #include "scene.h"

@@ -244,12 +244,14 @@ INLINE V v_exp(V x) {
 #define VECTOR2(f) EACH2(f, f)
 #endif
 #ifdef LIBMVEC
-#if __GLIBC_PREREQ(2, 35)
+#if __GLIBC_PREREQ(2, 35) && !defined(NO_NEWER_FUNCTIONS)
+#define NEWER_FUNCTIONS 1
 #define NEWER1(f) VECTOR1(f)
 #define NEWER2(f) VECTOR2(f)
 #endif
 #endif
 #ifndef NEWER1
+#define NEWER_FUNCTIONS 0
 #define NEWER1(f) EACH1(f, f)
 #define NEWER2(f) EACH2(f, f)
 #endif
