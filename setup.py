@@ -52,7 +52,7 @@ class BuildCore(build_ext):
         def compiled(variant):
             source, level, numbers = variant
             macros = [("LEVEL", level.replace("-", "_"))]
-            if variant == variants[-1]:
+            if variant == described:
                 macros.append(("DIGEST", f'"{digest()}"'))
             macros += zip(("LANES", "VECTORS", "FORM"), map(str, numbers), strict=False)
             flags = FLAGS + ([] if level == "plain" else [f"-march={level}"])
@@ -69,6 +69,7 @@ class BuildCore(build_ext):
         variants = [(source, level, ()) for source in others for level in levels()]
         for level in levels():
             variants += [(gauss, level, (*x, form)) for x in SHAPES[level] for form in (1, 2)]
+        described = next(x for x in variants if x[2][:1] > (1,))  # by the functions of its vectors
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             objects = [path for paths in pool.map(compiled, variants) for path in paths]
         libraries = ["mvec", "m"] if sys.platform == "linux" and "x86" in platform.machine() else []

@@ -136,6 +136,17 @@ def in_phase(model: str, duration: float, **numbers: object) -> Callable[[], Car
     return make
 
 
+def measured() -> Card:
+    """A swing that friction ends, and the coarse angles that tell of it."""
+    q, v = vi.coordinates("theta")
+    system = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q), force=-0.4 * v)
+    motion = vi.simulate(system, q0=1.2, v0=0.0, duration=10.0)
+    t, few = np.linspace(0, 10, FINE), np.linspace(0.2, 9.8, 40)
+    degrees = np.radians(6) * np.round(motion.at(few).q[:, 0] / np.radians(6))
+    curve = np.column_stack([t, motion.at(t).q[:, 0]])
+    return Card([curve], [], np.column_stack([few, degrees]), equal=False)
+
+
 def populations() -> Card:
     found = MODELS.lotka_volterra()
     motion = vi.simulate(found.system, q0=found.q0, v0=found.v0, h=found.h, duration=12.0)
@@ -302,6 +313,8 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "control_machines": optimal("overhead_crane", 1.0),
     "control_films": optimal("falling_cat", 0.3),
     "mpc_cart_pole": optimal("swing_up_rod"),
+    "two_link_arm_in_c": of("two_link_arm", 1.2),
+    "learnt_from_data": measured,
 }
 
 

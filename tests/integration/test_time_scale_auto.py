@@ -171,7 +171,9 @@ def test_a_constant_rate_means_equal_steps_and_the_plan_says_so():
     assert np.ptp(np.diff(motion.t)) < 1e-12
     omega = rate(model.system, model.q0)
     assert len(motion) - 1 == np.ceil(model.duration * omega / 0.5)
-    plain = vi.simulate(model.system, vi.gauss(3), **model.start | {"h": motion.h})
+    plain = vi.simulate(
+        model.system, vi.gauss(3), **model.start | {"h": motion.h}, backend="interpreted"
+    )
     np.testing.assert_array_equal(motion.q, plain.q)
     assert "∂a/∂q is constant" in str(motion.stats["plan"])
     counted = run(model, 0.5, vi.gauss(3), duration=None, steps=10)

@@ -259,7 +259,7 @@ def test_three_substeps_locate_a_zero_and_functions_are_built_once():
     turns = 2 * np.pi * np.arange(96)
     exact = np.sort(np.concatenate([turns + np.arccos(0.3), turns - np.arccos(0.3)]))
     exact = exact[(exact > 0) & (exact < 600)]
-    np.testing.assert_allclose(zeros.t, exact, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(zeros.t, exact, rtol=0, atol=3e-12)  # after 3,000 steps
     np.testing.assert_allclose(zeros.q[:, 0], 0.3, rtol=0, atol=1e-12)
     assert sum(taken) <= 3 * len(exact)
     again = c.crossing_search(OSCILLATOR, c.Watch("other", Q - 0.3, 1))

@@ -28,7 +28,9 @@ def test_a_spring_seen_from_a_turning_frame_is_the_spring_of_the_inertial_frame(
 def test_the_turntable_is_the_frame_turning_about_z():
     flat = models.turntable()
     space = models.rotating_frame(q0=[*flat.q0, 0], v0=[*flat.v0, 0], Omega=(0, 0, 0.7))
-    assert np.abs(run(flat).q - run(space, h=flat.h, duration=flat.duration).q[:, :2]).max() < 1e-12
+    turned = run(space, h=flat.h, duration=flat.duration)
+    # a constant map of rounded numbers errs by 1e-16 of 30 m in each of 1,250 steps
+    assert np.abs(run(flat).q - turned.q[:, :2]).max() < 1e-11
 
 
 def test_foucaults_plane_of_swing_turns_against_the_frame_at_its_rate():

@@ -129,7 +129,12 @@ def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """
     start, n = ca.vertcat(e.q, e.p), e.q.numel()
     zeros = ca.SX.zeros(e.y.shape)
-    y = -ca.mtimes(ca.inv(ca.densify(matrix)), ca.substitute(left, e.y, zeros))
+    dense = ca.densify(matrix)
+    inverse = ca.inv(dense)
+    # its orthogonal factors lose digits where the equations are of different sizes: Newton's
+    # iteration for an inverse (Schulz 1933) brings them back
+    inverse += ca.mtimes(inverse, ca.DM.eye(e.y.numel()) - ca.mtimes(dense, inverse))
+    y = -ca.mtimes(inverse, ca.substitute(left, e.y, zeros))
     after = ca.substitute(ca.vertcat(e.increment, e.gain), e.y, y)
     slope = ca.substitute(ca.jacobian(after, start), start, ca.SX.zeros(start.shape))
     moved = ca.mtimes(slope, start) + ca.substitute(after, start, ca.SX.zeros(start.shape))

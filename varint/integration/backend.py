@@ -66,10 +66,13 @@ def kernel_for(
     return None
 
 
-def runs_at_once(system: System, rule: Rule, backend: str) -> bool:
-    """Whether the rule has a loop in C that need not be compiled first."""
+def runs_by_stages(system: System, rule: Rule, backend: str) -> bool:
+    """Whether the rule iterates all stages at once, in a loop that need not be compiled first."""
+    loop = _compiled_loop()
     return (
-        backend in ("auto", "native") and _compiled_loop().kernel_in_gear(system, rule) is not None
+        backend in ("auto", "native")
+        and loop.scheme_of(system, rule) is loop.BY_STAGES
+        and loop.kernel_in_gear(system, rule) is not None
     )
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from varint.discrete.constraints import ActiveSet
 from varint.errors import ConvergenceError, InputError
-from varint.integration.backend import runs_at_once
+from varint.integration.backend import runs_by_stages
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
@@ -118,8 +118,8 @@ def choose_steps(
         compiled = backend == "compiled" or (
             backend == "auto" and repays(system, own, max(int(radians), 64))
         )
-        at_once = runs_at_once(system, gauss(8), backend)
-        own = choose_rule(candidates(system, compiled, at_once), radians, tol)
+        by_stages = runs_by_stages(system, gauss(8), backend)
+        own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
     def trial(chosen: Rule, steps: int, part: int = 1, wanted: float = tol) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
@@ -179,7 +179,7 @@ def _refine(
     """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
     before: tuple[int, Trajectory] | None = None
     apart, order, stalls, runs, best = math.inf, None, 0, 0, None
-    quick = runs_at_once(system, rule, "auto") or repays(system, rule, MOST_STEPS)
+    quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
     while steps <= most:
         motion, runs = trial(rule, steps), runs + 1

@@ -19,6 +19,11 @@ _BINARY = """
     add sub mul div pow constpow lt le eq ne and or fmod remainder copysign if_else_zero fmin fmax
     atan2 hypot lift
 """
+# what has steps or kinks; of `if_else_zero` in its condition alone
+_WITH_STEPS = """
+    not floor ceil fabs sign lt le eq ne and or fmod remainder copysign if_else_zero fmin fmax
+"""
+WITH_STEPS = frozenset(_WITH_STEPS.split())
 UNARY, BINARY = frozenset(_UNARY.split()), frozenset(_BINARY.split())
 _CODES = {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY | BINARY}
 _NAMES = {code: name for name, code in _CODES.items()}

@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 
 import casadi as ca
 
+from varint.numerics.operations import WITH_STEPS, operations_of
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -75,7 +77,7 @@ def structure_of(q, v, t, u, lagrangian, force, constraint, nonholonomic, contac
     state, gradient = ca.vertcat(q, v), ca.gradient(lagrangian, ca.vertcat(q, v))
     hessian = ca.jacobian(gradient, state)
     mixed, mass = hessian[n:, :n], hessian[n:, n:]
-    p_of_t = ca.depends_on(gradient[n:], t)
+    momentum = gradient[n:]
     force_slope = ca.jacobian(force, state)
     slopes = [hessian, force_slope, ca.jacobian(force, u)]
     held = ca.vertcat(constraint, contact, ca.vec(nonholonomic))
@@ -85,19 +87,38 @@ def structure_of(q, v, t, u, lagrangian, force, constraint, nonholonomic, contac
         constraints=constraint.numel(),
         nonholonomic=nonholonomic.shape[0],
         contacts=contact.numel(),
-        separable=mixed.nnz() == 0 and not p_of_t,
+        separable=mixed.nnz() == 0 and not ca.depends_on(momentum, ca.vertcat(q, t)),
         constant_mass=not ca.depends_on(mass, ca.vertcat(state, t)),
         diagonal_mass=mass.sparsity().is_diag(),
-        quadratic_kinetic=not ca.depends_on(mass, v),
+        quadratic_kinetic=not (ca.depends_on(mass, v) or jumps(momentum, v)),
         degenerate=mass.nnz() == 0,
         linear=not any(ca.depends_on(s, ca.vertcat(state, t, u)) for s in slopes)
-        and held.numel() == 0,
+        and held.numel() == 0
+        and not jumps(ca.vertcat(gradient, force), ca.vertcat(state, u)),
         autonomous=not any(ca.depends_on(e, t) for e in (lagrangian, force, held)),
         forced=force.nnz() > 0,
-        force_on_velocity=force_slope[:, n:].nnz() > 0,
+        force_on_velocity=ca.depends_on(force, v),
         cyclic=tuple(i for i in range(n) if not ca.depends_on(lagrangian, q[i])),
         blocks=_blocks(n, hessian, force_slope, ca.jacobian(held, state)),
     )
+
+
+def jumps(expression: ca.SX, x: ca.SX) -> bool:
+    r"""Whether something in the expression has a step or a kink in x, of which derivatives say
+    nothing: that of sign(x) is zero, that of \|x\| is constant.
+    """
+    others = ca.vertcat(*(y for y in ca.symvar(expression) if not ca.depends_on(x, y)))
+    operations = operations_of(ca.Function("f", [x, others], [ca.densify(expression)])).nodes
+    depends: list[bool] = []
+    for name, *taken in operations:
+        if name in ("const", "input"):
+            depends.append(name == "input" and taken[0] == 0)
+            continue
+        on_x = [depends[i] for i in taken]
+        if name in WITH_STEPS and any(on_x[:1] if name == "if_else_zero" else on_x):
+            return True
+        depends.append(any(on_x))
+    return False
 
 
 def _blocks(n: int, hessian, force_slope, held_slope) -> tuple[tuple[int, ...], ...]:
