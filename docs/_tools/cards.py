@@ -147,6 +147,13 @@ def measured() -> Card:
     return Card([curve], [], np.column_stack([few, degrees]), equal=False)
 
 
+def let_go() -> Shown:
+    """The two-link arm without torques."""
+    found = MODELS.two_link_arm()
+    start = dict(q0=found.q0, v0=found.v0, u=[0, 0], h=found.h, duration=1.0)
+    return Shown(vi.simulate(found.system, **start), MODELS.sketch(found))
+
+
 def populations() -> Card:
     found = MODELS.lotka_volterra()
     motion = vi.simulate(found.system, q0=found.q0, v0=found.v0, h=found.h, duration=12.0)
@@ -313,7 +320,7 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "control_machines": optimal("overhead_crane", 1.0),
     "control_films": optimal("falling_cat", 0.3),
     "mpc_cart_pole": optimal("swing_up_rod"),
-    "two_link_arm_in_c": of("two_link_arm", 1.2),
+    "two_link_arm_in_c": let_go,
     "learnt_from_data": measured,
 }
 
