@@ -10,8 +10,9 @@ import varint as vi
 from varint.codegen import newton, solution
 from varint.codegen.arguments import DONE
 from varint.codegen.cache import compiler
-from varint.codegen.kernel import compiled, run_loop
+from varint.codegen.kernel import run_loop
 from varint.codegen.newton import newton_source
+from varint.codegen.source import compiled
 from varint.discrete.shake_equations import eliminates_path
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 

@@ -13,7 +13,7 @@ import pytest
 from scenes import double_pendulum, henon_heiles, rocking
 
 import varint as vi
-from varint.codegen import kernel as kernels
+from varint.codegen import source as kernels
 from varint.codegen.graph import NotCompilable, raw_graph
 from varint.integration.compiled_loop import kernel_of
 from varint.integration.plan import plan

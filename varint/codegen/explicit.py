@@ -6,8 +6,9 @@ import casadi as ca
 
 from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel, Routine, Source, compiled, emitted, routines, source_of
+from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import force, velocity
+from varint.codegen.source import Routine, Source, compiled, emitted, routines, source_of
 from varint.rules.rule import Rule
 from varint.scene.system import System
 

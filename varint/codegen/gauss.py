@@ -8,17 +8,9 @@ import casadi as ca
 
 from varint.codegen.cache import AS_WRITTEN, vector_length
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
-from varint.codegen.kernel import (
-    Kernel,
-    Routine,
-    Source,
-    compiled,
-    emitted,
-    halved,
-    routines,
-    source_of,
-)
+from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import acceleration, dense, force, velocity
+from varint.codegen.source import Routine, Source, compiled, emitted, halved, routines, source_of
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia
 from varint.rules.rule import Rule

@@ -2,36 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from ctypes import addressof, c_char, c_char_p, c_int, c_int64
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from ctypes import addressof, c_char
+from dataclasses import dataclass
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
-from varint.codegen.algebra import graph_of
 from varint.codegen.arguments import (
     DONE,
     PartsArguments,
     RunArguments,
     RunStats,
-    c_source,
     packing,
 )
-from varint.codegen.cache import WHEREVER, library
-from varint.codegen.emit import WRITTEN_OUT, Emitted, arranged, emit_graph
-from varint.codegen.graph import Graph, NotCompilable, fused, halves
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
-from varint.scene.system import System
 
-FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
-MOST_OPERATIONS = 1_000_000  # of a right-hand side: more takes too long to arrange
-MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
-# statements from which on the compiler's time matters more than the last tenth of the run's
-LARGE_SOURCE = 20_000
-FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
-AT_STAGES = ("rhs", "kick", "drift")
 _ARGUMENTS, _PARTS = packing(RunArguments), packing(PartsArguments)
 _STATS = len(RunStats._fields_)
 
@@ -240,143 +226,3 @@ def _address(array: np.ndarray) -> int:
     if not array.flags.writeable:
         return array.ctypes.data
     return addressof(c_char.from_buffer(array.data))  # a third of the time of ndarray.ctypes
-
-
-class Source(NamedTuple):
-    """A loop in C and what the kernel around it is made of.
-
-    Attributes
-    ----------
-    text, contraction : str
-        For `library`.
-    kernel : Kernel
-        Without its entries.
-    """
-
-    text: str
-    contraction: str
-    kernel: Kernel
-
-
-def source_of(
-    about: str,
-    system: System,
-    nodes: int,
-    functions: dict[str, Emitted],
-    defines: dict,
-    data: str,
-    *loop: str,
-    opening: Callable[..., np.ndarray] | None = None,
-    contraction: str = WHEREVER,
-) -> Source:
-    """The loop (C files) around the emitted functions, the right-hand side first."""
-    heads = {"N": system.q.numel(), "NU": system.control.numel(), **defines}
-    heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
-    if sum(f.roots for f in functions.values()) > FEW_ROOTS:
-        heads["MANY_ROOTS"] = 1
-    source = FAST_COMPILATION if sum(f.length for f in functions.values()) > LARGE_SOURCE else ""
-    source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
-    source += "".join(map(c_source, ("lanes.h", "run.h"))) + data
-    source += "\n".join(f.source for f in functions.values())
-    source += "".join(map(c_source, (*loop, "parts.c")))
-    kernel = Kernel(
-        about,
-        system.q.numel(),
-        system.control.numel(),
-        nodes,
-        next(iter(functions.values())).operations,
-        opening=opening,
-    )
-    return Source(source, contraction, kernel)
-
-
-def compiled(source: Source) -> Kernel:
-    """The kernel, compiled where it is not in the cache; raises CompileError."""
-    loop = library(source.text, source.contraction)
-    for entry in (loop.run, loop.parts):
-        entry.argtypes, entry.restype = [c_char_p], c_int
-    size = c_int64.in_dll(loop, "carry_size").value
-    return replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size)
-
-
-class Routine(NamedTuple):
-    """Operations on inputs 0 to `last`, the last of which is the same all the time."""
-
-    graph: Graph
-    last: int
-
-
-def routines(
-    constants: ca.SX,
-    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
-    written_out: int = WRITTEN_OUT,
-) -> dict[str, Routine]:
-    """Functions by name from (inputs, outputs); `constants`, the same all the time, are appended
-    to the inputs.
-    """
-    return {
-        name: Routine(_graph(name, [*inputs, constants], outputs, written_out), len(inputs))
-        for name, (inputs, outputs) in expressions.items()
-    }
-
-
-def halved(
-    constants: ca.SX,
-    names: tuple[str, str],
-    inputs: list[ca.SX],
-    late: ca.SX,
-    outputs: list[ca.SX],
-) -> dict[str, Routine]:
-    """Two functions: the outputs but the last, and what the second takes from the first; then the
-    last output, once `late` is known: ``second(late, taken, w, output)``.
-    """
-    last = len(inputs)  # of the first half: what it has besides the inputs are the constants
-    graph = graph_of(_function(names[0], [*inputs, constants, late], outputs), last)
-    first, second = (
-        Routine(fused(half, k), k)
-        for half, k in zip(halves(graph, last + 1, last), (last, 2), strict=True)
-    )
-    return {names[0]: first, names[1]: second}
-
-
-def emitted(
-    functions: Mapping[str, Routine], stride: str = "1", written_out: int = WRITTEN_OUT
-) -> dict[str, Emitted]:
-    """The same as C. Those that are evaluated at the stages, not at nodes, have components so many
-    vectors apart.
-    """
-    result = {
-        name: emit_graph(name, f.graph, f.last, stride if name in AT_STAGES else "1", written_out)
-        for name, f in functions.items()
-    }
-    for name, f in result.items():
-        if f.length > MOST_STATEMENTS:
-            raise NotCompilable(
-                f"{name} has {f.length} statements; {MOST_STATEMENTS} compile in reasonable time; "
-                "use "
-                'backend="interpreted", or fewer coordinates'
-            )
-    return result
-
-
-def emit_functions(
-    constants: ca.SX,
-    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
-    written_out: int = WRITTEN_OUT,
-) -> dict[str, Emitted]:
-    """`routines` as C."""
-    return emitted(routines(constants, expressions, written_out), written_out=written_out)
-
-
-def _graph(name: str, inputs: list[ca.SX], outputs: list[ca.SX], written_out: int) -> Graph:
-    return arranged(_function(name, inputs, outputs), written_out)
-
-
-def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
-    if f.n_instructions() > MOST_OPERATIONS:
-        raise NotCompilable(
-            f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
-            'backend="interpreted", or fewer coordinates'
-        )
-    return f

@@ -15,7 +15,8 @@ from varint.codegen.core import Loop, explicit_loop, gauss_loop
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
 from varint.codegen.gauss import gauss_scheme
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
-from varint.codegen.kernel import FEW_ROOTS, Kernel, Routine
+from varint.codegen.kernel import Kernel
+from varint.codegen.source import FEW_ROOTS, Routine
 from varint.codegen.tableau import tableau_arrays
 from varint.codegen.tape import NOTHING_TO_DO, Tape, tape_of
 from varint.rules.rule import Rule

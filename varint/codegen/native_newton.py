@@ -12,9 +12,10 @@ from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of
 from varint.codegen.core import newton_loop
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
-from varint.codegen.kernel import Kernel, routines
+from varint.codegen.kernel import Kernel
 from varint.codegen.native import TOO_LARGE, kernel_on, tapes_of
 from varint.codegen.newton import newton_scheme
+from varint.codegen.source import routines
 from varint.codegen.tape import NOTHING_TO_DO
 from varint.rules.rule import Rule
 from varint.scene.system import System

@@ -18,9 +18,10 @@ from varint.codegen.arguments import c_table
 from varint.codegen.band import Band, band
 from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.kernel import Kernel, Source, compiled, emit_functions, source_of
+from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
 from varint.codegen.solution import Functions, Solution, solution_of
+from varint.codegen.source import Source, compiled, emit_functions, source_of
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
 from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations

@@ -14,7 +14,7 @@ from varint.codegen.band import Band, band
 from varint.codegen.cache import library
 from varint.codegen.emit import Emitted
 from varint.codegen.graph import kernel_per_system
-from varint.codegen.kernel import FAST_COMPILATION, LARGE_SOURCE, emit_functions
+from varint.codegen.source import FAST_COMPILATION, LARGE_SOURCE, emit_functions
 from varint.discrete.constrained_equations import CORRECTION_FLOOR
 from varint.discrete.step_map import StepMap, path_guess, running, step_map
 from varint.discrete.tolerances import LAST_CORRECTION

@@ -15,8 +15,9 @@ from varint.codegen.cache import Compilation, CompileError, begin_compilation, f
 from varint.codegen.explicit import explicit_kernel, explicit_source
 from varint.codegen.gauss import gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
-from varint.codegen.kernel import Kernel, Source
+from varint.codegen.kernel import Kernel
 from varint.codegen.native import native_explicit, native_gauss
+from varint.codegen.source import Source
 from varint.integration.cost import compiling_seconds
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
