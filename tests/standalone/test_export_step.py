@@ -74,6 +74,23 @@ def test_the_step_in_c_is_that_of_python_to_round_off(name, tmp_path):
     assert off < 1e-13
 
 
+@needs_compiler
+def test_a_fitted_model_leaves_with_its_estimates(tmp_path):
+    q, v = vi.coordinates("x")
+    k, d = ca.SX.sym("k"), ca.SX.sym("d")
+    spring = vi.System(q, v, v**2 / 2 - k * q**2 / 2, force=-d * v, params={k: 1.0, d: 0.0})
+    start = dict(q0=1.0, v0=0.0, h=0.05)
+    seen = vi.simulate(spring, vi.gauss(2), steps=100, params=dict(k=2.0, d=0.3), **start)
+    data = [vi.Measurement(spring.q, seen.t, seen.q, 1e-3)]
+    fit = vi.fit(spring, vi.gauss(2), data=data, unknown=["k", "d"], **start)
+    _, source, _ = vi.export(fit.trajectories[0], tmp_path, "decay")
+    assert agreement(tmp_path, "decay") < (0, 1e-13)
+    text = source.read_text().split("decay_params[2] = {")[1].split("}")[0]
+    found = [float(x) for x in text.split(",") if x.strip()]
+    assert found == fit.estimates.tolist()
+    np.testing.assert_allclose(found, [2.0, 0.3], rtol=1e-9)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("name", MOTIONS)

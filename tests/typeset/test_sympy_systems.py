@@ -9,6 +9,7 @@ import pytest
 sp = pytest.importorskip("sympy", reason="needs the extra: pip install varint-mechanics[sympy]")
 
 from sympy.physics.mechanics import (  # noqa: E402
+    KanesMethod,
     LagrangesMethod,
     Lagrangian,
     Particle,
@@ -156,6 +157,102 @@ def test_lagranges_method_with_constraints_gives_the_pendulum():
     np.testing.assert_allclose(motion.q, wanted.q, atol=1e-12)
     rolling = LagrangesMethod(L, [x, y], nonhol_coneqs=[x.diff(T) * sp.cos(y) - y.diff(T)])
     assert vi.from_sympy(rolling, parameters={m: 1, g: 1}).structure.nonholonomic == 1
+
+
+def test_an_object_of_kanes_method_moves_as_its_own_equations_say():
+    """A rigid body turned by 3-1-3 angles, its speeds the body's components of ω, with a bob that
+    slides along it, a load that is no potential, and a time-dependent torque.
+    """
+    q, u = dynamicsymbols("phi theta psi x"), dynamicsymbols("w1 w2 w3 s")
+    m, g, d = sp.symbols("m g d")
+    N, A = ReferenceFrame("N"), ReferenceFrame("A")
+    A.orient(N, "body", q[:3], "313")
+    A.set_ang_vel(N, u[0] * A.x + u[1] * A.y + u[2] * A.z)
+    origin, bob = Point("O"), Point("B")
+    origin.set_vel(N, 0)
+    bob.set_pos(origin, q[3] * A.x)
+    bob.set_vel(A, u[3] * A.x)
+    bob.v1pt_theory(origin, N, A)
+    R = ReferenceFrame("R")
+    R.orient(N, "body", q[:3], "313")
+    turning = R.ang_vel_in(N)
+    kinematics = [u[k] - turning.dot(e) for k, e in enumerate((R.x, R.y, R.z))] + [
+        u[3] - q[3].diff(T)
+    ]
+    body = RigidBody("body", origin, A, 1.5, (inertia(A, 0.4, 0.7, 0.9), origin))
+    bead = Particle("bead", bob, m)
+    loads = [(bob, -d * bob.vel(N)), (A, sp.cos(T) * N.x), (bob, -m * g * N.z)]
+    method = KanesMethod(N, q, u, kinematics, bodies=[body, bead], forcelist=loads)
+    values = {m: 0.6, g: 9.81, d: 0.3}
+    s = vi.from_sympy(method, parameters=values)
+    method.kanes_equations()
+    rng = np.random.default_rng(5)
+    for _ in range(2):
+        x, v = rng.uniform(0.5, 1.0, 4), rng.normal(size=4)
+        _, a = accelerations(s)(x, v, 0.3, [], s.default_vector)
+        rates = dict(zip([y.diff(T) for y in q], v, strict=True))
+        seconds = dict(zip([y.diff(T, 2) for y in q], np.array(a).ravel(), strict=True))
+        state = dict(zip(q, x, strict=True)) | values | {T: 0.3}
+        known = {w: w - e for w, e in zip(u, kinematics, strict=True)}  # u of q and its rates
+        speeds = {w: e.xreplace(rates | state) for w, e in known.items()}
+        changes = sp.Matrix([e.diff(T).xreplace(seconds | rates | state) for e in known.values()])
+        mass = method.mass_matrix.xreplace(speeds | state)
+        forcing = method.forcing.xreplace(speeds | state)
+        np.testing.assert_allclose(
+            np.array(mass * changes, float), np.array(forcing, float), atol=1e-12
+        )
+
+
+def test_of_kanes_method_only_constraints_that_say_something_new_are_kept():
+    x, y, angle, v1, v2, w = dynamicsymbols("x y angle v1 v2 w")
+    N = ReferenceFrame("N")
+    A = N.orientnew("A", "Axis", [angle, N.z])
+    origin, blade = Point("O"), Point("P")
+    origin.set_vel(N, 0)
+    blade.set_pos(origin, x * N.x + y * N.y)
+    blade.set_vel(N, v1 * N.x + v2 * N.y)
+    A.set_ang_vel(N, w * N.z)
+    body = RigidBody("skate", blade, A, 2, (inertia(A, 0, 0, 0.5), blade))
+    rates = [v1 - x.diff(T), v2 - y.diff(T), w - angle.diff(T)]
+    rows = [blade.vel(N).dot(A.y)]
+    skate = KanesMethod(
+        N, [x, y, angle], [v1, w], rates, u_dependent=[v2], velocity_constraints=rows, bodies=[body]
+    )
+    s = vi.from_sympy(skate)
+    assert (s.structure.constraints, s.structure.nonholonomic) == (0, 1)
+    bound = KanesMethod(
+        N,
+        [x, angle],
+        [v1, w],
+        rates,
+        q_dependent=[y],
+        u_dependent=[v2],
+        bodies=[body],
+        configuration_constraints=[x**2 + y**2 - 1],
+        velocity_constraints=[x * v1 + y * v2],
+    )
+    s = vi.from_sympy(bound)
+    assert (s.structure.constraints, s.structure.nonholonomic) == (1, 0)
+
+
+def test_rolling_that_is_built_into_velocities_is_refused():
+    """SymPy's own rolling disc: its T is not that of a free disc, and has no Lagrange equations."""
+    q, u = dynamicsymbols("q1:4"), dynamicsymbols("u1:4")
+    N = ReferenceFrame("N")
+    Y = N.orientnew("Y", "Axis", [q[0], N.z])
+    L = Y.orientnew("L", "Axis", [q[1], Y.x])
+    R = L.orientnew("R", "Axis", [q[2], L.y])
+    turning = R.ang_vel_in(N)
+    rates = [turning.dot(e) - x for e, x in zip((L.x, L.y, L.z), u, strict=True)]
+    R.set_ang_vel(N, u[0] * L.x + u[1] * L.y + u[2] * L.z)
+    contact = Point("C")
+    contact.set_vel(N, 0)
+    centre = contact.locatenew("centre", L.z)
+    centre.v2pt_theory(contact, N, R)
+    disc = RigidBody("disc", centre, R, 1, (inertia(L, 0.25, 0.5, 0.25), centre))
+    method = KanesMethod(N, q, u, rates, bodies=[disc], forcelist=[(centre, -9.81 * Y.z)])
+    with pytest.raises(vi.InputError, match="disc is no derivative of a position"):
+        vi.from_sympy(method)
 
 
 X = dynamicsymbols("x")

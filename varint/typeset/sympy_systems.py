@@ -1,9 +1,9 @@
-"""Scenes from SymPy: Lagrangians in `dynamicsymbols`, and Lagrange's method of its mechanics."""
+"""Scenes from SymPy: Lagrangians in `dynamicsymbols`, and the methods of its mechanics."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 
@@ -12,15 +12,7 @@ from varint.notation.extra import sympy_module, time_symbol
 from varint.notation.from_sympy import casadi_of
 from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates, time
-
-
-class Given(NamedTuple):
-    """What a scene is made of in SymPy."""
-
-    lagrangian: Any
-    coordinates: list[Any]
-    constraints: list[Any]
-    forces: list[Any]
+from varint.typeset.sympy_methods import Given, given_of_method
 
 
 def from_sympy(
@@ -38,10 +30,12 @@ def from_sympy(
 
     Parameters
     ----------
-    lagrangian : sympy.Expr or sympy.physics.mechanics.LagrangesMethod
+    lagrangian : sympy.Expr, or LagrangesMethod or KanesMethod of sympy.physics.mechanics
         L in coordinates that are functions of time, ``dynamicsymbols("theta")``, their first
-        derivatives, ``dynamicsymbols._t`` and symbols; or an object of Lagrange's method, which
-        brings coordinates, constraints and forces with it.
+        derivatives, ``dynamicsymbols._t`` and symbols; or an object of Lagrange's or Kane's method,
+        which brings coordinates, constraints and forces with it. Of Kane's it is the bodies' T − V
+        with the generalised speeds written in q̇; its loads are forces, gravity among them: what is
+        to count as energy stands in the bodies' ``potential_energy``.
     coordinates : sequence of functions of time
         The generalised coordinates, in the order that they are to have.
     parameters : dict, optional
@@ -110,16 +104,14 @@ def from_sympy(
 
 
 def _given(sp: Any, lagrangian: Any, coordinates: Any, constraints: Any, forces: Any) -> Given:
-    """The parts of the scene, from the arguments or from an object of Lagrange's method."""
-    from sympy.physics.mechanics import LagrangesMethod
-
-    if isinstance(lagrangian, LagrangesMethod):
+    """The parts of the scene, from the arguments or from an object of a method."""
+    if found := given_of_method(lagrangian):
         if coordinates is not None or constraints is not None or forces is not None:
             raise InputError(
-                "an object of LagrangesMethod has coordinates, constraints and forces of its own; "
-                "give only parameters= and controls= beside it"
+                f"an object of {type(lagrangian).__name__} has coordinates, constraints and forces "
+                "of its own; give only parameters= and controls= beside it"
             )
-        return _of_method(sp, lagrangian)
+        return found
     expression = _expression(sp, "the Lagrangian", lagrangian)
     path = _listed("coordinates", coordinates)
     if not path:
@@ -132,26 +124,6 @@ def _given(sp: Any, lagrangian: Any, coordinates: Any, constraints: Any, forces:
         )
     zero = [_expression(sp, "a constraint", e) for e in _listed("constraints", constraints)]
     return Given(expression, path, zero, acting)
-
-
-def _of_method(sp: Any, method: Any) -> Given:
-    """What an object of Lagrange's method was made of."""
-    from sympy.physics.vector import ReferenceFrame
-
-    path = list(method.q)
-    speeds = [x.diff(time_symbol()) for x in path]
-    holonomic = list(method._hol_coneqs)  # public are only their derivatives
-    rolling = list(method.coneqs)[len(holonomic) :]
-    forces = [sp.Integer(0)] * len(path)
-    frame = method.inertial
-    for where, force in method.forcelist or []:
-        # a torque acts on a frame, a force on a point
-        turns = isinstance(where, ReferenceFrame)
-        speed = where.ang_vel_in(frame) if turns else where.vel(frame)
-        for i, v in enumerate(speeds):
-            forces[i] += speed.diff(v, frame).dot(force)
-    acting = forces if any(force != 0 for force in forces) else []
-    return Given(method._L[0], path, [*holonomic, *rolling], acting)
 
 
 def _expression(sp: Any, what: str, e: Any) -> Any:
