@@ -13,6 +13,7 @@ import varint as vi
 from varint.control.build import build_control_solver
 from varint.control.coarse import coarse_start
 from varint.control.guess import build_start
+from varint.control.lifted import can_be_lifted, lifted_start
 from varint.control.problem import transcribe
 from varint.control.starts import default_starts
 from varint.control.trial import can_be_tried, tried
@@ -265,6 +266,67 @@ def test_a_wavy_guess_is_first_solved_by_the_trapezoidal_rule():
     assert found.success and found.iterations < 60
 
 
+def random_path(phase: vi.Phase, duration: float, seed: int):
+    """The straight line between the ends with four sine waves of random heights."""
+    first, last = np.array(phase.start["q"], float), np.array(phase.end["q"], float)
+    waves = np.arange(1, 5)
+    heights = (last - first) * np.random.default_rng(seed).normal(size=(4, len(first)))
+
+    def path(t: float) -> np.ndarray:
+        s = t / duration
+        return first + s * (last - first) + np.sin(np.pi * s * waves) @ (heights / waves[:, None])
+
+    return path
+
+
+def fastest_wire(seed: int) -> vi.Phase:
+    """The brachistochrone from a random path, its duration unknown; the wire pushes across."""
+    q, v = vi.coordinates("x", "y")
+    push = U * ca.vertcat(v[1], -v[0])
+    c = vi.Parameters(g=9.80665)
+    bead = vi.System(q, v, ca.sumsqr(v) / 2 - c.g * q[1], force=push, control=U, params=c)
+    ends = dict(start=dict(q=[0, 0], v=[0, 0]), end=dict(q=[10, -5]), bounds=[(-50, U, 50)])
+    phase = vi.Phase(bead, vi.gauss(3), vi.free(1, 0.1, 20), 30, 1, **ends)
+    return replace(phase, guess=dict(q=random_path(phase, 1.0, seed)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_path_that_breaks_the_motion_grossly_leads_to_the_fastest_wire(seed):
+    """From the path itself some end on meshes too coarse for where they ended; 1.8016 s by the
+    cycloid.
+    """
+    [motion] = vi.optimal_phases([fastest_wire(seed)])
+    assert motion.cost == pytest.approx(1.80160312, abs=1e-7)
+    assert len(motion.stats["attempts"]) == 1
+    problem = transcribe([fastest_wire(seed)], [], 0.0)
+    start, rough = lifted_start(problem)
+    assert rough < 60
+    found = build_control_solver(problem, start)(start, progress=False)
+    assert found.success and found.iterations < 40
+
+
+def test_the_rough_solution_is_the_optimum_of_the_midpoint_rule():
+    """Double integrator: 12 N²/(N² − 1), on half of the steps."""
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2, force=U, control=U)
+    ends = dict(start=dict(q=[0], v=[0]), end=dict(q=[1], v=[0]))
+    path = dict(q=lambda t: [3 * np.sin(20 * t)])
+    problem = transcribe(
+        [vi.Phase(system, vi.gauss(2), 1.0, 20, U**2, guess=path, **ends)], [], 0.0
+    )
+    assert can_be_lifted(problem)
+    start, _ = lifted_start(problem)
+    u = start[problem.phases[0].slots.u][:, :, 0]
+    assert (u**2).mean() == pytest.approx(12 * 10**2 / (10**2 - 1), rel=1e-5)
+
+
+def test_constrained_and_linked_problems_are_not_lifted():
+    phase = vi.Phase(
+        pendulum(), vi.gauss(2), 1.0, 10, U**2, start=dict(q=[0]), end=dict(periodic=True)
+    )
+    assert not can_be_lifted(transcribe([phase], [], 0.0))
+
+
 @coarse
 def test_several_passive_joints_have_their_neighbours_tried(capsys):
     q, v = vi.coordinates("x", "a", "b")
@@ -306,7 +368,7 @@ def test_a_guess_that_leads_nowhere_is_left_and_the_report_says_so(capsys):
     assert "from a default start, for the guess led nowhere" in capsys.readouterr().out
     attempts = motion.stats["attempts"]
     assert [what for what, _ in attempts][:2] == [
-        "from the guess",
         "by a rough solution near the guess",
+        "from the guess",
     ]
     assert attempts[-1] == (motion.stats["start"], motion.solution.iterations)

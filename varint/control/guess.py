@@ -108,12 +108,11 @@ def _from_trajectory(phase: CheckedPhase, motion: Trajectory) -> Guess:
     if motion.u.size and motion.u.shape[-1] == phase.system.structure.controls:
         nodes = np.array(motion.rule.nodes) if motion.u.shape[1] > 1 else np.array([0.5])
         u = Piecewise(np.linspace(0, 1, len(motion.u) + 1), nodes, motion.u)
-    return Guess(_hermite(motion), u, motion.duration, c)
+    return Guess(hermite(motion.t - motion.t[0], motion.q, motion.v), u, motion.duration, c)
 
 
-def _hermite(motion: Trajectory) -> Path:
-    """Cubic through positions and velocities at the nodes."""
-    t, q, v = motion.t - motion.t[0], motion.q, motion.v
+def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> Path:
+    """Cubic through positions and velocities at the times t, which begin with 0."""
 
     def path(s: np.ndarray) -> np.ndarray:
         at = s * t[-1]

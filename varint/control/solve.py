@@ -13,11 +13,12 @@ import numpy as np
 from varint.control.build import build_control_solver
 from varint.control.coarse import coarse_start
 from varint.control.contradiction import least_violation
+from varint.control.lifted import lifted_start
 from varint.control.neighbours import cheapest_neighbour, has_many_minima
 from varint.control.outcome import has_converged, raise_unless_converged
 from varint.control.prepared import prepared_from
 from varint.control.problem import ControlProblem
-from varint.control.starts import default_starts, without_guesses
+from varint.control.starts import default_starts, is_nearly_a_motion, without_guesses
 from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
 from varint.nlp.solver import SolverResult
@@ -28,6 +29,7 @@ Callback = Callable[[int, float, float, list[Trajectory]], Any]
 # iterations without getting closer to what is asked for, as in a long restoration: another default
 # guess is tried
 PATIENCE = 50
+ROUGHLY = "by a rough solution near the guess"
 DRAWN = 150  # the same from a rough solution near a path that the user has drawn
 # ends of a solver that has met no motion which keeps all conditions
 UNMET = (
@@ -88,9 +90,9 @@ def solve(
 def _from_path(
     problem: ControlProblem, run: Callable[..., SolverResult], x: np.ndarray
 ) -> list[Trajectory]:
-    """From a path that the user has drawn: at once, by a rough solution near it, from the default
-    starts, and then from the path with all the time that it wants. The trajectories tell the
-    attempts and their iterations where the first one failed.
+    """From a path that the user has drawn: by rough solutions near it, and at once (first, if it is
+    nearly a motion), from the default starts, and then from the path with all the time that it
+    wants. The trajectories tell the attempts and their iterations where the first one failed.
     """
     tries: list[tuple[str, int]] = []
 
@@ -99,20 +101,35 @@ def _from_path(
         tries.append((what, before + outcome.iterations))
         return outcome
 
-    outcome = attempt("from the guess", x, PATIENCE)
-    if not _is_over(outcome):
-        rough, count = coarse_start(problem)
-        if rough is None:
-            tries.append(("by a rough solution near the guess", count))
-        else:
-            outcome = attempt("by a rough solution near the guess", rough, DRAWN, count)
-    if not _is_over(outcome):
+    def directly() -> SolverResult | None:
+        return attempt("from the guess", x, PATIENCE)
+
+    def roughly(rough_start: Callable[..., Any]) -> SolverResult | None:
+        start, count = rough_start(problem)
+        if start is not None:
+            return attempt(ROUGHLY, start, DRAWN, count)
+        if count:
+            tries.append((ROUGHLY, count))
+        return None
+
+    def by_default() -> SolverResult | None:
+        outcome = None
         for start in default_starts(without_guesses(problem)):
             outcome = attempt("from a default start, for the guess led nowhere", start, PATIENCE)
             if _is_over(outcome):
                 break
-    if not _is_over(outcome):
-        outcome = attempt("from the guess, with patience", x, np.inf)
+        return outcome
+
+    def patiently() -> SolverResult | None:
+        return attempt("from the guess, with patience", x, np.inf)
+
+    lifted, coarse = partial(roughly, lifted_start), partial(roughly, coarse_start)
+    first = (directly, lifted) if is_nearly_a_motion(problem, x) else (lifted, directly)
+    for way in (*first, coarse, by_default, patiently):
+        outcome = way()
+        if outcome is not None and _is_over(outcome):
+            break
+    assert outcome is not None  # the last way has one
     contradictory = not _is_over(outcome) and outcome.status in UNMET
     nearest = least_violation(problem, outcome) if contradictory else None
     found = raise_unless_converged(problem, outcome, nearest)

@@ -29,6 +29,7 @@ from varint.scene.system import parameters_by_name
 DETOURS = 4  # paths around, where the straight line would have to slip
 BEND = 0.3  # height of their waves, of each coordinate's range
 SLIP = 1e-9  # of the range of the coordinates: rows broken by less are not
+NEARLY = 0.1  # of what a straight line breaks: a guess that breaks less is nearly a motion
 PREFERRED = 3.0  # times the violation of the line: up to this the start's own motion goes first
 
 
@@ -98,6 +99,12 @@ def without_guesses(problem: ControlProblem) -> ControlProblem:
     """The same problem as if nobody had given a guess."""
     phases = [replace(part, phase=replace(part.phase, guess=None)) for part in problem.phases]
     return replace(problem, phases=phases)
+
+
+def is_nearly_a_motion(problem: ControlProblem, x: np.ndarray) -> bool:
+    """Does a start break the rows far less than a straight line between the ends does?"""
+    line = build_start(without_guesses(problem))
+    return _violation(problem, x) <= NEARLY * _violation(problem, line)
 
 
 def _start_is_given(part: PhaseTranscription) -> bool:
