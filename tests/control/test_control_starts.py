@@ -259,7 +259,7 @@ def test_a_wavy_guess_is_first_solved_by_the_trapezoidal_rule():
 
     guessed = replace(phase, rule=vi.gauss(3), steps=60, guess=dict(q=path))
     problem = transcribe([guessed], [], 0.0)
-    rough, iterations = coarse_start(problem)
+    rough, iterations, _ = coarse_start(problem)
     assert iterations <= 300
     run = build_control_solver(problem, rough)
     found = run(rough, progress=False)
@@ -299,7 +299,7 @@ def test_a_path_that_breaks_the_motion_grossly_leads_to_the_fastest_wire(seed):
     assert motion.cost == pytest.approx(1.80160312, abs=1e-7)
     assert len(motion.stats["attempts"]) == 1
     problem = transcribe([fastest_wire(seed)], [], 0.0)
-    start, rough = lifted_start(problem)
+    start, rough, _ = lifted_start(problem)
     assert rough < 60
     found = build_control_solver(problem, start)(start, progress=False)
     assert found.success and found.iterations < 40
@@ -315,7 +315,7 @@ def test_the_rough_solution_is_the_optimum_of_the_midpoint_rule():
         [vi.Phase(system, vi.gauss(2), 1.0, 20, U**2, guess=path, **ends)], [], 0.0
     )
     assert can_be_lifted(problem)
-    start, _ = lifted_start(problem)
+    start = lifted_start(problem).x
     u = start[problem.phases[0].slots.u][:, :, 0]
     assert (u**2).mean() == pytest.approx(12 * 10**2 / (10**2 - 1), rel=1e-5)
 

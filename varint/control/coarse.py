@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,13 +29,21 @@ ROUGH = {
 }
 
 
-def coarse_start(problem: ControlProblem) -> tuple[np.ndarray | None, int]:
-    """Start values of all unknowns from the rough solution, None where there is none; and its
-    iterations.
+class RoughStart(NamedTuple):
+    """Start values of all unknowns from a rough solution, None where there is none; the iterations
+    that it took; whether it was stopped on request.
     """
+
+    x: np.ndarray | None
+    iterations: int
+    stopped: bool = False
+
+
+def coarse_start(problem: ControlProblem, progress: bool | None = False) -> RoughStart:
+    """A start from the same problem by the trapezoidal rule."""
     parts = problem.phases
     if any(x.phase.system.structure.constraints or x.phase.rule.degree < 2 for x in parts):
-        return None, 0
+        return RoughStart(None, 0)
     phases = [replace(x.phase.given, rule=trapezoidal(), mesh=x.phase.mesh, steps=0) for x in parts]
     rough = transcribe(phases, problem.given_links, parts[0].t0, "interpreted")
     x = build_start(rough)
@@ -43,15 +52,16 @@ def coarse_start(problem: ControlProblem) -> tuple[np.ndarray | None, int]:
         if guess.u is None:  # those of inverse dynamics follow every kink of a guess
             write_guess(x, part, replace(guess, u=partial(_constant, rest_controls(part.phase))))
     x = np.clip(x, rough.nlp.x_low, rough.nlp.x_high)
-    outcome = build_control_solver(rough, x, "ipopt", {"ipopt": ROUGH})(x, progress=False)
-    if not outcome.success:
-        return None, outcome.iterations
+    outcome = build_control_solver(rough, x, "ipopt", {"ipopt": ROUGH})(x, progress=progress)
+    if not (outcome.success or outcome.stopped):
+        return RoughStart(None, outcome.iterations)
     start = build_start(problem)
     for part, motion in zip(parts, build_trajectories(rough, outcome), strict=True):
         write_guess(start, part, read_guess(replace(part.phase, guess=motion), part.t0))
     if not np.isfinite(start).all():
-        return None, outcome.iterations
-    return np.clip(start, problem.nlp.x_low, problem.nlp.x_high), outcome.iterations
+        return RoughStart(None, outcome.iterations)
+    x = np.clip(start, problem.nlp.x_low, problem.nlp.x_high)
+    return RoughStart(x, outcome.iterations, outcome.stopped)
 
 
 def _constant(value: np.ndarray, at: np.ndarray) -> np.ndarray:

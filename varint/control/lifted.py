@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from varint.control.coarse import RoughStart
 from varint.control.guess import Guess, hermite, read_guess, write_guess
 from varint.control.inverse_dynamics import rest_controls
 from varint.control.phase import CheckedPhase
@@ -66,38 +67,42 @@ def can_be_lifted(problem: ControlProblem) -> bool:
     return not any(extras) and bool(s.controls) and phase.steps > 1
 
 
-def lifted_start(problem: ControlProblem) -> tuple[np.ndarray | None, int]:
-    """Start values of all unknowns from the rough solution on half of the steps, else on all of
-    them, None where there is none; and the iterations.
-    """
+def lifted_start(problem: ControlProblem, progress: bool | None = False) -> RoughStart:
+    """A start from the rough solution on half of the steps, else on all of them."""
     total = 0
     for every in COARSER if can_be_lifted(problem) else ():
-        guess, iterations = _solved(problem, every)
+        guess, iterations, stopped = _solved(problem, every, progress)
         total += iterations
         if guess is not None:
             start = np.zeros(problem.unknowns)
             write_guess(start, problem.phases[0], guess)
             if np.isfinite(start).all():
-                return np.clip(start, problem.nlp.x_low, problem.nlp.x_high), total
-    return None, total
+                x = np.clip(start, problem.nlp.x_low, problem.nlp.x_high)
+                return RoughStart(x, total, stopped)
+    return RoughStart(None, total)
 
 
-def _solved(problem: ControlProblem, every: int) -> tuple[Guess | None, int]:
-    """The rough solution on every so many nodes of the mesh, and its iterations."""
+def _solved(
+    problem: ControlProblem, every: int, progress: bool | None
+) -> tuple[Guess | None, int, bool]:
+    """The rough solution on every so many nodes of the mesh, None where there is none; its
+    iterations; whether it was stopped on request.
+    """
     phase, t0 = problem.phases[0].phase, problem.phases[0].t0
     mesh = np.append(phase.mesh[:-1:every], 1.0)
     places, guess = _places(phase, len(mesh) - 1), read_guess(phase, t0)
     nlp = _program(phase, t0, mesh, places)
     start = np.clip(_start(phase, mesh, places, guess), nlp.x_low, nlp.x_high)
     solve = build_solver(nlp, "ipopt", {"ipopt": ROUGH}, natural_scales(nlp), plain_order(nlp))
-    found = solve(start, progress=False)
-    if not found.success:
-        return None, found.iterations
+    found = solve(start, progress=progress)
+    if not (found.success or found.stopped):
+        return None, found.iterations, False
     n, x = phase.system.structure.n, found.x
     shared = np.where(places.shared >= 0, x[places.shared], [guess.duration, *guess.c])
     path = hermite(shared[0] * mesh, x[places.x[:, :n]], x[places.x[:, n:]])
     u = Piecewise(mesh, MIDDLE, x[places.u][:, None])
-    return Guess(path, u, float(shared[0]), shared[1:]), found.iterations
+    rough = Guess(path, u, float(shared[0]), shared[1:])
+    return rough, found.iterations, found.stopped
 
 
 def _places(phase: CheckedPhase, steps: int) -> Places:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from varint.control.build import build_control_solver
-from varint.control.coarse import coarse_start
+from varint.control.coarse import RoughStart, coarse_start
 from varint.control.contradiction import least_violation
 from varint.control.lifted import lifted_start
 from varint.control.neighbours import cheapest_neighbour, has_many_minima
@@ -65,7 +65,7 @@ def solve(
     guesses = [part.phase.guess for part in problem.phases]
     known = all(isinstance(guess, Trajectory) for guess in guesses)
     if all(isinstance(guess, Mapping) for guess in guesses):
-        return _from_path(problem, run, x)
+        return _from_path(problem, run, x, progress)
     first = outcome = run(x, patience=np.inf if known else PATIENCE)
     if name == "ipopt" and has_converged(outcome) and has_many_minima(problem):
         outcome, costs = cheapest_neighbour(problem, run, x, outcome, tell)
@@ -88,7 +88,10 @@ def solve(
 
 
 def _from_path(
-    problem: ControlProblem, run: Callable[..., SolverResult], x: np.ndarray
+    problem: ControlProblem,
+    run: Callable[..., SolverResult],
+    x: np.ndarray,
+    progress: bool | None,
 ) -> list[Trajectory]:
     """From a path that the user has drawn: by rough solutions near it, and at once (first, if it is
     nearly a motion), from the default starts, and then from the path with all the time that it
@@ -104,12 +107,14 @@ def _from_path(
     def directly() -> SolverResult | None:
         return attempt("from the guess", x, PATIENCE)
 
-    def roughly(rough_start: Callable[..., Any]) -> SolverResult | None:
-        start, count = rough_start(problem)
-        if start is not None:
-            return attempt(ROUGHLY, start, DRAWN, count)
-        if count:
-            tries.append((ROUGHLY, count))
+    def roughly(rough_start: Callable[..., RoughStart]) -> SolverResult | None:
+        rough = rough_start(problem, progress)
+        if rough.stopped:
+            return run(rough.x, callback=lambda _: True)
+        if rough.x is not None:
+            return attempt(ROUGHLY, rough.x, DRAWN, rough.iterations)
+        if rough.iterations:
+            tries.append((ROUGHLY, rough.iterations))
         return None
 
     def by_default() -> SolverResult | None:
