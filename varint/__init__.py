@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from varint.ensembles.result import Ensemble
     from varint.estimation.fit import fit
     from varint.estimation.measurement import Experiment, Measurement
+    from varint.estimation.profile import Profile
     from varint.estimation.result import Fit
     from varint.explorer.play import play
     from varint.integration.plan import Plan, plan
@@ -81,6 +82,7 @@ __all__ = [
     "Phase",
     "Plan",
     "Prepared",
+    "Profile",
     "Rule",
     "SecondOrder",
     "Sensitivity",
@@ -170,6 +172,7 @@ _LATER = {
     "massless_limit": "varint.scene.massless_limit",
     "Experiment": "varint.estimation.measurement",
     "Fit": "varint.estimation.result",
+    "Profile": "varint.estimation.profile",
     "Gradient": "varint.sensitivities.gradient",
     "Measurement": "varint.estimation.measurement",
     "fit": "varint.estimation.fit",

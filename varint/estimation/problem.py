@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varint.errors import InputError
+from varint.estimation.inertias import grows_with
 from varint.estimation.measurement import Experiment, Measurement
 from varint.integration.problem import controls
 from varint.rules.rule import Rule
@@ -145,6 +146,7 @@ def estimation(
             _, lower, upper = _bounds(name, wanted[name], np.zeros(n))
             low, high = [*low, *lower], [*high, *upper]
     motions = tuple(_motion(system, rule, x, float(h), segments, starts) for x in experiments)
+    low = _physical(system, theta, low, c, motions)
     entries = parameter_entries(system)
     of_start = [*(f"{x}(0)" for x in system.names), *(f"d{x}/dt(0)" for x in system.names)]
     names = [entries[i] for i in theta]
@@ -170,6 +172,23 @@ def estimation(
             "fewer segments"
         )
     return made
+
+
+def _physical(
+    system: System,
+    theta: list[int],
+    low: list[float],
+    c: np.ndarray,
+    motions: tuple[Motion, ...],
+) -> list[float]:
+    """Lower bounds with zero for masses and moments of inertia that were given none."""
+    places = np.array(theta, dtype=int)
+    if not len(places):
+        return low
+    grown = grows_with(system, c, places, motions[0].start)
+    free = np.isneginf(low[: len(theta)])
+    zero = np.where(grown & free & (c[places] > 0), 0.0, low[: len(theta)])
+    return [*zero.tolist(), *low[len(theta) :]]
 
 
 def _unknown(system: System, unknown: Any) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.errors import ConvergenceError
+from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
 from varint.integration.backend import kernel_for
 from varint.integration.problem import InitialValueProblem
@@ -22,12 +24,13 @@ from varint.sensitivities.pieces import Piece, all_nodes, velocities
 from varint.sensitivities.start import momentum_function, momentum_slopes, state_function
 from varint.sensitivities.sweeps import Directions, Sweeper, forwards, sweeper
 
+LOOKED_AT = 10  # nodes of a segment at which the kinetic energy must be positive
 ITERATIONS = 10  # that a fit is expected to take, each a run with its derivatives
 
 
 class Residuals(NamedTuple):
     """At one guess: residuals r in units of σ with ∂r/∂z, defects d between segments with ∂d/∂z,
-    nodes of every experiment (steps + 1, 2n).
+    nodes of every experiment (steps + 1, 2n); `signal` is the length of what was measured, in σ.
     """
 
     r: np.ndarray
@@ -35,17 +38,28 @@ class Residuals(NamedTuple):
     d: np.ndarray
     of_d: np.ndarray
     nodes: tuple[np.ndarray, ...]
+    signal: float
 
 
 @dataclass(frozen=True, eq=False)
 class Shooter:
-    """An estimation problem with what its runs need; `observed` are the functions of the
-    measurements of every experiment.
+    """An estimation problem with what its runs need.
+
+    Attributes
+    ----------
+    problem : Estimation
+    by : Sweeper
+    observed : tuple of tuple of Function
+        Of the measurements of every experiment.
+    inert : bool
+        Whether unknown parameters stand in the kinetic energy, which is positive at the guess and
+        must remain so.
     """
 
     problem: Estimation
     by: Sweeper
     observed: tuple[tuple[ca.Function, ...], ...]
+    inert: bool
 
     @property
     def scene(self) -> System:
@@ -59,7 +73,17 @@ def shooter(problem: Estimation, backend: str) -> Shooter:
         tuple(observed(problem.system, m.expression) for m in motion.data)
         for motion in problem.motions
     )
-    return Shooter(problem, sweeper(problem.system, problem.rule, steps, backend), functions)
+    by = sweeper(problem.system, problem.rule, steps, backend)
+    return Shooter(problem, by, functions, _inert(problem))
+
+
+def _inert(p: Estimation) -> bool:
+    mass = ca.densify(ca.jacobian(p.system.momentum, p.system.v))
+    moved = ca.which_depends(mass, p.system.c, 1, False) if len(p.c) else []
+    starts = np.array([m.start for m in p.motions])
+    return any(moved[i] for i in p.theta) and is_positive(
+        p.system, starts, np.array([m.t0 for m in p.motions]), p.c
+    )
 
 
 def first_guess(problem: Estimation) -> np.ndarray:
@@ -96,13 +120,16 @@ def residuals(shoot: Shooter, z: np.ndarray) -> Residuals:
         _of_motion(shoot, motion, e, columns, z, c)
         for e, (motion, columns) in enumerate(zip(p.motions, segment_columns(p), strict=True))
     ]
+    measured = [m for motion in p.motions for m in motion.data]
     prior = np.zeros((len(p.prior), p.size))
     which = p.prior[:, 0].astype(int)
     prior[np.arange(len(which)), which] = 1 / p.prior[:, 2]
     r = [*(x[0] for x in parts), (z[which] - p.prior[:, 1]) / p.prior[:, 2]]
     of_r = [*(x[1] for x in parts), prior]
     d, of_d = (np.concatenate([x[i] for x in parts]) for i in (2, 3))
-    return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, tuple(x[4] for x in parts))
+    signal = float(np.sqrt(sum(np.nansum((m.values / m.sigma) ** 2) for m in measured)))
+    nodes = tuple(x[4] for x in parts)
+    return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, nodes, signal)
 
 
 def _of_motion(
@@ -117,6 +144,8 @@ def _of_motion(
     step_of, fraction = _places(motion, p.h)
     for j, (k0, k1) in enumerate(zip(motion.cuts, motion.cuts[1:], strict=False)):
         piece = _piece(shoot, motion, state, int(k0), int(k1), c)
+        if shoot.inert:
+            _refuse_unphysical(p, piece, c)
         # local columns: the state at which the segment begins, then the parameters
         along = np.zeros((len(c) + 2, size + many))
         along[p.theta, size + np.arange(many)] = 1.0
@@ -139,6 +168,19 @@ def _of_motion(
     d = np.concatenate([np.zeros(0), *defects])
     of_d = np.concatenate([np.zeros((0, p.size)), *of_defects])
     return r, of_r, d, of_d, np.concatenate(nodes)
+
+
+def _refuse_unphysical(p: Estimation, piece: Piece, c: np.ndarray) -> None:
+    """A trial whose kinetic energy is not positive at some of its nodes is none."""
+    some = slice(None, len(piece.t), -(-len(piece.t) // LOOKED_AT))
+    x = np.hstack([piece.x[some, : piece.v.shape[1]], piece.v[some]])
+    if not is_positive(p.system, x, piece.t[some], c):
+        raise ConvergenceError(
+            "the kinetic energy is not positive at these inertias",
+            step=piece.first,
+            time=float(piece.t[0]),
+            residual=float("nan"),
+        )
 
 
 def start_of(p: Estimation, motion: Motion, e: int, z: np.ndarray) -> np.ndarray:
