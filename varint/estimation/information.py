@@ -29,17 +29,27 @@ def information(found: Residuals, size: np.ndarray, held: np.ndarray, many: int)
     """From the derivatives of residuals and defects at the solution, in the null space of the
     defects and of the bounds that hold.
     """
+    spread, left, swamped = directions(found, size, held)
+    covariance = spread[:many] @ spread[:many].T
+    open_ones = reduced(left[:, :many])
+    blind = (np.abs(open_ones) > 0).any(axis=0) if len(open_ones) else np.zeros(many, dtype=bool)
+    covariance[blind, blind] = np.inf
+    return Information(covariance, open_ones, swamped)
+
+
+def directions(
+    found: Residuals, size: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """S with covariance S Sᵀ of all unknowns (size, known), directions that the data leave open,
+    relative to the sizes (open, size), and whether some of them are round-off of others.
+    """
     rows = np.vstack([found.of_d * size, np.eye(len(size))[held]])
     z = null_space(rows)[1] if len(rows) else np.eye(len(size))
     _, s, vt = np.linalg.svd(found.of_r * size @ z, full_matrices=True)
     known = np.zeros(len(vt), dtype=bool)
     known[: len(s)] = told(s, RANK * found.signal)
-    spread = (z @ vt[known].T / s[known[: len(s)]])[:many]
-    covariance = spread @ spread.T * np.outer(size[:many], size[:many])
-    left = reduced((z @ vt[~known].T)[:many].T)
-    blind = (np.abs(left) > 0).any(axis=0) if len(left) else np.zeros(many, dtype=bool)
-    covariance[blind, blind] = np.inf
-    return Information(covariance, left, bool((s[~known[: len(s)]] > 1).any()))
+    spread = size[:, None] * (z @ vt[known].T / s[known[: len(s)]])
+    return spread, (z @ vt[~known].T).T, bool((s[~known[: len(s)]] > 1).any())
 
 
 def reduced(rows: np.ndarray) -> np.ndarray:

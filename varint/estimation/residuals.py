@@ -13,15 +13,15 @@ import numpy as np
 from varint.errors import ConvergenceError
 from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
+from varint.estimation.sensors import observed, seen_by
+from varint.estimation.single_steps import single_steps
 from varint.integration.backend import kernel_for
 from varint.integration.problem import InitialValueProblem
-from varint.integration.step_function import step_function
-from varint.numerics.arrays import call, over_columns
+from varint.numerics.arrays import call
 from varint.rules.polynomials import lagrange_values
 from varint.scene.system import System
-from varint.sensitivities.linear_steps import linear_step
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
-from varint.sensitivities.start import momentum_function, momentum_slopes, state_function
+from varint.sensitivities.start import momentum_function, momentum_slopes
 from varint.sensitivities.sweeps import Directions, Sweeper, forwards, sweeper
 
 LOOKED_AT = 10  # nodes of a segment at which the kinetic energy must be positive
@@ -250,26 +250,10 @@ def _within(
     if not len(inner):
         return x, of_x
     k, part = at[inner], fraction[inner]
-    n, size = scene.structure.n, part * p.h
     u = _controls_within(p, piece.u[k], part)
-    start = x[inner]
-    found = over_columns(
-        step_function(scene, p.rule),
-        start[:, :n],
-        start[:, n:],
-        u,
-        c,
-        piece.t[k, None],
-        size[:, None],
-    )
-    end = np.hstack(found[:2])
-    v1 = velocities(scene, end, piece.t[k] + size, c)
-    arguments = (start, end, piece.v[k], v1, piece.t[k, None], size[:, None], u, c)
-    phi, outside, *_ = over_columns(linear_step(scene, p.rule), *arguments)
-    phi = phi.reshape(len(k), 2 * n, 2 * n).transpose(0, 2, 1)
-    outside = outside.reshape(len(k), -1, 2 * n).transpose(0, 2, 1)
+    end, phi, by_c = single_steps(scene, p.rule, x[inner], piece.t[k], part * p.h, u, c)
     moved = phi @ of_x[inner]
-    moved[:, :, 2 * n :] += outside[:, :, p.theta]
+    moved[:, :, len(phi[0]) :] += by_c[:, :, p.theta]
     x, of_x = x.copy(), of_x.copy()
     x[inner], of_x[inner] = end, moved
     return x, of_x
@@ -297,25 +281,13 @@ def _measured(
     c: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(ψ − y)/σ of every value that is there, and its derivative."""
-    n, many = p.system.structure.n, len(p.theta)
+    many = len(p.theta)
     r, of_r = [np.zeros(0)], [np.zeros((0, p.size))]
     for m, rows, f in zip(motion.data, motion.rows, functions, strict=True):
-        x = seen[rows]
-        value, of_x, of_c = over_columns(f, x[:, :n], x[:, n:], m.t[:, None], c)
-        o = value.shape[1]
-        slope = of_x.reshape(len(x), 2 * n, o).transpose(0, 2, 1) @ of_seen[rows]
-        slope[:, :, :many] += of_c.reshape(len(x), -1, o).transpose(0, 2, 1)[:, :, p.theta]
+        value, of_x, of_c = seen_by(f, seen[rows], m.t, c)
+        slope = of_x @ of_seen[rows]
+        slope[:, :, :many] += of_c[:, :, p.theta]
         there = np.isfinite(m.values)
         r.append(((value - m.values) / m.sigma)[there])
         of_r.append((slope / m.sigma[:, :, None])[there])
     return np.concatenate(r), np.concatenate(of_r)
-
-
-def observed(system: System, expression: ca.SX) -> ca.Function:
-    """(q, p, t, c) → an expression and its derivatives with respect to (q, p) and c."""
-    value = state_function(system, expression)
-    inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
-    q, p, _, c = inputs
-    out = value(*inputs)
-    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c)]
-    return ca.Function("observed", inputs, [ca.densify(out), *slopes])
