@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from varint.ensembles.result import Ensemble
     from varint.estimation.fit import fit
     from varint.estimation.measurement import Experiment, Measurement
+    from varint.estimation.mhe import Estimate, Estimator, mhe
+    from varint.estimation.profile import Profile
     from varint.estimation.result import Fit
     from varint.explorer.play import play
     from varint.integration.plan import Plan, plan
@@ -71,6 +73,8 @@ __all__ = [
     "ConvergenceError",
     "Ensemble",
     "Equations",
+    "Estimate",
+    "Estimator",
     "Experiment",
     "Fit",
     "Gradient",
@@ -81,6 +85,7 @@ __all__ = [
     "Phase",
     "Plan",
     "Prepared",
+    "Profile",
     "Rule",
     "SecondOrder",
     "Sensitivity",
@@ -117,6 +122,7 @@ __all__ = [
     "lobatto",
     "lqr",
     "massless_limit",
+    "mhe",
     "midpoint",
     "models",
     "mpc",
@@ -168,8 +174,12 @@ _LATER = {
     "closed_loop": "varint.control.mpc",
     "control_rate": "varint.scene.control_rate",
     "massless_limit": "varint.scene.massless_limit",
+    "Estimate": "varint.estimation.mhe",
+    "Estimator": "varint.estimation.mhe",
     "Experiment": "varint.estimation.measurement",
+    "mhe": "varint.estimation.mhe",
     "Fit": "varint.estimation.result",
+    "Profile": "varint.estimation.profile",
     "Gradient": "varint.sensitivities.gradient",
     "Measurement": "varint.estimation.measurement",
     "fit": "varint.estimation.fit",

@@ -18,7 +18,7 @@ ORDER = [
     ),
     ("Motion", ["simulate", "project", "step_function", "scale_function"]),
     ("Derivatives of whole runs", ["sensitivity", "gradient", "Gradient", "flow"]),
-    ("Parameters from data", ["fit", "Measurement", "Experiment", "Fit"]),
+    ("Parameters from data", ["fit", "Measurement", "Experiment", "Fit", "Profile"]),
     ("Many at once", ["ensemble", "Ensemble"]),
     ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
     (

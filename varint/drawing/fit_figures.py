@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -56,4 +57,39 @@ def fit_figure(fitted: Sequence[Fitted]) -> Figure:
         above.grid(alpha=0.3)
         below.grid(alpha=0.3)
     rows[0, 0].legend(fontsize="small", loc="best")
+    return handed_over(fig)
+
+
+def profile_figure(
+    name: str,
+    level: float,
+    values: np.ndarray,
+    chi_squared: np.ndarray,
+    estimate: float,
+    interval: tuple[float, float],
+    linear: tuple[float, float],
+) -> Figure:
+    """χ² above its minimum against one unknown, with the interval where it stays below the level's,
+    and the parabola of the linearised problem.
+    """
+    import matplotlib.pyplot as plt
+
+    fig, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    threshold = NormalDist().inv_cdf((1 + level) / 2) ** 2
+    x = np.linspace(values[0], values[-1], 200)
+    half = (linear[1] - linear[0]) / 2
+    if half > 0:
+        parabola = threshold * ((x - estimate) / half) ** 2
+        axes.plot(x, parabola, color="0.6", ls="--", lw=1.0, label="linearised")
+    colour = COLOURS[0]
+    axes.plot(values, chi_squared, color=colour, marker=".", ms=4, lw=1.2, label="profile")
+    axes.axhline(threshold, color="0.6", lw=0.8, ls=":")
+    for end in interval:
+        if np.isfinite(end):
+            axes.axvline(end, color=colour, lw=0.8, ls=":")
+    axes.set_ylim(0, 2 * threshold)
+    axes.set_xlabel(name)
+    axes.set_ylabel(r"$\chi^2 - \chi^2_{\min}$")
+    axes.set_title(f"{100 * level:g} %: {interval[0]:.5g} … {interval[1]:.5g}", fontsize="medium")
+    axes.legend(fontsize="small")
     return handed_over(fig)

@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from varint.errors import InputError, SolverError
-from varint.estimation.gauss_newton import loss_of, solve
-from varint.estimation.information import in_words, information
+from varint.errors import InputError
 from varint.estimation.measurement import Experiment, Measurement
-from varint.estimation.problem import Estimation, Motion, estimation
-from varint.estimation.residuals import (
-    Residuals,
-    Shooter,
-    first_guess,
-    residuals,
-    shooter,
-    start_of,
-)
+from varint.estimation.outcome import fit_of
+from varint.estimation.problem import estimation
+from varint.estimation.residuals import shooter
 from varint.estimation.result import Fit
-from varint.estimation.segments import guessed_states
+from varint.estimation.search import best_fit
 from varint.integration.plan import plan
-from varint.integration.simulate import simulate
-from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import System, parameters_by_name, require_system
-
-TINY = 1e-3  # of a guess, or of the largest coordinate: smaller sizes are taken for this much
+from varint.scene.system import System, require_system
 
 
 def fit(
@@ -54,7 +39,10 @@ def fit(
 
     Gauss–Newton on the discrete motion, whose derivatives are exact. With several segments the
     states between them are unknown too, and the motion is continuous only at the end (multiple
-    shooting): motions on which no single run could be started come out.
+    shooting): motions on which no single run could be started come out. Where the data show all
+    coordinates, Hamilton's principle along the measured motion gives a start of its own, by linear
+    least squares for parameters that stand linearly in L and F; guesses far off do no harm then.
+    Masses and moments of inertia stay positive.
 
     Parameters
     ----------
@@ -121,19 +109,7 @@ def fit(
     if huber is not None and not (isinstance(huber, (int, float)) and huber > 0):
         raise InputError(f"huber must be a positive number of standard deviations, got {huber!r}")
     p = estimation(system, rule, experiments, unknown, h, params, segments, priors)
-    shoot = shooter(p, backend)
-    z = guessed_states(p, first_guess(p))
-    lower, upper = _bounds(p)
-    solved = solve(lambda x: residuals(shoot, x), z, lambda x: _sizes(p, x), lower, upper, huber)
-    if not solved.converged:
-        gap = np.abs(solved.found.d).max(initial=0.0)
-        chi = 2 * loss_of(solved.found.r, None)
-        raise SolverError(
-            f"the fit did not converge in {solved.steps} steps (χ² {chi:.3g}, "
-            f"gaps between segments {gap:.2g}): take other guesses, bounds, or more segments",
-            status="not converged",
-        )
-    made = _result(shoot, solved.z, solved.found, solved.steps, solved.held)
+    made = fit_of(best_fit(shooter(p, backend), huber))
     for sentence in made.unidentifiable:
         warnings.warn(sentence, stacklevel=2)
     return made
@@ -151,101 +127,3 @@ def _experiments(data: Any, q0: Any, v0: Any, t0: float, u: Any) -> list[Experim
     if q0 is None or v0 is None:
         raise InputError("give q0 and v0, the start of the motion, or guesses where it is unknown")
     return [Experiment(given, q0, v0, t0, u)]
-
-
-def _bounds(p: Estimation) -> tuple[np.ndarray, np.ndarray]:
-    many, wide = len(p.theta), np.full(p.size, np.inf)
-    lower, upper = -wide, wide
-    for bound, given in ((lower, p.lower), (upper, p.upper)):
-        bound[:many] = given[:many]
-        bound[many : p.many] = np.tile(given[many:], len(p.motions))
-    return lower, upper
-
-
-def _sizes(p: Estimation, z: np.ndarray) -> np.ndarray:
-    """Typical sizes of the unknowns: of parameters their own, of states those of all of them; not
-    far below the guesses, for what is zero has no size of its own.
-    """
-    size, many = np.ones(p.size), len(p.theta)
-    size[:many] = np.maximum(np.abs(z[:many]), TINY * _or_one(np.abs(p.c[p.theta])))
-    n = p.system.structure.n
-    given = float(_or_one(np.array(max(np.abs(m.start).max() for m in p.motions))))
-    for first, last, width in ((many, p.many, len(p.free)), (p.many, p.size, 2 * n)):
-        if last > first:
-            rows = np.abs(z[first:last]).reshape(-1, width)
-            least = TINY * max(rows.max(), given)
-            size[first:last] = np.tile(np.maximum(rows.max(axis=0), least), len(rows))
-    return size
-
-
-def _or_one(x: np.ndarray) -> np.ndarray:
-    return np.where(x > 0, x, 1.0)
-
-
-def _result(shoot: Shooter, z: np.ndarray, found: Residuals, steps: int, held: np.ndarray) -> Fit:
-    p, size = shoot.problem, _sizes(shoot.problem, z)
-    told = information(found.of_r, found.of_d, size, held, p.many)
-    if told.swamped:
-        raise SolverError(
-            "the motion amplifies changes of its start beyond what double precision can hold, so "
-            "that the other unknowns cannot be told: take more segments",
-            status="swamped",
-        )
-    c = p.c.copy()
-    c[p.theta] = z[: len(p.theta)]
-    starts = [np.split(start_of(p, m, e, z), 2) for e, m in enumerate(p.motions)]
-    measured = len(found.r) - len(p.prior)
-    parts, at = [], 0
-    for motion in p.motions:
-        rows = []
-        for m in motion.data:
-            there = np.isfinite(m.values)
-            r = np.full(m.values.shape, np.nan)
-            r[there] = found.r[at : at + int(there.sum())]
-            rows.append(r)
-            at += int(there.sum())
-        parts.append(tuple(rows))
-    chi = float(found.r @ found.r)
-    return Fit(
-        p.names,
-        z[: p.many].copy(),
-        told.covariance,
-        parameters_by_name(p.system, c),
-        tuple(q for q, _ in starts),
-        tuple(v for _, v in starts),
-        tuple(
-            _trajectory(p, m, x, q, v, c)
-            for m, x, (q, v) in zip(p.motions, found.nodes, starts, strict=True)
-        ),
-        tuple(m.data for m in p.motions),
-        tuple(parts),
-        in_words(p, told.open, z[: len(p.theta)]),
-        chi,
-        measured + len(p.prior) - (p.many - len(told.open)),
-        True,
-        steps,
-        tuple(p.names[i] for i in np.flatnonzero(held[: p.many])),
-    )
-
-
-def _trajectory(
-    p: Estimation, motion: Motion, x: np.ndarray, q0: np.ndarray, v0: np.ndarray, c: np.ndarray
-) -> Trajectory:
-    """The motion with the nodes of all segments, which a single run may not reach."""
-    n, params = p.system.structure.n, parameters_by_name(p.system, c)
-    u = motion.u[:1] if motion.u.shape[2] else None
-    first = simulate(
-        p.system, p.rule, q0=q0, v0=v0, h=p.h, steps=1, t0=motion.t0, u=u, params=params
-    )
-    k = np.arange(motion.steps + 1)
-    whole = replace(
-        first,
-        t=motion.t0 + p.h * k,
-        q=x[:, :n].copy(),
-        p=x[:, n:].copy(),
-        k=k,
-        u=motion.u,
-        active_set=None if first.active_set is None else np.zeros(len(k), dtype=int),
-    )
-    whole.__dict__.pop("v", None)
-    return whole

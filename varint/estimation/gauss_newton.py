@@ -19,12 +19,15 @@ RANK = 1e-9  # relative singular value below which a direction is not determined
 
 
 class Linearised(NamedTuple):
-    """min |r + J δ|² with C δ = −d, in dimensionless unknowns."""
+    """min |r + J δ|² with C δ = −d, in dimensionless unknowns; `least` is the singular value of J
+    below which there is round-off only.
+    """
 
     r: np.ndarray
     j: np.ndarray
     d: np.ndarray
     c: np.ndarray
+    least: float
 
 
 class Solved(NamedTuple):
@@ -61,13 +64,25 @@ def null_space(c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return q[:, :count], q[:, count:], r[:count]
 
 
+def told(s: np.ndarray, least: float) -> np.ndarray:
+    """Which singular values tell something."""
+    return s > max(RANK * s.max(initial=0.0), least)
+
+
+def shortest(j: np.ndarray, r: np.ndarray, least: float) -> np.ndarray:
+    """The x of least length that minimises |J x − r|, along directions that are told."""
+    u, s, vt = np.linalg.svd(j, full_matrices=False)
+    keep = told(s, least)
+    return vt[keep].T @ ((u[:, keep].T @ r) / s[keep])
+
+
 def step_of(p: Linearised) -> np.ndarray:
     """The δ of least length that solves the linearised problem."""
     if not len(p.c):
-        return -np.linalg.lstsq(p.j, p.r, rcond=RANK)[0]
+        return -shortest(p.j, p.r, p.least)
     y, z, r = null_space(p.c)
     onto = y @ np.linalg.lstsq(r.T, -p.d, rcond=None)[0]
-    return onto - z @ np.linalg.lstsq(p.j @ z, p.r + p.j @ onto, rcond=RANK)[0]
+    return onto - z @ shortest(p.j @ z, p.r + p.j @ onto, p.least)
 
 
 def bounded_step(
@@ -76,8 +91,8 @@ def bounded_step(
     """The step with −room_below ≤ δ ≤ room_above, bound after bound held where it would be broken
     most; and which are held.
     """
-    held = np.zeros(len(room_below), dtype=bool)
-    target = np.zeros(len(room_below))
+    held = room_below + room_above <= 0
+    target = np.where(held, room_above, 0.0)
     while True:
         rows = np.eye(len(held))[held]
         whole = p._replace(c=np.vstack([p.c, rows]), d=np.concatenate([p.d, -target[held]]))
@@ -106,12 +121,14 @@ def solve(
     evaluate : callable
         z → `Residuals`.
     z : ndarray
+        Where the bounds are equal the unknown is given.
     sizes : callable
         z → typical sizes of the unknowns.
     lower, upper : ndarray
     huber : float or None
         Where Huber's loss becomes linear, in units of σ.
     """
+    z = np.clip(z, lower, upper)
     found = evaluate(z)
     held, moved = np.zeros(len(z), dtype=bool), np.inf
     for count in range(1, STEPS + 1):
@@ -122,7 +139,7 @@ def solve(
         part, best = 1.0, None
         for _ in range(HALVINGS):
             trial = np.clip(z + part * delta * size, lower, upper)
-            after = _evaluated(evaluate, trial)
+            after = values_at(evaluate, trial)
             if after is not None:
                 left = _level(linear, after, unit, held, huber)
                 if left <= (1 - part / 2) * long or moved <= ROUGH:
@@ -150,6 +167,7 @@ def _level(
         p.j,
         np.concatenate([unit * after.d, np.zeros(len(rows))]),
         np.vstack([p.c, rows]),
+        p.least,
     )
     return float(np.linalg.norm(step_of(again)))
 
@@ -158,7 +176,8 @@ def _linearised(found: Any, size: np.ndarray, huber: float | None) -> tuple[Line
     """The problem in dimensionless unknowns and rows, and the units of the latter."""
     root, unit = np.sqrt(huber_weights(found.r, huber)), _row_units(found.of_d, size)
     slopes = root[:, None] * found.of_r * size, unit[:, None] * found.of_d * size
-    return Linearised(root * found.r, slopes[0], unit * found.d, slopes[1]), unit
+    least = RANK * found.signal
+    return Linearised(root * found.r, slopes[0], unit * found.d, slopes[1], least), unit
 
 
 def _row_units(of_d: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -166,7 +185,7 @@ def _row_units(of_d: np.ndarray, size: np.ndarray) -> np.ndarray:
     return 1 / np.maximum(np.abs(of_d * size).max(axis=1, initial=0.0), 1e-300)
 
 
-def _evaluated(evaluate: Callable[[np.ndarray], Any], z: np.ndarray) -> Any:
+def values_at(evaluate: Callable[[np.ndarray], Any], z: np.ndarray) -> Any:
     """Values at z, or None where its runs cannot be finished."""
     try:
         found = evaluate(z)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varint.errors import InputError
+from varint.estimation.inertias import grows_with
 from varint.estimation.measurement import Experiment, Measurement
 from varint.integration.problem import controls
 from varint.rules.rule import Rule
@@ -116,26 +117,14 @@ def estimation(
     if number("h", h) <= 0:
         raise InputError(f"h must be positive, got {h!r}")
     segments = positive_integer("segments", segments)
-    wanted = _unknown(system, unknown)
+    wanted = unknowns(system, unknown)
     held = bool(s.constraints or s.nonholonomic)
     if held and (segments > 1 or {"q0", "v0"} & set(wanted)):
         raise InputError(
             "the scene has constraints: its start cannot vary freely; give q0 and v0 on the "
             "constraints, leave them out of unknown, and take segments=1"
         )
-    given = parameter_values(system, params)
-    c, places = given.copy(), parameters_by_name(system, np.arange(given.size))
-    theta: list[int] = []
-    low: list[float] = []
-    high: list[float] = []
-    for name, x in wanted.items():
-        if name in START:
-            continue
-        at = places[name].ravel(order="F")
-        guess, lower, upper = _bounds(name, x, given[at])
-        c[at] = guess
-        theta += at.tolist()
-        low, high = [*low, *lower], [*high, *upper]
+    c, theta, low, high = parameters_to_find(system, wanted, params)
     free: list[int] = []
     starts: dict[str, Any] = {}
     for i, name in enumerate(START):
@@ -145,6 +134,7 @@ def estimation(
             _, lower, upper = _bounds(name, wanted[name], np.zeros(n))
             low, high = [*low, *lower], [*high, *upper]
     motions = tuple(_motion(system, rule, x, float(h), segments, starts) for x in experiments)
+    low = positive_inertias(system, theta, low, c, motions[0].start)
     entries = parameter_entries(system)
     of_start = [*(f"{x}(0)" for x in system.names), *(f"d{x}/dt(0)" for x in system.names)]
     names = [entries[i] for i in theta]
@@ -160,7 +150,7 @@ def estimation(
         np.array(free, dtype=int),
         np.array(low),
         np.array(high),
-        _priors(system, priors, theta, places),
+        prior_rows(system, priors, theta),
         motions,
         tuple(names),
     )
@@ -172,7 +162,38 @@ def estimation(
     return made
 
 
-def _unknown(system: System, unknown: Any) -> dict[str, Any]:
+def positive_inertias(
+    system: System, theta: list[int], low: list[float], c: np.ndarray, start: np.ndarray
+) -> list[float]:
+    """Lower bounds with zero for masses and moments of inertia that were given none."""
+    places = np.array(theta, dtype=int)
+    if not len(places):
+        return low
+    grown = grows_with(system, c, places, start)
+    free = np.isneginf(low[: len(theta)])
+    zero = np.where(grown & free & (c[places] > 0), 0.0, low[: len(theta)])
+    return [*zero.tolist(), *low[len(theta) :]]
+
+
+def parameters_to_find(
+    system: System, wanted: dict[str, Any], params: Any
+) -> tuple[np.ndarray, list[int], list[float], list[float]]:
+    """Parameter values with the guesses put in, places of the unknown ones, and their bounds."""
+    given = parameter_values(system, params)
+    c, places = given.copy(), parameters_by_name(system, np.arange(given.size))
+    theta: list[int] = []
+    low: list[float] = []
+    high: list[float] = []
+    for name, x in wanted.items():
+        if name not in START:
+            at = places[name].ravel(order="F")
+            c[at], lower, upper = _bounds(name, x, given[at])
+            theta += at.tolist()
+            low, high = [*low, *lower], [*high, *upper]
+    return c, theta, low, high
+
+
+def unknowns(system: System, unknown: Any) -> dict[str, Any]:
     """What is unknown by name, with what is given of each: bounds and guess, or nothing."""
     if isinstance(unknown, Mapping):
         wanted = values_by_name(unknown)
@@ -202,10 +223,9 @@ def _bounds(name: str, x: Any, value: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return guess, lower, upper
 
 
-def _priors(
-    system: System, priors: Any, theta: list[int], places: dict[str, np.ndarray]
-) -> np.ndarray:
-    rows = []
+def prior_rows(system: System, priors: Any, theta: list[int]) -> np.ndarray:
+    """Which of the unknown parameters, mean and spread, (P, 3)."""
+    places, rows = parameters_by_name(system, np.arange(system.c.numel())), []
     for name, given in values_by_name(priors or {}).items():
         mean_and_sigma = finite_array(f"the prior of {name!r}", given)
         if name not in places or mean_and_sigma.shape != (2,) or mean_and_sigma[1] <= 0:

@@ -10,24 +10,27 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.errors import ConvergenceError
+from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
+from varint.estimation.sensors import observed, seen_by
+from varint.estimation.single_steps import single_steps
 from varint.integration.backend import kernel_for
 from varint.integration.problem import InitialValueProblem
-from varint.integration.step_function import step_function
-from varint.numerics.arrays import call, over_columns
+from varint.numerics.arrays import call
 from varint.rules.polynomials import lagrange_values
 from varint.scene.system import System
-from varint.sensitivities.linear_steps import linear_step
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
-from varint.sensitivities.start import momentum_function, momentum_slopes, state_function
+from varint.sensitivities.start import momentum_function, momentum_slopes
 from varint.sensitivities.sweeps import Directions, Sweeper, forwards, sweeper
 
+LOOKED_AT = 10  # nodes of a segment at which the kinetic energy must be positive
 ITERATIONS = 10  # that a fit is expected to take, each a run with its derivatives
 
 
 class Residuals(NamedTuple):
     """At one guess: residuals r in units of σ with ∂r/∂z, defects d between segments with ∂d/∂z,
-    nodes of every experiment (steps + 1, 2n).
+    nodes of every experiment (steps + 1, 2n); `signal` is the length of what was measured, in σ.
     """
 
     r: np.ndarray
@@ -35,17 +38,28 @@ class Residuals(NamedTuple):
     d: np.ndarray
     of_d: np.ndarray
     nodes: tuple[np.ndarray, ...]
+    signal: float
 
 
 @dataclass(frozen=True, eq=False)
 class Shooter:
-    """An estimation problem with what its runs need; `observed` are the functions of the
-    measurements of every experiment.
+    """An estimation problem with what its runs need.
+
+    Attributes
+    ----------
+    problem : Estimation
+    by : Sweeper
+    observed : tuple of tuple of Function
+        Of the measurements of every experiment.
+    inert : bool
+        Whether unknown parameters stand in the kinetic energy, which is positive at the guess and
+        must remain so.
     """
 
     problem: Estimation
     by: Sweeper
     observed: tuple[tuple[ca.Function, ...], ...]
+    inert: bool
 
     @property
     def scene(self) -> System:
@@ -59,7 +73,17 @@ def shooter(problem: Estimation, backend: str) -> Shooter:
         tuple(observed(problem.system, m.expression) for m in motion.data)
         for motion in problem.motions
     )
-    return Shooter(problem, sweeper(problem.system, problem.rule, steps, backend), functions)
+    by = sweeper(problem.system, problem.rule, steps, backend)
+    return Shooter(problem, by, functions, _inert(problem))
+
+
+def _inert(p: Estimation) -> bool:
+    mass = ca.densify(ca.jacobian(p.system.momentum, p.system.v))
+    moved = ca.which_depends(mass, p.system.c, 1, False) if len(p.c) else []
+    starts = np.array([m.start for m in p.motions])
+    return any(moved[i] for i in p.theta) and is_positive(
+        p.system, starts, np.array([m.t0 for m in p.motions]), p.c
+    )
 
 
 def first_guess(problem: Estimation) -> np.ndarray:
@@ -96,13 +120,16 @@ def residuals(shoot: Shooter, z: np.ndarray) -> Residuals:
         _of_motion(shoot, motion, e, columns, z, c)
         for e, (motion, columns) in enumerate(zip(p.motions, segment_columns(p), strict=True))
     ]
+    measured = [m for motion in p.motions for m in motion.data]
     prior = np.zeros((len(p.prior), p.size))
     which = p.prior[:, 0].astype(int)
     prior[np.arange(len(which)), which] = 1 / p.prior[:, 2]
     r = [*(x[0] for x in parts), (z[which] - p.prior[:, 1]) / p.prior[:, 2]]
     of_r = [*(x[1] for x in parts), prior]
     d, of_d = (np.concatenate([x[i] for x in parts]) for i in (2, 3))
-    return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, tuple(x[4] for x in parts))
+    signal = float(np.sqrt(sum(np.nansum((m.values / m.sigma) ** 2) for m in measured)))
+    nodes = tuple(x[4] for x in parts)
+    return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, nodes, signal)
 
 
 def _of_motion(
@@ -117,6 +144,8 @@ def _of_motion(
     step_of, fraction = _places(motion, p.h)
     for j, (k0, k1) in enumerate(zip(motion.cuts, motion.cuts[1:], strict=False)):
         piece = _piece(shoot, motion, state, int(k0), int(k1), c)
+        if shoot.inert:
+            _refuse_unphysical(p, piece, c)
         # local columns: the state at which the segment begins, then the parameters
         along = np.zeros((len(c) + 2, size + many))
         along[p.theta, size + np.arange(many)] = 1.0
@@ -139,6 +168,19 @@ def _of_motion(
     d = np.concatenate([np.zeros(0), *defects])
     of_d = np.concatenate([np.zeros((0, p.size)), *of_defects])
     return r, of_r, d, of_d, np.concatenate(nodes)
+
+
+def _refuse_unphysical(p: Estimation, piece: Piece, c: np.ndarray) -> None:
+    """A trial whose kinetic energy is not positive at some of its nodes is none."""
+    some = slice(None, len(piece.t), -(-len(piece.t) // LOOKED_AT))
+    x = np.hstack([piece.x[some, : piece.v.shape[1]], piece.v[some]])
+    if not is_positive(p.system, x, piece.t[some], c):
+        raise ConvergenceError(
+            "the kinetic energy is not positive at these inertias",
+            step=piece.first,
+            time=float(piece.t[0]),
+            residual=float("nan"),
+        )
 
 
 def start_of(p: Estimation, motion: Motion, e: int, z: np.ndarray) -> np.ndarray:
@@ -208,26 +250,10 @@ def _within(
     if not len(inner):
         return x, of_x
     k, part = at[inner], fraction[inner]
-    n, size = scene.structure.n, part * p.h
     u = _controls_within(p, piece.u[k], part)
-    start = x[inner]
-    found = over_columns(
-        step_function(scene, p.rule),
-        start[:, :n],
-        start[:, n:],
-        u,
-        c,
-        piece.t[k, None],
-        size[:, None],
-    )
-    end = np.hstack(found[:2])
-    v1 = velocities(scene, end, piece.t[k] + size, c)
-    arguments = (start, end, piece.v[k], v1, piece.t[k, None], size[:, None], u, c)
-    phi, outside, *_ = over_columns(linear_step(scene, p.rule), *arguments)
-    phi = phi.reshape(len(k), 2 * n, 2 * n).transpose(0, 2, 1)
-    outside = outside.reshape(len(k), -1, 2 * n).transpose(0, 2, 1)
+    end, phi, by_c = single_steps(scene, p.rule, x[inner], piece.t[k], part * p.h, u, c)
     moved = phi @ of_x[inner]
-    moved[:, :, 2 * n :] += outside[:, :, p.theta]
+    moved[:, :, len(phi[0]) :] += by_c[:, :, p.theta]
     x, of_x = x.copy(), of_x.copy()
     x[inner], of_x[inner] = end, moved
     return x, of_x
@@ -255,25 +281,13 @@ def _measured(
     c: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(ψ − y)/σ of every value that is there, and its derivative."""
-    n, many = p.system.structure.n, len(p.theta)
+    many = len(p.theta)
     r, of_r = [np.zeros(0)], [np.zeros((0, p.size))]
     for m, rows, f in zip(motion.data, motion.rows, functions, strict=True):
-        x = seen[rows]
-        value, of_x, of_c = over_columns(f, x[:, :n], x[:, n:], m.t[:, None], c)
-        o = value.shape[1]
-        slope = of_x.reshape(len(x), 2 * n, o).transpose(0, 2, 1) @ of_seen[rows]
-        slope[:, :, :many] += of_c.reshape(len(x), -1, o).transpose(0, 2, 1)[:, :, p.theta]
+        value, of_x, of_c = seen_by(f, seen[rows], m.t, c)
+        slope = of_x @ of_seen[rows]
+        slope[:, :, :many] += of_c[:, :, p.theta]
         there = np.isfinite(m.values)
         r.append(((value - m.values) / m.sigma)[there])
         of_r.append((slope / m.sigma[:, :, None])[there])
     return np.concatenate(r), np.concatenate(of_r)
-
-
-def observed(system: System, expression: ca.SX) -> ca.Function:
-    """(q, p, t, c) → an expression and its derivatives with respect to (q, p) and c."""
-    value = state_function(system, expression)
-    inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
-    q, p, _, c = inputs
-    out = value(*inputs)
-    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c)]
-    return ca.Function("observed", inputs, [ca.densify(out), *slopes])

@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from varint.errors import InputError
 from varint.estimation.measurement import Measurement
+from varint.estimation.profile import Profile, profile
+from varint.estimation.search import Minimum
 from varint.results.trajectory import Trajectory
+from varint.scene.parameters import values_by_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,6 +57,8 @@ class Fit:
         Gauss–Newton steps.
     at_bounds : tuple of str
         What bounds hold.
+    origin : Minimum
+        The solver's own numbers, from which profiles start.
     """
 
     names: tuple[str, ...]
@@ -71,6 +76,7 @@ class Fit:
     converged: bool
     steps: int
     at_bounds: tuple[str, ...]
+    origin: Minimum
 
     def __repr__(self) -> str:
         parts = [
@@ -109,17 +115,69 @@ class Fit:
         InputError
             If the level is none.
         """
-        if not (isinstance(level, (int, float)) and 0 < level < 1):
-            raise InputError(f"level must be a number between 0 and 1, got {level!r}")
-        wide = NormalDist().inv_cdf((1 + level) / 2) * self.sigma
+        wide = NormalDist().inv_cdf((1 + _level(level)) / 2) * self.sigma
         return np.column_stack([self.estimates - wide, self.estimates + wide])
+
+    def profile(self, name: Any, level: float = 0.95) -> Profile:
+        """Profile likelihood of one unknown: min χ² over all others, value after value of it.
+
+        Where the linearised interval is doubtful (few data, an estimate that is not good to a
+        fraction of itself, valleys that bend) this one is to be trusted.
+
+        Parameters
+        ----------
+        name : str or SX
+            One of `names`, or the parameter's symbol.
+        level : float
+            Of the interval, between 0 and 1.
+
+        Returns
+        -------
+        Profile
+            ``interval``, ``values``, ``chi_squared``, ``plot()``.
+
+        Raises
+        ------
+        InputError
+            If the name is none of these, or the data tell nothing of it.
+        SolverError
+            If another minimum fits the data better.
+
+        Notes
+        -----
+        Venzon & Moolgavkar, Applied Statistics 37 (1988) 87; Raue et al., Bioinformatics 25 (2009)
+        1923.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import varint as vi
+        >>> q, v = vi.coordinates("x")
+        >>> c = vi.Parameters(k=1.0)
+        >>> spring = vi.System(q, v, v**2 / 2 - c.k * q**2 / 2, params=c)
+        >>> t = np.linspace(0, 3, 7)
+        >>> seen = vi.Measurement(q, t, np.cos(2 * t), sigma=0.1)
+        >>> found = vi.fit(spring, vi.gauss(4), data=seen, unknown="k", h=0.1, q0=1, v0=0)
+        >>> found.profile("k")
+        Profile(k=4, 95 %: 3.75958 … 4.26151)
+        """
+        wanted = next(iter(values_by_name([(name, None)])))
+        if wanted not in self.names:
+            raise InputError(f"profile takes one of {list(self.names)}, got {wanted!r}")
+        i = self.names.index(wanted)
+        if not np.isfinite(self.sigma[i]):
+            raise InputError(f"{wanted} has no profile: the data tell nothing of it")
+        return profile(self.origin, i, float(self.sigma[i]), _level(level))
 
     @cached_property
     def whiteness(self) -> tuple[tuple[float, ...], ...]:
         """√M times the correlation of neighbouring residuals of every measurement: beyond ±2 they
         are not independent, so something is missing in the scene or in the noise.
         """
-        return tuple(tuple(_neighbours(r) for r in parts) for parts in self.residuals)
+        return tuple(
+            tuple(_neighbours(m.t, r) for m, r in zip(data, parts, strict=True))
+            for data, parts in zip(self.data, self.residuals, strict=True)
+        )
 
     def report(self) -> None:
         """Print estimates with intervals, the size and independence of the residuals, what bounds
@@ -165,8 +223,15 @@ class Fit:
         )
 
 
-def _neighbours(r: np.ndarray) -> float:
-    good = [column[np.isfinite(column)] for column in r.T]
+def _level(level: Any) -> float:
+    if not (isinstance(level, (int, float)) and 0 < level < 1):
+        raise InputError(f"level must be a number between 0 and 1, got {level!r}")
+    return float(level)
+
+
+def _neighbours(t: np.ndarray, r: np.ndarray) -> float:
+    in_order = r[np.argsort(t, kind="stable")]
+    good = [column[np.isfinite(column)] for column in in_order.T]
     products = sum(float(x[1:] @ x[:-1]) for x in good)
     squares = sum(float(x @ x) for x in good)
     count = sum(max(len(x) - 1, 0) for x in good)

@@ -1,0 +1,161 @@
+"""Fits from far off, with physical inertias, and what causes directions that stay open."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.estimation.problem import estimation
+from varint.estimation.regressor import from_the_data
+from varint.estimation.seen import seen_states
+
+
+def pendulum(damped: bool = True) -> tuple[vi.System, vi.Parameters]:
+    q, v = vi.coordinates("theta")
+    c = vi.Parameters(m=1.0, length=1.0, g=9.81, friction=0.1, bias=0.0)
+    lagrangian = c.m * c.length**2 * v**2 / 2 + c.m * c.g * c.length * ca.cos(q)
+    force = -c.friction * v if damped else None
+    return vi.System(q, v, lagrangian, force=force, params=c), c
+
+
+@pytest.mark.parametrize(("g", "friction"), [(1000.0, -1.0), (0.1, 5.0), (40.0, 0.0)])
+def test_a_guess_a_hundred_times_too_large_does_no_harm(g, friction):
+    system, c = pendulum()
+    true = vi.simulate(system, q0=1.0, v0=0.3, h=0.02, steps=300)
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.uniform(0, 6, 150))
+    angle = 2 * (true.at(t).q[:, 0] + 0.2)  # another scale and a known bias
+    for noise, off in ((0.0, 1e-9), (0.01, 0.05)):
+        values = angle + noise * rng.normal(size=150)
+        seen = vi.Measurement(2 * (system.q + c.bias), t, values, 0.01)
+        found = vi.fit(
+            system,
+            data=seen,
+            unknown=dict(g=g, friction=friction, q0=None, v0=None),
+            params=dict(bias=0.2),
+            h=0.02,
+            q0=0.0,
+            v0=0.0,
+        )
+        assert np.abs(found.estimates - [9.81, 0.1, 1.0, 0.3]).max() < off
+
+
+def test_controls_and_several_coordinates_start_from_the_data_too():
+    q, v = vi.coordinates("x", "theta")
+    u, c = ca.SX.sym("push"), vi.Parameters(cart=1.0, bob=1.0, drag=0.1)
+    kinetic = c.cart * v[0] ** 2 / 2
+    kinetic += c.bob * (v[0] ** 2 + 2 * v[0] * v[1] * ca.cos(q[1]) + v[1] ** 2) / 2
+    force = ca.vertcat(u - c.drag * v[0], 0)
+    cart = vi.System(q, v, kinetic + 9.81 * c.bob * ca.cos(q[1]), force=force, control=u, params=c)
+    push = 2 * np.sin(0.1 * np.arange(200))[:, None]
+    start = dict(q0=[0.0, 2.0], v0=[0.0, 0.0])
+    true = vi.simulate(
+        cart, **start, h=0.02, steps=200, u=push, params=dict(cart=1.4, bob=0.3, drag=0.5)
+    )
+    seen = [vi.Experiment([vi.Measurement(q, true.t[::4], true.q[::4], 0.01)], **start, u=push)]
+    unknown = dict(cart=0.01, bob=50.0, drag=-3.0)
+    found = vi.fit(cart, data=seen, unknown=unknown, h=0.02)
+    assert np.abs(found.estimates - [1.4, 0.3, 0.5]).max() < 1e-9
+    rule = vi.plan(cart).rule
+    begun = from_the_data(estimation(cart, rule, seen, unknown, 0.02, None, 1, None))
+    assert begun is not None and np.abs(begun.c - [1.4, 0.3, 0.5]).max() < 0.02
+
+
+def test_a_coordinate_is_read_off_any_sensor_that_shows_it_alone():
+    system, c = pendulum()
+    t = np.array([0.3, 0.1, 0.2])
+    values = np.column_stack([3 * t + 0.5, np.sin(t), 4 * t])
+    expression = ca.vertcat(3 * system.q + c.bias + c.g, ca.sin(system.q), system.q * system.v)
+    rows = [vi.Measurement(expression, t, values), vi.Measurement(-system.v, t, [1.0, np.nan, 3.0])]
+    p = estimation(
+        system,
+        vi.plan(system).rule,
+        [vi.Experiment(rows, 0.0, 0.0)],
+        ["g"],
+        0.1,
+        dict(g=0.25, bias=0.25),
+        1,
+        None,
+    )
+    angle, rate = seen_states(p, p.motions[0])
+    assert np.allclose(angle.t, [0.1, 0.2, 0.3]) and np.allclose(angle.values, angle.t)
+    assert np.allclose(rate.t, [0.2, 0.3]) and np.allclose(rate.values, [-3.0, -1.0])
+
+
+def test_inertias_stay_positive_where_noise_would_have_them_negative():
+    q, v = vi.coordinates("a", "b")
+    c = vi.Parameters(big=1.0, small=0.2, spring=2.0)
+    kinetic = c.big * v[0] ** 2 / 2 + c.small * (v[0] + v[1]) ** 2 / 2 + 0.1 * v[1] ** 2
+    system = vi.System(q, v, kinetic - c.spring * q[0] ** 2 / 2 - q[1] ** 2 / 2, params=c)
+    start = dict(q0=[0.5, 0.0], v0=[0.0, 1.0])
+    true = vi.simulate(system, vi.gauss(2), **start, h=0.05, steps=60, params=dict(small=1e-5))
+    noise = 0.02 * np.random.default_rng(1).normal(size=true.q.shape)
+    seen = vi.Measurement(q, true.t, true.q + noise, 0.02)
+    given = dict(data=seen, h=0.05, **start)
+    found = vi.fit(system, vi.gauss(2), unknown=["big", "small"], **given)
+    assert found.params["small"] == 0.0 and found.at_bounds == ("small",)
+    free = dict(big=None, small=vi.free(0.2, -1.0, 1.0))
+    negative = vi.fit(system, vi.gauss(2), unknown=free, **given)
+    assert -0.02 < negative.params["small"] < 0  # the bound that is asked for, and M > 0
+
+
+OPEN = [
+    ("m friction", "multiply the Lagrangian and the forces as a whole"),
+    ("m length g", "in the Lagrangian and the forces they stand in other combinations only"),
+]
+
+
+@pytest.mark.parametrize(("unknown", "words"), OPEN)
+def test_parameters_of_a_pendulum_that_angles_leave_open(unknown, words):
+    system, _ = pendulum()
+    true = vi.simulate(system, q0=1.0, v0=0.0, h=0.02, steps=200)
+    seen = vi.Measurement(system.q, true.t[::5], true.q[::5], 0.01)
+    with pytest.warns(UserWarning, match=words):
+        found = vi.fit(system, data=seen, unknown=unknown.split(), h=0.02, q0=1.0, v0=0.0)
+    assert len(found.unidentifiable) == 1
+
+
+def test_a_mass_that_drops_out_is_named_with_the_scale_of_the_lagrangian():
+    system, _ = pendulum(damped=False)
+    true = vi.simulate(system, q0=1.0, v0=0.0, h=0.02, steps=200)
+    seen = vi.Measurement(system.q, true.t[::5], true.q[::5], 0.01)
+    with pytest.warns(UserWarning, match="m does not show in the data .to multiply the Lagr"):
+        vi.fit(system, data=seen, unknown=["m"], h=0.02, q0=1.0, v0=0.0)
+
+
+def kepler() -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    c = vi.Parameters(mu=1.0)
+    return vi.System(q, v, ca.sumsqr(v) / 2 + c.mu / ca.norm_2(q), params=c)
+
+
+SEEN_OF_KEPLER = [
+    (lambda q: ca.atan2(q[1], q[0]), "a change of the units of x, y"),
+    (lambda q: ca.norm_2(q), "rotation about z"),
+]
+
+
+@pytest.mark.parametrize(("sensor", "words"), SEEN_OF_KEPLER)
+def test_angles_do_not_tell_a_length_and_distances_no_direction(sensor, words):
+    system = kepler()
+    start = dict(q0=[1.0, 0.0], v0=[0.0, 1.1])
+    true = vi.simulate(system, **start, h=0.05, steps=150)
+    seen = vi.Measurement(sensor(system.q), true.t[::5], true.value(sensor(system.q))[::5], 0.01)
+    with pytest.warns(UserWarning, match=words):
+        found = vi.fit(system, data=seen, unknown=["mu", "q0", "v0"], h=0.05, **start)
+    assert len(found.unidentifiable) == 1
+
+
+def test_relative_positions_leave_open_where_and_how_fast_both_move():
+    q, v = vi.coordinates("x1", "x2")
+    pair = vi.System(q, v, ca.sumsqr(v) / 2 - (q[0] - q[1]) ** 2 / 2)
+    start = dict(q0=[1.0, 0.0], v0=[0.0, 1.1])
+    true = vi.simulate(pair, **start, h=0.05, steps=100)
+    seen = vi.Measurement(q[0] - q[1], true.t[::5], true.q[::5, 0] - true.q[::5, 1], 0.01)
+    with pytest.warns(UserWarning):
+        found = vi.fit(pair, data=seen, unknown=["q0", "v0"], h=0.05, **start)
+    assert any("translation along x" in x for x in found.unidentifiable)
+    assert any("Galilean boost" in x for x in found.unidentifiable)
+    assert len(found.unidentifiable) == 2
