@@ -1,0 +1,3 @@
+"""Equilibria, periodic orbits, stability, chaos."""
+
+__all__: list[str] = []
