@@ -1,4 +1,4 @@
-"""Files that varint wrote, read back: trajectories with their systems, ensembles."""
+"""Files that varint wrote, read back: trajectories with their systems, ensembles, orbits."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from varint.integration.trajectories import step_functions
 from varint.numerics.archive import read_archive
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite, record_of
+from varint.orbits.save import FORMAT as ORBITS
 from varint.results.records import Event
 from varint.results.save import ARRAYS, CONTROL, FORMAT, INNER, OPTIONAL, as_path, file_path
 from varint.results.trajectory import Trajectory
@@ -40,7 +41,8 @@ def load(path: Any, *, trust: bool = False) -> Any:
     Parameters
     ----------
     path : path
-        A file written by `Trajectory.save`, or the folder ``store=`` of an ensemble.
+        A file written by `Trajectory.save`, or by `save` of an orbit or a family of
+        `varint.orbits`, or the folder ``store=`` of an ensemble.
     trust : bool
         Also read files of older versions, whose systems are serialised CasADi functions. To open
         one runs whatever is in it, so it must come from somebody you trust. Other files are read
@@ -49,7 +51,7 @@ def load(path: Any, *, trust: bool = False) -> Any:
 
     Returns
     -------
-    Trajectory or Ensemble
+    Trajectory, Ensemble, Orbit or Family
 
     Raises
     ------
@@ -74,13 +76,16 @@ def load(path: Any, *, trust: bool = False) -> Any:
         return load_ensemble(path, trust=trust)
     path = file_path(path)
     header, arrays = read_archive(path, "trajectory written by varint")
-    if header.get("format") not in (FORMAT, *((OLD,) if trust else ())):
+    known = _whole
+    if header.get("format") == ORBITS:
+        known = _orbits
+    elif header.get("format") not in (FORMAT, *((OLD,) if trust else ())):
         old = f"; {UNTRUSTED}" if header.get("format") == OLD else ""
         raise InputError(
             f"{path} has the format {header.get('format')!a}; this version reads {FORMAT!r}{old}"
         )
     try:
-        return _whole(header, arrays, trust)
+        return known(header, arrays, trust)
     except InputError as error:
         raise InputError(f"{path} is no whole trajectory: {error}") from None
     except Exception as error:  # what a foreign header makes fail; a whole one fails in nothing
@@ -115,6 +120,13 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
         dense_output=dense_output,
         solution=solution,
     )
+
+
+def _orbits(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -> Any:
+    """A periodic orbit, or a family of them."""
+    from varint.orbits.read import orbits_of
+
+    return orbits_of(header, arrays)
 
 
 def _bounds(motion: Trajectory, data: Any) -> ActiveBounds:

@@ -1,0 +1,225 @@
+"""Where families fold, branch and change their stability: found by sign changes, located on the
+curve, left by its other branches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.errors import ConvergenceError, InputError
+from varint.orbits.continuation import (
+    Curve,
+    Direction,
+    Measures,
+    arclength_row,
+    corrected,
+    held_rows,
+    measures,
+    null_directions,
+    product,
+    quantity,
+    scaled,
+    slope_of,
+    stepped,
+    tangent_near,
+    together,
+)
+from varint.orbits.multipliers import ON_CIRCLE, ROUNDED
+from varint.orbits.orbit import Orbit
+from varint.orbits.reduction import reduce
+from varint.orbits.shooting import Iterate
+from varint.scene.inputs import number
+
+MOST_STEPS = 40  # of locating one
+LOCATED = 1e-9  # of the step in which it lies
+TOGETHER = 1e-3  # of the step: a fold and the multiplier 1 that it makes
+SIZE = 0.02  # of the orbit's ranges: how far along a branch its first orbit lies
+DOUBLING, BRANCH, COLLISION = "period doubling", "branch point", "collision of multipliers"
+
+
+class Point(NamedTuple):
+    """An orbit on its curve, the tangent there, and what changes sign where something happens."""
+
+    orbit: Orbit
+    tangent: Direction
+    by: Measures
+    tests: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Bifurcation:
+    """A special orbit of a family.
+
+    Attributes
+    ----------
+    kind : str
+        ``"fold in energy"`` (or in what is varied), ``"branch point"`` (a multiplier passes 1: a
+        symmetry breaks, families cross), ``"period doubling"`` (one passes −1), ``"collision of
+        multipliers"`` (two pairs meet and leave the unit circle or the real axis, or come back).
+    orbit : Orbit
+        There.
+    value : float
+        Of the energy, period or parameter.
+    tangent : Direction
+        Of the family.
+    curve : Curve
+    """
+
+    kind: str
+    orbit: Orbit
+    value: float
+    tangent: Direction
+    curve: Curve
+
+    def __repr__(self) -> str:
+        return (
+            f"Bifurcation({self.kind}: {self.curve.along}={self.value:.10g}, "
+            f"period={self.orbit.period:.10g})"
+        )
+
+    def branch(self, size: float = SIZE, sign: int = 1) -> Orbit:
+        """The first orbit of the family that branches off, along the second null vector of the
+        orbit's equations; of a period doubling it takes two laps.
+
+        Parameters
+        ----------
+        size : float
+            Distance from here, in ranges of the orbit.
+        sign : {1, −1}
+            To which side; both may be mirror images.
+
+        Raises
+        ------
+        InputError
+            If nothing branches off here.
+        ConvergenceError
+            If no orbit is found at that distance: try another.
+        """
+        if self.kind not in (DOUBLING, BRANCH):
+            raise InputError(f"nothing branches off at a {self.kind}")
+        length, laps = number("size", size), 2 if self.kind == DOUBLING else 1
+        base = repeated(self.orbit, laps)
+        by = measures(base, self.curve)
+        curve = self.curve
+        if curve.hold == "period":
+            curve = replace(curve, value=curve.value * laps)
+        along = Direction(
+            np.tile(self.tangent.x, (laps, 1)), laps * self.tangent.period, self.tangent.parameter
+        )
+        across = _across(base, along, curve, by)
+        start = base.at
+        x = start.x + sign * length * across.x
+        c = start.c.copy()
+        if curve.index is not None:
+            c[curve.index] += sign * length * across.parameter
+        trial = Iterate(x, start.period + sign * length * across.period, c)
+        rows = together(
+            arclength_row(start, across, sign * length, curve, by),
+            held_rows(curve, base.shooting, by),
+        )
+        return corrected(base.shooting, trial, rows, curve, by)
+
+
+def _across(base: Orbit, along: Direction, curve: Curve, by: Measures) -> Direction:
+    """The null vector across the family, of length one."""
+    two = null_directions(base.shooting, base.at, base.linear, curve, by, least=2)[-2:]
+    a, b = (product(one, along, by) for one in two)
+    x = b * two[0].x - a * two[1].x
+    found = Direction(
+        x,
+        b * two[0].period - a * two[1].period,
+        b * two[0].parameter - a * two[1].parameter,
+    )
+    return scaled(found, 1 / np.sqrt(product(found, found, by)))
+
+
+def repeated(orbit: Orbit, laps: int) -> Orbit:
+    """The same orbit, run through several times."""
+    if laps == 1:
+        return orbit
+    s, n = orbit.shooting, len(orbit.shooting.shift)
+    x = np.concatenate([orbit.at.x] * laps)
+    for lap in range(laps):
+        x[lap * s.segments : (lap + 1) * s.segments, :n] += lap * s.shift
+    shooting = replace(s, segments=laps * s.segments, shift=laps * s.shift)
+    at = orbit.at._replace(x=x, period=laps * orbit.period)
+    return replace(orbit, shooting=shooting, at=at)
+
+
+def tests_of(orbit: Orbit, tangent: Direction, curve: Curve) -> dict[str, float]:
+    """What changes sign: the slope of the quantity (and of the energy) along the family, det(Φ ∓ 1)
+    across the integrals, and how many multipliers have left the circle and the real axis.
+    """
+    s, at, linear = orbit.shooting, orbit.at, orbit.linear
+    found = {f"fold in {curve.along}": slope_of(curve, s, at, linear, tangent)}
+    if s.integrals.energy and curve.index is None:
+        by_energy = replace(curve, along="energy")
+        found["fold in energy"] = slope_of(by_energy, s, at, linear, tangent)
+    reduced = reduce(linear.monodromy, linear.frames[0].form, linear.gradients, linear.phases[0])
+    values = np.linalg.eigvals(reduced.matrix)
+    if len(values):
+        size = np.prod(1 + np.abs(values))
+        found[BRANCH] = float((np.prod(values - 1) / size).real)
+        found[DOUBLING] = float((np.prod(values + 1) / size).real)
+        width = max(ON_CIRCLE, ROUNDED * float(np.linalg.norm(reduced.matrix)))
+        off = (np.abs(np.abs(values) - 1) > width**0.5) & (np.abs(values.imag) > width**0.5)
+        found[COLLISION] = 0.5 - float(off.any())
+    return found
+
+
+def point_of(orbit: Orbit, curve: Curve, before: Direction | None, sign: float) -> Point:
+    """The orbit with its tangent and tests."""
+    by = measures(orbit, curve)
+    tangent = tangent_near(orbit.shooting, orbit.at, orbit.linear, curve, by, before, sign)
+    return Point(orbit, tangent, by, tests_of(orbit, tangent, curve))
+
+
+def located(a: Point, b: Point, length: float, curve: Curve) -> list[Bifurcation]:
+    """What happens between two orbits of a family, in order."""
+    changed = [name for name, x in a.tests.items() if x * b.tests.get(name, x) < 0]
+    found: list[tuple[float, str, Point]] = []
+    for name in changed:
+        where = _root(a, b, length, curve, name)
+        if where is not None:
+            found.append((*where[:1], name, where[1]))
+    folds = [at for at, name, _ in found if name in ("fold in energy", f"fold in {curve.along}")]
+    kept = [
+        (at, name, point)
+        for at, name, point in found
+        if name != BRANCH or all(abs(at - x) > TOGETHER * length for x in folds)
+    ]
+    kept.sort(key=lambda x: x[0])
+    return [
+        Bifurcation(name, p.orbit, quantity(p.orbit, curve), p.tangent, curve)
+        for _, name, p in kept
+    ]
+
+
+def _root(a: Point, b: Point, length: float, curve: Curve, name: str) -> tuple[float, Point] | None:
+    """Arclength at which a test vanishes (Illinois' method, and halves), and the point there."""
+    low, high, below, above = 0.0, length, a.tests[name], b.tests[name]
+    best: tuple[float, Point] | None = None
+    side = 0
+    for count in range(MOST_STEPS):
+        slow = count % 4 == 3 or name == COLLISION
+        at = (low + high) / 2 if slow else (low * above - high * below) / (above - below)
+        try:
+            orbit = stepped(a.orbit, a.tangent, at, curve, a.by)
+        except ConvergenceError:
+            return best
+        point = point_of(orbit, curve, a.tangent, 1.0)
+        best, value = (at, point), point.tests[name]
+        if value * below > 0:
+            low, below = at, value
+            above = above / 2 if side == 1 else above
+            side = 1
+        else:
+            high, above = at, value
+            below = below / 2 if side == -1 else below
+            side = -1
+        if value == 0 or high - low <= LOCATED * length:
+            break
+    return best

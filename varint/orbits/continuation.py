@@ -1,0 +1,264 @@
+"""One curve of orbits: its tangent, steps along it, and the measure of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.orbits.correct import (
+    Row,
+    Rows,
+    Wanted,
+    bordered,
+    correct,
+    energy_row,
+    period_row,
+)
+from varint.orbits.guess import kept
+from varint.orbits.orbit import Orbit
+from varint.orbits.periodic import orbit_of
+from varint.orbits.phase import Units, units_of
+from varint.orbits.shooting import Iterate, Linear, Shooting, runs
+
+NULL = 1e-11  # of the largest singular value: further null vectors, at a branch point
+NEWTON_STEPS = 8  # of a continuation step: more mean that it was too long
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """What is continued, and what is held meanwhile.
+
+    Attributes
+    ----------
+    along : str
+        "energy", "period" or a parameter's name.
+    index : int or None
+        Of the parameter in ``system.c``.
+    hold : str or None
+        "energy" or "period", held where a parameter is varied.
+    value : float
+        Its value.
+    """
+
+    along: str
+    index: int | None
+    hold: str | None
+    value: float
+
+
+class Direction(NamedTuple):
+    """A change of an orbit: of the states (M, 2n), of the period, of the parameter."""
+
+    x: np.ndarray
+    period: float
+    parameter: float
+
+
+class Measures(NamedTuple):
+    """What changes are measured by along a curve."""
+
+    units: Units
+    period: float
+    parameter: float
+
+
+def measures(orbit: Orbit, curve: Curve) -> Measures:
+    """Ranges of the orbit, its period, and the size of the parameter."""
+    value = 0.0 if curve.index is None else abs(float(orbit.at.c[curve.index]))
+    return Measures(orbit.units, orbit.period, value or 1.0)
+
+
+def product(a: Direction, b: Direction, by: Measures) -> float:
+    """The inner product of two changes."""
+    inner = float((a.x / by.units.scale * (b.x / by.units.scale)).sum() / len(a.x))
+    inner += a.period * b.period / by.period**2
+    return inner + a.parameter * b.parameter / by.parameter**2
+
+
+def change(new: Iterate, old: Iterate, curve: Curve) -> Direction:
+    """What leads from one orbit to another."""
+    moved = 0.0 if curve.index is None else float(new.c[curve.index] - old.c[curve.index])
+    return Direction(new.x - old.x, new.period - old.period, moved)
+
+
+def scaled(a: Direction, factor: float) -> Direction:
+    return Direction(factor * a.x, factor * a.period, factor * a.parameter)
+
+
+def quantity(orbit: Orbit, curve: Curve) -> float:
+    """The value along the curve."""
+    if curve.along == "energy":
+        return orbit.energy
+    if curve.along == "period":
+        return orbit.period
+    assert curve.index is not None
+    return float(orbit.at.c[curve.index])
+
+
+def held_rows(curve: Curve, shooting: Shooting, by: Measures) -> Rows | None:
+    """What is held besides, where a parameter is varied."""
+    if curve.hold == "energy":
+        unit = by.units.action / by.period
+        return energy_row(curve.value, shooting, unit, curve.index, by.parameter)
+    return period_row(curve.value, by.period) if curve.hold == "period" else None
+
+
+def value_rows(curve: Curve, value: float, shooting: Shooting, by: Measures) -> Rows:
+    """The quantity itself has a value."""
+    if curve.along == "energy":
+        return energy_row(value, shooting, by.units.action / by.period, curve.index, by.parameter)
+    if curve.along == "period":
+        return period_row(value, by.period)
+
+    def rows(at: Iterate, linear: Linear | None) -> list[Row]:
+        assert curve.index is not None
+        shape = (0,) if linear is None else linear.by_period.shape
+        missing = (value - float(at.c[curve.index])) / by.parameter
+        return [Row(np.zeros(shape), 0.0, 1.0, missing)]
+
+    return rows
+
+
+def arclength_row(
+    base: Iterate, tangent: Direction, length: float, curve: Curve, by: Measures
+) -> Rows:
+    """⟨tangent, orbit − base⟩ = length (Keller)."""
+
+    def rows(at: Iterate, linear: Linear | None) -> list[Row]:
+        missing = length - product(tangent, change(at, base, curve), by)
+        if linear is None:
+            return [Row(np.empty(0), 0.0, 0.0, missing)]
+        parts = zip(tangent.x / by.units.scale**2 / len(tangent.x), linear.frames, strict=True)
+        by_x = np.array([x @ frame.into for x, frame in parts])
+        free = curve.index is not None
+        by_c = free * tangent.parameter / by.parameter
+        return [Row(by_x, tangent.period / by.period, by_c, missing)]
+
+    return rows
+
+
+def together(first: Rows, second: Rows | None) -> Rows:
+    """Rows of both."""
+    if second is None:
+        return first
+    return lambda at, linear: [*first(at, linear), *second(at, linear)]
+
+
+def null_directions(
+    shooting: Shooting,
+    at: Iterate,
+    linear: Linear,
+    curve: Curve,
+    by: Measures,
+    least: int = 1,
+) -> list[Direction]:
+    """Null vectors of the equations of an orbit, `least` of them at least: tangents of the curves
+    through it.
+    """
+    rows = held_rows(curve, shooting, by)
+    wanted = Wanted(
+        shooting, by.units, by.period, by.parameter, curve.index, rows or (lambda a, b: [])
+    )
+    matrix = bordered(wanted, at, linear).matrix
+    m, d = linear.by_period.shape
+    used = np.ones(matrix.shape[1], dtype=bool)
+    used[m * d], used[m * d + 1] = shooting.autonomous, curve.index is not None
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
+    _, values, right = np.linalg.svd(matrix[:, used] / size[:, None])
+    surplus = int(used.sum()) - len(values)
+    many = max(surplus + int((values <= NULL * values[0]).sum()), least)
+    found = []
+    for row in right[len(right) - many :]:
+        whole = np.zeros(matrix.shape[1])
+        whole[used] = row
+        xi = whole[: m * d].reshape(m, d)
+        x = np.array([f.into @ y for f, y in zip(linear.frames, xi, strict=True)])
+        found.append(Direction(x, whole[m * d] * by.period, whole[m * d + 1] * by.parameter))
+    return found
+
+
+def slope_of(
+    curve: Curve, shooting: Shooting, at: Iterate, linear: Linear, direction: Direction
+) -> float:
+    """How the quantity changes along a direction."""
+    if curve.along == "period":
+        return direction.period
+    if curve.along != "energy":
+        return direction.parameter
+    by_x = shooting.integrals.gradients(at.x[0], at.c)[0] @ direction.x[0]
+    return float(by_x)
+
+
+def tangent_near(
+    shooting: Shooting,
+    at: Iterate,
+    linear: Linear,
+    curve: Curve,
+    by: Measures,
+    before: Direction | None,
+    sign: float,
+) -> Direction:
+    """The unit tangent that goes on from the one before; at the first orbit, where the quantity
+    goes the way of `sign`.
+    """
+    several = null_directions(shooting, at, linear, curve, by)
+    if before is None:
+        weights = [slope_of(curve, shooting, at, linear, one) for one in several]
+        if not any(weights):
+            weights = [0.0] * (len(several) - 1) + [1.0]
+    else:
+        weights = [product(one, before, by) for one in several]
+    x = sum(w * one.x for w, one in zip(weights, several, strict=True))
+    period = sum(w * one.period for w, one in zip(weights, several, strict=True))
+    parameter = sum(w * one.parameter for w, one in zip(weights, several, strict=True))
+    found = Direction(np.asarray(x), float(period), float(parameter))
+    length = np.sqrt(product(found, found, by))
+    if length == 0:
+        found = several[-1]
+        length = np.sqrt(product(found, found, by))
+    if before is None:
+        ahead = slope_of(curve, shooting, at, linear, found)
+        length = length * (sign if ahead >= 0 else -sign)
+    return scaled(found, 1 / float(length))
+
+
+def predicted(orbit: Orbit, tangent: Direction, length: float, curve: Curve) -> Iterate:
+    """The orbit a step along the tangent."""
+    x = orbit.at.x + length * tangent.x
+    period, c = orbit.period + length * tangent.period, orbit.at.c.copy()
+    if curve.index is not None:
+        c[curve.index] += length * tangent.parameter
+    return Iterate(kept(orbit.shooting, x, period, c), period, c)
+
+
+def stepped(orbit: Orbit, tangent: Direction, length: float, curve: Curve, by: Measures) -> Orbit:
+    """The orbit at an arclength from another.
+
+    Raises
+    ------
+    ConvergenceError
+        If the corrections do not come to one.
+    """
+    start, shooting = predicted(orbit, tangent, length, curve), orbit.shooting
+    rows = together(
+        arclength_row(orbit.at, tangent, length, curve, by), held_rows(curve, shooting, by)
+    )
+    return corrected(shooting, start, rows, curve, by)
+
+
+def at_value(orbit: Orbit, start: Iterate, value: float, curve: Curve, by: Measures) -> Orbit:
+    """The orbit with a value of the quantity, near a start."""
+    rows = together(
+        value_rows(curve, value, orbit.shooting, by), held_rows(curve, orbit.shooting, by)
+    )
+    return corrected(orbit.shooting, start, rows, curve, by)
+
+
+def corrected(shooting: Shooting, start: Iterate, rows: Rows, curve: Curve, by: Measures) -> Orbit:
+    """The orbit that fulfils the rows, near a start, in units of its own motion."""
+    wanted = Wanted(shooting, by.units, by.period, by.parameter, curve.index, rows)
+    orbit = orbit_of(wanted, correct(wanted, start, NEWTON_STEPS))
+    nodes = np.concatenate([piece.x for piece in runs(shooting, orbit.at)])
+    return replace(orbit, units=units_of(nodes))

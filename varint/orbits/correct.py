@@ -1,0 +1,245 @@
+"""Newton's method for an orbit: the closed chain of segments, bordered by what is conserved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.errors import ConvergenceError
+from varint.orbits.phase import Units, on_manifold
+from varint.orbits.shooting import (
+    Iterate,
+    Linear,
+    Shooting,
+    gaps,
+    is_finite,
+    linearise,
+    runs,
+)
+
+# of the largest singular value: directions that no equation tells apart; where a step along them
+# does not help, more of them are left alone, for an integral that nobody named makes a null vector
+# at the solution alone, and steps of its round-off
+RANKS = (1e-11, 1e-8, 1e-6)
+MOST_ITERATIONS = 40
+HALVINGS = 10
+FINE = 1e-13  # in units: corrections that are round-off
+LOOSE = 1e-7  # of the change a correction makes: gaps no longer shrink, but are round-off by then
+CLOSED = 1e-9  # in units: gaps that round-off may leave, with the growth of a segment
+FAR = 10.0  # in units: no correction is longer
+
+
+class Row(NamedTuple):
+    """One more equation: coefficients of the corrections, and what is missing.
+
+    Attributes
+    ----------
+    by_x : ndarray (M, d)
+    by_period, by_parameter : float
+        In units of the period and of the parameter.
+    missing : float
+    """
+
+    by_x: np.ndarray
+    by_period: float
+    by_parameter: float
+    missing: float
+
+
+Rows = Callable[[Iterate, Linear | None], list[Row]]
+
+
+class Bordered(NamedTuple):
+    """The equations of an orbit as one matrix: columns ξ of all segments, period, parameter, and
+    the unfolding of the integrals.
+    """
+
+    matrix: np.ndarray
+    right: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What is to be solved.
+
+    Attributes
+    ----------
+    shooting : Shooting
+    units : Units
+    period, parameter : float
+        Units of both.
+    index : int or None
+        Of the parameter that is free.
+    rows : callable
+        (iterate, linear or None) → what holds besides: energy, period, arclength. Without the
+        linearisation only `missing` counts.
+    """
+
+    shooting: Shooting
+    units: Units
+    period: float
+    parameter: float
+    index: int | None
+    rows: Rows
+
+
+class Corrected(NamedTuple):
+    """An orbit that closes, with its segments' maps there."""
+
+    at: Iterate
+    linear: Linear
+    residual: float
+    iterations: int
+
+
+def bordered(wanted: Wanted, at: Iterate, linear: Linear) -> Bordered:
+    """Σ: Φ_i ξ_i − ξ_{i+1} + ∂x/∂T δT + Σ_j α_j ∇J_j = −gap, phases · ξ = 0, and the rows.
+
+    ∇J are left null vectors of Φ − 1, so their multipliers α vanish at a solution; with the phases
+    of the flow and of the symmetries, which are right null vectors, the matrix is regular (Muñoz
+    Almaraz et al., Physica D 181 (2003) 1).
+    """
+    m, d = linear.by_period.shape
+    k, free = len(linear.gradients), wanted.shooting.autonomous
+    rows = wanted.rows(at, linear)
+    rows += [Row(phase, 0.0, 0.0, 0.0) for phase in np.moveaxis(linear.phases, 1, 0)]
+    columns = m * d + 2
+    matrix = np.zeros((m * d + len(rows), columns + k))
+    right = np.zeros(len(matrix))
+    for i in range(m):
+        here, following = slice(i * d, (i + 1) * d), (i + 1) % m
+        matrix[here, here] += linear.maps[i]
+        matrix[here, following * d : (following + 1) * d] -= np.eye(d)
+        matrix[here, m * d] = linear.by_period[i] * wanted.period * free
+        matrix[here, m * d + 1] = linear.by_parameter[i] * wanted.parameter
+        right[here] = -linear.gaps[i]
+    matrix[(m - 1) * d : m * d, columns:] = linear.gradients.T
+    for i, row in enumerate(rows, start=m * d):
+        matrix[i, : m * d] = row.by_x.ravel()
+        matrix[i, m * d], matrix[i, m * d + 1] = row.by_period, row.by_parameter
+        right[i] = row.missing
+    return Bordered(matrix, right)
+
+
+def corrections(equations: Bordered) -> list[np.ndarray]:
+    """Least solutions, those of the ranks that differ: directions along families of orbits that
+    nothing tells apart stay.
+    """
+    matrix, right = equations
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
+    left, values, across = np.linalg.svd(matrix / size[:, None], full_matrices=False)
+    parts = left.T @ (right / size)
+    ranks = sorted({int((values > cut * values[0]).sum()) for cut in RANKS}, reverse=True)
+    return [across[:k].T @ (parts[:k] / values[:k]) for k in ranks]
+
+
+def moved(wanted: Wanted, at: Iterate, linear: Linear, change: np.ndarray) -> Iterate:
+    """The iterate after a correction, on the manifold of the constraints."""
+    m, d = linear.by_period.shape
+    step, shooting = change[: m * d].reshape(m, d), wanted.shooting
+    x = np.array([a + f.into @ s for a, f, s in zip(at.x, linear.frames, step, strict=True)])
+    period, c = at.period + change[m * d] * wanted.period * shooting.autonomous, at.c.copy()
+    if wanted.index is not None:
+        c[wanted.index] += change[m * d + 1] * wanted.parameter
+    times = shooting.t0 + np.arange(m) * period / m
+    if np.isfinite(x).all():
+        x = np.array([on_manifold(shooting.system, y, t, c) for y, t in zip(x, times, strict=True)])
+    return Iterate(x, period, c)
+
+
+def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Corrected:
+    """Damped Newton steps until corrections are round-off.
+
+    Raises
+    ------
+    ConvergenceError
+        If the gaps do not close.
+    """
+    shooting, units = wanted.shooting, wanted.units
+    pieces = runs(shooting, at)
+    merit = _merit(wanted, at, gaps(shooting, at, pieces, units))
+    for count in range(most + 1):
+        linear = linearise(shooting, at, pieces, units, wanted.index)
+        if merit == 0.0:
+            return Corrected(at, linear, merit, count)
+        steps = corrections(bordered(wanted, at, linear))
+        length = float(np.abs(steps[0]).max())
+        if length <= FINE or (count == most and merit <= CLOSED and length <= LOOSE):
+            return Corrected(at, linear, merit, count)
+        if not np.isfinite(length) or count == most:
+            break
+        trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]
+        trials += [trials[0] / 2**k for k in range(1, HALVINGS)]
+        for change in trials:
+            trial = moved(wanted, at, linear, change)
+            flown = _flown(shooting, trial)
+            if flown is None:
+                continue
+            size = _merit(wanted, trial, gaps(shooting, trial, flown, units))
+            if size < merit:
+                at, pieces, merit = trial, flown, size
+                break
+        else:
+            if merit <= CLOSED and float(np.abs(steps[-1]).max()) <= LOOSE:
+                return Corrected(at, linear, merit, count)
+            break
+    raise ConvergenceError(
+        f"no periodic orbit was found near the guess: after {count} Newton steps the ends are "
+        f"{merit:.1e} apart, in units of the motion's ranges",
+        step=count,
+        time=at.period,
+        residual=merit,
+        cause="the guess is too far from an orbit, or there is none with what is held",
+    )
+
+
+def _flown(shooting: Shooting, at: Iterate) -> list | None:
+    """The runs of a trial; None where it leaves what can be run."""
+    if not is_finite(at) or at.period * shooting.each == 0:
+        return None
+    try:
+        return runs(shooting, at)
+    except ConvergenceError:
+        return None
+
+
+def _merit(wanted: Wanted, at: Iterate, left: np.ndarray) -> float:
+    missing = [row.missing for row in wanted.rows(at, None)]
+    size = float(np.abs(np.append(left.ravel(), missing)).max())
+    return size if np.isfinite(size) else np.inf
+
+
+def energy_row(
+    energy: float, wanted_by: Shooting, unit: float, index: int | None, by: float
+) -> Rows:
+    """Rows of a held energy, measured in `unit`; `by` is the unit of the free parameter."""
+
+    def rows(at: Iterate, linear: Linear | None) -> list[Row]:
+        there = wanted_by.integrals
+        missing = (energy - there.at(at.x[0], at.c)[0]) / unit
+        if linear is None:
+            return [Row(np.empty(0), 0.0, 0.0, missing)]
+        by_x = np.zeros_like(linear.by_period)
+        by_x[0] = there.gradients(at.x[0], at.c)[0] @ linear.frames[0].into / unit
+        by_c = 0.0 if index is None else there.by_parameters(at.x[0], at.c)[0, index]
+        return [Row(by_x, 0.0, by_c * by / unit, missing)]
+
+    return rows
+
+
+def period_row(period: float, unit: float) -> Rows:
+    """Rows of a held period."""
+
+    def rows(at: Iterate, linear: Linear | None) -> list[Row]:
+        shape = (0,) if linear is None else linear.by_period.shape
+        return [Row(np.zeros(shape), 1.0, 0.0, (period - at.period) / unit)]
+
+    return rows
+
+
+def no_row(at: Iterate, linear: Linear | None) -> list[Row]:
+    """Nothing is held: the orbit nearest to the guess."""
+    return []

@@ -1,0 +1,197 @@
+"""Periodic orbits by Newton's method on the discrete flow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from varint.errors import ConvergenceError, InputError
+from varint.orbits.correct import (
+    Corrected,
+    Wanted,
+    bordered,
+    correct,
+    corrections,
+    energy_row,
+    no_row,
+    period_row,
+)
+from varint.orbits.guess import guess_of, prepared
+from varint.orbits.orbit import Orbit
+from varint.orbits.phase import integrals
+from varint.orbits.shooting import (
+    Iterate,
+    Shooting,
+    gaps,
+    orbit_rule,
+    refuse_scene,
+    runs,
+)
+from varint.rules.rule import Rule
+from varint.scene.inputs import number
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System, require_system
+from varint.symmetry.symmetry import Symmetry
+
+ROUNDS = 3  # of refining the steps
+CLOSED = 1e-12  # in units: what round-off may leave of x(T) − x(0)
+STILL = 1e-6  # of the guess's ranges: an orbit this small is an equilibrium
+
+
+def periodic(
+    system: System,
+    guess: Any,
+    rule: Rule | None = None,
+    *,
+    period: float | None = None,
+    energy: float | None = None,
+    params: ParameterValues | None = None,
+    turns: Mapping[str, int] | None = None,
+    steps: int | None = None,
+    segments: int | None = None,
+    t0: float = 0.0,
+    tol: float = 1e-14,
+    symmetries: Sequence[Symmetry] | None = None,
+) -> Orbit:
+    """A periodic orbit x(T) = x(0) of the discrete motion, by Newton's method with multiple
+    shooting.
+
+    The tangent maps are those of the run's own steps. What the scene conserves (energy, momenta of
+    its symmetries) makes Φ − 1 singular; its right null vectors are made phase conditions, its left
+    ones, ∇J, unfolding terms whose factors vanish at the solution. What remains undetermined, as in
+    degenerate scenes, stays as near to the guess as it can.
+
+    Parameters
+    ----------
+    system : System
+        Without contacts and controls. Forces, constraints and a periodic dependence on time are
+        allowed; then what is found are limit cycles, orbits on the manifold, and responses.
+    guess : (q0, v0), State, Trajectory or Orbit
+        A start near the orbit, or a motion of about one period; of a `Trajectory` every segment
+        begins with its own state.
+    rule : Rule, optional
+        Default: `gauss(6)`, with constraints `lobatto(5)`: orders whose errors reach round-off in
+        some hundred steps a period.
+    period : float, optional
+        The period, which is held. With `energy`, or where nothing is conserved, it is the first
+        guess. Default: the duration of a guess that is a motion.
+    energy : float, optional
+        The energy, which is held.
+    params : dict, optional
+        Parameter values that differ from the defaults, by name or symbol.
+    turns : dict of str and int, optional
+        Whole turns, of 2π, that angles make in a period: ``{"theta": 1}``.
+    steps : int, optional
+        Steps of a period. Default: chosen for `tol`.
+    segments : int, optional
+        Segments of multiple shooting. Default: so many that none grows more than a
+        thousandfold.
+    t0 : float
+        Time of the start, in scenes that depend on time.
+    tol : float
+        Wanted error of the steps, in ranges of the coordinates.
+    symmetries : sequence of Symmetry, optional
+        Default: those that `varint.symmetries` finds.
+
+    Returns
+    -------
+    Orbit
+
+    Raises
+    ------
+    InputError
+        If the guess or what is held makes no sense.
+    ConvergenceError
+        If Newton's method does not come to an orbit, or only to an equilibrium.
+
+    Notes
+    -----
+    Nothing being held (a motion as the guess, without `period` and `energy`), the orbit of a family
+    that is nearest to the guess is found.
+
+    References
+    ----------
+    Muñoz Almaraz, Freire, Galán, Doedel & Vanderbauwhede, Physica D 181 (2003) 1 (unfolding);
+    Stoer & Bulirsch, Introduction to Numerical Analysis, 7.3.5 (multiple shooting).
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import varint as vi
+    >>> q, v = vi.coordinates("theta")
+    >>> pendulum = vi.System(q, v, v**2 / 2 + ca.cos(q))
+    >>> orbit = vi.orbits.periodic(pendulum, ([2.0], [0.0]), period=8.0, energy=0.0)
+    >>> round(orbit.period, 12)  # 4 K(sin 45°): released from the height of the pivot
+    7.416298709205
+    """
+    require_system(system)
+    refuse_scene(system)
+    rule = orbit_rule(system, rule)
+    if not number("tol", tol) > 0:
+        raise InputError(f"tol must be a positive number, got {tol!r}")
+    first = guess_of(system, guess, period, params, number("t0", t0), turns)
+    known = integrals(system, first.c, first.x[: system.structure.n], symmetries)
+    if energy is not None and not known.energy:
+        raise InputError("energy= is held, but the scene does not conserve it (time or forces)")
+    shooting = Shooting(system, rule, 1, 1, first.t0, first.shift, known)
+    shooting, at, units = prepared(shooting, first, steps, segments, tol)
+    if energy is not None:
+        rows = energy_row(number("energy", energy), shooting, units.action / at.period, None, 1.0)
+    elif period is not None and known.energy:
+        rows = period_row(at.period, at.period)
+    else:
+        rows = no_row
+    return refined(Wanted(shooting, units, at.period, 1.0, None, rows), at, steps, tol)
+
+
+def refined(wanted: Wanted, at: Iterate, steps: int | None, tol: float) -> Orbit:
+    """The corrected orbit; with more steps where they were too long for it."""
+    for _ in range(ROUNDS):
+        found = correct(wanted, at)
+        orbit = orbit_of(wanted, found)
+        fine = orbit.error_estimate <= 10 * tol and orbit.residual <= CLOSED
+        if steps is not None or fine:
+            break
+        more = max(orbit.error_estimate / tol, 1.0) ** (1 / wanted.shooting.rule.order)
+        each = int(np.ceil(wanted.shooting.each * min(max(more, 1.25), 2.0)))
+        wanted = replace(wanted, shooting=replace(wanted.shooting, each=each))
+        at = found.at
+    return orbit
+
+
+def orbit_of(wanted: Wanted, found: Corrected) -> Orbit:
+    """What was found, with the error of its steps and its motion's own units."""
+    shooting = wanted.shooting
+    twice = replace(shooting, each=2 * shooting.each)
+    finer = runs(twice, found.at)
+    left = gaps(twice, found.at, finer, wanted.units) * wanted.units.scale
+    frames = found.linear.frames
+    onto = [frames[(i + 1) % len(frames)].onto for i in range(len(frames))]
+    apart = np.array([a @ b for a, b in zip(onto, left, strict=True)])
+    equations = bordered(wanted, found.at, found.linear._replace(gaps=apart))
+    change = corrections(equations)[-1]
+    many = found.linear.by_period.size
+    still = np.abs(np.ptp(np.concatenate([x.x for x in finer]), axis=0) / wanted.units.scale)
+    if shooting.autonomous and still.max() < STILL:
+        raise ConvergenceError(
+            "Newton's method came to an equilibrium: the motion there is as good as none; give a "
+            "guess further from it, or hold an energy above its own",
+            step=found.iterations,
+            time=found.at.period,
+            residual=found.residual,
+            cause="every equilibrium is periodic with any period",
+        )
+    made = Orbit(
+        shooting,
+        found.at,
+        wanted.units,
+        found.residual,
+        float(np.abs(change[:many]).max()),
+        float(abs(change[many]) * wanted.period),
+        found.iterations,
+    )
+    made.__dict__["linear"] = found.linear
+    return made

@@ -1,0 +1,242 @@
+"""Multiple shooting on the discrete flow: a period in segments, their ends, and the tangent maps of
+the run itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.errors import InputError
+from varint.integration.backend import kernel_for
+from varint.integration.plan import plan
+from varint.integration.problem import InitialValueProblem
+from varint.numerics.arrays import finite
+from varint.orbits.phase import (
+    VANISHING,
+    Frame,
+    Integrals,
+    Units,
+    frame,
+    hamiltonian_fields,
+    independent,
+)
+from varint.rules.rule import Rule, gauss, lobatto
+from varint.scene.system import System
+from varint.sensitivities.pieces import Piece, all_nodes, velocities
+from varint.sensitivities.sweeps import Directions, carried, sweeper
+
+CALLS = 100  # tangent maps that a search is expected to take, when it is decided what to compile
+STAGES, LOBATTO = 6, 5  # of the rules that orbits are found with: round-off in some 100 steps
+LONG_RUN = 10**7  # steps for which loops are chosen: many runs of the same scene
+
+
+@dataclass(frozen=True, eq=False)
+class Shooting:
+    """How one period of a scene is run.
+
+    Attributes
+    ----------
+    system, rule : System, Rule
+    segments, each : int
+        Segments, and steps of each.
+    t0 : float
+        Time of the start.
+    shift : ndarray (n,)
+        What the coordinates have gained after a period: whole turns of angles.
+    integrals : Integrals
+    """
+
+    system: System
+    rule: Rule
+    segments: int
+    each: int
+    t0: float
+    shift: np.ndarray
+    integrals: Integrals
+
+    @property
+    def steps(self) -> int:
+        return self.segments * self.each
+
+    @property
+    def autonomous(self) -> bool:
+        return self.system.structure.autonomous
+
+
+class Iterate(NamedTuple):
+    """An orbit on its way: states at the beginnings of the segments (M, 2n), period, parameters."""
+
+    x: np.ndarray
+    period: float
+    c: np.ndarray
+
+
+class Linear(NamedTuple):
+    """The segments about an iterate, in the frames of their beginnings.
+
+    Attributes
+    ----------
+    frames : list of Frame
+    maps : ndarray (M, d, d)
+        Tangent maps.
+    by_period, by_parameter : ndarray (M, d)
+        Derivatives of the ends; by_parameter is zero where none is varied.
+    gaps : ndarray (M, d)
+        Ends less the next beginnings.
+    gradients : ndarray (k, d)
+        Independent gradients of the integrals at the first beginning.
+    phases : ndarray (M, k, d)
+        Directions of the flow and the symmetries at each beginning.
+    """
+
+    frames: list[Frame]
+    maps: np.ndarray
+    by_period: np.ndarray
+    by_parameter: np.ndarray
+    gaps: np.ndarray
+    gradients: np.ndarray
+    phases: np.ndarray
+
+    @property
+    def monodromy(self) -> np.ndarray:
+        """The tangent map of the whole period in the first frame."""
+        product = np.eye(len(self.maps[0]))
+        for one in self.maps:
+            product = one @ product
+        return product
+
+
+def orbit_rule(system: System, rule: Rule | None) -> Rule:
+    """The rule of an orbit: with an error of round-off where none is asked for."""
+    s = system.structure
+    if rule is None and not s.nonholonomic:
+        rule = lobatto(LOBATTO) if s.constraints else gauss(STAGES)
+    return plan(system, rule).rule
+
+
+def refuse_scene(system: System) -> None:
+    """Scenes whose steps have no tangent map, or that have no flow of their own."""
+    s = system.structure
+    if s.contacts or s.degenerate:
+        raise InputError(
+            "periodic orbits are those of scenes without contacts whose Lagrangian is regular in "
+            "the velocities"
+        )
+    if s.controls:
+        raise InputError(
+            f"the scene has the controls {list(system.control_names)}: make them parameters or "
+            "functions of time, so that the motion follows from the start alone"
+        )
+
+
+def runs(shooting: Shooting, at: Iterate) -> list[Piece]:
+    """Every segment with all its nodes.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step cannot be solved.
+    """
+    system, rule, n = shooting.system, shooting.rule, at.x.shape[1] // 2
+    h, each = at.period / shooting.steps, shooting.each
+    found = []
+    for i, x in enumerate(at.x):
+        t0 = shooting.t0 + i * each * h
+        held = np.empty((each, 1, 0))
+        problem = InitialValueProblem(
+            x[:n].copy(), x[n:].copy(), t0, h, each, 1, held, at.c, len(rule.nodes)
+        )
+        kernel = kernel_for(system, rule, problem._replace(steps=LONG_RUN), "auto")
+        nodes = all_nodes(system, rule, problem, kernel)
+        t = t0 + h * np.arange(each + 1)
+        v = velocities(system, nodes, t, at.c)
+        controls = problem.controls(0, each)
+        sizes, kept = np.full(each, h), np.array([0, each])
+        found.append(Piece(0, 1, i * each, nodes, v, t[:-1], sizes, controls, kept))
+    return found
+
+
+def ends(shooting: Shooting, pieces: list[Piece]) -> np.ndarray:
+    """Last states of the segments (M, 2n), the last one less its turns."""
+    last = np.array([piece.x[-1] for piece in pieces])
+    last[-1, : len(shooting.shift)] -= shooting.shift
+    return last
+
+
+def gaps(shooting: Shooting, at: Iterate, pieces: list[Piece], units: Units) -> np.ndarray:
+    """Ends less the next beginnings, in units, (M, 2n)."""
+    found: np.ndarray = (ends(shooting, pieces) - np.roll(at.x, -1, axis=0)) / units.scale
+    return found
+
+
+def linearise(
+    shooting: Shooting,
+    at: Iterate,
+    pieces: list[Piece],
+    units: Units,
+    parameter: int | None,
+) -> Linear:
+    """Tangent maps of all segments, by the run's own steps."""
+    system, n = shooting.system, at.x.shape[1] // 2
+    by = sweeper(system, shooting.rule, CALLS * shooting.steps, "auto")
+    times = shooting.t0 + np.arange(shooting.segments) * at.period / shooting.segments
+    frames = [frame(system, x, t, at.c, units) for x, t in zip(at.x, times, strict=True)]
+    d = frames[0].into.shape[1]
+    if any(one.into.shape[1] != d for one in frames):
+        raise InputError("the rank of the constraints changes along the motion")
+    outer = np.zeros((len(at.c) + 2, d + 2))
+    outer[-2, d] = 1.0 / shooting.steps
+    if parameter is not None:
+        outer[parameter, d + 1] = 1.0
+    rows = []
+    for i, piece in enumerate(pieces):
+        seed = np.zeros((2 * n, d + 2))
+        seed[:, :d] = frames[i].into
+        following = frames[(i + 1) % len(frames)]
+        tangent = carried(by, piece, at.c, Directions(outer), seed)
+        rows.append(following.onto @ tangent)
+    whole = np.array(rows)
+    left = gaps(shooting, at, pieces, units) * units.scale
+    onto = [frames[(i + 1) % len(frames)].onto for i in range(len(frames))]
+    apart = np.array([a @ b for a, b in zip(onto, left, strict=True)])
+    gradients, phases = _conserved(shooting, at, pieces, frames)
+    return Linear(
+        frames, whole[:, :, :d], whole[:, :, d], whole[:, :, d + 1], apart, gradients, phases
+    )
+
+
+def _conserved(
+    shooting: Shooting, at: Iterate, pieces: list[Piece], frames: list[Frame]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Independent gradients at the first beginning, and the directions that change nothing."""
+    found = [
+        shooting.integrals.gradients(x, at.c) @ one.into
+        for x, one in zip(at.x, frames, strict=True)
+    ]
+    size = np.linalg.norm(found[0], axis=1)
+    kept = size > VANISHING * size.max(initial=0.0)
+    first, held = independent(found[0][kept]), shooting.system.structure.nonholonomic
+    if len(first) and not held:
+        # the same combinations everywhere: those that span the gradients at the first beginning
+        mix = np.linalg.lstsq(found[0][kept].T, first.T, rcond=1e-9)[0].T
+        fields = [
+            hamiltonian_fields(one.form, mix @ g[kept])
+            for one, g in zip(frames, found, strict=True)
+        ]
+    else:
+        fields = [np.zeros((0, one.into.shape[1])) for one in frames]
+    if shooting.autonomous and (held or not shooting.integrals.energy):
+        fields = [
+            np.vstack([rows, one.onto @ (piece.x[1] - piece.x[0])])
+            for rows, one, piece in zip(fields, frames, pieces, strict=True)
+        ]
+    phases = np.array(fields)
+    size = np.linalg.norm(phases, axis=(0, 2))
+    return first, phases / np.where(size > 0, size, 1.0)[None, :, None]
+
+
+def is_finite(at: Iterate) -> bool:
+    return finite(at.x.ravel(), np.array([at.period]), at.c)
