@@ -10,7 +10,7 @@ from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates, time
 
 if TYPE_CHECKING:
-    from varint import course, diagnostics, models
+    from varint import course, diagnostics, models, orbits
     from varint.boundary.derivatives import action_derivatives
     from varint.boundary.families import paths
     from varint.boundary.least_action import least_action
@@ -124,6 +124,7 @@ __all__ = [
     "noether",
     "optimal_control",
     "optimal_phases",
+    "orbits",
     "paths",
     "plan",
     "play",
@@ -205,7 +206,7 @@ _LATER = {
     "step_function": "varint.integration.step_function",
     "symmetries": "varint.symmetry.noether",
 }
-_LATER_MODULES = ("course", "diagnostics", "models")
+_LATER_MODULES = ("course", "diagnostics", "models", "orbits")
 
 
 def __getattr__(name: str) -> Any:

@@ -19,6 +19,8 @@ from varint.integration.trajectories import step_functions
 from varint.numerics.archive import read_archive
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite, record_of
+from varint.orbits import files as orbit_files
+from varint.orbits import kinds as orbit_kinds
 from varint.results.records import Event
 from varint.results.save import ARRAYS, CONTROL, FORMAT, INNER, OPTIONAL, as_path, file_path
 from varint.results.trajectory import Trajectory
@@ -40,7 +42,8 @@ def load(path: Any, *, trust: bool = False) -> Any:
     Parameters
     ----------
     path : path
-        A file written by `Trajectory.save`, or the folder ``store=`` of an ensemble.
+        A file written by `Trajectory.save` or by a result of `varint.orbits`, or the folder
+        ``store=`` of an ensemble.
     trust : bool
         Also read files of older versions, whose systems are serialised CasADi functions. To open
         one runs whatever is in it, so it must come from somebody you trust. Other files are read
@@ -49,7 +52,7 @@ def load(path: Any, *, trust: bool = False) -> Any:
 
     Returns
     -------
-    Trajectory or Ensemble
+    Trajectory, Ensemble, or a result of `varint.orbits`
 
     Raises
     ------
@@ -74,6 +77,8 @@ def load(path: Any, *, trust: bool = False) -> Any:
         return load_ensemble(path, trust=trust)
     path = file_path(path)
     header, arrays = read_archive(path, "trajectory written by varint")
+    if header.get("format") == orbit_files.FORMAT:
+        return orbit_files.restored(header, arrays, orbit_kinds.KINDS, path)
     if header.get("format") not in (FORMAT, *((OLD,) if trust else ())):
         old = f"; {UNTRUSTED}" if header.get("format") == OLD else ""
         raise InputError(

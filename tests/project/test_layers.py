@@ -35,6 +35,7 @@ FLOORS = (
     "diagnostics",
     "sensitivities",
     "estimation",
+    "orbits",
     "models",
     "explorer",
     "course",
