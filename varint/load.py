@@ -19,7 +19,7 @@ from varint.integration.trajectories import step_functions
 from varint.numerics.archive import read_archive
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite, record_of
-from varint.orbits.save import FORMAT as ORBITS
+from varint.orbits.files import FORMAT as ORBITS
 from varint.results.records import Event
 from varint.results.save import ARRAYS, CONTROL, FORMAT, INNER, OPTIONAL, as_path, file_path
 from varint.results.trajectory import Trajectory
@@ -41,8 +41,8 @@ def load(path: Any, *, trust: bool = False) -> Any:
     Parameters
     ----------
     path : path
-        A file written by `Trajectory.save`, or by `save` of an orbit or a family of
-        `varint.orbits`, or the folder ``store=`` of an ensemble.
+        A file written by `Trajectory.save` or by `save` of a result of `varint.orbits`, or the folder
+        ``store=`` of an ensemble.
     trust : bool
         Also read files of older versions, whose systems are serialised CasADi functions. To open
         one runs whatever is in it, so it must come from somebody you trust. Other files are read
@@ -51,7 +51,7 @@ def load(path: Any, *, trust: bool = False) -> Any:
 
     Returns
     -------
-    Trajectory, Ensemble, Orbit or Family
+    Trajectory, Ensemble, or a result of `varint.orbits`
 
     Raises
     ------
@@ -123,9 +123,13 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
 
 
 def _orbits(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -> Any:
-    """A periodic orbit, or a family of them."""
+    """A result of `varint.orbits`."""
+    from varint.orbits.files import restored
+    from varint.orbits.kinds import KINDS
     from varint.orbits.read import orbits_of
 
+    if header.get("kind") in KINDS:
+        return restored(header, arrays, KINDS)
     return orbits_of(header, arrays)
 
 

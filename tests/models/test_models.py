@@ -18,6 +18,7 @@ FINER = {
     "toda_chain": 2,
     "lennard_jones": 2,
     "outer_solar_system": 4,
+    "solar_system": 2,
     "spring_cluster": 4,
 }
 SCENES = {name: factory().system.structure for name, factory in models.catalogue.items()}

@@ -56,12 +56,7 @@ from varint.models.driven import (
     lengthening_pendulum,
     linear_drag,
 )
-from varint.models.encounters import (
-    ARENSTORF_PERIOD,
-    arenstorf,
-    pleiades,
-    pythagorean_three_body,
-)
+from varint.models.encounters import ARENSTORF_PERIOD, arenstorf, pleiades, pythagorean_three_body
 from varint.models.fields import (
     charged_particle,
     growing_field,
@@ -71,6 +66,7 @@ from varint.models.fields import (
     oscillating_field,
     uniform_fields,
 )
+from varint.models.kicked import kicked_rotor
 from varint.models.linkages import andrews_mechanism, four_bar, slider_crank
 from varint.models.model import Model
 from varint.models.oscillators import coupled_oscillators, henon_heiles, isotropic_oscillator
@@ -102,6 +98,7 @@ from varint.models.pendulums import (
     sliding_support_period,
     spherical_pendulum,
 )
+from varint.models.planets import solar_system
 from varint.models.quaternions import (
     body_omega,
     free_body_quaternion,
@@ -120,13 +117,7 @@ from varint.models.sliding import (
     rotating_wire,
     swinging_atwood,
 )
-from varint.models.tops import (
-    body_rates,
-    euler_rates,
-    free_rigid_body,
-    heavy_rigid_body,
-    heavy_top,
-)
+from varint.models.tops import body_rates, euler_rates, free_rigid_body, heavy_rigid_body, heavy_top
 
 catalogue = {
     factory.__name__: factory
@@ -152,6 +143,7 @@ catalogue = {
         isotropic_oscillator,
         coupled_oscillators,
         henon_heiles,
+        kicked_rotor,
         fpu_chain,
         toda_chain,
         kepler,
@@ -164,6 +156,7 @@ catalogue = {
         spring_cluster,
         lennard_jones,
         outer_solar_system,
+        solar_system,
         pleiades,
         pythagorean_three_body,
         arenstorf,

@@ -11,11 +11,11 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.models.model import Model, energy
+from varint.orbits.anomalies import eccentric_anomaly
 from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates
 
 Potential = Callable[[ca.SX, Parameters], ca.SX]
-KEPLER_STEPS = 12  # Newton steps; 6 to 8 reach round-off at e = 0.99
 
 
 def kepler_motion(
@@ -50,23 +50,6 @@ def kepler_motion(
     Edot = rate / (1 - e * np.cos(E))
     r = np.outer(a * (np.cos(E) - e), P) + np.outer(b * np.sin(E), Q)
     return r, np.outer(-a * np.sin(E) * Edot, P) + np.outer(b * np.cos(E) * Edot, Q)
-
-
-def eccentric_anomaly(M: np.ndarray, e: float) -> np.ndarray:
-    """E with E − e sin E = M, for 0 ≤ e < 1, by Newton's method.
-
-    Examples
-    --------
-    >>> from varint.models.central import eccentric_anomaly
-    >>> float(eccentric_anomaly(0.1 - 0.9 * 0.09983341664682815, 0.9).round(14))
-    0.1
-    """
-    turns = np.round(np.asarray(M) / (2 * np.pi))
-    M = M - 2 * np.pi * turns
-    E = M + 0.85 * e * np.sign(M)
-    for _ in range(KEPLER_STEPS):
-        E = E - (E - e * np.sin(E) - M) / (1 - e * np.cos(E))
-    return E + 2 * np.pi * turns
 
 
 def require_ellipse(e: float) -> None:

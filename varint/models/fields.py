@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.models.central import eccentric_anomaly
 from varint.models.model import Model
 from varint.models.rotating import turned
+from varint.orbits.anomalies import eccentric_anomaly
 from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates, time
 

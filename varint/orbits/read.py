@@ -9,8 +9,9 @@ import numpy as np
 from varint.errors import InputError
 from varint.numerics.plain import field_of
 from varint.orbits.family import Family
+from varint.orbits.files import FORMAT
 from varint.orbits.orbit import Orbit
-from varint.orbits.save import FORMAT, Saved, read_orbits
+from varint.orbits.save import Saved, read_orbits
 
 __all__ = ["FORMAT", "orbits_of"]
 

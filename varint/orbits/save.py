@@ -11,12 +11,12 @@ from varint.errors import InputError
 from varint.numerics.archive import write_archive
 from varint.numerics.files import VERSION, write_atomically
 from varint.numerics.plain import field_of, finite, plain
+from varint.orbits.files import FORMAT
 from varint.orbits.phase import Integrals, Units, integrals
 from varint.orbits.shooting import Iterate, Shooting
 from varint.results.save import file_path
 from varint.scene.serialisation import describe, revive, rule_of
 
-FORMAT = "varint orbits 1"
 MOST_ORBITS, MOST_STEPS = 100_000, 10**7
 
 
