@@ -41,8 +41,8 @@ def load(path: Any, *, trust: bool = False) -> Any:
     Parameters
     ----------
     path : path
-        A file written by `Trajectory.save` or by `save` of a result of `varint.orbits`, or the folder
-        ``store=`` of an ensemble.
+        A file written by `Trajectory.save` or by `save` of a result of `varint.orbits`, or the
+        folder ``store=`` of an ensemble.
     trust : bool
         Also read files of older versions, whose systems are serialised CasADi functions. To open
         one runs whatever is in it, so it must come from somebody you trust. Other files are read

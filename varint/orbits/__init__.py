@@ -1,5 +1,5 @@
-"""What one does with a scene and its motions after simulating: equilibria and modes, periodic orbits
-and their families, stability, sections, chaos, frequencies, orbital elements.
+"""What one does with a scene and its motions after simulating: equilibria and modes, periodic
+orbits and their families, stability, sections, chaos, frequencies, orbital elements.
 """
 
 from varint.orbits.bifurcations import Bifurcation
