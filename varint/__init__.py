@@ -10,7 +10,7 @@ from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates, time
 
 if TYPE_CHECKING:
-    from varint import course, diagnostics, models
+    from varint import course, diagnostics, models, multibody
     from varint.boundary.derivatives import action_derivatives
     from varint.boundary.families import paths
     from varint.boundary.least_action import least_action
@@ -120,6 +120,7 @@ __all__ = [
     "midpoint",
     "models",
     "mpc",
+    "multibody",
     "multistart",
     "noether",
     "optimal_control",
@@ -205,7 +206,7 @@ _LATER = {
     "step_function": "varint.integration.step_function",
     "symmetries": "varint.symmetry.noether",
 }
-_LATER_MODULES = ("course", "diagnostics", "models")
+_LATER_MODULES = ("course", "diagnostics", "models", "multibody")
 
 
 def __getattr__(name: str) -> Any:

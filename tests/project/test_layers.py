@@ -35,6 +35,7 @@ FLOORS = (
     "diagnostics",
     "sensitivities",
     "estimation",
+    "multibody",
     "models",
     "explorer",
     "course",

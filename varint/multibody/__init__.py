@@ -1,0 +1,53 @@
+"""Machines and robots: bodies, joints and loops make a `System`, nobody writes the Lagrangian.
+
+``import varint.multibody as mb``; `Model` builds a machine, ``model.system()`` is its scene, and
+``model.frame(name)`` gives places and velocities as expressions for costs, constraints and plots.
+"""
+
+from varint.multibody.data import (
+    WORLD,
+    Actuator,
+    Anchor,
+    Body,
+    Coupling,
+    Joint,
+    Limits,
+    Loop,
+    Machine,
+    Passive,
+    Placement,
+    Spring,
+)
+from varint.multibody.frames import Frame
+from varint.multibody.model import Model
+from varint.multibody.quantities import placed
+from varint.multibody.rotations import (
+    axis_rotation,
+    euler_angles,
+    matrix_quaternion,
+    quaternion_matrix,
+    roll_pitch_yaw,
+)
+
+__all__ = [
+    "WORLD",
+    "Actuator",
+    "Anchor",
+    "Body",
+    "Coupling",
+    "Frame",
+    "Joint",
+    "Limits",
+    "Loop",
+    "Machine",
+    "Model",
+    "Passive",
+    "Placement",
+    "Spring",
+    "axis_rotation",
+    "euler_angles",
+    "matrix_quaternion",
+    "placed",
+    "quaternion_matrix",
+    "roll_pitch_yaw",
+]
