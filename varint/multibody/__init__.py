@@ -19,6 +19,7 @@ from varint.multibody.data import (
     Spring,
 )
 from varint.multibody.frames import Frame
+from varint.multibody.mjcf import from_mjcf
 from varint.multibody.model import Model
 from varint.multibody.quantities import placed
 from varint.multibody.rotations import (
@@ -28,6 +29,8 @@ from varint.multibody.rotations import (
     quaternion_matrix,
     roll_pitch_yaw,
 )
+from varint.multibody.shapes import Shape
+from varint.multibody.urdf import from_urdf
 
 __all__ = [
     "WORLD",
@@ -43,9 +46,12 @@ __all__ = [
     "Model",
     "Passive",
     "Placement",
+    "Shape",
     "Spring",
     "axis_rotation",
     "euler_angles",
+    "from_mjcf",
+    "from_urdf",
     "matrix_quaternion",
     "placed",
     "quaternion_matrix",
