@@ -6,8 +6,9 @@ import casadi as ca
 
 from varint.errors import InputError
 from varint.multibody.data import Machine
-from varint.multibody.joints import QUATERNION_AT
+from varint.multibody.forces import generalised_force, spring_potential
 from varint.multibody.lagrangian import gravity_potential, joint_energies, kinetic_energy
+from varint.multibody.loops import constraint_rows
 from varint.multibody.motion import motions_of
 from varint.multibody.tree import tree_of
 from varint.scene.system import System
@@ -21,22 +22,15 @@ def assemble(machine: Machine) -> System:
     lagrangian = (
         kinetic_energy(tree, motions)
         - gravity_potential(tree, motions, machine.gravity)
+        - spring_potential(machine, tree, motions)
         + joint_energies(machine.joints, motions)
     )
     return System(
         machine.q,
         machine.v,
         lagrangian,
-        constraint=unit_quaternions(machine),
+        constraint=constraint_rows(machine, tree, motions),
+        force=generalised_force(machine, tree, motions),
+        control=ca.vertcat(ca.SX(0, 1), *(x.u for x in machine.actuators.values())),
         params=machine.params,
     )
-
-
-def unit_quaternions(machine: Machine) -> ca.SX:
-    """|q|² − 1 of every joint that turns by a quaternion."""
-    norms = [
-        ca.sumsqr(joint.q[QUATERNION_AT[joint.kind] :]) - 1
-        for joint in machine.moving
-        if joint.kind in QUATERNION_AT
-    ]
-    return ca.vertcat(ca.SX(0, 1), *norms)
