@@ -68,7 +68,7 @@ class Element:
         return value
 
     def optional(self, name: str, count: int | None = None, most: int = 0) -> np.ndarray | None:
-        """`count` finite numbers of an attribute (1 to `most` of them for None), None without it."""
+        """`count` finite numbers of an attribute (1 to `most` for None), None without it."""
         text = self.attributes.get(name)
         if text is None:
             return None

@@ -16,6 +16,7 @@ from varint.multibody.elements import contents
 from varint.multibody.solids import MassProperties
 
 KINDS = ("stl", "obj", "ply", "off")  # surfaces in one file that refers to no other
+HERE = Placement(np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +25,7 @@ class Mesh:
 
     path: Path
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    base: Placement = Placement(np.zeros(3), np.eye(3))
+    base: Placement = HERE
 
 
 def can_read(mesh: Mesh) -> bool:

@@ -170,6 +170,8 @@ def root_link(root: Element, links: dict[str, Element], joints: dict[str, Elemen
             )
         children[child] = joint
     roots = [name for name in links if name not in children]
+    if not links:
+        raise InputError(f"{root.where} has no links")
     if len(roots) != 1:
         what = (
             f"has {len(roots)} links that no joint leads to: {roots[:5]}" if roots else "is a ring"
@@ -211,10 +213,8 @@ def _inertial(link: Element, unread: Unread) -> tuple[float, Any, Any]:
     if mass is None or inertia is None:
         raise InputError(f"{inertial.where} needs a <mass> and an <inertia>")
     place, value = origin(inertial), mass.number("value")
-    xx, xy, xz, yy, yz, zz = (
-        inertia.number(name, 0.0 if len(set(name)) == 3 else None)
-        for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
+    entries = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (inertia.number(name) for name in entries)
     if value < 0:
         raise InputError(f"{mass.where}: the mass {value:g} is negative")
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
