@@ -9,38 +9,49 @@ forces: what is there f = I a + b is here the momentum I v + b of a subtree.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from varint.multibody.kinematics import Motions, Twist, coordinates_of, moved, shift
-from varint.multibody.tree import GROUND, Inertial, Link, Tree
+from varint.multibody.elementary import for_each_link
+from varint.multibody.inertia import (
+    NO_MOMENTUM,
+    Inertia,
+    Momentum,
+    carried,
+    mirrored,
+    outward,
+    rigid,
+    together,
+)
+from varint.multibody.kinematics import STILL, Motions, Twist, coordinates_of, moved, relative_twist
+from varint.multibody.tree import GROUND, Link, Tree
 
 HINGES = ("revolute", "prismatic")  # motions that one number describes
 
 
-class Inertia(NamedTuple):
-    """½ ω·J ω + ω·H v + ½ v·M v of a link or a subtree, about its origin, (3, 3) each."""
+class _Drive(NamedTuple):
+    """What a joint is driven with: its momentum, and its rotor's inertia."""
 
-    J: ca.SX
-    H: ca.SX
-    M: ca.SX
-
-
-class Momentum(NamedTuple):
-    """Angular momentum about the origin, and momentum, (3,) each."""
-
-    spin: ca.SX
-    push: ca.SX
+    momentum: ca.SX
+    armature: Any
 
 
 class _Given(NamedTuple):
-    """What a link's joint gives way by: the column U of inertia, its pivot D, and p − S·b."""
+    """What a joint gives way by: the column U of inertia, its pivot D, and p − S·b; then what its
+    parent feels, I − U Uᵀ/D and b + U (p − S·b)/D, about the link's origin.
+    """
 
     spin: ca.SX
     push: ca.SX
     pivot: ca.SX
     free: ca.SX
+    J: ca.SX
+    H: ca.SX
+    M: ca.SX
+    spin_left: ca.SX
+    push_left: ca.SX
 
 
 def has_only_hinges(tree: Tree) -> bool:
@@ -49,7 +60,7 @@ def has_only_hinges(tree: Tree) -> bool:
 
 
 def velocity_of_momentum(
-    tree: Tree, motions: Motions, momenta: dict[str, ca.SX], armatures: dict[str, Any]
+    tree: Tree, motions: Motions, momenta: Mapping[str, ca.SX], armatures: Mapping[str, Any]
 ) -> dict[str, ca.SX]:
     """Rates of every joint's coordinates with p = M(q) v.
 
@@ -65,150 +76,53 @@ def velocity_of_momentum(
         Inertia of the joints' rotors by name.
     """
     links = tree.links
-    inertias = [_rigid(inertial) for inertial in tree.inertials]
-    biases = [Momentum(ca.SX.zeros(3), ca.SX.zeros(3))] * len(links)
+    inertias = [rigid(inertial) for inertial in tree.inertials]
+    biases = [NO_MOMENTUM] * len(links)
     given: list[_Given] = []
     for i in reversed(range(len(links))):
-        link, own, bias = links[i], inertias[i], biases[i]
+        link = links[i]
         q, _ = coordinates_of(link, motions)
-        spins = link.motion == "revolute"
-        spin, push = (own.J[:, 2], own.H[2, :].T) if spins else (own.H[:, 2], own.M[:, 2])
-        pivot = (spin if spins else push)[2] + armatures[link.joint]
-        free = momenta[link.joint][link.first] - (bias.spin if spins else bias.push)[2]
-        given.append(_Given(spin, push, pivot, free))
+        drive = _Drive(momenta[link.joint][link.first], ca.SX(armatures[link.joint]))
+        given.append(_given_way(link, q, inertias[i], biases[i], drive))
         if link.parent != GROUND:
-            inertia, rest = _without(given[-1], own, bias)
-            inertias[link.parent] = _sum(inertias[link.parent], _outward(link, q, inertia))
-            carried = _carried(link, q, rest)
-            biases[link.parent] = Momentum(
-                *map(sum, zip(biases[link.parent], carried, strict=True))
-            )
-    return _rates(links, motions, given[::-1])
-
-
-def _rates(links: tuple[Link, ...], motions: Motions, given: list[_Given]) -> dict[str, ca.SX]:
-    still = Twist(ca.SX.zeros(3), ca.SX.zeros(3))
-    found: list[Twist] = []
+            inertia, rest = Inertia(*given[-1][4:7]), Momentum(*given[-1][7:])
+            inertias[link.parent] = together(inertias[link.parent], outward(link, q, inertia))
+            spin, push = carried(link, q, rest)
+            before = biases[link.parent]
+            biases[link.parent] = Momentum(before.spin + spin, before.push + push)
+    twists: list[Twist] = []
     rates: dict[str, list[ca.SX]] = {}
-    for link, (spin, push, pivot, free) in zip(links, given, strict=True):
+    for link, (spin, push, pivot, free, *_) in zip(links, given[::-1], strict=True):
         q, _ = coordinates_of(link, motions)
-        if link.parent == GROUND:
-            twist, rate = still, free / pivot
-        else:
-            twist = moved(link, q, found[link.parent], still)
-            rate = (free - ca.dot(spin, twist.omega) - ca.dot(push, twist.v)) / pivot
-        along = ca.vertcat(0, 0, rate)
-        found.append(
-            Twist(twist.omega + along, twist.v)
-            if link.motion == "revolute"
-            else Twist(twist.omega, twist.v + along)
-        )
+        outer = STILL if link.parent == GROUND else twists[link.parent]
+        twist = moved(link, q, outer, STILL)
+        rate = (free - ca.dot(spin, twist.omega) - ca.dot(push, twist.v)) / pivot
+        own = relative_twist(link, q, rate)
+        twists.append(Twist(twist.omega + own.omega, twist.v + own.v))
         rates.setdefault(link.joint, []).append(rate)
     return {joint: ca.vertcat(*parts) for joint, parts in rates.items()}
 
 
-def _rigid(inertial: Inertial) -> Inertia:
-    mass, moment, inertia = inertial
-    return Inertia(ca.SX(inertia), ca.skew(ca.SX(moment)), mass * ca.SX.eye(3))
-
-
-def _without(given: _Given, own: Inertia, bias: Momentum) -> tuple[Inertia, Momentum]:
-    """What is left when the joint gives way: I − U Uᵀ/D, b + U (p − S·b)/D."""
-    spin, push, pivot, free = given
+@for_each_link(Inertia, Momentum, _Drive, gives=_Given)
+def _given_way(link: Link, q: ca.SX, own: Inertia, bias: Momentum, drive: _Drive) -> _Given:
+    turns = link.motion == "revolute"
+    spin, push = (own.J[:, 2], own.H[2, :].T) if turns else (own.H[:, 2], own.M[:, 2])
+    pivot = (spin if turns else push)[2] + drive.armature
+    free = drive.momentum - (bias.spin if turns else bias.push)[2]
     less_spin, less_push, rate = spin / pivot, push / pivot, free / pivot
-    inertia = Inertia(
-        _symmetric(own.J, less_spin, spin),
+    return _Given(
+        spin,
+        push,
+        pivot,
+        free,
+        _without(own.J, less_spin, spin),
         own.H - ca.mtimes(less_spin, push.T),
-        _symmetric(own.M, less_push, push),
+        _without(own.M, less_push, push),
+        bias.spin + spin * rate,
+        bias.push + push * rate,
     )
-    return inertia, Momentum(bias.spin + spin * rate, bias.push + push * rate)
 
 
-def _symmetric(a: ca.SX, x: ca.SX, y: ca.SX) -> ca.SX:
+def _without(a: ca.SX, x: ca.SX, y: ca.SX) -> ca.SX:
     """A − x yᵀ, known to be symmetric."""
-    return _mirrored([[a[i, j] - x[i] * y[j] for j in range(i, 3)] for i in range(3)])
-
-
-def _mirrored(rows: list[list[ca.SX]]) -> ca.SX:
-    """A symmetric matrix from its upper triangle."""
-    return ca.blockcat([[rows[min(i, j)][abs(i - j)] for j in range(3)] for i in range(3)])
-
-
-def _sum(a: Inertia, b: Inertia) -> Inertia:
-    both = [
-        _mirrored([[x[i, j] + y[i, j] for j in range(i, 3)] for i in range(3)])
-        for x, y in ((a.J, b.J), (a.M, b.M))
-    ]
-    return Inertia(both[0], a.H + b.H, both[1])
-
-
-def _outward(link: Link, q: ca.SX, own: Inertia) -> Inertia:
-    """An inertia about a link's own origin and axes, about and along its parent's."""
-    if link.motion == "prismatic":
-        own = _shifted(own, shift(link, q))
-    if link.motion == "revolute":
-        c, s = ca.cos(q), ca.sin(q)
-        own = Inertia(_spun(own.J, c, s, True), _spun(own.H, c, s, False), _spun(own.M, c, s, True))
-    turn = ca.SX(link.place.rotation)
-    own = Inertia(
-        _congruent(turn, own.J), ca.mtimes(ca.mtimes(turn, own.H), turn.T), _congruent(turn, own.M)
-    )
-    return _shifted(own, ca.SX(link.place.position))
-
-
-def _carried(link: Link, q: ca.SX, own: Momentum) -> Momentum:
-    """The same of a momentum."""
-    spin, push = own
-    if link.motion == "prismatic":
-        spin = spin + ca.cross(shift(link, q), push)
-    turned = []
-    for x in (spin, push):
-        if link.motion == "revolute":
-            c, s = ca.cos(q), ca.sin(q)
-            x = ca.vertcat(c * x[0] - s * x[1], s * x[0] + c * x[1], x[2])
-        turned.append(ca.mtimes(ca.SX(link.place.rotation), x))
-    spin, push = turned
-    return Momentum(spin + ca.cross(ca.SX(link.place.position), push), push)
-
-
-def _shifted(own: Inertia, r: ca.SX) -> Inertia:
-    """About an origin from which the old one is at r."""
-    across = ca.skew(r)
-    coupling = own.H + ca.mtimes(across, own.M)
-    turning, lifted = ca.mtimes(across, own.H.T), ca.mtimes(coupling, across)
-    return Inertia(
-        _mirrored(
-            [[own.J[i, j] + turning[i, j] - lifted[i, j] for j in range(i, 3)] for i in range(3)]
-        ),
-        coupling,
-        own.M,
-    )
-
-
-def _spun(a: ca.SX, c: ca.SX, s: ca.SX, symmetric: bool) -> ca.SX:
-    """R A Rᵀ for the rotation R about the third axis, cos = c, sin = s.
-
-    The part of the upper block that turns does so by twice the angle; its trace and its skew part
-    stay.
-    """
-    half = (a[0, 0] - a[1, 1]) / 2
-    mean = a[0, 0] - half
-    tilt = a[0, 1] if symmetric else (a[0, 1] + a[1, 0]) / 2
-    skew = 0 if symmetric else a[0, 1] - tilt
-    c2, s2 = 1 - 2 * s * s, 2 * s * c
-    half, tilt = c2 * half - s2 * tilt, s2 * half + c2 * tilt
-    right = [c * a[0, 2] - s * a[1, 2], s * a[0, 2] + c * a[1, 2]]
-    below = right if symmetric else [c * a[2, 0] - s * a[2, 1], s * a[2, 0] + c * a[2, 1]]
-    return ca.blockcat(
-        [
-            [mean + half, tilt + skew, right[0]],
-            [tilt - skew, mean - half, right[1]],
-            [below[0], below[1], a[2, 2]],
-        ]
-    )
-
-
-def _congruent(turn: ca.SX, a: ca.SX) -> ca.SX:
-    """E A Eᵀ of a symmetric A."""
-    half = ca.mtimes(turn, a)
-    return _mirrored([[ca.dot(half[i, :].T, turn[j, :].T) for j in range(i, 3)] for i in range(3)])
+    return mirrored([[a[i, j] - x[i] * y[j] for j in range(i, 3)] for i in range(3)])

@@ -8,7 +8,7 @@ from functools import cached_property
 import casadi as ca
 
 from varint.multibody.data import Anchor, Machine, Placement
-from varint.multibody.kinematics import Motions, Twist, places, twists
+from varint.multibody.kinematics import STILL, Motions, Twist, places, twists
 from varint.multibody.motion import motions_of
 from varint.multibody.quantities import compose
 from varint.multibody.tree import GROUND, Tree, tree_of
@@ -64,13 +64,12 @@ def fixed_frames(
 ) -> list[tuple[Placement, Twist]]:
     """Place in space, and twist along their own axes, of frames fixed to bodies."""
     spots, speeds = places(tree.links, motions), twists(tree.links, motions)
-    still = Twist(ca.SX.zeros(3), ca.SX.zeros(3))
     found = []
     for anchor in anchors:
         link, place = tree.bodies[anchor.body]
         place = compose(place, anchor.placement)
         if link == GROUND:
-            found.append((place, still))
+            found.append((place, STILL))
             continue
         omega, v = speeds[link]
         back = ca.SX(place.rotation).T

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from varint.multibody.data import Placement
+from varint.multibody.elementary import for_each_link
 from varint.multibody.quantities import compose
 from varint.multibody.rotations import quaternion_matrix
 from varint.multibody.tree import GROUND, Link
@@ -27,6 +28,9 @@ class Twist(NamedTuple):
     v: ca.SX
 
 
+STILL = Twist(ca.SX.zeros(3), ca.SX.zeros(3))
+
+
 def coordinates_of(link: Link, motions: Motions) -> tuple[ca.SX, ca.SX]:
     """The coordinates that move a link, and their rates."""
     q, v = motions[link.joint]
@@ -34,9 +38,10 @@ def coordinates_of(link: Link, motions: Motions) -> tuple[ca.SX, ca.SX]:
     return q[part], v[part]
 
 
+@for_each_link(ca.SX, gives=ca.SX)
 def turned_back(link: Link, q: ca.SX, x: ca.SX) -> ca.SX:
     """A vector of the parent link in the link's own axes."""
-    x = ca.mtimes(ca.SX(link.place.rotation).T, x)
+    x = ca.mtimes(link.place.rotation.T, x)
     if link.motion == "revolute":
         c, s = ca.cos(q), ca.sin(q)
         return ca.vertcat(c * x[0] + s * x[1], c * x[1] - s * x[0], x[2])
@@ -45,6 +50,7 @@ def turned_back(link: Link, q: ca.SX, x: ca.SX) -> ca.SX:
     return x
 
 
+@for_each_link(ca.SX, gives=ca.SX)
 def turned(link: Link, q: ca.SX, x: ca.SX) -> ca.SX:
     """A vector of the link in its parent's axes."""
     if link.motion == "revolute":
@@ -52,7 +58,7 @@ def turned(link: Link, q: ca.SX, x: ca.SX) -> ca.SX:
         x = ca.vertcat(c * x[0] - s * x[1], s * x[0] + c * x[1], x[2])
     elif link.motion == "spherical":
         x = ca.mtimes(quaternion_matrix(q), x)
-    return ca.mtimes(ca.SX(link.place.rotation), x)
+    return ca.mtimes(link.place.rotation, x)
 
 
 def shift(link: Link, q: ca.SX) -> ca.SX:
@@ -86,20 +92,20 @@ def body_rates(q: ca.SX, v: ca.SX) -> ca.SX:
     )
 
 
+@for_each_link(Twist, Twist, gives=Twist)
 def moved(link: Link, q: ca.SX, outer: Twist, own: Twist) -> Twist:
     """The twist of a link whose parent has the twist `outer`, its own in the parent being `own`."""
     omega = turned_back(link, q, outer.omega)
-    v = turned_back(link, q, outer.v + ca.cross(outer.omega, ca.SX(link.place.position)))
+    v = turned_back(link, q, outer.v + ca.cross(outer.omega, link.place.position))
     return Twist(omega + own.omega, v + ca.cross(omega, shift(link, q)) + own.v)
 
 
 def twists(links: Sequence[Link], motions: Motions) -> list[Twist]:
     """Of every link, along its own axes."""
-    still = Twist(ca.SX.zeros(3), ca.SX.zeros(3))
     found: list[Twist] = []
     for link in links:
         q, v = coordinates_of(link, motions)
-        outer = still if link.parent == GROUND else found[link.parent]
+        outer = STILL if link.parent == GROUND else found[link.parent]
         found.append(moved(link, q, outer, relative_twist(link, q, v)))
     return found
 

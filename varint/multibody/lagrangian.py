@@ -8,19 +8,26 @@ from typing import Any
 import casadi as ca
 
 from varint.multibody.data import Joint
-from varint.multibody.kinematics import Motions, coordinates_of, shift, turned_back, twists
-from varint.multibody.tree import GROUND, Tree
+from varint.multibody.elementary import for_each_link
+from varint.multibody.kinematics import Motions, Twist, coordinates_of, shift, turned_back, twists
+from varint.multibody.tree import GROUND, Inertial, Link, Tree
 
 
 def kinetic_energy(tree: Tree, motions: Motions) -> ca.SX:
     """Σ ½ m |v|² + v·(ω × m c) + ½ ω·I ω, in each link's own axes about its origin."""
     total = ca.SX(0)
-    for (omega, v), (mass, moment, inertia) in zip(
-        twists(tree.links, motions), tree.inertials, strict=True
+    for link, twist, inertial in zip(
+        tree.links, twists(tree.links, motions), tree.inertials, strict=True
     ):
-        swept = ca.cross(omega, ca.SX(moment))
-        total += ca.dot(v, mass * v / 2 + swept) + ca.dot(omega, ca.mtimes(inertia, omega)) / 2
+        total += _link_energy(link, coordinates_of(link, motions)[0], twist, inertial)
     return total
+
+
+@for_each_link(Twist, Inertial, gives=ca.SX)
+def _link_energy(link: Link, q: ca.SX, twist: Twist, inertial: Inertial) -> ca.SX:
+    (omega, v), (mass, moment, inertia) = twist, inertial
+    swept = ca.cross(omega, moment)
+    return ca.dot(v, mass * v / 2 + swept) + ca.dot(omega, ca.mtimes(inertia, omega)) / 2
 
 
 def gravity_potential(tree: Tree, motions: Motions, gravity: Any) -> ca.SX:
@@ -32,8 +39,8 @@ def gravity_potential(tree: Tree, motions: Motions, gravity: Any) -> ca.SX:
         outer = ca.SX(gravity) if grounded else downs[link.parent]
         depth = ca.SX(0) if grounded else depths[link.parent]
         down = turned_back(link, q, outer)
-        depth += ca.dot(outer, ca.SX(link.place.position)) + ca.dot(down, shift(link, q))
-        total -= inertial.mass * depth + ca.dot(down, ca.SX(inertial.moment))
+        depth += ca.dot(outer, link.place.position) + ca.dot(down, shift(link, q))
+        total -= inertial.mass * depth + ca.dot(down, inertial.moment)
         downs.append(down)
         depths.append(depth)
     return total

@@ -104,7 +104,11 @@ def tree_of(bodies: Mapping[str, Body], joints: Iterable[Joint]) -> Tree:
         link, place = places[name]
         if link != GROUND:
             inertials[link] = Inertial(*map(plus, inertials[link], _inertial(body, place)))
-    return Tree(tuple(links), tuple(inertials), places)
+    return Tree(
+        tuple(link._replace(place=Placement(*map(ca.SX, link.place))) for link in links),
+        tuple(Inertial(*map(ca.SX, inertial)) for inertial in inertials),
+        places,
+    )
 
 
 def elementary_motions(joint: Joint) -> list[tuple[str, np.ndarray, int, int]]:
