@@ -188,7 +188,7 @@ def test_a_mesh_outside_the_folder_is_not_drawn_and_that_is_said(tmp_path):
 
 def test_what_is_no_file_is_refused(tmp_path, monkeypatch):
     for source in (tmp_path / "none.urdf", "none.urdf", tmp_path, 3, None):
-        with pytest.raises(vi.InputError, match="no file|give a path"):
+        with pytest.raises(vi.InputError, match=r"no file|give a path"):
             mb.from_urdf(source)
     with pytest.raises(vi.InputError, match="is no folder"):
         mb.from_urdf(robot(LINK.format("a")), folder=tmp_path / "none")

@@ -125,6 +125,14 @@ class Joint:
     limits: Limits = UNLIMITED
 
 
+class Medium(NamedTuple):
+    """A medium that bodies move through, and how fast it streams itself."""
+
+    density: Any
+    viscosity: Any
+    wind: Any = (0.0, 0.0, 0.0)
+
+
 class Coupling(NamedTuple):
     """The coordinate of one joint follows that of another: ``q = Σ_k coefficients[k] q_leaderᵏ``.
 
@@ -225,6 +233,7 @@ class Machine:
         The constants that expressions are written in.
     bodies, joints, loops, springs, actuators, markers : dict
     couplings : list of Coupling
+    medium : Medium or None
     """
 
     gravity: Any
@@ -237,6 +246,7 @@ class Machine:
     springs: dict[str, Spring] = field(default_factory=dict)
     actuators: dict[str, Actuator] = field(default_factory=dict)
     markers: dict[str, Anchor] = field(default_factory=dict)
+    medium: Medium | None = None
 
     @property
     def moving(self) -> list[Joint]:

@@ -10,6 +10,7 @@ from varint.multibody.data import Actuator, Machine, Placement
 from varint.multibody.frames import fixed_frames
 from varint.multibody.joints import QUATERNION_AT
 from varint.multibody.kinematics import Motions, Twist, body_rates
+from varint.multibody.medium import medium_dissipation
 from varint.multibody.tree import Tree
 
 Fixed = tuple[Placement, Twist]
@@ -44,8 +45,10 @@ def control_power(machine: Machine, tree: Tree, motions: Motions) -> ca.SX:
 
 
 def dissipation(machine: Machine, tree: Tree, motions: Motions) -> ca.SX:
-    """Rayleigh's function: ½ d v² of dampers and f (√(v² + creep²) − creep) of dry friction."""
-    total = ca.SX(0)
+    """Rayleigh's function: ½ d v² of dampers, f (√(v² + creep²) − creep) of dry friction, and the
+    drag of a medium.
+    """
+    total = medium_dissipation(machine, tree, motions)
     for joint in machine.joints.values():
         (q, v), passive = motions[joint.name], joint.passive
         if not _is_zero(passive.damping):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import InputError
-from varint.multibody.data import WORLD, Passive, Placement
+from varint.multibody.data import WORLD, Medium, Passive, Placement
 from varint.multibody.elements import Element, Unread, document, located, words
 from varint.multibody.mjcf_bodies import HERE, MjcfBody, MjcfJoint, bodies_of
 from varint.multibody.mjcf_geoms import SIZES, Geom
@@ -97,8 +97,8 @@ def from_mjcf(source: str | os.PathLike, *, folder: Any = None, creep: float = 1
     add_equalities(root, model, bodies, joints, reading)
     for drive in drives:
         add_drive(model, drive, joints)
-    if settings.density or settings.viscosity:
-        raise InputError(f"{root.where}: a medium (density, viscosity) is not read")
+    if (settings.density or settings.viscosity) and "passive" not in settings.off:
+        model.machine.medium = Medium(settings.density, settings.viscosity, settings.wind)
     if touching(bodies):
         reading.unread.note(root, "contacts", "give the system contacts yourself")
     if said := reading.unread.said(root.source):

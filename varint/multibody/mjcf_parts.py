@@ -151,10 +151,12 @@ def reflected(joint: MjcfJoint, drives: Sequence[Drive]) -> tuple[float, float, 
 def add_drive(model: Model, drive: Drive, joints: Mapping[str, MjcfJoint]) -> None:
     """The control of an actuator."""
     where = drive.element.where
+    name = drive.name or f"{drive.joint or drive.site}_u"
+    if name in {x for joint in model.joints.values() for x in joint.coordinates}:
+        name = f"{name}_u"  # many files call a motor like its joint
     if drive.joint:
         if joints[drive.joint].kind not in ("hinge", "slide"):
             raise InputError(f"{where}: only hinges and slides take motors; push on a site")
-        name = drive.name or f"{drive.joint}_u"
         gear = drive.gain * drive.gear[0]
         model.motor(drive.joint, name, gear=gear, limits=drive.limits)
         return
@@ -170,7 +172,7 @@ def add_drive(model: Model, drive: Drive, joints: Mapping[str, MjcfJoint]) -> No
     frame = Anchor(anchor.body, compose(anchor.placement, turn))
     model.thrust(
         frame,
-        drive.name or f"{drive.site}_u",
+        name,
         gear=drive.gain * size,
         limits=drive.limits,
         kind=kind,
