@@ -220,6 +220,11 @@ def places(motion: Trajectory, sketch: Sketch) -> dict[str, np.ndarray]:
     return {name: motion.value(where) for name, where in sketch.points.items()}
 
 
+def film_interval(path: Any, fps: float) -> float:
+    """Seconds between the pictures of a film, which its kind of file keeps."""
+    return film_writer(None if path is None else Path(path), fps)[1]
+
+
 def film_writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, float]:
     """Writer for the file's kind, none for GIF files, and the time between frames that it keeps."""
     from matplotlib import animation

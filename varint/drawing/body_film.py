@@ -80,6 +80,8 @@ def body_film(
         shaded = paints.copy()
         shaded[:, :3] *= bright[:, None]
         skin.set_facecolor(shaded)
+        axes.M = axes.get_proj()
+        skin.do_3d_projection()  # else only a redraw of all would do it
         for name, line in trails.items():
             line.set_data_3d(*traces[name][: frame + 1].T)
         for name, lines in arms.items():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 # corners around an axis and from pole to pole: round enough for a film, few enough to turn
-AROUND, ALONG = 20, 9
+AROUND, ALONG = 20, 13
 # corners of a box by the bits of x, y, z; its sides run around outwards
 BOX_SIDES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
@@ -61,6 +61,7 @@ def primitive(kind: str, size: Sequence[float]) -> Surface:
         return _lathe(np.array([0, radius, radius, 0]), np.array([-half, -half, half, half]))
     angle = np.linspace(-np.pi / 2, np.pi / 2, ALONG)
     radii, heights = np.cos(angle), np.sin(angle)
+    radii[[0, -1]] = 0.0  # not cos of what is written as π/2
     if kind == "capsule":
         radius, half = size
         middle = len(angle) // 2 + 1

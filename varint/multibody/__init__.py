@@ -32,6 +32,7 @@ from varint.multibody.rotations import (
 )
 from varint.multibody.shapes import Shape
 from varint.multibody.urdf import from_urdf
+from varint.multibody.view import animate, page
 
 __all__ = [
     "WORLD",
@@ -50,11 +51,13 @@ __all__ = [
     "Placement",
     "Shape",
     "Spring",
+    "animate",
     "axis_rotation",
     "euler_angles",
     "from_mjcf",
     "from_urdf",
     "matrix_quaternion",
+    "page",
     "placed",
     "quaternion_matrix",
     "roll_pitch_yaw",

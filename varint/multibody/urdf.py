@@ -13,7 +13,7 @@ import numpy as np
 from varint.errors import InputError
 from varint.multibody.data import WORLD, Limits, Passive, Placement
 from varint.multibody.elements import Element, Unread, document, file_within, located
-from varint.multibody.mesh import Mesh
+from varint.multibody.mesh import Mesh, can_read
 from varint.multibody.model import Model
 from varint.multibody.rotations import roll_pitch_yaw
 from varint.multibody.shapes import GREY, Shape
@@ -281,9 +281,20 @@ def _limits(joint: Element, kind: str, unread: Unread) -> Limits:
 def _shapes(
     link: Element, materials: dict[str, Element], folder: Path | None, unread: Unread
 ) -> tuple[Shape, ...]:
-    """What is drawn of a link."""
+    """What is drawn of a link: its `<visual>`s, or its `<collision>`s where those are files that
+    cannot be read here.
+    """
+    shapes = _shapes_of(link.all("visual"), materials, folder, unread)
+    if all(shape.mesh is None or can_read(shape.mesh) for shape in shapes):
+        return shapes
+    return _shapes_of(link.all("collision"), materials, folder, unread)
+
+
+def _shapes_of(
+    visuals: Sequence[Element], materials: dict[str, Element], folder: Path | None, unread: Unread
+) -> tuple[Shape, ...]:
     found = []
-    for visual in link.all("visual"):
+    for visual in visuals:
         geometry = visual.one("geometry")
         if geometry is None:
             raise InputError(f"{visual.where} needs a <geometry>")
