@@ -10,7 +10,7 @@ from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates, time
 
 if TYPE_CHECKING:
-    from varint import course, diagnostics, models, orbits
+    from varint import course, diagnostics, models, multibody, orbits
     from varint.boundary.derivatives import action_derivatives
     from varint.boundary.families import paths
     from varint.boundary.least_action import least_action
@@ -126,6 +126,7 @@ __all__ = [
     "midpoint",
     "models",
     "mpc",
+    "multibody",
     "multistart",
     "noether",
     "optimal_control",
@@ -216,7 +217,7 @@ _LATER = {
     "step_function": "varint.integration.step_function",
     "symmetries": "varint.symmetry.noether",
 }
-_LATER_MODULES = ("course", "diagnostics", "models", "orbits")
+_LATER_MODULES = ("course", "diagnostics", "models", "multibody", "orbits")
 
 
 def __getattr__(name: str) -> Any:

@@ -36,6 +36,7 @@ FLOORS = (
     "sensitivities",
     "estimation",
     "orbits",
+    "multibody",
     "models",
     "explorer",
     "course",

@@ -42,10 +42,9 @@ def trajectory_animation(
 ) -> FuncAnimation:
     """Animation of a trajectory; see `Trajectory.animate`."""
     import matplotlib.pyplot as plt
-    from matplotlib.animation import FuncAnimation
 
     target = None if path is None else Path(path)
-    writer, seconds = _writer(target, fps)
+    writer, seconds = film_writer(target, fps)
     times = frame_times(motion, speed, seconds)
     sketch = sketch or cartesian(motion.system.names, motion.system.q)
     if sketch is None:
@@ -63,7 +62,7 @@ def trajectory_animation(
     trail = places(motion.at(past), sketch) if sketch.traces else {}
     fig = plt.figure(figsize=SIZE, dpi=DPI, layout="constrained")
     axes = fig.add_subplot(projection="3d") if sketch.dimensions == 3 else fig.add_subplot()
-    _frame(axes, [*frames.values(), *trail.values()])
+    framed(axes, [*frames.values(), *trail.values()])
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(sketch.marks)}
     empty: list[list[float]] = [[]] * sketch.dimensions
     trails = {
@@ -91,9 +90,27 @@ def trajectory_animation(
         clock.set_text(f"t = {now:.{decimals}f}")
         return [*trails.values(), *rods, *dots.values(), clock]
 
-    film = FuncAnimation(fig, draw, frames=len(times), interval=1000 * seconds, repeat=True)
+    moving = [*trails.values(), *rods, *dots.values(), clock]
+    return film_of(fig, draw, moving, len(times), seconds, target, writer)
+
+
+def film_of(
+    fig: Any,
+    draw: Callable[[int], list],
+    moving: list,
+    count: int,
+    seconds: float,
+    target: Path | None,
+    writer: AbstractMovieWriter | None,
+) -> FuncAnimation:
+    """The film of a figure in which `draw` moves the artists `moving`, written where a file is
+    asked for.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import FuncAnimation
+
+    film = FuncAnimation(fig, draw, frames=count, interval=1000 * seconds, repeat=True)
     film._draw_was_started = True  # type: ignore[attr-defined]  # shown or saved later by whoever asked: no warning if it is neither
-    moving, count = [*trails.values(), *rods, *dots.values(), clock], len(times)
     film._repr_html_ = lambda: _shown(  # type: ignore[method-assign]
         _pictures(fig, draw, moving, count), seconds, count, target
     )
@@ -102,7 +119,7 @@ def trajectory_animation(
             if writer is None:
                 _write_gif(target, _pictures(fig, draw, moving, count), seconds, move)
             else:
-                _freeze(fig, axes, moving)
+                _freeze(fig, moving)
                 with writer.saving(fig, target, DPI):
                     for frame in range(count):
                         draw(frame)
@@ -172,14 +189,15 @@ def _still(fig: Any, moving: list) -> Any:
     return still
 
 
-def _freeze(fig: Any, axes: Any, moving: list) -> None:
+def _freeze(fig: Any, moving: list) -> None:
     """Replace all that does not move by its picture: drawing axes and grid anew takes most of a
     frame's time.
     """
     _still(fig, moving)
     still = np.asarray(fig.canvas.buffer_rgba()).copy()
-    axes.set_axis_off()
-    axes.patch.set_visible(False)
+    for axes in fig.axes:
+        axes.set_axis_off()
+        axes.patch.set_visible(False)
     fig.figimage(still, zorder=-1)
 
 
@@ -202,7 +220,12 @@ def places(motion: Trajectory, sketch: Sketch) -> dict[str, np.ndarray]:
     return {name: motion.value(where) for name, where in sketch.points.items()}
 
 
-def _writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, float]:
+def film_interval(path: Any, fps: float) -> float:
+    """Seconds between the pictures of a film, which its kind of file keeps."""
+    return film_writer(None if path is None else Path(path), fps)[1]
+
+
+def film_writer(path: Path | None, fps: float) -> tuple[AbstractMovieWriter | None, float]:
     """Writer for the file's kind, none for GIF files, and the time between frames that it keeps."""
     from matplotlib import animation
 
@@ -234,7 +257,7 @@ def extent(found: list[np.ndarray]) -> tuple[np.ndarray, float]:
     return (low + high) / 2, max((high - low).max() / 2, 1e-12) * (1 + 2 * MARGIN)
 
 
-def _frame(axes: Any, found: list[np.ndarray]) -> None:
+def framed(axes: Any, found: list[np.ndarray]) -> None:
     """Limits that hold the whole motion, equal scales, and names of the axes."""
     middle, half = extent(found)
     for name, centre in zip("xyz", middle, strict=False):

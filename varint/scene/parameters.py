@@ -58,6 +58,9 @@ class Parameters:
             raise AttributeError(name)
         raise AttributeError(f"unknown parameters [{name!r}]; known: {list(symbols)}")
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._defaults
+
     def __repr__(self) -> str:
         return f"Parameters({', '.join(f'{k}={v.tolist()}' for k, v in self._defaults.items())})"
 
@@ -85,6 +88,14 @@ def parameters_of(given: Parameters | ParameterValues) -> Parameters:
         made._symbols[name] = symbol
         made._defaults[name] = parameter_array(name, default, shape, "symbol")
     return made
+
+
+def with_more(given: Parameters, **defaults: Any) -> Parameters:
+    """The same parameters, symbols included, and new ones."""
+    added, joined = Parameters(**defaults), Parameters()
+    joined._symbols |= given._symbols | added._symbols
+    joined._defaults |= given._defaults | added._defaults
+    return joined
 
 
 def values_by_name(given: ParameterValues) -> dict[str, Any]:

@@ -244,7 +244,7 @@ class System:
             for what in ("controls", "constraints", "nonholonomic", "contacts")
             if (count := getattr(self.structure, what))
         ]
-        if self.params is not None:
+        if self.defaults:
             parts.append(f"params={list(self.defaults)}")
         return f"System({', '.join(parts)})"
 
