@@ -39,7 +39,7 @@ class Example:
 
 
 def example(path: Path) -> Example:
-    """Read an example; its docstring is a title line, then paragraphs "Claim: …", "Source: …",
+    """Read an example; its docstring is a sentence "Title: lead.", then paragraphs "Claim: …", "Source: …",
     "Run: …".
     """
     code = path.read_text(encoding="utf-8")
@@ -48,7 +48,10 @@ def example(path: Path) -> Example:
         re.findall(r"^(Claim|Source|Run): (.*?)(?=^(?:Claim|Source|Run): |\Z)", text, re.M | re.S)
     )
     words = {name: " ".join(part.split()) for name, part in parts.items()}
-    title, _, lead = text.split("\n")[0].strip().rstrip(".").partition(": ")
+    first = " ".join(text.strip().split("\n\n")[0].split())
+    title, _, lead = first.partition(": ")
+    lead = lead[:1].upper() + lead[1:]
+    title = title.rstrip(".")
     return Example(path.stem, title, lead, words["Claim"], words["Source"], code)
 
 
@@ -155,7 +158,7 @@ def lagrangian(it: Example) -> str:
 
 
 def _page(it: Example, printed: str, folder: Path) -> str:
-    lead = f"{it.lead[:1].upper()}{it.lead[1:]}.\n\n" if it.lead else ""
+    lead = f"{it.lead}\n\n" if it.lead else ""
     alt = it.claim.replace('"', "'").replace("\\", "")
     film = ""
     if (folder / f"{it.name}-film.gif").exists():

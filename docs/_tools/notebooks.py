@@ -53,7 +53,7 @@ def from_example(path: Path) -> nbformat.NotebookNode:
     it, tree = example(path), ast.parse(path.read_text(encoding="utf-8"))
     lines = it.code.splitlines()
     cells = [
-        new_markdown_cell(f"# {it.title}\n\n{it.lead and it.lead[:1].upper() + it.lead[1:] + '.'}"),
+        new_markdown_cell(f"# {it.title}\n\n{it.lead}"),
         new_markdown_cell(NEEDS),
         new_markdown_cell(f"{lagrangian(it)}**Claim.** {it.claim}\n\n*Source:* {it.source}"),
     ]

@@ -211,6 +211,10 @@ def test_figures_of_the_pages_are_described_in_whole_sentences():
 def test_an_example_has_what_the_gallery_shows(path):
     it = example(path)
     assert it.title and len(it.claim) > 30 and len(it.source) > 5
+    first = " ".join(it.code.split('"""')[1].split("\n\n")[0].split())  # it may take two lines
+    assert f"{it.title}: {it.lead}".lower().rstrip(": ") == first.lower().removesuffix(
+        "." if not it.lead else ""
+    )
 
 
 def test_every_chapter_of_the_gallery_has_examples_and_none_twice():
