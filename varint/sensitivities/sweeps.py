@@ -325,6 +325,13 @@ def _accumulate(matrices: np.ndarray, sources: np.ndarray, start: np.ndarray) ->
     return np.concatenate(out).transpose(0, 2, 1)
 
 
+def adjoints_at_nodes(by: Sweeper, piece: Piece, c: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    """The adjoint at every node of the piece, (S + 1, 2n), to each of which its seed adds."""
+    phi = _steps(by, piece, c)[0].transpose(0, 2, 1)
+    back = _accumulate(phi[::-1], seeds[-2::-1, None], seeds[-1:].T)
+    return back[::-1, :, 0]
+
+
 def _forwards_interpreted(
     by: Sweeper, piece: Piece, c: np.ndarray, directions: Directions, tangent: np.ndarray
 ) -> np.ndarray:
