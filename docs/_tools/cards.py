@@ -313,6 +313,8 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "brachistochrone": of("brachistochrone"),
     "figure_eight": of("figure_eight", None, 1.5),
     "obstacle": round_the_disc,
+    "normal_modes": of("spring_pendulum", 7.0, 1.0),
+    "halo_orbits": of("restricted_three_body", None, 0.15),
     "control_cart_pole": optimal("swing_up_cart_pole", 0.6),
     "control_minima": optimal("swing_up_pendulum", 0.8),
     "control_fastest": fastest,

@@ -97,6 +97,12 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "figure_eight": PAIRS,
         "obstacle": r"\min \int_0^T L\,dt,\qquad |\mathbf r - \mathbf c| \ge R",
     },
+    "Periodic orbits and their stability": {
+        "normal_modes": r"L \approx \tfrac12 \dot{\mathbf x}^{\mathsf T} M \dot{\mathbf x}"
+        r" - \tfrac12 \mathbf x^{\mathsf T} K \mathbf x",
+        "halo_orbits": r"L = \tfrac12 (\dot x - y)^2 + \tfrac12 (\dot y + x)^2 + \tfrac12 \dot z^2"
+        r" + \frac{1 - \mu}{r_1} + \frac{\mu}{r_2}",
+    },
     "Parameters from data": {
         "learnt_from_data": PENDULUM
         + r",\qquad \min_{\theta, q_0, v_0} \sum_j \bigl((\psi(q(t_j)) - y_j) / \sigma_j\bigr)^2",

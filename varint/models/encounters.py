@@ -1,4 +1,4 @@
-"""Orbits with close encounters: a satellite of Earth and Moon, seven bodies, three from rest."""
+"""Orbits with close encounters: satellites of Earth and Moon, seven bodies, three from rest."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates
 
 ARENSTORF_PERIOD = 17.0652165601579625588917206249
+HALO_PERIOD = 1.5111
 
 
 def arenstorf(mu: float = 0.012277471) -> Model:
@@ -36,6 +37,32 @@ def arenstorf(mu: float = 0.012277471) -> Model:
         claim="After four loops and 17.0652 units of time the satellite is back at its start.",
         source="Arenstorf, American Journal of Mathematics 85 (1963) 27; data: Hairer, Nørsett & "
         "Wanner, Solving Ordinary Differential Equations I, II.0 (0.2)",
+    )
+
+
+def restricted_three_body(mu: float = 0.01215058560962404) -> Model:
+    """A satellite of Earth and Moon in space, in the frame that turns with them, L = ½ (ẋ − y)² +
+    ½ (ẏ + x)² + ½ ż² + (1 − μ)/r₁ + μ/r₂.
+
+    Units are the distance of Earth and Moon, and the time in which they turn by a radian. The start
+    lies on a halo orbit about L2 that passes close to the Moon, of 9 turns in 2 synodic months.
+    """
+    c = Parameters(mu=mu)
+    q, v = coordinates("x", "y", "z")
+    seen = v + ca.vertcat(-q[1], q[0], 0)
+    earth, moon = (ca.norm_2(q - ca.vertcat(x, 0, 0)) for x in (-c.mu, 1 - c.mu))
+    system = System(q, v, ca.sumsqr(seen) / 2 + (1 - c.mu) / earth + c.mu / moon, params=c)
+    return Model(
+        name="restricted_three_body",
+        system=system,
+        q0=[1.0220206689445093, 0.0, -0.1820962021322289],
+        v0=[0.0, -0.10325451730376045, 0.0],
+        duration=HALO_PERIOD,
+        h=HALO_PERIOD / 2000,
+        invariants=energy(system),
+        claim="After 1.5111 units of time, a ninth of two synodic months, the satellite is back.",
+        source="Szebehely, Theory of Orbits, 1967, chapter 1; halo orbits: Howell, Celestial "
+        "Mechanics 32 (1984) 53",
     )
 
 

@@ -1,4 +1,6 @@
-"""Oscillators of a few degrees of freedom: isotropic, coupled, Hénon–Heiles."""
+"""Oscillators of a few degrees of freedom: isotropic, coupled, Hénon–Heiles, Duffing, a pendulum on
+a spring.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from varint.models.model import Model, energy
+from varint.models.quadrature import PeriodicIntegral
 from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates
 
@@ -119,4 +122,70 @@ def henon_heiles(
         invariants=energy(system),
         claim="Regular at E = 1/12, mostly chaotic at E = 1/8, unbounded above E = 1/6.",
         source="Hénon & Heiles, Astronomical Journal 69 (1964) 73",
+    )
+
+
+def duffing(
+    x0: float = 1.0, v0: float = 0.0, m: float = 1.0, k: float = 1.0, epsilon: float = 1.0
+) -> Model:
+    """Duffing's oscillator, a spring that hardens, L = ½ m ẋ² − ½ k x² − ¼ ε x⁴."""
+    c = Parameters(m=m, k=k, epsilon=epsilon)
+    q, v = coordinates("x")
+    potential = c.k * q**2 / 2 + c.epsilon * q**4 / 4
+    system = System(q, v, c.m * v**2 / 2 - potential, params=c)
+    total = m * v0**2 / 2 + k * x0**2 / 2 + epsilon * x0**4 / 4
+    # x = A cos φ with ¼ ε A⁴ + ½ k A² = E, φ̇² = (k + ½ ε A² (1 + cos² φ)) / m
+    top = float(np.sqrt(4 * total / (k + np.sqrt(k**2 + 4 * epsilon * total))))
+
+    def rate(phi: np.ndarray) -> np.ndarray:
+        return np.sqrt((k + epsilon * top**2 * (1 + np.cos(phi) ** 2) / 2) / m)
+
+    def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        clock = PeriodicIntegral(lambda phi: 1 / rate(phi))
+        # ẋ = −A φ̇ sin φ, where φ̇ at the start is that of cos φ = x₀/A
+        first = np.arctan2(-v0 / rate(np.arccos(np.clip(x0 / top, -1, 1))), x0)
+        phi = clock.inverse(clock(first) + t)
+        return top * np.cos(phi), -top * rate(phi) * np.sin(phi)
+
+    return Model(
+        name="duffing",
+        system=system,
+        q0=x0,
+        v0=v0,
+        duration=30.0,
+        h=0.05,
+        invariants=energy(system),
+        exact=exact,
+        claim="The motion is Jacobi's elliptic cosine: the larger the swing, the higher its pitch.",
+        source="Nayfeh & Mook, Nonlinear Oscillations, 1979, §2.1",
+    )
+
+
+def spring_pendulum(
+    q0: Sequence[float] = (0.05, -1.0),
+    v0: Sequence[float] = (0.0, 0.0),
+    m: float = 1.0,
+    k: float = 29.43,
+    length: float = 1.0,
+    g: float = 9.81,
+) -> Model:
+    """Weight on an elastic string in the plane, L = ½ m |v|² − m g y − ½ k (r − ℓ)².
+
+    With k = 3 m g/ℓ, the default, it bounces twice as fast as it swings.
+    """
+    c = Parameters(m=m, k=k, length=length, g=g)
+    q, v = coordinates("x", "y")
+    stretch = ca.norm_2(q) - c.length
+    potential = c.m * c.g * q[1] + c.k * stretch**2 / 2
+    system = System(q, v, c.m * ca.sumsqr(v) / 2 - potential, params=c)
+    return Model(
+        name="spring_pendulum",
+        system=system,
+        q0=q0,
+        v0=v0,
+        duration=30.0,
+        h=0.02,
+        invariants=energy(system),
+        claim="At resonance 1 : 2 bouncing turns into swinging and back.",
+        source="Vitt & Gorelik, Journal of Technical Physics 3 (1933) 294",
     )

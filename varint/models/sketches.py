@@ -210,7 +210,9 @@ def _planet(s: System) -> Sketch:
 
 def _satellite(s: System) -> Sketch:
     mu = parameters_of(s).mu
-    points = {"Earth": ca.vertcat(-mu, 0), "Moon": ca.vertcat(1 - mu, 0), "satellite": s.q}
+    rest = [0] * (s.q.numel() - 1)
+    earth, moon = ca.vertcat(-mu, *rest), ca.vertcat(1 - mu, *rest)
+    points = {"Earth": earth, "Moon": moon, "satellite": s.q}
     return Sketch(points, traces=["satellite"], marks=["satellite"])
 
 
@@ -246,6 +248,9 @@ _SKETCHES: dict[str, Callable[[System], Sketch]] = {
     "central_force": _planet,
     "rosette": _planet,
     "arenstorf": _satellite,
+    "restricted_three_body": _satellite,
+    "duffing": _in_a_row(lambda s: [s.q]),
+    "spring_pendulum": lambda s: _hung([0, 0], s.q),
     "accelerated_pivot": _pendulum,  # as seen in the car
     "lengthening_pendulum": _lengthening,
     "forced_oscillator": _in_a_row(lambda s: [s.q]),

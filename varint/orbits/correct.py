@@ -19,6 +19,7 @@ from varint.orbits.shooting import (
     linearise,
     runs,
 )
+from varint.sensitivities.pieces import Piece
 
 # of the largest singular value: directions that no equation tells apart; where a step along them
 # does not help, more of them are left alone, for an integral that nobody named makes a null vector
@@ -172,16 +173,13 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
         if not np.isfinite(length) or count == most:
             break
         trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]
-        trials += [trials[0] / 2**k for k in range(1, HALVINGS)]
-        for change in trials:
-            trial = moved(wanted, at, linear, change)
-            flown = _flown(shooting, trial)
-            if flown is None:
-                continue
-            size = _merit(wanted, trial, gaps(shooting, trial, flown, units))
-            if size < merit:
-                at, pieces, merit = trial, flown, size
+        best = min((_tried(wanted, at, linear, x) for x in trials), key=lambda x: x[0])
+        for k in range(1, HALVINGS):
+            if best[0] < merit:
                 break
+            best = _tried(wanted, at, linear, trials[0] / 2**k)
+        if best[0] < merit:
+            merit, at, pieces = best
         else:
             if merit <= CLOSED and float(np.abs(steps[-1]).max()) <= LOOSE:
                 return Corrected(at, linear, merit, count)
@@ -196,14 +194,19 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
     )
 
 
-def _flown(shooting: Shooting, at: Iterate) -> list | None:
-    """The runs of a trial; None where it leaves what can be run."""
-    if not is_finite(at) or at.period * shooting.each == 0:
-        return None
+def _tried(
+    wanted: Wanted, at: Iterate, linear: Linear, change: np.ndarray
+) -> tuple[float, Iterate, list[Piece]]:
+    """How far apart the ends are after a correction, infinite where it cannot be run."""
+    trial = moved(wanted, at, linear, change)
+    if not is_finite(trial) or trial.period <= 0:
+        return np.inf, at, []
     try:
-        return runs(shooting, at)
+        pieces = runs(wanted.shooting, trial)
     except ConvergenceError:
-        return None
+        return np.inf, at, []
+    left = gaps(wanted.shooting, trial, pieces, wanted.units)
+    return _merit(wanted, trial, left), trial, pieces
 
 
 def _merit(wanted: Wanted, at: Iterate, left: np.ndarray) -> float:

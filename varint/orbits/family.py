@@ -35,8 +35,9 @@ FIRST, LONGEST, SHORTEST = 0.03, 0.15, 1e-7  # arclengths of steps, in ranges of
 LONGER, SHORTER = 1.5, 0.5
 QUICK = 5  # Newton steps: then the next step may be longer
 BENT = 0.97  # cosine of the angle between tangents: a step round a sharper bend is too long
-LOOSE = 1e-12  # in ranges: errors of the steps at which they are made shorter
-FINER, MOST_FINER = 1.1, 4.0  # times the steps: beyond what is needed, and between two orbits
+LOOSE = 2e-13  # in ranges: errors of the steps at which they are made shorter
+FINER, MOST_FINER = 1.1, 4.0  # times the steps: beyond what is needed, and at once
+HALVED = 0.5  # of the error before: what shorter steps must bring, or it is round-off
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -280,7 +281,7 @@ def _curve(orbit: Orbit, along: Any, hold: str) -> Curve:
 
 def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] | None:
     """The next point, the arclength to it, and the next step; None where every step fails."""
-    base = here.orbit
+    base, last = here.orbit, np.inf
     while step >= SHORTEST:
         try:
             orbit = stepped(base, here.tangent, step, curve, here.by)
@@ -293,13 +294,14 @@ def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] 
         if straight < BENT and step > FIRST / 30:
             step *= SHORTER
             continue
-        if orbit.error_estimate > LOOSE:
+        if LOOSE < orbit.error_estimate < HALVED * last:
             wanted = (orbit.error_estimate / LOOSE) ** (1 / orbit.rule.order)
-            each = int(np.ceil(min(max(FINER, FINER * wanted), MOST_FINER) * base.shooting.each))
-            finer = replace(base, shooting=replace(base.shooting, each=each))
-            if each <= MOST_FINER * here.orbit.shooting.each:
-                base = finer
-                continue
+            each = int(np.ceil(min(FINER * wanted, MOST_FINER) * base.shooting.each))
+            base, last = (
+                replace(base, shooting=replace(base.shooting, each=each)),
+                orbit.error_estimate,
+            )
+            continue
         return point, step, step * (LONGER if orbit.iterations <= QUICK else 1.0)
     return None
 

@@ -101,10 +101,7 @@ class NormalModes:
             return "neutral: to first order it may drift away"
         if self.definite:
             return "stable: the energy is definite there (Lagrange–Dirichlet)"
-        return (
-            "linearly stable: the energy is indefinite, so what follows beyond the linear motion "
-            "stays open"
-        )
+        return "linearly stable: the energy is indefinite, beyond the linear motion all is open"
 
     def start(self, k: int = 0, amplitude: float = 1e-2) -> tuple[np.ndarray, np.ndarray]:
         """(q0, v0) of a mode with this displacement of the coordinate that moves most; a guess for

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.numerics.arrays import call
+from varint.numerics.arrays import call, is_definite
 from varint.orbits.phase import (
     VANISHING,
     hamiltonian_fields,
@@ -105,7 +105,8 @@ def modes_at(at: Equilibrium) -> Modes:
     inner = reduced.basis.T @ energy @ reduced.basis
     values, vectors = np.linalg.eig(reduced.matrix)
     vectors = reduced.basis @ vectors
-    if not damped and not np.abs(linear.rates).max(initial=0.0) and len(reduced.matrix) == 2 * m:
+    plain = not damped and not np.abs(linear.rates).max(initial=0.0) and is_definite(linear.mass)
+    if plain and len(reduced.matrix) == 2 * m:
         values, vectors = _without_gyroscopic(linear)
     fastest = float(np.abs(values).max(initial=0.0))
     small = ZERO * fastest

@@ -37,6 +37,7 @@ from varint.scene.system import System, require_system
 from varint.symmetry.symmetry import Symmetry
 
 ROUNDS = 3  # of refining the steps
+NEARLY = 1e-3  # in units: gaps that shorter steps may close
 CLOSED = 1e-12  # in units: what round-off may leave of x(T) − x(0)
 STILL = 1e-6  # of the guess's ranges: an orbit this small is an equilibrium
 
@@ -149,17 +150,22 @@ def periodic(
 
 def refined(wanted: Wanted, at: Iterate, steps: int | None, tol: float) -> Orbit:
     """The corrected orbit; with more steps where they were too long for it."""
-    for _ in range(ROUNDS):
-        found = correct(wanted, at)
-        orbit = orbit_of(wanted, found)
-        fine = orbit.error_estimate <= 10 * tol and orbit.residual <= CLOSED
-        if steps is not None or fine:
-            break
-        more = max(orbit.error_estimate / tol, 1.0) ** (1 / wanted.shooting.rule.order)
-        each = int(np.ceil(wanted.shooting.each * min(max(more, 1.25), 2.0)))
+    for trial in range(ROUNDS + 1):
+        try:
+            orbit = orbit_of(wanted, correct(wanted, at))
+        except ConvergenceError as error:
+            if steps is not None or trial == ROUNDS or not error.residual < NEARLY:
+                raise
+            more = 2.0  # with these steps it may not close, as where they turn a perihelion
+        else:
+            fine = orbit.error_estimate <= 10 * tol and orbit.residual <= CLOSED
+            if steps is not None or fine or trial == ROUNDS:
+                return orbit
+            at, wide = orbit.at, max(orbit.error_estimate / tol, 1.0)
+            more = min(max(wide ** (1 / wanted.shooting.rule.order), 1.25), 2.0)
+        each = int(np.ceil(wanted.shooting.each * more))
         wanted = replace(wanted, shooting=replace(wanted.shooting, each=each))
-        at = found.at
-    return orbit
+    raise AssertionError("the last trial returns or raises")
 
 
 def orbit_of(wanted: Wanted, found: Corrected) -> Orbit:

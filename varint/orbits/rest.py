@@ -110,7 +110,7 @@ def rest(system: System, q: np.ndarray, c: np.ndarray, held: Held | None = None)
         )
     for _ in range(MOST_ITERATIONS):
         step = np.linalg.lstsq(slope, -left, rcond=RANK)[0]
-        if np.abs(step[:n]).max() <= FINE * max(np.abs(x[:n]).max(), FINE):
+        if (np.abs(step) <= FINE * np.maximum(np.abs(x), FINE)).all():
             break
         for halving in range(HALVINGS):
             trial = x + step / 2**halving

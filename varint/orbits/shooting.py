@@ -202,14 +202,15 @@ def linearise(
     left = gaps(shooting, at, pieces, units) * units.scale
     onto = [frames[(i + 1) % len(frames)].onto for i in range(len(frames))]
     apart = np.array([a @ b for a, b in zip(onto, left, strict=True)])
-    gradients, phases = _conserved(shooting, at, pieces, frames)
+    flow = np.roll(whole[:, :, d], 1, axis=0)  # ∂x/∂T at the end of a segment begins the next
+    gradients, phases = _conserved(shooting, at, frames, flow)
     return Linear(
         frames, whole[:, :, :d], whole[:, :, d], whole[:, :, d + 1], apart, gradients, phases
     )
 
 
 def _conserved(
-    shooting: Shooting, at: Iterate, pieces: list[Piece], frames: list[Frame]
+    shooting: Shooting, at: Iterate, frames: list[Frame], flow: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independent gradients at the first beginning, and the directions that change nothing."""
     found = [
@@ -229,10 +230,7 @@ def _conserved(
     else:
         fields = [np.zeros((0, one.into.shape[1])) for one in frames]
     if shooting.autonomous and (held or not shooting.integrals.energy):
-        fields = [
-            np.vstack([rows, one.onto @ (piece.x[1] - piece.x[0])])
-            for rows, one, piece in zip(fields, frames, pieces, strict=True)
-        ]
+        fields = [np.vstack(pair) for pair in zip(fields, flow[:, None], strict=True)]
     phases = np.array(fields)
     size = np.linalg.norm(phases, axis=(0, 2))
     return first, phases / np.where(size > 0, size, 1.0)[None, :, None]
