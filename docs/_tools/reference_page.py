@@ -51,7 +51,7 @@ ORDER = [
     ("Equations to read", ["equations", "Equations", "from_sympy"]),
 ]
 ERRORS = ["VarintError", "InputError", "ConvergenceError", "SolverError"]
-MODULES = ["course", "diagnostics", "models"]
+MODULES = ["course", "diagnostics", "models", "orbits"]
 
 # what other modules of the package use of a public class, and users need not know
 INTERNAL = {
