@@ -111,6 +111,12 @@ KNOWN = {
     "startup": Benchmark(
         "Start-up", "What comes before the first step, and what a call costs besides its steps."
     ),
+    "chaos": Benchmark(
+        "Displacements beside a motion",
+        "A run with MEGNO beside REBOUND's, and beside heyoka's variational equations, of one "
+        "displacement and of all: the cheapest setting that reaches an error of the end, of the "
+        "motion and the displacement, best of three turns.",
+    ),
     "long_run": Benchmark(
         "Long runs",
         "Round-off and drift over very many steps. Drift is the relative change of windowed means "

@@ -31,6 +31,7 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "kepler": KEPLER,
         "central_force": r"L = \tfrac12 m\,\bigl(\dot r^2 + r^2\dot\theta^2\bigr) - V(r)",
         "many_bodies": PAIRS,
+        "planets": PAIRS,
         "outer_solar_system": r"L = \tfrac12 \sum_i m_i\,|\dot{\mathbf r}_i|^2"
         r" + G \sum_{i<j} \frac{m_i m_j}{|\mathbf r_i - \mathbf r_j|}",
     },
@@ -38,6 +39,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "oscillators": r"L = \tfrac12 m\,(\dot x_1^2 + \dot x_2^2) - \tfrac12 k\,(x_1^2 + x_2^2)"
         r" - \tfrac12 k_c\,(x_1 - x_2)^2",
         "henon_heiles": r"L = \tfrac12 (\dot x^2 + \dot y^2) - \tfrac12 (x^2 + y^2) - \bigl(x^2 y - \tfrac13 y^3\bigr)",
+        "chaos": r"L = \tfrac12 |\dot{\mathbf q}|^2 - V(\mathbf q),\qquad \delta L ="
+        r" \frac{\partial L}{\partial q}\,\delta + \frac{\partial L}{\partial\dot q}\,\dot\delta",
         "fpu_chain": r"L = \tfrac12 \sum_i \dot q_i^2 - \sum_{\text{soft}} (q_{i+1} - q_i)^4"
         r" - \tfrac{\omega^2}{4} \sum_{\text{stiff}} (q_{i+1} - q_i)^2",
         "toda_chain": r"L = \tfrac12 \sum_i \dot q_i^2 - \sum_i \bigl[e^{-r_i} + r_i - 1\bigr],"
