@@ -19,6 +19,7 @@ from varint.multibody.data import (
     Spring,
 )
 from varint.multibody.frames import Frame
+from varint.multibody.functions import Dynamics
 from varint.multibody.model import Model
 from varint.multibody.quantities import placed
 from varint.multibody.rotations import (
@@ -35,6 +36,7 @@ __all__ = [
     "Anchor",
     "Body",
     "Coupling",
+    "Dynamics",
     "Frame",
     "Joint",
     "Limits",
