@@ -150,4 +150,4 @@ def measured(name: str) -> list[dict[str, Any]]:
 if __name__ == "__main__":
     rows = [row for name in SCENES for row in measured(name)]
     table(rows)
-    save("machines", rows)
+    save("machines", rows, {"mujoco": mujoco.__version__})

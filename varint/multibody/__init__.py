@@ -20,6 +20,7 @@ from varint.multibody.data import (
     Spring,
 )
 from varint.multibody.frames import Frame
+from varint.multibody.functions import Dynamics
 from varint.multibody.mjcf import from_mjcf
 from varint.multibody.model import Model
 from varint.multibody.quantities import placed
@@ -40,6 +41,7 @@ __all__ = [
     "Anchor",
     "Body",
     "Coupling",
+    "Dynamics",
     "Frame",
     "Joint",
     "Limits",
