@@ -2,8 +2,8 @@
 
 Claim: both are built from bodies and joints. The crane brings its load to rest behind a wall, with
 a rope that only pulls. The quadruped has left the ground without angular momentum; its centre of
-mass falls along a parabola whatever the legs do, its angular momentum stays zero, and yet it lands
-with its nose up and its legs as they were, because they swing there and back on different ways.
+mass falls along a parabola, its angular momentum stays zero, and yet it lands with its nose up and
+its legs as they were: they swing there and back on different ways.
 Source: Sakawa & Shindo, Automatica 18 (1982) 257 (container crane); Montgomery, Comm. Math. Phys.
 128 (1990) 565 (falling cat).
 Run: python examples/crane_and_leap.py [folder of the picture]
@@ -31,16 +31,15 @@ def wall_at(x, z):
 
 def planned(world, cost, duration, steps, ends, rows):
     """A machine and its way of least cost within all limits."""
-    given = dict(duration=duration, steps=steps, cost=cost, control="linear")
-    rows = [*world.bounds(), *rows]
-    return world, vi.optimal_control(world.system(), RULE, **given, **ends, bounds=rows)
+    given = dict(steps=steps, control="linear", bounds=[*world.bounds(), *rows], **ends)
+    return world, vi.optimal_control(world.system(), RULE, duration=duration, cost=cost, **given)
 
 
 def crane():
     """A trolley, a rope that turns and is wound up, and its load; over a wall in 4 s."""
     world = mb.Model()
-    trolley, rope = world.body(3.0, name="trolley"), world.body(name="rope")
-    load = world.body(1.0, inertia=0.01, name="load")
+    trolley, rope = world.body(3, name="trolley"), world.body(name="rope")
+    load = world.body(1, name="load")
     world.prismatic(world, trolley, (1, 0, 0), name="way", limits=(-0.5, 3.5))
     world.revolute(trolley, rope, (0, 1, 0), name="swing")
     world.prismatic(rope, load, DOWN, name="length", limits=(0.3, 2.5))
@@ -49,8 +48,8 @@ def crane():
     scene, place = world.system(), world.frame("load").position
     push, winch = ca.vertsplit(scene.control)
     ends = dict(start=dict(q=[0, 0, 2], v=[0, 0, 0]), end=dict(q=[3, 0, 2], v=[0, 0, 0]))
-    apart = [(1, wall_at(place[0], place[2]), None)]
-    return planned(world, push**2 + (winch + G) ** 2, 4.0, 30, ends, apart)
+    wall = [(1, wall_at(place[0], place[2]), None)]
+    return planned(world, push**2 + (winch + G) ** 2, 4.0, 30, ends, wall)
 
 
 def quadruped():
@@ -72,19 +71,16 @@ def quadruped():
                 else:
                     world.mimic(f"{name}_{joint}", f"left_{end}_{joint}")
     scene = world.system()
-    posture = [0.5, -1.0, 0.5, -1.0]
-    ends = dict(
-        start=dict(q=[0, 0, 0, *posture], v=[1, RISE, 0, 0, 0, 0, 0]),
-        end=dict(q=[None, None, 0.1, *posture], v=[None, None, None, 0, 0, 0, 0]),
-    )
+    legs, still, free = [0.5, -1.0, 0.5, -1.0], [0] * 4, [None] * 3
+    start = dict(q=[0, 0, 0, *legs], v=[1, RISE, 0, *still])
+    ends = dict(start=start, end=dict(q=[None, None, 0.1, *legs], v=[*free, *still]))
     return planned(world, ca.sumsqr(scene.control), 2 * RISE / G, 24, ends, [])
 
 
 def main(out: Path = Path("out")) -> None:
     (world, way), (animal, leap) = crane(), quadruped()
     figure, (yard, air, turn) = plt.subplots(1, 3, figsize=(14, 4.2), layout="constrained")
-    start = dict(q0=[0, 0, 2], v0=np.zeros(3))
-    again = vi.simulate(way.system, RULE, **start, h=way.h, steps=30, u=way.u)
+    again = vi.simulate(way.system, RULE, q0=[0, 0, 2], v0=[0] * 3, h=way.h, steps=30, u=way.u)
     print(f"the load when replayed, way        found {again.q[-1, 0]:.9f}   exact {3:.9f}")
     fine = way.at(np.linspace(0, way.duration, 400))
     place = fine.value(world.frame("load").position)
@@ -97,9 +93,8 @@ def main(out: Path = Path("out")) -> None:
 
     fine = leap.at(np.linspace(0, leap.duration, 201))
     moved = [(body, animal.frame(name)) for name, body in animal.bodies.items()]
-    total = sum(body.mass for body, _ in moved)
     weighed = [b.mass * (x.position + ca.mtimes(x.rotation, b.com)) for b, x in moved]
-    c, t = fine.value(sum(weighed) / total), fine.t
+    c, t = fine.value(sum(weighed) / sum(body.mass for body, _ in moved)), fine.t
     fall = c[0] + np.outer(t, [1.0, 0, RISE]) + np.outer(t**2, [0, 0, -G / 2])
     print(f"quadruped, centre of mass, x       found {c[-1, 0]:.9f}   exact {fall[-1, 0]:.9f}")
     x, z = c[:, 0] - fine.q[:, 0], c[:, 2] - fine.q[:, 1]  # from the trunk's middle

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import runpy
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -163,6 +164,12 @@ def swung_arm() -> Shown:
     return Shown(
         vi.simulate(arm.system(), **start, h=0.01, duration=0.7), mb.skeleton(arm, ["hand"])
     )
+
+
+def hoisted() -> Shown:
+    """The crane's load, and its rope at equal times."""
+    world, motion = runpy.run_path(str(EXAMPLES / "crane_and_leap.py"))["crane"]()
+    return Shown(motion, mb.skeleton(world, ["load"]), 1.0)
 
 
 def populations() -> Card:
@@ -332,6 +339,7 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "control_films": optimal("falling_cat", 0.3),
     "mpc_cart_pole": optimal("swing_up_rod"),
     "six_axis_arm": swung_arm,
+    "crane_and_leap": hoisted,
     "two_link_arm_in_c": let_go,
     "learnt_from_data": measured,
 }
