@@ -33,7 +33,7 @@ from varint.multibody.rotations import (
 )
 from varint.multibody.shapes import Shape
 from varint.multibody.urdf import from_urdf
-from varint.multibody.view import animate, page
+from varint.multibody.view import animate, page, skeleton
 
 __all__ = [
     "WORLD",
@@ -63,4 +63,5 @@ __all__ = [
     "placed",
     "quaternion_matrix",
     "roll_pitch_yaw",
+    "skeleton",
 ]
