@@ -26,8 +26,8 @@ from varint.boundary.stationary import BoundaryValueProblem
 
 FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.05, 0.3, 1e-5  # mean squares of the path
 BENT = 0.7  # cosine of an angle: directions of the family that differ more are too far apart
-FARTHEST = 16.0  # times the wanted duration
-MOST_STAGES = 150
+FARTHEST = 6.0  # times the wanted duration
+MOST_STAGES = 100
 MOST_TRIALS = 12  # at the wanted duration
 
 
@@ -67,6 +67,9 @@ def _follow(
             elif step > SHORTEST_STEP * 10:
                 step /= 3
                 continue
+        elif (turn := _passes_at_fold(before, along[-1], new[-1], step, duration)) is not None:
+            step = turn
+            continue
         if not 1 / FARTHEST < after / duration < FARTHEST:
             return
         path, along = ahead, new
@@ -77,6 +80,19 @@ def _follow(
             along = along if np.sign(along[-1]) == sign else -along
         factor = 1.6 if corrections <= 4 else 1.0 if corrections <= 6 else 0.7
         step = min(LONGEST_STEP, step * factor)
+
+
+def _passes_at_fold(
+    before: float, slope: float, ahead: float, step: float, duration: float
+) -> float | None:
+    """How far the family turns back within a step, if it passes the duration before that: where
+    the parabola with these slopes of the duration is level.
+    """
+    if slope * ahead >= 0 or step < 10 * SHORTEST_STEP:
+        return None
+    turn = step * slope / (slope - ahead)
+    level = before + slope * turn / 2
+    return turn if (level - duration) * (before - duration) <= 0 else None
 
 
 def _direction(rows: Rows, path: MovingPath, near: np.ndarray) -> np.ndarray:
@@ -100,7 +116,7 @@ def _step(
         if not np.isfinite(here.values).all():
             return None
         change, free = here.changes(condition, -here.values)
-        size = np.linalg.norm(weights * change)
+        size = float(np.linalg.norm(weights * change))
         if not size <= step or (correction > 1 and size > CONTRACTION * last):
             return None
         trial, last = trial.moved(change), size

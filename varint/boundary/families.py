@@ -99,7 +99,7 @@ def paths(
         raise InputError("give q0, where the paths begin")
     start, end = vector("q0", q0, n, names), vector("q_end", q_end, n, names)
     given = dict(q_start=start, t0=t0, u=u, params=params, energy=energy)
-    asked = dict(duration=duration, steps=steps, tol=tol, bounds=bounds, symmetry=None)
+    given |= dict(periodic=False, symmetry=None)
     found: list[Trajectory] = []
     failure: SolverError | None = None
     for angles, rounds in _turns(winding, names):
@@ -107,9 +107,11 @@ def paths(
         for guess in _guesses(starts, start, goal, rounds, spread, seed):
             own = not isinstance(starts, (int, np.integer)) or (rounds and not asked_ways)
             search = along_its_way if own else on_its_steps
-            ends = dict(q_end=goal, guess=guess, periodic=False)
+            every = solutions(
+                search, system, rule, duration, steps, tol, bounds, q_end=goal, guess=guess, **given
+            )
             try:
-                for path in solutions(search, system, rule, **given, **asked, **ends):
+                for path in every:
                     wound = with_winding(path, rounds)
                     asked_ways += wound.stats.get("winding") == {
                         tuple(names[i] for i in one.coordinates): one.turns for one in rounds

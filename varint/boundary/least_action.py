@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from varint.boundary.search import Search, along_its_way, on_its_steps
 from varint.boundary.minimise import minimise_action
 from varint.boundary.newton import NewtonResult
 from varint.boundary.problem import boundary_value_problem, first_path, start_of
 from varint.boundary.refinement import LARGE
 from varint.boundary.result import conjugate_ends, path_of
+from varint.boundary.search import Search, along_its_way, on_its_steps
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.errors import InputError, SolverError
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL

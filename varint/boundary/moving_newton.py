@@ -208,16 +208,18 @@ def _corrected(
         if last <= limit:
             return path, values, slope, correction
         change = shortest(slope, path.weights, wanted - values)
-        size = np.linalg.norm(path.weights * change)
+        size = float(np.linalg.norm(path.weights * change))
         if not size <= farthest or (correction > 1 and size > CONTRACTION * last):
             return None
         path, last = path.moved(change), size
     return None
 
 
-def fresh(problem: BoundaryValueProblem, path: MovingPath, kept: np.ndarray | None = None) -> MovingPath | None:
-    """A stationary path on nodes spread by its own scales; None where those are not stale, or where
-    it is lost.
+def fresh(
+    problem: BoundaryValueProblem, path: MovingPath, kept: np.ndarray | None = None
+) -> MovingPath | None:
+    """The path with the rows `kept` (default: stationary, of its duration) on nodes spread by its
+    own scales; None where those are not stale, or where it is lost.
     """
     scales = scaled(problem, path.iterate, path.sizes).scales
     if np.abs(np.log(scales / path.scales)).max() < np.log(STALE):
@@ -225,6 +227,6 @@ def fresh(problem: BoundaryValueProblem, path: MovingPath, kept: np.ndarray | No
     spread = remeshed(problem, path, scales)
     if kept is None:
         return of_its_duration(problem, spread, CORRECTIONS + 5)
-    rows = Rows(problem, len(path.sizes))
-    found = _corrected(rows, spread, kept, np.zeros(len(kept)), 0.3, LAST_CORRECTION)
+    rows, none = Rows(problem, len(path.sizes)), np.zeros(len(kept))
+    found = _corrected(rows, spread, kept, none, LARGEST_MOVE, LAST_CORRECTION)
     return None if found is None else found[0]

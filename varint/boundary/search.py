@@ -18,11 +18,11 @@ from varint.boundary.by_duration import of_duration
 from varint.boundary.continuation import solve_with_continuation
 from varint.boundary.divided_steps import split_steps, with_steps
 from varint.boundary.iterate import Iterate
-from varint.boundary.moving_newton import of_any_duration
+from varint.boundary.moving_newton import of_any_duration, of_its_duration
 from varint.boundary.moving_nodes import MovingPath, moving_path, through_times
 from varint.boundary.newton import Measure, NewtonResult, coordinate_ranges, newton, path_solver
 from varint.boundary.problem import first_path
-from varint.boundary.refinement import LARGE, parts_by_turning, path_error, refine
+from varint.boundary.refinement import parts_by_turning, path_error, refine
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.rules.rule import gauss
 
@@ -31,6 +31,8 @@ CLOSE, CONTRACTION = 0.2, 0.25  # of the path; of the first correction, what the
 DURATIONS = (1.0, 2.0, 0.5, 4.0, 0.25)
 STEPS, STEPS_A_RADIAN, MOST_STEPS = 20, 4, 300  # of the nodes that move along
 MOST_UNKNOWNS = 6000  # of a path whose nodes move along: the search takes seconds then
+SETTLED = 0.02  # of the path: what another rule on the same nodes may change
+MOST_DOUBLINGS = 4
 SEARCH = gauss(4)  # on steps by the path's own length its error is 1e-4 or less
 
 
@@ -61,12 +63,15 @@ def along_its_way(
     """Paths that go the way of the first one, the nearest first; where there are none, the path on
     its steps.
     """
-    close = is_close(*_first_paths(problem, nodes, duration)(0))
-    if close or not _can_move(problem, nodes):
-        yield from on_its_steps(problem, nodes, duration, tol)
     if not _can_move(problem, nodes):
+        yield from on_its_steps(problem, nodes, duration, tol)
         return
-    found = close
+    found = False
+    if is_close(*_first_paths(problem, nodes, duration)(0)):
+        for one in on_its_steps(problem, nodes, duration, tol):
+            found = _is_near(one, nodes, duration)
+            if found:
+                yield one
     for path in _ways(problem, nodes, duration):
         one = _resolved(problem, path, duration, tol)
         if one.outcome.solved and (tol is None or one.error <= tol):
@@ -88,6 +93,13 @@ def is_close(problem: BoundaryValueProblem, iterate: Iterate) -> bool:
         return False
     left = problem.equations(problem, iterate.moved(change))
     return bool(np.isfinite(left).all() and size(solve(left)) <= CONTRACTION * first)
+
+
+def _is_near(one: Found, nodes: np.ndarray, duration: float) -> bool:
+    """Whether a path has stayed where Newton's method saw it from the first one."""
+    first = first_path(one.problem, nodes, duration).points
+    apart = np.abs(one.outcome.iterate.points - first) / coordinate_ranges(first)
+    return one.outcome.solved and float(apart.max()) <= CLOSE / (1 - CONTRACTION)
 
 
 def _can_move(problem: BoundaryValueProblem, nodes: np.ndarray) -> bool:
@@ -153,17 +165,40 @@ def _resolved(
     problem: BoundaryValueProblem, path: MovingPath, duration: float, tol: float | None
 ) -> Found:
     """A path that was found by nodes that move, on the problem's own steps or to its tolerance."""
-    t = duration / problem.steps * problem.grid
-    moved = np.append(0.0, np.cumsum(path.sizes)) * (duration / path.sizes.sum())
-    mesh = problem
-    if tol is not None:
-        t, steps = moved, len(path.sizes)
-        mesh = replace(problem, grid=t * (steps / duration), u=np.zeros((steps, 0)))
-    near = replace(through_times(SEARCH, path, t, problem.rule), duration=duration)
     if tol is None:
-        return _at_once(mesh, near, newton)
+        t = duration / problem.steps * problem.grid
+        near = replace(through_times(SEARCH, path, t, problem.rule), duration=duration)
+        return _at_once(problem, near, newton)
+    mesh, near = _settled(problem, path, duration)
 
     def halved(times: int) -> tuple[BoundaryValueProblem, Iterate]:
         return split_steps(mesh, near, np.full(mesh.steps, 2**times))
 
     return Found(*refine(halved, tol))
+
+
+def _settled(
+    problem: BoundaryValueProblem, path: MovingPath, duration: float
+) -> tuple[BoundaryValueProblem, Iterate]:
+    """The path by the problem's rule on nodes that stay, where Newton's method keeps it: on twice
+    as many as often as it does not.
+    """
+    search = replace(problem, rule=SEARCH)
+    for _ in range(MOST_DOUBLINGS):
+        t = np.append(0.0, np.cumsum(path.sizes)) * (duration / path.sizes.sum())
+        steps = len(path.sizes)
+        mesh = replace(problem, grid=t * (steps / duration), u=np.zeros((steps, 0)))
+        near = replace(through_times(SEARCH, path, t, problem.rule), duration=duration)
+        outcome = newton(mesh, near)
+        apart = np.abs(outcome.iterate.points - near.points) / coordinate_ranges(near.points)
+        if outcome.solved and apart.max() <= SETTLED:
+            return mesh, outcome.iterate
+        twice = np.append((t[:-1, None] + np.outer(path.sizes, [0.0, 0.5])).ravel(), t[-1])
+        finer = MovingPath(
+            through_times(SEARCH, path, twice, SEARCH), np.diff(twice), path.scales
+        )
+        sharper = of_its_duration(search, finer)
+        if sharper is None:
+            break
+        path = sharper
+    return mesh, near
