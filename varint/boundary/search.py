@@ -194,9 +194,7 @@ def _settled(
         if outcome.solved and apart.max() <= SETTLED:
             return mesh, outcome.iterate
         twice = np.append((t[:-1, None] + np.outer(path.sizes, [0.0, 0.5])).ravel(), t[-1])
-        finer = MovingPath(
-            through_times(SEARCH, path, twice, SEARCH), np.diff(twice), path.scales
-        )
+        finer = MovingPath(through_times(SEARCH, path, twice, SEARCH), np.diff(twice), path.scales)
         sharper = of_its_duration(search, finer)
         if sharper is None:
             break
