@@ -83,7 +83,10 @@ def carried_back(carrier: Carrier, leg: Leg, seeds: np.ndarray, rows: Rows, at: 
     z, u, begin = at.z.copy(), at.u, int(motion.k[0])
     count = len(piece.x)
     placed, inside = np.zeros((count, clock + 1)), rows.behind != 0
-    np.add.at(placed, rows.place[~inside], seeds[~inside])
+    if not inside.any() and (np.diff(rows.place) > 0).all():
+        placed[rows.place] = seeds
+    else:
+        np.add.at(placed, rows.place[~inside], seeds[~inside])
     if inside.any():
         read = readings(carrier, leg, rows, inside)
         pulled = np.einsum("rkz,rk->rz", read.of_z[:, : clock + 1], seeds[inside])

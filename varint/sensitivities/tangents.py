@@ -136,12 +136,13 @@ def of_outputs(
 ) -> np.ndarray:
     """Changes of expressions at nodes from those of (q, p, t) there and of the parameters."""
     found = np.empty((len(motion), wanted.numel(), change.shape[2]))
-    for nodes, scene in scenes_at(motion):
+    for nodes, scene in scenes_at(motion, slice(None)):
         at = motion.q[nodes], motion.p[nodes], motion.t[nodes, None], motion.c
         slopes = over_columns(slopes_of(scene, wanted), *at)
         by_x, by_c, by_t = (x.reshape(len(at[0]), -1, wanted.numel()) for x in slopes)
-        moved = np.einsum("kio,kim->kom", by_x, change[nodes, :-1])
-        moved += np.einsum("kco,cm->kom", by_c, of_c)
+        moved = by_x.transpose(0, 2, 1) @ change[nodes, :-1]
+        if of_c.any():
+            moved += by_c.transpose(0, 2, 1) @ of_c
         found[nodes] = moved + by_t.transpose(0, 2, 1) * change[nodes, -1:]
     return found
 
