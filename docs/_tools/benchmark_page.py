@@ -55,7 +55,7 @@ KNOWN = {
         "The gradient of |q|² at the end of five seconds of a double pendulum, by start and "
         "parameters: `gradient` of a run, CasADi's derivatives of the same steps unrolled and of "
         "its integrator cvodes, and diffrax's of its own steps, all taking turns, compiling not "
-        "counted. Below, the time of a gradient alone over that of its run.",
+        "counted. Below, the processor time of a gradient alone over that of its run.",
     ),
     "control_starts": Benchmark(
         "Starts of control problems",

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scenes import double_pendulum, driven_damped, pendulum, slopes
-from test_tangents import differences, driven_cart, named, run_of, spring
+from test_tangents import differences, driven_cart, named, run_of, spring, swinging
 
 import varint as vi
 import varint.sensitivities.pieces as pieces_module
@@ -19,6 +19,7 @@ KINDS = [
     (double_pendulum, vi.gauss(4)),
     (driven_damped, vi.gauss(2)),
     (driven_damped, vi.lobatto(3)),
+    (swinging, vi.gauss(3)),
     (vi.models.pendulum_cartesian, vi.lobatto(3)),
     (vi.models.pendulum_cartesian, vi.trapezoidal()),
     (vi.models.turning_wire, vi.lobatto(2)),

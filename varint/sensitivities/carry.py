@@ -8,7 +8,8 @@ import numpy as np
 
 from varint.sensitivities.carrier import Carrier, Rows
 from varint.sensitivities.course import Leg
-from varint.sensitivities.sweeps import Directions, backwards, carried, forwards
+from varint.sensitivities.steps_at_once import Directions
+from varint.sensitivities.sweeps import backwards, carried, forwards
 from varint.sensitivities.within import add_controls, moved, part_of_step, readings
 
 

@@ -21,7 +21,7 @@ from varint.sensitivities.course import course_of, ends_whole, legs, with_last
 from varint.sensitivities.pieces import scene_of
 from varint.sensitivities.rescaled import at_given_times, inner_of, inner_start
 from varint.sensitivities.start import rate_at, scenes_at, slopes_of, start_slopes
-from varint.sensitivities.sweeps import Directions
+from varint.sensitivities.steps_at_once import Directions
 
 START = ("q0", "v0", "p0")
 TIMES = ("h", "duration", "t0")
