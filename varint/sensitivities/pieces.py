@@ -149,7 +149,7 @@ def run_once_more(
     """
     problem, kernel = _again(motion, scene, a, k0, k1)
     blocks = _blocks(scene, motion.rule, problem, kernel)
-    x, t = np.concatenate([part for part, _ in blocks]), _times(motion, a, k0, k1)
+    x, t = np.concatenate([part for part, _ in blocks]), _times(motion, a, np.arange(k0, k1 + 1))
     parts = [v for _, v in blocks[1:] if v is not None]
     if len(parts) < len(blocks) - 1:
         return x, velocities(scene, x, t, motion.c), t[:-1]
@@ -173,7 +173,7 @@ def _thinned_between(motion: Trajectory, scene: System, a: int, b: int) -> Traje
     held = None if motion.active_set is None else np.full(len(steps), motion.active_set[a])
     return replace(
         motion,
-        t=_times(motion, a, k0, k1)[steps - k0],
+        t=_times(motion, a, steps),
         q=np.concatenate(q),
         p=np.concatenate(p),
         k=steps,
@@ -181,8 +181,9 @@ def _thinned_between(motion: Trajectory, scene: System, a: int, b: int) -> Traje
     )
 
 
-def _times(motion: Trajectory, a: int, k0: int, k1: int) -> np.ndarray:
-    return float(motion.t[a] - k0 * motion.h) + motion.h * np.arange(k0, k1 + 1)
+def _times(motion: Trajectory, a: int, k: np.ndarray) -> np.ndarray:
+    """Times of whole steps, counted from that of a kept node."""
+    return float(motion.t[a] - motion.k[a] * motion.h) + motion.h * k
 
 
 def _again(
