@@ -50,6 +50,13 @@ KNOWN = {
         "quickest first solve among a tool's settings, and the quickest further one; a tool that is missing reached the error "
         "with none of its settings in a minute.",
     ),
+    "gradients": Benchmark(
+        "Gradients of runs",
+        "The gradient of |q|² at the end of five seconds of a double pendulum, by start and "
+        "parameters: `gradient` of a run, CasADi's derivatives of the same steps unrolled and of "
+        "its integrator cvodes, and diffrax's of its own steps, all taking turns, compiling not "
+        "counted. Below, the processor time of a gradient alone over that of its run.",
+    ),
     "control_starts": Benchmark(
         "Starts of control problems",
         "Problems from ten random paths each, the same for varint and for Hermite–Simpson "
@@ -76,12 +83,6 @@ KNOWN = {
     "least_action": Benchmark(
         "Paths between fixed end points",
         "`least_action` beside SciPy's `solve_bvp`, from the same straight line.",
-    ),
-    "gradients": Benchmark(
-        "Gradients of whole runs",
-        "A run of a double pendulum and the gradient of a loss at its end by start and parameters, "
-        "beside CasADi's derivatives of the same steps and of cvodes, and diffrax where it is "
-        "installed.",
     ),
     "ensemble": Benchmark(
         "Ensembles",
