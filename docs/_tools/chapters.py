@@ -100,6 +100,11 @@ CHAPTERS: dict[str, dict[str, str]] = {
     "Parameters from data": {
         "learnt_from_data": PENDULUM
         + r",\qquad \min_{\theta, q_0, v_0} \sum_j \bigl((\psi(q(t_j)) - y_j) / \sigma_j\bigr)^2",
+        "exoplanets": PAIRS,
+        "solar_system_masses": PAIRS,
+        "estimated_cart_pole": CART_POLE
+        + r",\qquad \min \sum_k |y_k - q_k|^2_{R^{-1}} + |w_k|^2_{Q^{-1}},"
+        r"\quad x_{k+1} = \Phi(x_k, u_k) + w_k",
     },
     "Optimal control": {
         "control_cart_pole": CART_POLE + r",\qquad \min \int_0^2 u^2\,dt",
