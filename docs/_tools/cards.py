@@ -170,6 +170,16 @@ def tracked() -> Card:
     return Card([curve], [], np.column_stack([few, np.gradient(angle, few)]), equal=False)
 
 
+def thrown() -> Card:
+    """Throws at several angles, the farthest among them."""
+    curves, t = [], np.linspace(0, 1, FINE)[:, None]
+    for angle in np.radians((15, 30, 45, 60, 75)):
+        speed = np.array([np.cos(angle), np.sin(angle)])
+        span = 2 * speed[1] * t
+        curves.append(span * speed - np.array([0, 0.5]) * span**2)
+    return Card(curves, [], np.array([[1.0, 0.0]]))
+
+
 def let_go() -> Shown:
     """The two-link arm without torques."""
     found = MODELS.two_link_arm()
@@ -348,6 +358,7 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "exoplanets": wobble,
     "solar_system_masses": of("outer_solar_system", 30000.0),
     "estimated_cart_pole": tracked,
+    "design_parameters": thrown,
 }
 
 

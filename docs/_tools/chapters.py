@@ -117,6 +117,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
         r"\qquad \frac{d}{dt}\frac{\partial L}{\partial\dot q} - \frac{\partial L}{\partial q}"
         r" = F(u) + G^{\mathsf T}\lambda",
         "control_films": r"\min \sum_k \int \ell(q, \dot q, u)\,dt,\qquad p^+_{k-1} = p^-_k",
+        "design_parameters": r"\min_{u,\,c} \int_0^T \ell(q, \dot q, u; c)\,dt,"
+        r"\qquad L = L(q, \dot q; c)",
         "mpc_cart_pole": CART_POLE
         + r",\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{at every step}",
         "two_link_arm_in_c": r"L = \tfrac12 \sum_i \bigl(m_i\,|\dot{\mathbf r}_i|^2 + I_i\,\omega_i^2\bigr),"
