@@ -218,3 +218,15 @@ def test_bent_valleys_are_followed_with_damped_steps():
     seen = vi.Measurement(rosenbrock, [0.0, 0.1], [[0.0, 0.0], [np.nan, np.nan]])
     found = vi.fit(still, data=seen, unknown=["a", "b"], h=0.1, q0=0.0, v0=0.0)
     assert np.abs(found.estimates - 1).max() < 1e-10 and found.steps < 40
+
+
+@pytest.mark.parametrize("sensor", [ca.log, ca.sqrt])
+def test_a_guess_where_the_sensor_has_no_value_is_told(sensor):
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(a=-1.0)
+    ball = vi.System(q, v, v**2 / 2, params=c)
+    seen = vi.Measurement(sensor(c.a) + q, [0.1, 0.2], [1.0, 1.0])
+    with pytest.raises(vi.ConvergenceError, match="not a finite number at the first guess"):
+        vi.fit(ball, data=seen, unknown=["a"], h=0.1, q0=0.0, v0=0.0)
+    found = vi.fit(ball, data=seen, unknown=dict(a=2.0), h=0.1, q0=0.0, v0=0.0)
+    assert float(sensor(found.params["a"].item())) == pytest.approx(1.0, rel=1e-9)

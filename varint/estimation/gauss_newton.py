@@ -167,6 +167,14 @@ def solve(
     """
     z = np.clip(z, lower, upper)
     found = evaluate(z)
+    if not _is_finite(found):
+        raise ConvergenceError(
+            "what is measured, or its derivative, is not a finite number at the first guess: take "
+            "other guesses, or bounds that keep out of where it is not defined",
+            step=0,
+            time=float("nan"),
+            residual=float("nan"),
+        )
     held, radius = np.zeros(len(z), dtype=bool), np.inf
     for count in range(1, STEPS + 1):
         size = sizes(z)
@@ -266,5 +274,8 @@ def values_at(evaluate: Callable[[np.ndarray], Any], z: np.ndarray) -> Any:
         found = evaluate(z)
     except ConvergenceError:
         return None
-    good = np.isfinite(found.r).all() and np.isfinite(found.d).all()
-    return found if good and np.isfinite(found.of_r).all() else None
+    return found if _is_finite(found) else None
+
+
+def _is_finite(found: Any) -> bool:
+    return all(np.isfinite(x).all() for x in (found.r, found.d, found.of_r, found.of_d))
