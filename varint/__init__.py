@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from varint.scene.free import free
     from varint.scene.geodesic import geodesic
     from varint.scene.massless_limit import massless_limit
+    from varint.sensitivities.events import EventSensitivity, event_sensitivity
     from varint.sensitivities.flow import flow
     from varint.sensitivities.gradient import Gradient, gradient
     from varint.sensitivities.tangents import sensitivity
@@ -75,6 +76,7 @@ __all__ = [
     "Equations",
     "Estimate",
     "Estimator",
+    "EventSensitivity",
     "Experiment",
     "Fit",
     "Gradient",
@@ -108,6 +110,7 @@ __all__ = [
     "diagnostics",
     "ensemble",
     "equations",
+    "event_sensitivity",
     "export",
     "fit",
     "flow",
@@ -188,6 +191,8 @@ _LATER = {
     "flow": "varint.sensitivities.flow",
     "ensemble": "varint.ensembles.ensemble",
     "equations": "varint.typeset.equations",
+    "event_sensitivity": "varint.sensitivities.events",
+    "EventSensitivity": "varint.sensitivities.events",
     "export": "varint.standalone.export",
     "free": "varint.scene.free",
     "from_sympy": "varint.typeset.sympy_systems",

@@ -56,7 +56,7 @@ def load(path: Any, *, trust: bool = False) -> Any:
     Raises
     ------
     InputError
-        If there is no such file, or it is no whole trajectory of a format that this version reads.
+        If there is no such file, or it is no whole file of varint of a format that this version reads.
 
     Examples
     --------
@@ -87,10 +87,10 @@ def load(path: Any, *, trust: bool = False) -> Any:
     try:
         return known(header, arrays, trust)
     except InputError as error:
-        raise InputError(f"{path} is no whole trajectory: {error}") from None
+        raise InputError(f"{path} is no whole file of varint: {error}") from None
     except Exception as error:  # what a foreign header makes fail; a whole one fails in nothing
         raise InputError(
-            f"{path} is no whole trajectory ({type(error).__name__}: {error})"
+            f"{path} is no whole file of varint ({type(error).__name__}: {error})"
         ) from None
 
 
@@ -128,9 +128,9 @@ def _orbits(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) 
     from varint.orbits.kinds import KINDS
     from varint.orbits.read import orbits_of
 
-    if header.get("kind") in KINDS:
-        return restored(header, arrays, KINDS)
-    return orbits_of(header, arrays)
+    if header.get("kind") in ("orbit", "family"):
+        return orbits_of(header, arrays)
+    return restored(header, arrays, KINDS)
 
 
 def _bounds(motion: Trajectory, data: Any) -> ActiveBounds:

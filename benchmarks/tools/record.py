@@ -7,8 +7,10 @@ from __future__ import annotations
 import json
 import os
 import platform
+from collections.abc import Mapping
 from datetime import datetime, timezone
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -19,11 +21,15 @@ import varint as vi
 FOLDER = Path(__file__).parents[1] / "results"
 
 
-def save(name: str, rows: list[dict[str, Any]]) -> None:
-    """Write the rows of a benchmark and say where they are."""
+def save(
+    name: str, rows: list[dict[str, Any]], peers: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Write the rows of a benchmark, with the versions of other tools, and say where they are."""
     FOLDER.mkdir(exist_ok=True)
     path = FOLDER / f"{name}.json"
-    path.write_text(json.dumps({"measured_with": measured_with(), "rows": rows}, indent=1) + "\n")
+    path.write_text(
+        json.dumps({"measured_with": measured_with() | dict(peers), "rows": rows}, indent=1) + "\n"
+    )
     print(f"written to {path.relative_to(FOLDER.parents[1])}")
 
 

@@ -108,8 +108,20 @@ KNOWN = {
         "The first call in a process that has built nothing, as it comes, over the faster backend "
         "in hindsight, compiling counted: 1 is perfect foresight.",
     ),
+    "machines": Benchmark(
+        "Machines",
+        "MuJoCo's files stepped by MuJoCo and by varint: energy drift and error at an equal step, then "
+        "the cheapest run of each for a wanted error; `ratio` is MuJoCo's time over varint's. `gap`: "
+        "how near MuJoCo's RK4 comes to the reference at its smallest step.",
+    ),
     "startup": Benchmark(
         "Start-up", "What comes before the first step, and what a call costs besides its steps."
+    ),
+    "chaos": Benchmark(
+        "Displacements beside a motion",
+        "A run with MEGNO beside REBOUND's, and beside heyoka's variational equations, of one "
+        "displacement and of all: the cheapest setting that reaches an error of the end, of the "
+        "motion and the displacement, best of three turns.",
     ),
     "long_run": Benchmark(
         "Long runs",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import runpy
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ import numpy as np
 from state import package_state
 
 import varint as vi
+import varint.multibody as mb
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -32,6 +34,7 @@ VIEW = np.radians(35), np.radians(25)  # azimuth and height from which space is 
 MARGIN = 1.1  # of half the picture
 FRAMES = 12  # of a film, a second
 MODELS = vi.models
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @dataclass(frozen=True)
@@ -152,6 +155,21 @@ def let_go() -> Shown:
     found = MODELS.two_link_arm()
     start = dict(q0=found.q0, v0=found.v0, u=[0, 0], h=found.h, duration=1.0)
     return Shown(vi.simulate(found.system, **start), MODELS.sketch(found))
+
+
+def swung_arm() -> Shown:
+    """The six-axis arm let go, damped by nothing."""
+    arm = mb.from_urdf(EXAMPLES / "six_axis_arm.urdf")
+    start = dict(q0=[-0.9, -1.0, 1.2, -1.8, -1.57, 0.0], v0=[3.0, 0, 0, 0, 0, 0])
+    return Shown(
+        vi.simulate(arm.system(), **start, h=0.01, duration=0.7), mb.skeleton(arm, ["hand"])
+    )
+
+
+def hoisted() -> Shown:
+    """The crane's load, and its rope at equal times."""
+    world, motion = runpy.run_path(str(EXAMPLES / "crane_and_leap.py"))["crane"]()
+    return Shown(motion, mb.skeleton(world, ["load"]), 1.0)
 
 
 def populations() -> Card:
@@ -277,9 +295,11 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "kepler": of("kepler", 2 * np.pi, 1.0),
     "central_force": of("rosette", 60.0),
     "many_bodies": of("spring_cluster", 5.0, 1.0),
+    "planets": of("solar_system", 4400.0),
     "outer_solar_system": of("outer_solar_system", 60000.0),
     "oscillators": over_time("coupled_oscillators", 70.0),
     "henon_heiles": of("henon_heiles", 60.0),
+    "chaos": of("henon_heiles", 150.0, q0=(0.0, -0.25), total=1 / 8),
     "fpu_chain": over_time("fpu_chain", 12.0),
     "toda_chain": soliton,
     "driven_pendulum": in_phase("driven_pendulum", 40.0),
@@ -322,6 +342,8 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "control_machines": optimal("overhead_crane", 1.0),
     "control_films": optimal("falling_cat", 0.3),
     "mpc_cart_pole": optimal("swing_up_rod"),
+    "six_axis_arm": swung_arm,
+    "crane_and_leap": hoisted,
     "two_link_arm_in_c": let_go,
     "learnt_from_data": measured,
 }

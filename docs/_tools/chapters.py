@@ -31,6 +31,7 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "kepler": KEPLER,
         "central_force": r"L = \tfrac12 m\,\bigl(\dot r^2 + r^2\dot\theta^2\bigr) - V(r)",
         "many_bodies": PAIRS,
+        "planets": PAIRS,
         "outer_solar_system": r"L = \tfrac12 \sum_i m_i\,|\dot{\mathbf r}_i|^2"
         r" + G \sum_{i<j} \frac{m_i m_j}{|\mathbf r_i - \mathbf r_j|}",
     },
@@ -38,6 +39,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "oscillators": r"L = \tfrac12 m\,(\dot x_1^2 + \dot x_2^2) - \tfrac12 k\,(x_1^2 + x_2^2)"
         r" - \tfrac12 k_c\,(x_1 - x_2)^2",
         "henon_heiles": r"L = \tfrac12 (\dot x^2 + \dot y^2) - \tfrac12 (x^2 + y^2) - \bigl(x^2 y - \tfrac13 y^3\bigr)",
+        "chaos": r"L = \tfrac12 |\dot{\mathbf q}|^2 - V(\mathbf q),\qquad \delta L ="
+        r" \frac{\partial L}{\partial q}\,\delta + \frac{\partial L}{\partial\dot q}\,\dot\delta",
         "fpu_chain": r"L = \tfrac12 \sum_i \dot q_i^2 - \sum_{\text{soft}} (q_{i+1} - q_i)^4"
         r" - \tfrac{\omega^2}{4} \sum_{\text{stiff}} (q_{i+1} - q_i)^2",
         "toda_chain": r"L = \tfrac12 \sum_i \dot q_i^2 - \sum_i \bigl[e^{-r_i} + r_i - 1\bigr],"
@@ -120,6 +123,11 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "control_films": r"\min \sum_k \int \ell(q, \dot q, u)\,dt,\qquad p^+_{k-1} = p^-_k",
         "mpc_cart_pole": CART_POLE
         + r",\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{at every step}",
+        "six_axis_arm": r"\min \int_0^T 1 + \varepsilon \sum_i (u_i / \hat u_i)^2\,dt,\qquad"
+        r" L = \sum_k \tfrac12 m_k |\dot{\mathbf r}_k|^2"
+        r" + \tfrac12 \boldsymbol\omega_k^{\mathsf T} I_k \boldsymbol\omega_k - m_k g z_k",
+        "crane_and_leap": r"\min \int_0^T \ell(u)\,dt,\qquad"
+        r" L = \sum_k \tfrac12 m_k |\dot{\mathbf r}_k|^2 + \tfrac12 I_k \omega_k^2 - m_k g z_k",
         "two_link_arm_in_c": r"L = \tfrac12 \sum_i \bigl(m_i\,|\dot{\mathbf r}_i|^2 + I_i\,\omega_i^2\bigr),"
         r"\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{in C at 1 kHz}",
     },

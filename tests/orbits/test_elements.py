@@ -190,7 +190,7 @@ def test_a_file_that_is_not_whole_is_refused(tmp_path):
 
     for header, words in (
         ({"kind": "Nothing"}, "known"),
-        ({"kind": "Megno", "words": {}}, "t is missing"),
+        ({"kind": "Megno", "words": {}}, "t of Megno is missing"),
         ({"kind": "Alignment", "words": {"count": "two"}}, "missing"),
     ):
         with (tmp_path / "x.npz").open("wb") as file:

@@ -20,9 +20,11 @@ CLOSE = {
 }
 
 
-# what compiles a controller takes the compiler three seconds
+# what compiles a controller takes the compiler three seconds, what plans six axes ten
 RUN = [
-    pytest.param(path, marks=pytest.mark.long) if path.stem.endswith("_in_c") else path
+    pytest.param(path, marks=pytest.mark.long)
+    if path.stem.endswith("_in_c") or path.stem == "six_axis_arm"
+    else path
     for path in EXAMPLES
 ]
 

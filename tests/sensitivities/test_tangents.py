@@ -343,23 +343,6 @@ def test_what_cannot_be_differentiated_is_refused_in_words():
             motion.transition_matrix(k0, k1)
     with pytest.raises(vi.InputError, match="no step"):
         motion[:1].transition_matrix()
-    ball = vi.models.bouncing_ball()
-    bounce = vi.simulate(ball.system, q0=ball.q0, v0=ball.v0, h=0.01, steps=20)
-    with pytest.raises(vi.InputError, match="contacts"):
-        bounce.transition_matrix()
-    between = vi.simulate(
-        system, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=40, at=[0.05, 1.23, 2.0]
-    )
-    for within in (between, motion.at([0.05, 0.15, 0.25])):
-        with pytest.raises(vi.InputError, match="within a step"):
-            within.transition_matrix()
-    until = vi.simulate(system, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=40, until=system.q[0])
-    with pytest.raises(vi.InputError, match="within a step"):
-        until.transition_matrix()
-    orbit = vi.models.kepler()
-    scaled = vi.simulate(orbit.system, q0=orbit.q0, v0=orbit.v0, h=0.1, steps=10, time_scale="auto")
-    with pytest.raises(vi.InputError, match="fictitious"):
-        scaled.transition_matrix()
     first = vi.models.guiding_centre()
     with pytest.warns(UserWarning, match="degenerate"):
         drift = vi.simulate(first.system, q0=first.q0, v0=first.v0, h=first.h, steps=4)

@@ -12,7 +12,7 @@ from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import acceleration, dense, force, velocity
 from varint.codegen.source import Routine, Source, compiled, emitted, halved, routines, source_of
 from varint.codegen.tableau import tableau_source
-from varint.discrete.legendre import full_inertia
+from varint.discrete.legendre import full_inertia, known_velocity
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
 
@@ -72,6 +72,7 @@ class Scheme:
     diagonals: bool
     on_velocity: bool
     ahead: bool
+    by_defect: bool
 
     @property
     def vectors(self) -> int:
@@ -125,6 +126,7 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
         "FEW": FEW,
         "STRIDE": scheme.vectors,
         "AHEAD": int(scheme.ahead),
+        "BY_DEFECT": int(scheme.by_defect),
     }
     if scheme.geometry:
         defines["GEOMETRY"] = scheme.geometry
@@ -160,7 +162,16 @@ def gauss_scheme(system: System, stages: int, form: int | None = None) -> Scheme
         )
     lanes, padded = lanes_for(stages)
     full = form == 1 and full_inertia(system)
-    make = _accelerations if form == 2 else _inertia_and_push if full else _kick_and_drift
+    by_defect = form == 1 and known_velocity(system, system.v) is not None
+    make = (
+        _accelerations
+        if form == 2
+        else _inertia_and_push
+        if full
+        else _push_and_defect
+        if by_defect
+        else _kick_and_drift
+    )
     functions, rates = make(system)
     needs = _needs(system.q, rates)
     ahead = not system.control.numel() and _work(functions, needs) <= SHORT
@@ -178,6 +189,7 @@ def gauss_scheme(system: System, stages: int, form: int | None = None) -> Scheme
         system.q.numel() <= FEW and 4 * stages > 3 * padded,
         form == 2 and system.structure.force_on_velocity,
         ahead,
+        by_defect,
     )
 
 
@@ -216,6 +228,17 @@ def _kick_and_drift(system: System) -> Functions:
     outputs = [push, ca.substitute(speed, p, known)]
     functions = halved(system.c, ("kick", "drift"), [q, p, t, system.control], late, outputs)
     return functions | routines(system.c, {"velocity": ([q, p, t], [speed])}), [speed, push]
+
+
+def _push_and_defect(system: System) -> Functions:
+    """The right-hand side in halves for velocities that are improved: "kick", forces and momenta
+    of given velocities; "drift", the velocities that belong to momenta that are missed.
+    """
+    q, v, t, p = system.q, system.v, system.t, ca.SX.sym("p", system.q.numel())
+    missed, speed = ca.SX.sym("missed", p.numel()), velocity(system, p)
+    outputs = [force(system), system.momentum, ca.jtimes(speed, p, missed)]
+    functions = halved(system.c, ("kick", "drift"), [q, v, t, system.control], missed, outputs)
+    return functions | routines(system.c, {"velocity": ([q, p, t], [speed])}), outputs[::-1]
 
 
 def _needs(q: ca.SX, rates: list[ca.SX]) -> dict[str, list[bool]]:

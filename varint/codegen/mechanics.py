@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.discrete.legendre import mass_solve
+from varint.discrete.legendre import known_velocity, mass_solve
 from varint.scene.system import System
 
 
@@ -14,7 +14,10 @@ def constant_part(system: System) -> ca.SX:
 
 
 def velocity(system: System, p: ca.SX) -> ca.SX:
-    """v(q, p, t) where the momentum is linear in v: M⁻¹ (p − p(v = 0))."""
+    """v(q, p, t) where the momentum is linear in v: the scene's own, or M⁻¹ (p − p(v = 0))."""
+    known = known_velocity(system, p)
+    if known is not None:
+        return known
     return mass_solve(system.mass_matrix, p - constant_part(system))
 
 

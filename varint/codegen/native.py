@@ -22,8 +22,8 @@ from varint.codegen.tape import NOTHING_TO_DO, Tape, tape_of
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-MOST_COORDINATES, MOST_CONTROLS, MOST_TAKEN = 64, 16, 512  # MOST_N, … of c/scene.h
-MOST_OPERATIONS = 20_000  # of a scene: more are worth the compiler's time
+MOST_COORDINATES, MOST_CONTROLS, MOST_TAKEN = 128, 16, 4096  # MOST_N, … of c/scene.h
+MOST_OPERATIONS = 60_000  # of a scene: more are worth the compiler's time
 TOO_LARGE = "the scene is too large to be run as data; use backend='compiled'"
 
 
@@ -48,7 +48,15 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
         tapes.insert(1, NOTHING_TO_DO)
     tables = list(tableau_arrays(x.stages, x.lanes, x.diagonals).values())
     needs = (np.array(needed, np.int8) for needed in x.needs.values())
-    counts = n, controls, x.stages, int(x.diagonals), int(x.on_velocity), int(x.ahead)
+    counts = (
+        n,
+        controls,
+        x.stages,
+        int(x.diagonals),
+        int(x.on_velocity),
+        int(x.ahead),
+        int(x.by_defect),
+    )
     block = block_of([*counts, *needs, tables, *tapes])
     first = next(iter(x.functions.values()))
     heads = x.about, n, controls, x.stages, operations(*first)[0]

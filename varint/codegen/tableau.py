@@ -59,6 +59,11 @@ def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
         for order, m in (("M1", m1), ("M2", m2)):
             for name, start in starts.items():
                 tables[f"{name}_{order}"] = [[float(x) for x in row] for row in _times(m, start)]
+        for name, start in starts.items():
+            tables[f"{name}_M0"] = [[float(x) for x in row] for row in start]
+        # A⁻¹: the slopes at the nodes of the polynomial through these values there and zero at 0
+        slopes = [derivative(p, 1) for p in lagrange_polynomials([Decimal(0), *c])[1:]]
+        tables["STAGE_INVERSE"] = [[float(value(p, x)) for p in slopes] for x in c]
     return {name: np.array(rows) for name, rows in tables.items()}
 
 

@@ -42,6 +42,7 @@ def with_active_rows(system: System, rows: tuple[int, ...], active: tuple[int, .
         control=s.control if s.structure.controls else None,
         params=s.params,
         t=s.t,
+        kinetics=s.kinetics,
     )
 
 

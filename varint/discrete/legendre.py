@@ -31,6 +31,8 @@ def velocity_function(system: System) -> ca.Function:
     if structure.degenerate:
         return _first_order_velocity(s)
     if structure.quadratic_kinetic:
+        if (known := known_velocity(s, p)) is not None:
+            return ca.Function("velocity", [s.q, p, s.t, s.c], [known], {"cse": True})
         offset = ca.substitute(s.momentum, s.v, ca.SX.zeros(s.v.shape))
         if full_inertia(s):
             inertia = ca.Function(
@@ -79,9 +81,19 @@ def _first_order_velocity(system: System) -> ca.Function:
     return ca.Function("velocity", [q, p, t, c], [found])
 
 
+def known_velocity(system: System, p: ca.SX) -> ca.SX | None:
+    """v(q, p, t) where the scene knows it without a factorisation of its mass matrix."""
+    known = system.kinetics
+    if known is None or not known.velocity.numel():
+        return None
+    return ca.densify(ca.substitute(known.velocity, known.momentum, p))
+
+
 def full_inertia(system: System) -> bool:
     """Is the inertia matrix so large and full that its factorisation is better done in loops?"""
     n = system.q.numel()
+    if known_velocity(system, system.v) is not None:
+        return False
     fill, _ = ca.SX(system.mass_matrix).sparsity().ldl()
     work = (
         sum(

@@ -17,9 +17,9 @@ FAR = 8.0  # ratio of the largest to the smallest that is drawn on a logarithmic
 
 
 def elements_figure(
-    t: np.ndarray, names: Sequence[str], panels: Mapping[str, np.ndarray]
+    t: np.ndarray, names: Sequence[str], panels: Mapping[str, np.ndarray], wide: Sequence[str]
 ) -> Figure:
-    """One panel an element (N + 1, B), one line a body."""
+    """One panel an element (N + 1, B), one line a body; those in `wide` may be of any size."""
     import matplotlib.pyplot as plt
 
     fig, rows = plt.subplots(
@@ -37,10 +37,8 @@ def elements_figure(
                 lw=0.8,
                 label=name,
             )
-        if (
-            values.min() > 0
-            and np.median(values, axis=0).max() > FAR * np.median(values, axis=0).min()
-        ):
+        middle = np.median(values, axis=0)
+        if title in wide and values.min() > 0 and middle.max() > FAR * middle.min():
             axes.set_yscale("log")
         axes.set_ylabel(title)
         axes.grid(alpha=0.3)

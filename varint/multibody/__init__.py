@@ -20,6 +20,7 @@ from varint.multibody.data import (
     Spring,
 )
 from varint.multibody.frames import Frame
+from varint.multibody.functions import Dynamics
 from varint.multibody.mjcf import from_mjcf
 from varint.multibody.model import Model
 from varint.multibody.quantities import placed
@@ -32,7 +33,7 @@ from varint.multibody.rotations import (
 )
 from varint.multibody.shapes import Shape
 from varint.multibody.urdf import from_urdf
-from varint.multibody.view import animate, page
+from varint.multibody.view import animate, page, skeleton
 
 __all__ = [
     "WORLD",
@@ -40,6 +41,7 @@ __all__ = [
     "Anchor",
     "Body",
     "Coupling",
+    "Dynamics",
     "Frame",
     "Joint",
     "Limits",
@@ -61,4 +63,5 @@ __all__ = [
     "placed",
     "quaternion_matrix",
     "roll_pitch_yaw",
+    "skeleton",
 ]

@@ -23,6 +23,7 @@ from varint.multibody.data import (
     Spring,
 )
 from varint.multibody.frames import Frame, frame_of
+from varint.multibody.functions import Dynamics
 from varint.multibody.joints import direction_across, joint_of
 from varint.multibody.names import anchor_of, body_name, joint_name, new_name, refuse_taken
 from varint.multibody.parts import (
@@ -226,8 +227,7 @@ class Model:
         """Motion in a plane: ``name_x`` along `direction`, ``name_y`` across it, then turned by
         ``name_angle`` about the normal. Other parameters as in `revolute`.
         """
-        direction = direction_across(normal) if direction is None else direction
-        axes = (normal, direction)
+        axes = (normal, direction_across(normal) if direction is None else direction)
         ats = (at, child_at)
         return self._joint("planar", name, parent, child, axes, ats, Passive(damping=damping))
 
@@ -243,8 +243,8 @@ class Model:
         """No joint at all: position ``name_x`` … and unit quaternion ``name_qw`` … in the parent;
         damping −d times velocity and angular velocity.
         """
-        none = (0.0, 0.0, 0.0)
-        return self._joint("free", name, parent, child, (), (at, none), Passive(damping=damping))
+        ats = (at, (0.0, 0.0, 0.0))
+        return self._joint("free", name, parent, child, (), ats, Passive(damping=damping))
 
     def fixed(
         self, parent: Any, child: Any, at: Any = (0.0, 0.0, 0.0), name: str | None = None
@@ -405,6 +405,11 @@ class Model:
         """Rates of the coordinates, (n,)."""
         return self.machine.v
 
+    @property
+    def dynamics(self) -> Dynamics:
+        """Inverse dynamics, mass matrix, bias and gravity as CasADi functions."""
+        return Dynamics(self.machine)
+
     def system(self) -> System:
         """The machine as a scene: Lagrangian by recursion over the tree, forces, constraints.
 
@@ -423,12 +428,11 @@ class Model:
     def _joint(
         self, kind: str, name: Any, parent, child, axes: tuple, ats: Pair, passive, limits=None
     ) -> Joint:
-        machine = self.machine
-        name = joint_name(machine, child, name)
-        outer = body_name(machine, WORLD if parent is self else parent)
-        inner = body_name(machine, child)
+        name = joint_name(self.machine, child, name)
+        outer = body_name(self.machine, WORLD if parent is self else parent)
+        inner = body_name(self.machine, child)
         joint = joint_of(kind, name, outer, inner, axes, *ats, passive, limits)
-        refuse_taken(machine, joint.coordinates)
+        refuse_taken(self.machine, joint.coordinates)
         self.joints[name] = joint
         self._system = None
         return joint

@@ -11,6 +11,7 @@ import numpy as np
 from varint.drawing.animation import extent, film_interval, frame_times
 from varint.drawing.body_film import body_film
 from varint.drawing.body_page import write_body_page
+from varint.drawing.sketch import Sketch
 from varint.drawing.surfaces import MovingBody, Surface, box_corners, primitive
 from varint.errors import InputError
 from varint.multibody.data import WORLD
@@ -111,6 +112,34 @@ def page(
     times = frame_times(motion, speed, 1 / fps if fps > 0 else 0.04)
     bodies, axes, ways, size = _scene(model, motion, times, frames, traces)
     write_body_page(bodies, axes, ways, times, arm=ARM * size, fps=fps, path=path, title=title)
+
+
+def skeleton(model: Model, traces: Sequence[str] = ()) -> Sketch:
+    """Origins of bodies and markers, joined along the tree, as a `Sketch`.
+
+    It is what `Trajectory.animate` draws: lighter than `animate`, without shapes.
+
+    Parameters
+    ----------
+    model : Model
+    traces : sequence of str, optional
+        Bodies and markers whose path is drawn.
+
+    Examples
+    --------
+    >>> import varint.multibody as mb
+    >>> world = mb.Model()
+    >>> rod = world.body(1.0, com=(0, 0, -0.5), inertia=0.1, name="rod")
+    >>> hinge = world.revolute(world, rod, axis=(0, 1, 0), name="hinge")
+    >>> tip = world.marker(rod, at=(0, 0, -1), name="tip")
+    >>> mb.skeleton(world, traces=["tip"])
+    Sketch(world, rod, tip; 2 rods, 3 dimensions)
+    """
+    points = {WORLD: ca.SX.zeros(3)}
+    points |= {name: model.frame(name).position for name in (*model.bodies, *model.markers)}
+    rods = [(joint.parent, joint.child) for joint in model.joints.values()]
+    rods += [(anchor.body, name) for name, anchor in model.markers.items()]
+    return Sketch(points, rods=rods, traces=traces, marks=list(traces))
 
 
 Scene = tuple[

@@ -83,7 +83,7 @@ class Elements:
         from varint.drawing.element_figures import elements_figure
 
         panels = {"$a$": self.a, "$e$": self.e, "inclination": self.inclination}
-        return elements_figure(self.t, self.names, panels)
+        return elements_figure(self.t, self.names, panels, wide=("$a$",))
 
     def save(self, path: Any) -> None:
         """Write it to one ``.npz`` file, which `varint.load` reads."""

@@ -359,8 +359,9 @@ class Trajectory:
     def transition_matrix(self, k0: int = 0, k1: int = -1) -> np.ndarray:
         """Exact derivative of the discrete motion, Φ = ∂(q, p)_{k1}/∂(q, p)_{k0}.
 
-        The product of the steps' derivatives by the implicit function theorem; ΦᵀJΦ = J with J =
-        [[0, 1], [−1, 0]] where there are no forces (Marsden & West 2001, §1.3).
+        The product of the steps' derivatives by the implicit function theorem, and of impacts'
+        saltation matrices, at the times of both nodes; ΦᵀJΦ = J with J = [[0, 1], [−1, 0]] where
+        there are no forces (Marsden & West 2001, §1.3).
 
         Parameters
         ----------
@@ -374,8 +375,9 @@ class Trajectory:
         Raises
         ------
         InputError
-            If there is no such node, or the run has impacts, a fictitious time, or nodes within
-            steps.
+            If there is no such node, or node k0 lies within a step.
+        ConvergenceError
+            If the motion grazes a contact.
 
         Examples
         --------

@@ -149,3 +149,15 @@ def lagrange_values(points: np.ndarray, at: np.ndarray) -> np.ndarray:
     """
     ratios = (at[:, None, None] - points) / (points[:, None] - points + np.eye(len(points)))
     return np.where(np.eye(len(points), dtype=bool), 1.0, ratios).prod(axis=2)
+
+
+def lagrange_slopes(points: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """ℓ_j'(x_i), as `lagrange_values`."""
+    r, others = len(points), ~np.eye(len(points), dtype=bool)
+    found = np.zeros((len(at), r))
+    for j in range(r):
+        for i in np.flatnonzero(others[j]):
+            rest = points[others[j] & others[i]]
+            factors = (at[:, None] - rest) / (points[j] - rest)
+            found[:, j] += factors.prod(axis=1) / (points[j] - points[i])
+    return found

@@ -12,10 +12,12 @@ import numpy as np
 from varint.errors import InputError, parsed_or_refused
 from varint.numerics.operations import Operations, Output, expressions_of, operations_of
 from varint.numerics.plain import plain, reader_of, record_of
+from varint.scene.kinetics import Kinetics
 from varint.scene.parameters import Parameters
 
 EXPRESSIONS = ("lagrangian", "force", "constraint", "nonholonomic", "contact")
 SYMBOLS = ("q", "v", "t", "control")
+KINETICS = ("mass_matrix", "velocity")  # of scenes that have them
 FUNCTION = "functions"  # where files of format 1 have a serialised CasADi function
 
 
@@ -45,6 +47,8 @@ def describe_expressions(
     """Operations and outputs of expressions of q, v, t, the controls and the parameters."""
     s = system
     inputs = [s.q, s.v, s.t, s.control, s.c]
+    if s.kinetics is not None:
+        inputs.append(s.kinetics.momentum)
     found = operations_of(ca.Function("system", inputs, list(expressions.values())))
     nodes = [
         ["const", float(node[1]).hex()] if node[0] == "const" else list(node)
@@ -63,6 +67,9 @@ def description(system: Any) -> dict[str, Any]:
     """
     symbols = {name: getattr(system, name) for name in SYMBOLS}
     expressions = {name: getattr(system, name) for name in EXPRESSIONS}
+    if (kinetics := system.kinetics) is not None:
+        symbols["momentum"] = kinetics.momentum
+        expressions |= {name: getattr(kinetics, name) for name in KINETICS}
     return plain(
         SystemRecord(
             {name: [x[i].name() for i in range(x.numel())] for name, x in symbols.items()},
@@ -91,14 +98,21 @@ def parts_of(data: Any) -> dict[str, Any]:
     missing = [name for name in EXPRESSIONS if name not in record.expressions]
     if missing:
         raise InputError(f"the system has no {', '.join(missing)}")
-    outputs = [record.expressions[name] for name in EXPRESSIONS]
+    written = [name for name in (*EXPRESSIONS, *KINETICS) if name in record.expressions]
+    outputs = [record.expressions[name] for name in written]
+    momentum = _symbols("momentum", {"momentum": [], **record.symbols})
     nodes = [_node(i, node) for i, node in enumerate(record.operations)]
-    found = expressions_of(Operations(nodes, outputs), inputs)
+    found = dict(
+        zip(written, expressions_of(Operations(nodes, outputs), [*inputs, momentum]), strict=True)
+    )
+    matrix, velocity = (found.pop(name, None) for name in KINETICS)
+    kinetics = None if matrix is None or velocity is None else Kinetics(matrix, momentum, velocity)
     return {
         **symbols,
-        **dict(zip(EXPRESSIONS, found, strict=True)),
+        **found,
         "restitution": record.restitution,
         "params": params,
+        "kinetics": kinetics,
     }
 
 

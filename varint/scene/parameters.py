@@ -90,6 +90,11 @@ def parameters_of(given: Parameters | ParameterValues) -> Parameters:
     return made
 
 
+def parameter_vector(given: Parameters) -> ca.SX:
+    """All parameters as one column vector of symbols."""
+    return ca.vertcat(ca.SX(0, 1), *(ca.vec(x) for x in given._symbols.values()))
+
+
 def with_more(given: Parameters, **defaults: Any) -> Parameters:
     """The same parameters, symbols included, and new ones."""
     added, joined = Parameters(**defaults), Parameters()

@@ -75,12 +75,21 @@ def structure_of(q, v, t, u, lagrangian, force, constraint, nonholonomic, contac
     """
     n = q.numel()
     state, gradient = ca.vertcat(q, v), ca.gradient(lagrangian, ca.vertcat(q, v))
-    hessian = ca.jacobian(gradient, state)
-    mixed, mass = hessian[n:, :n], hessian[n:, n:]
+    hessian = slope_sparsity(gradient, state)
+    lower = ca.DM(hessian, 1)[n:, :]
+    mixed, mass = lower[:, :n].sparsity(), lower[:, n:].sparsity()
     momentum = gradient[n:]
-    force_slope = ca.jacobian(force, state)
-    slopes = [hessian, force_slope, ca.jacobian(force, u)]
+    # derivatives in a direction of symbols depend on what those in any direction depend on, and
+    # are no longer than what they are taken of
+    along = ca.SX.sym("along", n)
+    mass_along = ca.jtimes(momentum, v, along)
+    pushed = ca.vertcat(state, u)
+    slopes = [
+        ca.jtimes(gradient, state, ca.SX.sym("along", 2 * n)),
+        ca.jtimes(force, pushed, ca.SX.sym("along", pushed.numel())),
+    ]
     held = ca.vertcat(constraint, contact, ca.vec(nonholonomic))
+    depends = ca.which_depends(lagrangian, q, 1, False)
     return Structure(
         n=n,
         controls=u.numel(),
@@ -88,9 +97,9 @@ def structure_of(q, v, t, u, lagrangian, force, constraint, nonholonomic, contac
         nonholonomic=nonholonomic.shape[0],
         contacts=contact.numel(),
         separable=mixed.nnz() == 0 and not ca.depends_on(momentum, ca.vertcat(q, t)),
-        constant_mass=not ca.depends_on(mass, ca.vertcat(state, t)),
-        diagonal_mass=mass.sparsity().is_diag(),
-        quadratic_kinetic=not (ca.depends_on(mass, v) or jumps(momentum, v)),
+        constant_mass=not ca.depends_on(mass_along, ca.vertcat(state, t)),
+        diagonal_mass=mass.is_diag(),
+        quadratic_kinetic=not (ca.depends_on(mass_along, v) or jumps(momentum, v)),
         degenerate=mass.nnz() == 0,
         linear=not any(ca.depends_on(s, ca.vertcat(state, t, u)) for s in slopes)
         and held.numel() == 0
@@ -98,9 +107,16 @@ def structure_of(q, v, t, u, lagrangian, force, constraint, nonholonomic, contac
         autonomous=not any(ca.depends_on(e, t) for e in (lagrangian, force, held)),
         forced=force.nnz() > 0,
         force_on_velocity=ca.depends_on(force, v),
-        cyclic=tuple(i for i in range(n) if not ca.depends_on(lagrangian, q[i])),
-        blocks=_blocks(n, hessian, force_slope, ca.jacobian(held, state)),
+        cyclic=tuple(i for i, there in enumerate(depends) if not there),
+        blocks=_blocks(n, hessian, slope_sparsity(force, state), slope_sparsity(held, state)),
     )
+
+
+def slope_sparsity(expression: ca.SX, x: ca.SX) -> ca.Sparsity:
+    """Where ∂expression/∂x may be different from zero, without building it."""
+    others = ca.vertcat(*(y for y in ca.symvar(expression) if not ca.depends_on(x, y)))
+    f = ca.Function("f", [x, others], [ca.densify(expression)])
+    return f.jac_sparsity(0, 0)
 
 
 def jumps(expression: ca.SX, x: ca.SX) -> bool:
@@ -133,7 +149,7 @@ def _blocks(n: int, hessian, force_slope, held_slope) -> tuple[tuple[int, ...], 
         return i
 
     def join(pattern, offset_rows: bool) -> None:
-        rows, cols = pattern.sparsity().get_triplet()
+        rows, cols = pattern.get_triplet()
         first: dict[int, int] = {}
         for r, c in zip(rows, cols, strict=True):
             i = r % n if offset_rows else first.setdefault(r, c % n)

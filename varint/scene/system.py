@@ -14,6 +14,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.scene.description import description, parts_of
+from varint.scene.kinetics import Kinetics, check_kinetics
 from varint.scene.letters import lagrangian_latex
 from varint.scene.parameters import (
     Parameters,
@@ -150,6 +151,9 @@ class System:
         pairs, ``[(m, 1.0), (a, [1, 2, 3])]``.
     t : SX, optional
         The time symbol from `time`, where the scene depends on time.
+    kinetics : Kinetics, optional
+        What the scene knows of its Lagrangian besides the expression: a mass matrix and an inverse
+        Legendre transform that cost less than those derived from it. `varint.multibody` gives them.
 
     Raises
     ------
@@ -181,6 +185,7 @@ class System:
     control: Any = None
     params: Parameters | None = None
     t: Any = None
+    kinetics: Kinetics | None = None
 
     def __init__(
         self,
@@ -196,6 +201,7 @@ class System:
         control: ca.SX | None = None,
         params: Parameters | ParameterValues | None = None,
         t: ca.SX | None = None,
+        kinetics: Kinetics | None = None,
     ):
         q, v = symbols("q", q), symbols("v", v)
         n = q.numel()
@@ -212,6 +218,7 @@ class System:
             v=v,
             t=t,
             control=u,
+            kinetics=kinetics,
             params=None if params is None else parameters_of(params),
             lagrangian=expression("the Lagrangian", lagrangian, (1, 1)),
             force=expression("the force", ca.SX(n, 1) if force is None else force, (n, 1)),
@@ -236,6 +243,8 @@ class System:
         }
         check_symbols(self.q, self.v, self.t, self.control, self.c, parts)
         object.__setattr__(self, "restitution", restitution_of(restitution, self.contact.numel()))
+        if kinetics is not None:
+            check_kinetics(self)
 
     def __repr__(self) -> str:
         parts = [f"q=[{', '.join(self.names)}]"]
@@ -292,6 +301,8 @@ class System:
     @cached_property
     def mass_matrix(self) -> ca.SX:
         """Mass matrix M = ∂²L/∂v², (n, n)."""
+        if self.kinetics is not None:
+            return self.kinetics.mass_matrix
         found = ca.jacobian(self.momentum, self.v)
         if found.sparsity().is_symmetric():
             return found

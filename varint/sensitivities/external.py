@@ -1,4 +1,4 @@
-"""A run as a CasADi function that calls back, with its first derivatives."""
+"""A run as a CasADi function that calls back, with its first and second derivatives."""
 
 from __future__ import annotations
 
@@ -11,20 +11,31 @@ import numpy as np
 
 from varint.sensitivities.shot import Shot
 
+Arrays = list[np.ndarray]
+Shapes = list[tuple[str, tuple[int, int]]]
+
 
 class External(ca.Callback):
-    """A function of NumPy arrays for CasADi: columns first, as CasADi has them."""
+    """A function of NumPy arrays for CasADi, flat ones, columns first as CasADi has them.
+
+    `jacobian` gives the derivatives of every output by every input in turn, as matrices, `curved`
+    those of all of them as of the outputs of a function; `reverse` is the function that pulls so
+    many rows back.
+    """
 
     def __init__(
         self,
         name: str,
-        inputs: list[tuple[str, tuple[int, int]]],
-        outputs: list[tuple[str, tuple[int, int]]],
-        value: Callable[[list[np.ndarray]], list[np.ndarray]],
-        derivatives: Shot | None = None,
+        inputs: Shapes,
+        outputs: Shapes,
+        value: Callable[[Arrays], Arrays],
+        jacobian: Callable[[Arrays], Arrays] | None = None,
+        reverse: Callable[[int, str, list, list], ca.Function] | None = None,
+        curved: Callable[[Arrays], Arrays] | None = None,
     ):
         ca.Callback.__init__(self)
-        self.inputs, self.outputs, self.value, self.shot = inputs, outputs, value, derivatives
+        self.inputs, self.outputs, self.value = inputs, outputs, value
+        self.jacobian_of, self.reverse_of, self.curved = jacobian, reverse, curved
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -52,61 +63,25 @@ class External(ca.Callback):
         return [ca.DM(x.reshape(shape, order="F")) for x, shape in zip(found, shapes, strict=True)]
 
     def has_jacobian(self) -> bool:
-        return self.shot is not None
+        return self.jacobian_of is not None
 
     def get_jacobian(self, name: str, inames: list, onames: list, opts: dict) -> ca.Function:
-        assert self.shot is not None
-        shot, sizes = self.shot, [a * b for _, (a, b) in self.inputs]
-        many = self.outputs[0][1][0] * self.outputs[0][1][1]
-        ends = np.cumsum([0, *sizes])
-
-        def value(given: list[np.ndarray]) -> list[np.ndarray]:
-            whole = shot.jacobian(given[: len(sizes)])
-            return [
-                whole[i * many : (i + 1) * many, a:b] for i in range(2) for a, b in pairwise(ends)
-            ]
-
-        shapes = [(many, size) for _ in range(2) for size in sizes]
-        inputs = [*self.inputs, *self.outputs]
-        return kept(
-            External(
-                name,
-                [(x, shape) for x, (_, shape) in zip(inames, inputs, strict=True)],
-                list(zip(onames, shapes, strict=True)),
-                value,
-            )
-        )
+        jacobian, curved, count = self.jacobian_of, self.curved, len(self.inputs)
+        assert jacobian is not None
+        again = None if curved is None else lambda x: curved(x[:count])
+        shapes = [(a[0] * a[1], b[0] * b[1]) for _, a in self.outputs for _, b in self.inputs]
+        inputs = zip(inames, (shape for _, shape in (*self.inputs, *self.outputs)), strict=True)
+        outputs = list(zip(onames, shapes, strict=True))
+        return kept(External(name, list(inputs), outputs, lambda x: jacobian(x[:count]), again))
 
     def has_reverse(self, nadj: int) -> bool:
-        return self.shot is not None
+        return self.reverse_of is not None
 
     def get_reverse(
         self, nadj: int, name: str, inames: list, onames: list, opts: dict
     ) -> ca.Function:
-        assert self.shot is not None
-        shot, sizes = self.shot, [a * b for _, (a, b) in self.inputs]
-        count, nodes = len(self.inputs), len(shot.nodes)
-        ends = np.cumsum([0, *sizes])
-
-        def value(given: list[np.ndarray]) -> list[np.ndarray]:
-            of_q, of_v = (x.reshape(nadj, nodes, -1) for x in given[-2:])
-            rows = [shot.adjoint(given[:count], a, b) for a, b in zip(of_q, of_v, strict=True)]
-            whole = np.array(rows)
-            return [whole[:, a:b].ravel() for a, b in pairwise(ends)]
-
-        def wide(shape: tuple[int, int]) -> tuple[int, int]:
-            return shape[0], shape[1] * nadj
-
-        shapes = [shape for _, shape in (*self.inputs, *self.outputs)]
-        shapes += [wide(shape) for _, shape in self.outputs]
-        return kept(
-            External(
-                name,
-                list(zip(inames, shapes, strict=True)),
-                [(x, wide(shape)) for x, (_, shape) in zip(onames, self.inputs, strict=True)],
-                value,
-            )
-        )
+        assert self.reverse_of is not None
+        return self.reverse_of(nadj, name, inames, onames)
 
 
 _ALIVE: list[ca.Callback] = []  # CasADi does not hold what its functions call
@@ -118,15 +93,75 @@ def kept(made: External) -> External:
 
 
 def external(name: str, shot: Shot) -> ca.Function:
+    """The run as a function (q0, v0, params, u) → q, v."""
     n, nodes = shot.system.structure.n, len(shot.nodes)
     inputs = list(zip(("q0", "v0", "params", "u"), shot.sizes, strict=True))
     outputs = [("q", (n, nodes)), ("v", (n, nodes))]
-    made = kept(
-        External(name, inputs, outputs, lambda x: [y.ravel() for y in shot.values(x)], shot)
-    )
+    ends = np.cumsum([0, *(a * b for a, b in shot.sizes)])
+
+    def jacobian(given: Arrays) -> Arrays:
+        rows = np.split(shot.jacobian(given), 2)
+        return [part[:, a:b] for part in rows for a, b in pairwise(ends)]
+
+    def curved(given: Arrays) -> Arrays:
+        """Derivatives of every block of the Jacobian, by inputs and values."""
+        unit = np.eye(2 * n * nodes).reshape(-1, 2, nodes, n)
+        tensors = np.split(np.array([shot.hessian(given, *one) for one in unit]), 2)
+        blocks = []
+        for part in tensors:
+            for a, b in pairwise(ends):
+                rows = part[:, a:b].transpose(1, 0, 2).reshape((b - a) * n * nodes, ends[-1])
+                blocks += [rows[:, i:j] for i, j in pairwise(ends)]
+                blocks += [np.zeros((len(rows), n * nodes))] * 2
+        return blocks
+
+    def reverse(nadj: int, name: str, inames: list, onames: list) -> ca.Function:
+        return _pulled_back(shot, nadj, name, inputs, outputs, inames, onames)
+
+    def value(given: Arrays) -> Arrays:
+        return [x.ravel() for x in shot.values(given)]
+
+    made = kept(External(name, inputs, outputs, value, jacobian, reverse, curved))
     symbols = [ca.MX.sym(x, *shape) for x, shape in inputs]
     # parameters that are left out are the defaults: see `Shot.run`
     options = {"default_in": [0.0, 0.0, np.nan, 0.0]}
     return ca.Function(
         name, symbols, made.call(symbols), [x for x, _ in inputs], ["q", "v"], options
     )
+
+
+def _pulled_back(
+    shot: Shot, nadj: int, name: str, inputs: Shapes, outputs: Shapes, inames: list, onames: list
+) -> ca.Function:
+    """(inputs, outputs, rows) → the rows times the Jacobian, `nadj` at once; its own Jacobian has
+    the second derivatives of the run.
+    """
+    count, nodes = len(inputs), len(shot.nodes)
+    ends = np.cumsum([0, *(a * b for a, b in shot.sizes)])
+
+    def rows(given: Arrays) -> list[tuple[np.ndarray, np.ndarray]]:
+        of_q, of_v = (x.reshape(nadj, nodes, -1) for x in given[-2:])
+        return list(zip(of_q, of_v, strict=True))
+
+    def value(given: Arrays) -> Arrays:
+        whole = np.array([shot.adjoint(given[:count], a, b) for a, b in rows(given)])
+        return [whole[:, a:b].ravel() for a, b in pairwise(ends)]
+
+    def jacobian(given: Arrays) -> Arrays:
+        by_outputs = np.split(shot.jacobian(given[:count]), 2)
+        curved = [shot.hessian(given[:count], a, b) for a, b in rows(given)]
+        blocks = []
+        for a, b in pairwise(ends):
+            by_inputs = np.vstack([x[a:b] for x in curved])
+            blocks += [by_inputs[:, i:j] for i, j in pairwise(ends)]
+            blocks += [np.zeros((len(by_inputs), len(x))) for x in by_outputs]
+            blocks += [np.kron(np.eye(nadj), x[:, a:b].T) for x in by_outputs]
+        return blocks
+
+    def wide(shape: tuple[int, int]) -> tuple[int, int]:
+        return shape[0], shape[1] * nadj
+
+    shapes = [shape for _, shape in (*inputs, *outputs)] + [wide(shape) for _, shape in outputs]
+    given = list(zip(inames, shapes, strict=True))
+    found = [(x, wide(shape)) for x, (_, shape) in zip(onames, inputs, strict=True)]
+    return kept(External(name, given, found, value, jacobian))

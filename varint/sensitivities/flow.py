@@ -34,8 +34,9 @@ def flow(
     """A run of `steps` steps as a CasADi function (q0, v0, params, u) → (q, v) at chosen nodes.
 
     It runs the same loops as `simulate` and carries tangents and adjoints through them where CasADi
-    asks for derivatives: Jacobians by whichever is fewer, products with a row by one adjoint sweep.
-    It stands in graphs of your own, under `nlpsol`, `rootfinder` and `jacobian`.
+    asks for derivatives: Jacobians by whichever is fewer, products with a row by one adjoint sweep,
+    Hessians as Σ Tᵀ ∂²(μ·x') T of tangents T and adjoints μ. It stands in graphs of your own, under
+    `nlpsol`, `rootfinder`, `jacobian` and `hessian`.
 
     Parameters
     ----------
@@ -56,7 +57,8 @@ def flow(
         Inputs ``q0 (n)``, ``v0 (n)``, ``params (C)`` in the order of ``system.c`` (left out: the
         defaults), ``u (k, steps)``, held over each step; outputs ``q (n, nodes)``, ``v (n,
         nodes)``. Where a run cannot be finished they are NaN, from which solvers turn back. First
-        derivatives are exact; for second ones solvers take Gauss–Newton or an approximation
+        and second derivatives are exact. A Hessian costs the square of the number of inputs: of
+        many controls take Gauss–Newton from the Jacobian, or an approximation
         (``ipopt.hessian_approximation="limited-memory"``).
 
     Raises

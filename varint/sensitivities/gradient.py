@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -14,9 +14,16 @@ from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import finite_array
 from varint.scene.system import System, parameters_by_name, per_system
-from varint.sensitivities.pieces import pieces, scene_of
-from varint.sensitivities.start import start_slopes, state_function
-from varint.sensitivities.sweeps import Sweeper, backwards, sweeper
+from varint.sensitivities.carrier import Carrier, rows_of
+from varint.sensitivities.carry import Adjoint, carried_back
+from varint.sensitivities.course import course_of, ends_whole, legs, with_last
+from varint.sensitivities.rescaled import (
+    inner_of,
+    pulled_to_start,
+    rescaled_loss,
+    rescaled_seeds,
+)
+from varint.sensitivities.start import scenes_at, start_slopes, state_function
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +41,11 @@ class Gradient:
     u : ndarray
         By the controls, in the shape of ``motion.u``.
     h, duration, t0 : float or None
-        By the step and the duration at a fixed number of steps, None where steps differ, and by the
-        time at which everything begins.
+        By the step and the duration at a fixed number of steps, and by the time at which everything
+        begins; None where the run has no such number: h where steps differ, the duration where it
+        ends within a step, duration and t0 in a fictitious time.
+    restitution : ndarray (contacts,)
+        By the coefficients of restitution.
     """
 
     value: float
@@ -46,7 +56,8 @@ class Gradient:
     u: np.ndarray
     h: float | None
     duration: float | None
-    t0: float
+    t0: float | None
+    restitution: np.ndarray
 
     def __repr__(self) -> str:
         parts = [f"value={self.value:.6g}", f"q0={self.q0}", f"v0={self.v0}"]
@@ -55,14 +66,13 @@ class Gradient:
 
 
 class _AtNodes(NamedTuple):
-    """Derivatives of what is summed at the kept nodes: by (q, p) of each (N + 1, 2n), by the
-    parameters and the time of each.
+    """Derivatives of what is summed at the nodes: by (q, p, t) of each (N + 1, 2n + 1), and by the
+    parameters.
     """
 
     value: float
     x: np.ndarray
     c: np.ndarray
-    t: np.ndarray
 
 
 def gradient(
@@ -86,7 +96,7 @@ def gradient(
     Parameters
     ----------
     motion : Trajectory
-        From `simulate` with h, steps and duration. Nodes that were left out (`save_every`) are
+        From `simulate`, its start among the nodes. Nodes that were left out (`save_every`) are
         computed once more, piece by piece: with every √N-th of N steps kept, 2√N states stand in
         memory at a time.
     loss : SX, optional
@@ -112,10 +122,10 @@ def gradient(
     Raises
     ------
     InputError
-        If no loss is given, or one has unknown symbols or is not scalar; or the run has impacts, a
-        fictitious time or nodes within steps.
+        If no loss is given, or one has unknown symbols or is not scalar; or the first node of the
+        run lies within a step.
     ConvergenceError
-        If a step has no regular derivative.
+        If a step has no regular derivative, or the motion grazes a contact.
 
     Notes
     -----
@@ -133,54 +143,59 @@ def gradient(
     >>> [round(float(x), 12) for x in (of.q0[0], of.v0[0], of.params["g"], of.duration)]
     [1.0, 1.0, -0.5, -6.81]
     """
-    scene, c = scene_of(motion), motion.c
+    system, c = motion.system, motion.c
     if held not in ("v0", "p0"):
         raise InputError(f"held must be 'v0' or 'p0', what stays at the start, got {held!r}")
-    density = None if loss is None else _serialised(scene, _scalar("loss", loss, scene))
-    at_nodes = _at_nodes(motion, scene, terminal_loss, nodes, weights)
+    density = None if loss is None else _density(motion, _scalar("loss", loss, system))
+    course = course_of(inner_of(motion))
+    at_nodes = _at_nodes(motion, terminal_loss, nodes, weights)
     if density is None and terminal_loss is None and nodes is None:
         raise InputError("give loss, terminal_loss or nodes: there is nothing to differentiate")
-    n, k = motion.q.shape[1], motion.k - motion.k[0]
-    by = sweeper(scene, motion.rule, int(k[-1]), backend, density)
-    outer = np.concatenate([at_nodes.c.sum(0), [(k * at_nodes.t).sum(), at_nodes.t.sum()]])
-    adjoint, u, value = _swept(motion, by, at_nodes, outer)
+    found = _pulled_back(motion, Carrier(course, backend, density), at_nodes.x)
+    n, many = motion.q.shape[1], len(c)
+    at_start, outer = found.z[: 2 * n], found.z[2 * n + 1 :]
+    outer[:many] += at_nodes.c.sum(0)
+    outer[many + 1] += found.z[2 * n]  # the first node is where everything begins
     of_q, of_v, of_c, of_t = start_slopes(motion)
-    of_p0, of_q0 = adjoint[n:], adjoint[:n]
+    of_q0, of_p0 = np.split(at_start, 2)
     if held == "v0":
         of_q0 = of_q0 + of_q.T @ of_p0
-        outer[:-2] += of_c.T @ of_p0
-        outer[-1] += of_t[:, 0] @ of_p0
-    h = None if motion.sizes is not None else float(outer[-2])
+        outer[:many] += of_c.T @ of_p0
+        outer[many + 1] += of_t[:, 0] @ of_p0
+    h = None if motion.sizes is not None else float(outer[many])
+    lasting = motion.fictitious is None and ends_whole(motion)
     return Gradient(
-        at_nodes.value + value,
+        at_nodes.value + found.loss,
         of_q0,
         of_v.T @ of_p0,
         of_p0,
-        parameters_by_name(motion.system, outer[: len(c)]),
-        u,
+        parameters_by_name(system, outer[:many]),
+        found.u,
         h,
-        None if h is None else h / float(k[-1]),
-        float(outer[-1]),
+        h / float(motion.k[-1] - motion.k[0]) if h is not None and lasting else None,
+        float(outer[many + 1]) if motion.fictitious is None else None,
+        outer[many + 2 :],
     )
 
 
-def _swept(
-    motion: Trajectory, by: Sweeper, at_nodes: _AtNodes, outer: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The adjoint at the start, the derivatives by controls, the running loss; `outer` is added
-    to.
-    """
-    u, value = np.zeros(motion.u.shape), 0.0
-    begin, adjoint = int(motion.k[0]), at_nodes.x[-1].copy()
-    for piece in pieces(motion, backwards=True):
-        seeds = np.zeros((len(piece.t), at_nodes.x.shape[1]))
-        seeds[piece.kept[:-1]] = at_nodes.x[piece.node : piece.last]
-        adjoint, pulled = backwards(by, piece, motion.c, adjoint, seeds, motion.u.shape[1])
-        outer += pulled.outer
-        at = begin + piece.first
-        u[at : at + len(piece.t)] = pulled.controls
-        value += pulled.loss
-    return adjoint, u, value
+def _pulled_back(motion: Trajectory, carrier: Carrier, seeds: np.ndarray) -> Adjoint:
+    """The adjoint at the first node, from derivatives by (q, p, t) of the nodes (N + 1, 2n + 1)."""
+    if motion.fictitious is not None:
+        seeds = rescaled_seeds(motion, seeds)
+    at = Adjoint(np.zeros(carrier.size), np.zeros(motion.u.shape))
+    for leg, first in with_last(legs(carrier.course, backwards=True)):
+        rows = rows_of(carrier, leg, first)
+        at = carried_back(carrier, leg, seeds[rows.which], rows, at)
+    if motion.fictitious is None:
+        return at
+    return replace(at, z=pulled_to_start(motion, at.z))
+
+
+def _density(motion: Trajectory, loss: ca.SX) -> str:
+    """The running loss as the time of the steps has it."""
+    if motion.fictitious is None:
+        return _serialised(motion.system, loss)
+    return _serialised(motion.fictitious.system, rescaled_loss(motion, loss))
 
 
 def _serialised(scene: System, expression: ca.SX) -> str:
@@ -197,24 +212,19 @@ def _scalar(what: str, expression: Any, scene: System) -> ca.SX:
     return ca.densify(own)
 
 
-def _at_nodes(
-    motion: Trajectory, scene: System, terminal: Any, nodes: Any, weights: Any
-) -> _AtNodes:
+def _at_nodes(motion: Trajectory, terminal: Any, nodes: Any, weights: Any) -> _AtNodes:
     """Of all nodes and of the last one."""
-    count, n = motion.q.shape
+    (count, n), system = motion.q.shape, motion.system
     if weights is not None and nodes is None:
         raise InputError("weights belong to nodes=, an expression of every node; give that too")
-    total = _AtNodes(
-        0.0, np.zeros((count, 2 * n)), np.zeros((count, len(motion.c))), np.zeros(count)
-    )
+    total = _AtNodes(0.0, np.zeros((count, 2 * n + 1)), np.zeros((count, len(motion.c))))
     if nodes is not None:
-        own = ca.vec(ca.densify(in_own_symbols(nodes, scene, "nodes")))
+        own = ca.vec(ca.densify(in_own_symbols(nodes, system, "nodes")))
         by = np.ones((count, own.numel())) if weights is None else _weights(weights, count, own)
-        total = _add(total, _weighted(motion, scene, own, by, slice(None)), slice(None))
+        total = _add(total, motion, own, by, np.arange(count))
     if terminal is not None:
-        own = _scalar("terminal_loss", terminal, scene)
-        last = slice(count - 1, count)
-        total = _add(total, _weighted(motion, scene, own, np.ones((1, 1)), last), last)
+        own = _scalar("terminal_loss", terminal, system)
+        total = _add(total, motion, own, np.ones((1, 1)), np.array([count - 1]))
     return total
 
 
@@ -230,22 +240,22 @@ def _weights(weights: Any, count: int, expression: ca.SX) -> np.ndarray:
     return given
 
 
-def _add(total: _AtNodes, part: _AtNodes, at: slice) -> _AtNodes:
-    total.x[at] += part.x
-    total.c[at] += part.c
-    total.t[at] += part.t
-    return total._replace(value=total.value + part.value)
-
-
-def _weighted(
-    motion: Trajectory, scene: System, expression: ca.SX, weights: np.ndarray, at: slice
+def _add(
+    total: _AtNodes, motion: Trajectory, expression: ca.SX, weights: np.ndarray, at: np.ndarray
 ) -> _AtNodes:
-    """Σ_k w_k·ψ at some nodes with its derivatives."""
-    function = _weighted_function(scene, _serialised(scene, expression))
-    found = over_columns(
-        function, motion.q[at], motion.p[at], motion.t[at, None], motion.c, weights
-    )
-    return _AtNodes(float(found[0].sum()), found[1], found[2], found[3][:, 0])
+    """With Σ_k w_k·ψ of the nodes `at`."""
+    value, text = total.value, _serialised(motion.system, expression)
+    for nodes, scene in scenes_at(motion):
+        here = np.flatnonzero(np.isin(at, nodes))
+        if not len(here):
+            continue
+        k = at[here]
+        states = motion.q[k], motion.p[k], motion.t[k, None], motion.c
+        found = over_columns(_weighted_function(scene, text), *states, weights[here])
+        value += float(found[0].sum())
+        total.x[k] += np.hstack([found[1], found[3]])
+        total.c[k] += found[2]
+    return total._replace(value=value)
 
 
 @per_system

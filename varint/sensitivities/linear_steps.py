@@ -63,7 +63,7 @@ def _linear_step(system: System, rule: Rule, density: ca.Function | None) -> ca.
         width = s.u.numel()
         mine = u[r * width : (r + 1) * width] if width else ca.MX(0, 1)
         arguments = [q, p, t, mine, ca.MX(s.parts[r]), c, h]
-        y, worst = _unknowns(s, arguments, x, x1, v, v1, h)
+        y, worst = unknowns(s, arguments, x, x1, v, v1, h)
         fx, fe, gy, gx, ge, ly, lx, le, amount, after = derivatives["slopes"](y, *arguments)
         if s.y.numel():
             fy = derivatives["solve"](y, *arguments)[1]
@@ -100,7 +100,7 @@ def _derivatives(s: StepMap, value: ca.SX) -> dict[str, ca.Function]:
     }
 
 
-def _unknowns(
+def unknowns(
     s: StepMap, arguments: list[ca.MX], x: ca.MX, x1: ca.MX, v: ca.MX, v1: ca.MX, h: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
     """The unknowns of a step whose ends are known, and their last relative correction."""
@@ -114,12 +114,15 @@ def _unknowns(
     y = ca.vertcat(*path, ca.MX.zeros(others), *ends)
     solve = _derivatives(s, ca.SX(0))["solve"]
     worst = ca.MX(0)
-    for _ in range(ITERATIONS):
+    fast = ca.norm_inf(mean) + ca.norm_inf(v) + ca.norm_inf(v1)
+    far = CORRECTION_FLOOR * ca.norm_inf(x[:n]) / ca.fabs(h)
+    for count in range(ITERATIONS):
         left, slope = solve(y, *arguments)
         change = ca.solve(slope, left, "csparse")
         y = y - change
         moved = change[: n * len(path)]
-        fast = ca.norm_inf(mean) + ca.norm_inf(v) + ca.norm_inf(v1)
-        far = CORRECTION_FLOOR * ca.norm_inf(x[:n]) / ca.fabs(h)
+        if not count:  # what forces alone would make of a body at rest, which may be held
+            rows = range(moved.numel())
+            far += ca.norm_inf(left[rows] / (ca.sum2(ca.fabs(slope[rows, rows])) + 1e-300))
         worst = ca.norm_inf(moved) / (fast + far + 1e-300)
     return y, worst

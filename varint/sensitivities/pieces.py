@@ -60,49 +60,24 @@ class Piece(NamedTuple):
 
 
 def scene_of(motion: Trajectory) -> System:
-    """The scene whose steps the run took, where its derivatives are those of its steps alone.
+    """The scene whose steps the run took; of a scene with contacts that itself.
 
     Raises
     ------
     InputError
-        If the run has impacts, variable steps in a fictitious time, nodes within a step, or a
-        Lagrangian of first order.
+        If the run has no step, or its Lagrangian is of first order.
     """
-    s = motion.system.structure
-    if motion.fictitious is not None:
-        raise InputError(
-            "this run took its steps in a fictitious time (time_scale=, or tol= with close "
-            "encounters): its derivatives are not available; run it with h= and steps="
-        )
-    if s.contacts:
-        raise InputError(
-            "the scene has contacts: derivatives across impacts and detachments are not available; "
-            "take the scene without contact= where none closes"
-        )
-    if s.degenerate:
+    if motion.system.structure.degenerate:
         raise InputError(
             "the Lagrangian is of first order in the velocities: its momenta are functions of q "
             "and cannot be varied on their own"
         )
     if len(motion) < 2:
         raise InputError("the run has no step to differentiate")
-    if (np.diff(motion.k) < 1).any() or not _on_grid(motion):
-        raise InputError(
-            "some nodes of this run lie within a step (until=, at=, or parts of a failed step); "
-            "differentiate a run whose nodes are whole steps apart, without them"
-        )
     sets = motion.active_sets
-    return motion.system if not sets else sets[0].scene(motion.system)
-
-
-def _on_grid(motion: Trajectory) -> bool:
-    """Whether whole steps lie between the nodes, and nothing else."""
-    if motion.sizes is None:
-        ends = motion.h * motion.k
-    else:
-        ends = np.append(0.0, np.cumsum(motion.sizes))[motion.k]
-    start = motion.t[0] - ends[0] if motion.origin is None else motion.origin
-    return bool((np.abs(motion.t - start - ends) <= OFF_GRID * abs(motion.h)).all())
+    if motion.system.structure.contacts or not sets:
+        return motion.system
+    return sets[0].scene(motion.system)
 
 
 def pieces(
@@ -117,7 +92,7 @@ def pieces(
     scene = scene_of(motion)
     ends = list(_cuts(motion, first, last))
     for a, b in reversed(ends) if backwards else ends:
-        yield _piece(motion, scene, a, b, int(motion.k[a] - motion.k[first]))
+        yield piece_between(motion, scene, a, b, int(motion.k[a] - motion.k[first]))
 
 
 def _cuts(motion: Trajectory, first: int, last: int) -> Iterator[tuple[int, int]]:
@@ -132,7 +107,8 @@ def _cuts(motion: Trajectory, first: int, last: int) -> Iterator[tuple[int, int]
         first = following
 
 
-def _piece(motion: Trajectory, scene: System, a: int, b: int, first: int) -> Piece:
+def piece_between(motion: Trajectory, scene: System, a: int, b: int, first: int) -> Piece:
+    """The steps between two kept nodes at whole steps; `first` of them from the start."""
     k0, k1 = int(motion.k[a]), int(motion.k[b])
     steps = np.arange(k0, k1)
     kept = motion.k[a : b + 1] - k0
@@ -140,7 +116,7 @@ def _piece(motion: Trajectory, scene: System, a: int, b: int, first: int) -> Pie
         x = np.hstack([motion.q[a : b + 1], motion.p[a : b + 1]])
         v, t = motion.v[a : b + 1], motion.t[a:b]
     else:
-        x, v, t = _once_more(motion, scene, a, k0, k1)
+        x, v, t = run_once_more(motion, scene, a, k0, k1)
     h = np.full(k1 - k0, motion.h) if motion.sizes is None else motion.sizes[k0:k1]
     u = step_controls(motion, steps, np.ones(len(steps)))
     nodes, controls = len(motion.rule.nodes), motion.system.structure.controls
@@ -148,7 +124,7 @@ def _piece(motion: Trajectory, scene: System, a: int, b: int, first: int) -> Pie
     return Piece(a, b, first, x, v, t, h, u.reshape(k1 - k0, nodes, controls), kept)
 
 
-def _once_more(
+def run_once_more(
     motion: Trajectory, scene: System, a: int, k0: int, k1: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All nodes from step k0 to step k1, by the same steps from the kept node."""

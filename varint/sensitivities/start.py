@@ -5,12 +5,15 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from varint.discrete.constraints import multiplier_function
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
 from varint.numerics.arrays import call
+from varint.results.dense_output import controls_at_nodes
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.system import System, per_system
+from varint.sensitivities.pieces import scene_of
 
 
 @per_system
@@ -70,3 +73,37 @@ def slopes_of(system: System, outputs: ca.SX) -> ca.Function:
 def output_slopes(system: System) -> ca.Function:
     """`slopes_of` q and v."""
     return slopes_of(system, ca.vertcat(system.q, system.v))
+
+
+def scenes_at(motion: Trajectory) -> list[tuple[np.ndarray, System]]:
+    """Nodes and the scene that moves on from them, for every active set."""
+    system, count = motion.system, len(motion)
+    if motion.active_set is None or not system.structure.contacts:
+        return [(np.arange(count), scene_of(motion))]
+    return [
+        (np.flatnonzero(motion.active_set == i), motion.active_sets[i].scene(system))
+        for i in np.unique(motion.active_set)
+    ]
+
+
+def rate_at(motion: Trajectory, node: int) -> np.ndarray:
+    """d(q, p)/dt of the continuous motion at a node, (2n,)."""
+    scene = next(scene for nodes, scene in scenes_at(motion) if node in nodes)
+    u = controls_at_nodes(motion)[node]
+    t = motion.t[node : node + 1]
+    return call(rate_function(scene), motion.q[node], motion.p[node], t, u, motion.c)[0]
+
+
+@per_system
+def rate_function(system: System) -> ca.Function:
+    """(q, p, t, u, c) → d(q, p)/dt."""
+    s, n = system, system.structure.n
+    a = ca.SX.sym("a", n)
+    slope = ca.jtimes(s.momentum, s.q, s.v) + ca.jtimes(s.momentum, s.v, a)
+    slope += ca.jacobian(s.momentum, s.t)
+    gain = ca.Function("gain", [s.q, s.v, a, s.t, s.c], [ca.densify(slope)])
+    sizes = (n, n, 1, s.control.numel(), s.c.numel())
+    q, p, t, u, c = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    v = velocity_function(s)(q, p, t, c)
+    acceleration = multiplier_function(s)(q, v, u, t, c)[1]
+    return ca.Function("rate", inputs, [ca.vertcat(v, gain(q, v, acceleration, t, c))])

@@ -41,16 +41,14 @@ class Sweeper:
     density : str or None
         Running loss, the function (q, v, t, u, c) → ℓ, serialised.
     kernels : tuple of SweepKernel
-        Compiled loops, each there where the one before it fails.
-    steps : Function or None
-        `linear_step` or `lossy_step`, evaluated at many steps at once where nothing is compiled.
+        Compiled loops, each there where the one before it fails; where there are none,
+        `linear_step` or `lossy_step` is evaluated at many steps at once.
     """
 
     system: System
     rule: Rule
     density: str | None
-    kernels: tuple[SweepKernel, ...]
-    steps: ca.Function | None = None
+    kernels: tuple[SweepKernel, ...] = ()
 
 
 class Directions(NamedTuple):
@@ -107,10 +105,7 @@ def sweeper(
                 raise
             if isinstance(error, CompileError):
                 warnings.warn(f"{str(error).splitlines()[0]}; slower until then", stacklevel=4)
-    interpreted = (
-        linear_step(system, rule) if density is None else lossy_step(system, rule, density)
-    )
-    return Sweeper(system, rule, density, (), interpreted)
+    return Sweeper(system, rule, density)
 
 
 @per_system
@@ -142,7 +137,7 @@ def forwards(
     ConvergenceError
         If a step's equations cannot be solved again or have no regular derivative.
     """
-    if by.steps is not None:
+    if not by.kernels:
         return _forwards_interpreted(by, piece, c, directions, tangent)
     out = np.empty((len(piece.x), *tangent.shape))
     _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent, out=out), every=1)
@@ -153,7 +148,7 @@ def carried(
     by: Sweeper, piece: Piece, c: np.ndarray, directions: Directions, tangent: np.ndarray
 ) -> np.ndarray:
     """∂x at the last node of the piece alone, (2n, m)."""
-    if by.steps is not None:
+    if not by.kernels:
         return _forwards_interpreted(by, piece, c, directions, tangent)[-1]
     return _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent))["tangent"]
 
@@ -171,7 +166,7 @@ def backwards(
     `seeds` (S, 2n) is what the node at which each step begins adds to the adjoint; `nodes` are the
     control values a step.
     """
-    if by.steps is not None:
+    if not by.kernels:
         return _backwards_interpreted(by, piece, c, adjoint, seeds, nodes)
     directions = Directions(np.zeros((len(c) + 2, 1)), -1, nodes)
     arrays = dict(
@@ -231,7 +226,8 @@ def _compiled(
         if not kernels and (other := _by_factors(by)) is not None:
             kernels = [other]
             by = Sweeper(by.system, by.rule, by.density, (other,))
-    raise _failure(piece, int(failed[0]), "regular" if status == NOT_REGULAR else "solved")
+    step, what = int(failed[0]), "regular" if status == NOT_REGULAR else "solved"
+    raise _failure(piece.first + step, float(piece.t[step]), what)
 
 
 def _by_factors(by: Sweeper) -> SweepKernel | None:
@@ -242,45 +238,68 @@ def _by_factors(by: Sweeper) -> SweepKernel | None:
     return None if kernel in by.kernels else kernel
 
 
-def _failure(piece: Piece, step: int, what: str) -> ConvergenceError:
+def _failure(step: int, time: float, what: str) -> ConvergenceError:
     why = (
         "its equations have no regular derivative there (a grazing contact, dependent constraints)"
         if what == "regular"
         else "its equations could not be solved once more: the nodes are not those of this rule, "
         "or h is too large"
     )
-    k = piece.first + step
     return ConvergenceError(
-        f"the derivative of step {k} at t={piece.t[step]:g} cannot be taken: {why}",
-        step=k,
-        time=float(piece.t[step]),
+        f"the derivative of step {step} at t={time:g} cannot be taken: {why}",
+        step=step,
+        time=time,
         residual=float("nan"),
         cause=why,
     )
 
 
-def _steps(by: Sweeper, piece: Piece, c: np.ndarray) -> list[np.ndarray]:
-    """Outputs of `linear_step` at every step, matrices as (S, columns, rows)."""
-    assert by.steps is not None
+def step_slopes(
+    by: Sweeper,
+    x: np.ndarray,
+    after: np.ndarray,
+    v: np.ndarray,
+    v_after: np.ndarray,
+    t: np.ndarray,
+    h: np.ndarray,
+    u: np.ndarray,
+    c: np.ndarray,
+    first: int = 0,
+) -> list[np.ndarray]:
+    """Outputs of `linear_step`, or of `lossy_step` where there is a loss, of steps (S,) with ends x
+    and `after` (S, 2n), controls u (S, nodes, k): matrices as (S, columns, rows). `first` numbers
+    the first of them.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step's equations cannot be solved again or have no regular derivative.
+    """
+    function, count = interpreted(by), len(t)
     try:
         found = over_columns(
-            by.steps,
-            piece.x[:-1],
-            piece.x[1:],
-            piece.v[:-1],
-            piece.v[1:],
-            piece.t[:, None],
-            piece.h[:, None],
-            piece.u.reshape(len(piece.t), -1),
-            c,
+            function, x, after, v, v_after, t[:, None], h[:, None], u.reshape(count, -1), c
         )
     except RuntimeError:  # CasADi's factorisation of a singular matrix
-        raise _failure(piece, 0, "regular") from None
+        raise _failure(first, float(t[0]), "regular") from None
     bad = np.flatnonzero(~(found[2][:, 0] <= LOOSE))
     if len(bad):
-        raise _failure(piece, int(bad[0]), "solved")
-    size, count = piece.x.shape[1], len(piece.t)
+        raise _failure(first + int(bad[0]), float(t[bad[0]]), "solved")
+    size = x.shape[1]
     return [found[0].reshape(count, size, size), found[1].reshape(count, -1, size), *found[2:]]
+
+
+def interpreted(by: Sweeper) -> ca.Function:
+    """The derivatives of single steps."""
+    if by.density is None:
+        return linear_step(by.system, by.rule)
+    return lossy_step(by.system, by.rule, by.density)
+
+
+def _steps(by: Sweeper, piece: Piece, c: np.ndarray) -> list[np.ndarray]:
+    x, v = piece.x, piece.v
+    ends = x[:-1], x[1:], v[:-1], v[1:]
+    return step_slopes(by, *ends, piece.t, piece.h, piece.u, c, piece.first)
 
 
 @lru_cache(maxsize=64)
@@ -304,6 +323,13 @@ def _accumulate(matrices: np.ndarray, sources: np.ndarray, start: np.ndarray) ->
         out.append(found.T.reshape(count, m, n))
         done += count
     return np.concatenate(out).transpose(0, 2, 1)
+
+
+def adjoints_at_nodes(by: Sweeper, piece: Piece, c: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    """The adjoint at every node of the piece, (S + 1, 2n), to each of which its seed adds."""
+    phi = _steps(by, piece, c)[0].transpose(0, 2, 1)
+    back = _accumulate(phi[::-1], seeds[-2::-1, None], seeds[-1:].T)
+    return back[::-1, :, 0]
 
 
 def _forwards_interpreted(

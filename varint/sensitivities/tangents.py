@@ -12,24 +12,31 @@ from varint.errors import InputError
 from varint.numerics.arrays import over_columns
 from varint.numerics.limits import check_memory
 from varint.results.trajectory import Trajectory
+from varint.scene.expressions import in_own_symbols
 from varint.scene.parameters import values_by_name
 from varint.scene.system import System, parameters_by_name
-from varint.sensitivities.pieces import pieces, scene_of
-from varint.sensitivities.start import slopes_of, start_slopes
-from varint.sensitivities.sweeps import Directions, carried, forwards, sweeper
+from varint.sensitivities.carrier import Carrier, rows_of
+from varint.sensitivities.carry import carried_on, carried_through, changes_at_rows, start_of
+from varint.sensitivities.course import course_of, ends_whole, legs, with_last
+from varint.sensitivities.pieces import scene_of
+from varint.sensitivities.rescaled import at_given_times, inner_of, inner_start
+from varint.sensitivities.start import rate_at, scenes_at, slopes_of, start_slopes
+from varint.sensitivities.sweeps import Directions
 
 START = ("q0", "v0", "p0")
 TIMES = ("h", "duration", "t0")
+RESTITUTION = "restitution"
 
 
 class Asked(NamedTuple):
-    """What a run is to be varied by: the start's change (2n, m), the directions, and where the
-    columns of each name lie.
+    """What a run is to be varied by: changes of the start (2n, m), and of what stays: parameters,
+    step, start time, restitution (C + 2 + contacts, m); the first of the columns that are the
+    controls of step 0, 1, … in turn, −1 where there are none.
     """
 
     tangent: np.ndarray
-    directions: Directions
-    columns: dict[str, slice]
+    outer: np.ndarray
+    controls: int = -1
 
 
 def sensitivity(
@@ -48,13 +55,13 @@ def sensitivity(
     Parameters
     ----------
     motion : Trajectory
-        From `simulate` with h, steps and duration, or a path whose nodes are whole steps apart.
-        Nodes that were left out (`save_every`) are computed once more.
+        From `simulate`, its start among the nodes. Nodes that were left out (`save_every`, `at`)
+        are computed once more.
     wrt : sequence
         Any of ``"q0"``, ``"v0"``, ``"p0"`` (start), ``"h"``, ``"duration"`` (at a fixed number of
-        steps), ``"t0"``, ``"u"`` (every control value, in the order of ``motion.u``), and
-        parameters by name or symbol. Where ``"p0"`` is among them momenta are held at the start
-        while others vary, else velocities.
+        steps), ``"t0"``, ``"u"`` (every control value, in the order of ``motion.u``),
+        ``"restitution"`` (of each contact), and parameters by name or symbol. Where ``"p0"`` is
+        among them momenta are held at the start while others vary, else velocities.
     outputs : SX (o,), optional
         Expression of q, v, t and parameters. Default: q and v.
     backend : {"auto", "compiled", "interpreted"}
@@ -64,19 +71,21 @@ def sensitivity(
     -------
     ndarray (N + 1, o, m)
         Row k belongs to node k; columns in the order of `wrt`, matrices column after column. With
-        constraints only combinations of columns that keep to them have a meaning.
+        constraints only combinations of columns that keep to them have a meaning. Nodes at whole
+        steps move with h and t0, those of impacts and detachments with their events; nodes within
+        steps, and all of a run with a time scale, stay at their times.
 
     Raises
     ------
     InputError
-        If `wrt` names what the scene does not have, or the run has impacts, a fictitious time or
-        nodes within steps.
+        If `wrt` names what the run does not have, or its first node lies within a step.
     ConvergenceError
-        If a step has no regular derivative.
+        If a step has no regular derivative, or the motion grazes a contact.
 
     Notes
     -----
-    Hairer, Lubich & Wanner, Geometric Numerical Integration, VI.4; Marsden & West 2001, §1.5.
+    Hairer, Lubich & Wanner, Geometric Numerical Integration, VI.4; Marsden & West 2001, §1.5;
+    for impacts see `event_sensitivity`.
 
     Examples
     --------
@@ -90,52 +99,87 @@ def sensitivity(
     >>> bool(np.allclose(of[-1, 0], [np.cos(2.0), -np.sin(2.0) / 4]))
     True
     """
-    scene = scene_of(motion)
-    asked = asked_directions(motion, wrt)
-    of_nodes = slopes_of(scene, _wanted(scene, outputs))
-    rows, m = len(motion), asked.tangent.shape[1]
-    found = np.empty((rows, of_nodes.size1_out(0), m))
-    check_memory("the derivatives of this run", found.size, "ask for fewer of them, or save_every")
-    by = sweeper(scene, motion.rule, int(motion.k[-1] - motion.k[0]), backend)
-    tangent, columns = asked.tangent, asked.directions.outer
-    for piece in pieces(motion):
-        every = forwards(by, piece, motion.c, asked.directions, tangent)
-        tangent, kept = every[-1], every[piece.kept]
-        steps = piece.first + piece.kept
-        place = slice(piece.node, piece.last + 1)
-        slopes = over_columns(
-            of_nodes, motion.q[place], motion.p[place], motion.t[place, None], motion.c
-        )
-        of_x, of_c, of_t = (x.reshape(len(kept), -1, found.shape[1]) for x in slopes)
-        moved = np.einsum("kio,kim->kom", of_x, kept)
-        if columns.any():
-            clock = columns[-1] + steps[:, None] * columns[-2]
-            moved += np.einsum("kco,cm->kom", of_c, columns[:-2])
-            moved += of_t.transpose(0, 2, 1) * clock[:, None, :]
-        found[place] = moved
+    asked, wanted = asked_directions(motion, wrt), wanted_of(motion.system, outputs)
+    m = asked.tangent.shape[1]
+    count = len(motion) * (wanted.numel() + 2 * motion.q.shape[1] + 1) * m
+    check_memory("the derivatives of this run", count, "ask for fewer of them, or save_every")
+    change = changes(motion, asked, backend)
+    return of_outputs(motion, wanted, change, asked.outer[: len(motion.c)])
+
+
+def changes(motion: Trajectory, asked: Asked, backend: str) -> np.ndarray:
+    """Changes of (q, p) and t at the nodes, (N + 1, 2n + 1, m)."""
+    carrier, z, directions = begun(motion, asked, backend)
+    found = np.empty((len(motion), carrier.places[1], z.shape[1]))
+    first = True
+    for leg in legs(carrier.course):
+        every, later = carried_on(carrier, leg, z, directions)
+        rows = rows_of(carrier, leg, first)
+        found[rows.which] = changes_at_rows(carrier, leg, rows, every, z, directions)
+        z, first = later, False
+    if motion.fictitious is None:
+        return found
+    return at_given_times(motion, found)
+
+
+def begun(motion: Trajectory, asked: Asked, backend: str) -> tuple[Carrier, np.ndarray, Directions]:
+    """What carries changes along a run, those at its start, and what acts on every step."""
+    carrier, start = Carrier(course_of(inner_of(motion)), backend), (asked.tangent, asked.outer)
+    if motion.fictitious is not None:
+        start = inner_start(motion, *start)
+    outer = start[1][: len(carrier.motion.c) + 2]
+    return carrier, start_of(carrier, *start), Directions(outer, asked.controls, motion.u.shape[1])
+
+
+def of_outputs(
+    motion: Trajectory, wanted: ca.SX, change: np.ndarray, of_c: np.ndarray
+) -> np.ndarray:
+    """Changes of expressions at nodes from those of (q, p, t) there and of the parameters."""
+    found = np.empty((len(motion), wanted.numel(), change.shape[2]))
+    for nodes, scene in scenes_at(motion):
+        at = motion.q[nodes], motion.p[nodes], motion.t[nodes, None], motion.c
+        slopes = over_columns(slopes_of(scene, wanted), *at)
+        by_x, by_c, by_t = (x.reshape(len(at[0]), -1, wanted.numel()) for x in slopes)
+        moved = np.einsum("kio,kim->kom", by_x, change[nodes, :-1])
+        moved += np.einsum("kco,cm->kom", by_c, of_c)
+        found[nodes] = moved + by_t.transpose(0, 2, 1) * change[nodes, -1:]
     return found
 
 
-def _wanted(scene: System, outputs: Any) -> ca.SX:
-    return ca.vertcat(scene.q, scene.v) if outputs is None else outputs
+def wanted_of(system: System, outputs: Any) -> ca.SX:
+    """The outputs asked for, a column; q and v where none are."""
+    if outputs is None:
+        return ca.vertcat(system.q, system.v)
+    return ca.vec(ca.densify(in_own_symbols(outputs, system)))
 
 
 def transition_matrix(motion: Trajectory, k0: int = 0, k1: int = -1) -> np.ndarray:
     """∂(q, p) at node k1 by ∂(q, p) at node k0, (2n, 2n); behind `Trajectory.transition_matrix`."""
-    scene = scene_of(motion)
     first, last = (_node(motion, name, k) for name, k in (("k0", k0), ("k1", k1)))
     size = 2 * motion.q.shape[1]
+    scene_of(motion)
     if first > last:
         raise InputError(
             f"node k0={k0} comes after node k1={k1}; the inverse of the matrix from {k1} to {k0} "
             "leads back"
         )
-    by = sweeper(scene, motion.rule, int(motion.k[last] - motion.k[first]), "auto")
     tangent = np.eye(size)
-    directions = Directions(np.zeros((len(motion.c) + 2, size)))
-    for piece in pieces(motion, first, last):
-        tangent = carried(by, piece, motion.c, directions, tangent)
-    return tangent
+    if first == last:
+        return tangent
+    part = motion[first : last + 1]
+    outer = np.zeros((len(motion.c) + 2 + motion.system.structure.contacts, size))
+    carrier, z, directions = begun(part, Asked(tangent, outer), "auto")
+    for leg, at_end in with_last(legs(carrier.course)):
+        rows = rows_of(carrier, leg, False)
+        if not at_end or rows.place[-1] == len(leg.piece.t):
+            z = carried_through(carrier, leg, z, directions)
+            continue
+        every, _ = carried_on(carrier, leg, z, directions)
+        z = changes_at_rows(carrier, leg, rows, every, z, directions)[-1]
+    if part.fictitious is not None:
+        return at_given_times(part[-1:], z[None, : carrier.places[1]])[0, :size]
+    late = z[size : size + 1]  # at an event, whose time depends on the state
+    return z[:size] - rate_at(part, len(part) - 1)[:, None] * late if late.any() else z[:size]
 
 
 def _node(motion: Trajectory, name: str, k: Any) -> int:
@@ -148,13 +192,14 @@ def asked_directions(motion: Trajectory, wrt: Sequence[Any]) -> Asked:
     """The columns of what a run is to be varied by."""
     names = _names(motion.system, wrt)
     n, c, system = motion.q.shape[1], len(motion.c), motion.system
-    places = parameters_by_name(system, np.arange(c))
-    sizes = dict.fromkeys(START, n) | dict.fromkeys(TIMES, 1) | {"u": motion.u.size}
+    contacts, places = system.structure.contacts, parameters_by_name(system, np.arange(c))
+    sizes = dict.fromkeys(START, n) | dict.fromkeys(TIMES, 1)
+    sizes |= {"u": motion.u.size, RESTITUTION: contacts}
     sizes |= {name: at.size for name, at in places.items()}
     ends = np.cumsum([0, *(sizes[name] for name in names)])
     columns = {name: slice(a, b) for name, a, b in zip(names, ends, ends[1:], strict=False)}
     m = int(ends[-1])
-    tangent, outer = np.zeros((2 * n, m)), np.zeros((c + 2, m))
+    tangent, outer = np.zeros((2 * n, m)), np.zeros((c + 2 + contacts, m))
     of_q, of_v, of_c, of_t = start_slopes(motion)
     held = "p0" not in names
     for name, at in columns.items():
@@ -166,24 +211,36 @@ def asked_directions(motion: Trajectory, wrt: Sequence[Any]) -> Asked:
         elif name == "p0":
             tangent[n:, at] = np.eye(n)
         elif name in TIMES:
-            _vary_time(motion, name, outer[:, at])
+            _vary_time(motion, name, outer[: c + 2, at])
         elif name in places:
             index = places[name].ravel(order="F")
             outer[index, np.arange(m)[at]] = 1.0
+        elif name == RESTITUTION:
+            outer[c + 2 :, at] = np.eye(contacts)
     if held:
-        tangent[n:] += of_c @ outer[:c] + of_t @ outer[-1:]
+        tangent[n:] += of_c @ outer[:c] + of_t @ outer[c + 1 : c + 2]
     controls = -1
     if "u" in columns:  # those of all steps, of which the first kept node may have passed some
         controls = columns["u"].start + int(motion.k[0]) * motion.u[0].size
-    return Asked(tangent, Directions(outer, controls, motion.u.shape[1]), columns)
+    return Asked(tangent, outer, controls)
 
 
 def _vary_time(motion: Trajectory, name: str, outer: np.ndarray) -> None:
+    if motion.fictitious is not None and name != "h":
+        raise InputError(
+            "this run took its steps in a fictitious time, and its scene is the same at all times: "
+            f"it has no {name!r} to vary; nodes move with their velocities"
+        )
     if name == "t0":
         outer[-1] = 1.0
         return
     if motion.sizes is not None:
         raise InputError(f"steps of this run differ in size: it has no {name!r} to vary")
+    if name == "duration" and not ends_whole(motion):
+        raise InputError(
+            "this run ends within a step: it has no 'duration' to vary; its end moves with its "
+            "velocity"
+        )
     outer[-2] = 1.0 if name == "h" else 1.0 / float(motion.k[-1] - motion.k[0])
 
 
@@ -191,7 +248,8 @@ def _names(system: System, wrt: Sequence[Any]) -> list[str]:
     """What is asked for by name, each once."""
     given = [wrt] if isinstance(wrt, (str, ca.SX)) else list(wrt)
     names = [next(iter(values_by_name([(x, None)]))) for x in given]
-    known = [*START, *TIMES, *(["u"] if system.structure.controls else []), *system.defaults]
+    own = ["u"] * bool(system.structure.controls) + [RESTITUTION] * bool(system.structure.contacts)
+    known = [*START, *TIMES, *own, *system.defaults]
     if unknown := [x for x in names if x not in known]:
         raise InputError(f"unknown {unknown} in wrt; known: {known}")
     if not names or len(set(names)) < len(names):
@@ -200,7 +258,7 @@ def _names(system: System, wrt: Sequence[Any]) -> list[str]:
         raise InputError(
             "wrt has both v0 and p0, of which one follows from the other: leave one out"
         )
-    if clash := [x for x in system.defaults if x in (*START, *TIMES, "u") and x in names]:
+    if clash := [x for x in system.defaults if x in (*START, *TIMES, *own) and x in names]:
         raise InputError(
             f"{clash} are parameters of the scene and mean something else here: rename"
         )

@@ -8,6 +8,9 @@
            with w = h v, which leaves constants only that need no rounding.
    FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike. Where
            the right-hand side has two halves, V may come from the momenta that the new F make (Gauss-Seidel order).
+           BY_DEFECT: V is improved by what its momenta miss, V += A M^-1 A^-1 (P - p(Q, V)), M^-1 at the stage where the
+           rate A^-1 (P - p)/h is missed. The iteration contracts as accelerations depend on the motion, h da/dv + h^2 da/dq,
+           where V from P contracts as M^-1 dp/dq does, which in long chains of links is hundreds of times more.
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run. */
 
@@ -27,8 +30,18 @@
 #else
 #define ALWAYS_LOOK 0
 #endif
+#if !defined(SCENE_AS_DATA) && !defined(BY_DEFECT)
+#define BY_DEFECT 0
+#endif
 #if FORM == 1 && defined(KICK_W)
 #define HALVES 1
+#ifdef SCENE_AS_DATA
+#define KICK kick
+#elif BY_DEFECT
+#define KICK kick
+#else
+#define KICK(q, p, t, u, w, f, had, taken) kick(q, p, t, u, w, f, taken)
+#endif
 #ifndef MOST_TAKEN
 #define MOST_TAKEN TAKEN
 #endif
@@ -198,13 +211,44 @@ LARGE void set_momenta(Step *s, const double *m, const Unknowns x, const double 
 #endif
 }
 
+#if HALVES
+/* The speeds at the stages that unknowns stand for, by the columns m; older adds to x. Beyond the stages they are zero. */
+LARGE void set_speeds(const Nodes *at, const double *m, const Unknowns x, const double *m_older, const Unknowns older,
+                      V speeds[MOST_N][VECTORS]) {
+    EACH for (int d = 0; d < N; d++) {
+        for (int k = 0; k < VECTORS; k++) speeds[d][k] = m ? splat(0.0) : x[d][k];
+        if (m) add_product(m, x[d], speeds[d]);
+        if (older) add_product(m_older, older[d], speeds[d]);
+        for (int k = 0; k < VECTORS; k++)
+            speeds[d][k] = choose(MASK(at->b[k] != 0.0), speeds[d][k] / at->b[k], splat(0.0));
+    }
+}
+
+/* fresh = h b V for the speeds V that the step's momenta ask for, improved from speeds that had other ones. */
+LARGE void improve_speeds(const Step *s, const Nodes *at, double h, const double *w, V had[MOST_N][VECTORS],
+                          V taken[MOST_TAKEN + 1][VECTORS], V speeds[MOST_N][VECTORS], Unknowns fresh) {
+    V rates[MOST_N][VECTORS];
+    EACH for (int d = 0; d < N; d++) {
+        V missed[VECTORS];
+        for (int k = 0; k < VECTORS; k++) missed[k] = s->p[d][k] - had[d][k], rates[d][k] = splat(0.0);
+        add_product(STAGE_INVERSE, missed, rates[d]);
+    }
+    for (int k = 0; k < VECTORS; k++) drift(&rates[0][k], &taken[0][k], w, &fresh[0][k]);
+    EACH for (int d = 0; d < N; d++) {
+        for (int k = 0; k < VECTORS; k++) fresh[d][k] *= at->b[k] * (1 / h);
+        add_product(STAGE_M1, fresh[d], speeds[d]);
+        for (int k = 0; k < VECTORS; k++) fresh[d][k] = speeds[d][k] * at->b[k];
+    }
+}
+#endif
+
 /* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
    With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
    stay the same. In halves the step's momenta are those of x and become those of fresh; in Gauss-Seidel order, before the
    velocities are made of them. */
 LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
-                    const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older, int seidel,
-                    Unknowns fresh) {
+                    const double *m0, const Unknowns x, const double *m2_older, const double *m1_older,
+                    const double *m0_older, const Unknowns older, int seidel, Unknowns fresh) {
     V first[MOST_N][VECTORS], second[MOST_N][VECTORS];
     EACH for (int d = 0; d < N; d++) {
         for (int k = 0; k < VECTORS; k++) first[d][k] = s->base[d][k], second[d][k] = s->base[N + d][k];
@@ -232,10 +276,17 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 #endif
     }
 #if HALVES
-    V taken[MOST_TAKEN + 1][VECTORS];
+    V taken[MOST_TAKEN + 1][VECTORS], had[MOST_N][VECTORS];
+    if (BY_DEFECT) set_speeds(at, m0, x, m0_older, older, second);
     for (int k = 0; k < VECTORS; k++) {
-        kick(&first[0][k], &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &taken[0][k]);
+        KICK(&first[0][k], BY_DEFECT ? &second[0][k] : &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &had[0][k],
+             &taken[0][k]);
         for (int d = 0; d < N; d++) fresh[N + d][k] *= at->b[k];
+    }
+    if (BY_DEFECT) {
+        set_momenta(s, STAGE_M1, fresh, 0, 0);
+        improve_speeds(s, at, h, w + KICK_W, had, taken, second, fresh);
+        return;
     }
     if (seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
     for (int k = 0; k < VECTORS; k++) {
@@ -261,10 +312,10 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 
 /* The same at the start of a step, not in line: once a step it costs nothing, and the compiler half of its time. */
 APART void evaluate_start(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
-                          const Unknowns x, const double *m2_older, const double *m1_older, const Unknowns older,
-                          int seidel) {
-    set_momenta(s, m1, x, m1_older, older);
-    evaluate(s, at, h, w, m2, m1, x, m2_older, m1_older, older, seidel, s->x);
+                          const double *m0, const Unknowns x, const double *m2_older, const double *m1_older,
+                          const double *m0_older, const Unknowns older, int seidel) {
+    if (!BY_DEFECT) set_momenta(s, m1, x, m1_older, older);
+    evaluate(s, at, h, w, m2, m1, m0, x, m2_older, m1_older, m0_older, older, seidel, s->x);
 }
 
 /* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
@@ -275,16 +326,17 @@ INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t k
     renewals = known ? 1 : 2;
 #endif
     if (known > 1)
-        evaluate_start(s, at, h, w, low ? LOW_M2 : START_M2, low ? LOW_M1 : START_M1, last,
-                       low ? LOW_OLDER_M2 : START_OLDER_M2, low ? LOW_OLDER_M1 : START_OLDER_M1, older, seidel);
+        evaluate_start(s, at, h, w, low ? LOW_M2 : START_M2, low ? LOW_M1 : START_M1, low ? LOW_M0 : START_M0, last,
+                       low ? LOW_OLDER_M2 : START_OLDER_M2, low ? LOW_OLDER_M1 : START_OLDER_M1,
+                       low ? LOW_OLDER_M0 : START_OLDER_M0, older, seidel);
     else
-        evaluate_start(s, at, h, w, low ? LOW_ONE_M2 : START_ONE_M2, low ? LOW_ONE_M1 : START_ONE_M1, known ? last : none, 0, 0,
-                       0, seidel);
+        evaluate_start(s, at, h, w, low ? LOW_ONE_M2 : START_ONE_M2, low ? LOW_ONE_M1 : START_ONE_M1,
+                       low ? LOW_ONE_M0 : START_ONE_M0, known ? last : none, 0, 0, 0, 0, seidel);
     s->count = 1;
 }
 
 INLINE void iterate(Step *s, const Nodes *at, double h, const double *w, int seidel, Unknowns fresh) {
-    evaluate(s, at, h, w, STAGE_M2, STAGE_M1, s->x, 0, 0, 0, seidel, fresh);
+    evaluate(s, at, h, w, STAGE_M2, STAGE_M1, 0, s->x, 0, 0, 0, 0, seidel, fresh);
     s->count++;
 }
 
@@ -391,7 +443,7 @@ APART void restore(Run *r, const RunArguments *a) {
     for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
     r->known = r->expected = r->iterations = r->most_iterations = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
-    r->tried = HALVES ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = r->residual = 0;
+    r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
     if (carry->steps_known > 0 && carry->h == h) {
         r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;

@@ -2,12 +2,12 @@
 
    tape.h stands before this file. varint/codegen/core.py has the same layout. */
 #define SCENE_AS_DATA
-#define MOST_N 64
+#define MOST_N 128
 #define MOST_NU 16
-#define MOST_TAKEN 512
+#define MOST_TAKEN 4096
 
 typedef struct {
-    int64_t n, controls, stages, diagonals, on_velocity, ahead;
+    int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect;
     const char *needs_q, *needs_p;
     const double *const *tables;
     Tape rhs[2], velocity, momentum; /* accelerations; or forces, and velocities made of new momenta */
@@ -20,6 +20,7 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define DIAGONALS scene->diagonals
 #define ON_VELOCITY scene->on_velocity
 #define AHEAD scene->ahead
+#define BY_DEFECT scene->by_defect
 #define NEEDS_Q scene->needs_q
 #define NEEDS_P scene->needs_p
 /* the tableau, in the order of varint/codegen/tableau.py */
@@ -40,6 +41,13 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define LOW_M2 scene->tables[14]
 #define LOW_OLDER_M2 scene->tables[15]
 #define LOW_ONE_M2 scene->tables[16]
+#define START_M0 scene->tables[17]
+#define START_OLDER_M0 scene->tables[18]
+#define START_ONE_M0 scene->tables[19]
+#define LOW_M0 scene->tables[20]
+#define LOW_OLDER_M0 scene->tables[21]
+#define LOW_ONE_M0 scene->tables[22]
+#define STAGE_INVERSE scene->tables[23]
 #define PADDED (VECTORS * LANES)
 #define FILE_SIZE(tape) (LANES * scene->tape.registers)
 #define KICK_W FILE_SIZE(rhs[0])
@@ -61,8 +69,9 @@ INLINE void rhs(const V *q, const V *v, const V *t, const V *u, const double *w,
     evaluate_tape(&scene->rhs[0], (const V *const[]){q, v, t, u}, (V *const[]){a}, VECTORS, w);
 }
 #else
-INLINE void kick(const V *q, const V *p, const V *t, const V *u, const double *w, V *f, V *taken) {
-    evaluate_tape(&scene->rhs[0], (const V *const[]){q, p, t, u}, (V *const[]){f, taken}, VECTORS, w);
+INLINE void kick(const V *q, const V *p, const V *t, const V *u, const double *w, V *f, V *had, V *taken) {
+    V *const next = BY_DEFECT ? had : taken;
+    evaluate_tape(&scene->rhs[0], (const V *const[]){q, p, t, u}, (V *const[]){f, next, taken}, VECTORS, w);
 }
 INLINE void drift(const V *p, const V *taken, const double *w, V *v) {
     evaluate_tape(&scene->rhs[1], (const V *const[]){p, taken}, (V *const[]){v}, VECTORS, w);

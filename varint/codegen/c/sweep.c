@@ -83,11 +83,16 @@ static int linearise(Work *k, const double *x, const double *x1, const double *v
             k->y[j * N + i] = HERMITE[3 * j] * mean + HERMITE[3 * j + 1] * v[i] + HERMITE[3 * j + 2] * v1[i];
     }
     far *= ROUNDABLE / fabs(k->h); /* the speed that no step can tell from rest, many times over */
-    for (int i = 0; i < N; i++) size[i] = 1 / (fmax(size[i], LEAST_SPEED * most) + far + 1e-300);
+    for (int i = 0; i < N; i++) size[i] = fmax(size[i], LEAST_SPEED * most) + far + 1e-300;
     if (ENDS) memcpy(k->y + Y - ENDS, v1, N * sizeof(double));
     for (int count = 0, fresh = 0; count < MOST_ITERATIONS; count++) {
         blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
         if (!fresh && !factors(k)) return NOT_REGULAR;
+        if (!count) { /* what forces alone would make of a body at rest, which may be held */
+            double kick = 0;
+            for (int i = 0; i < N * POINTS; i++) kick = fmax(kick, fabs(k->f[i]) * k->row[i]);
+            for (int i = 0; i < N; i++) size[i] = 1 / (size[i] + kick);
+        }
         double worst = 0;
         solve(k, k->f);
         for (int i = 0; i < N * POINTS; i++) {

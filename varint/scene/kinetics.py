@@ -1,0 +1,72 @@
+"""Cheaper ways to what follows from a Lagrangian, for scenes that know them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.errors import InputError
+
+SEED, TRIALS = 20, 2  # random states at which what is given is compared with the Lagrangian
+AGREES = 1e-8  # relative to the largest momentum: far above round-off, far below any mistake
+
+
+class Kinetics(NamedTuple):
+    """What a scene knows of its Lagrangian besides the expression, for `System`.
+
+    Attributes
+    ----------
+    mass_matrix : SX (n, n)
+        M(q, t) = ∂²L/∂v² of a Lagrangian quadratic in the velocities.
+    momentum : SX (n,)
+        Symbols p of its own for `velocity`; empty where there is none.
+    velocity : SX (n,)
+        v(q, p, t) with ∂L/∂v = p, as by articulated bodies for a tree of links; empty where M⁻¹ is
+        to be taken.
+    """
+
+    mass_matrix: ca.SX
+    momentum: ca.SX = ca.SX(0, 1)
+    velocity: ca.SX = ca.SX(0, 1)
+
+
+def check_kinetics(system: Any) -> None:
+    """Compare what is given with the Lagrangian, by its symbols and at random states.
+
+    Raises
+    ------
+    InputError
+        If it is not that of this Lagrangian.
+    """
+    s, given = system, system.kinetics
+    n = s.q.numel()
+    if given.mass_matrix.shape != (n, n) or given.velocity.numel() not in (0, n):
+        raise InputError(f"kinetics has the wrong shape for {n} coordinates")
+    if given.momentum.numel() != given.velocity.numel():
+        raise InputError("kinetics needs a symbol of momentum for every velocity")
+    known = {x.element_hash() for x in ca.symvar(ca.vertcat(s.q, s.t, s.c))}
+    own = known | {x.element_hash() for x in ca.symvar(given.momentum)}
+    for what, expression, may in (
+        ("mass matrix", given.mass_matrix, known),
+        ("velocity", given.velocity, own),
+    ):
+        strange = sorted(x.name() for x in ca.symvar(expression) if x.element_hash() not in may)
+        if strange:
+            raise InputError(f"the {what} of kinetics may not depend on {strange}")
+    inputs = [s.q, s.v, s.t, s.c]
+    product = [ca.jtimes(s.momentum, s.v, s.v), ca.mtimes(given.mass_matrix, s.v)]
+    truth = ca.Function("momentum", inputs, [s.momentum, *map(ca.densify, product)])
+    back = ca.Function("velocity", [s.q, given.momentum, s.t, s.c], [ca.densify(given.velocity)])
+    random = np.random.default_rng(SEED)
+    for _ in range(TRIALS):
+        q, v, t = random.normal(size=n), random.normal(size=n), random.normal()
+        p, *products = (np.array(x).ravel() for x in truth(q, v, t, s.default_vector))
+        pairs = [products]
+        if given.velocity.numel():
+            speed = np.array(back(q, p, t, s.default_vector)).ravel()
+            pairs.append([p, np.array(truth(q, speed, t, s.default_vector)[0]).ravel()])
+        for (true, other), what in zip(pairs, ("mass matrix", "velocity"), strict=False):
+            if abs(true - other).max() > AGREES * abs(true).max():  # not if anything is NaN
+                raise InputError(f"the {what} of kinetics is not that of the Lagrangian")

@@ -1,0 +1,187 @@
+"""Events of contacts and crossings, differentiated: when they come, and what a blow does.
+
+An event at which e(x, t) = 0 comes later by δt = −(e_x δx + e_t δt₀ + …)/ė, and a blow takes the
+state x to R(x, t): together the saltation matrix (Leine & Nijmeijer 2004, §7.2), of the discrete
+motion here. Where ė = 0 the motion grazes, and has no derivative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.constraints import ActiveSet, every_row_function, multiplier_function
+from varint.discrete.legendre import velocity_function
+from varint.errors import InputError
+from varint.numerics.arrays import call
+from varint.results.records import Event
+from varint.scene.system import System, per_system
+from varint.sensitivities.grazing import grazing
+from varint.sensitivities.parts import Slopes, with_size
+from varint.sensitivities.start import state_function
+
+GRAZING = 1e-8  # of what velocities contribute to a rate: one as small is zero
+AT_REST = 1e-9  # of the velocities: a row that moves no faster holds
+SAME_BLOW = 1e-8  # relative: momenta this close are the same
+
+
+def crossing_slopes(scene: System, expression: ca.SX) -> ca.Function:
+    """(q, p, t, c, u) → derivatives of an expression of q, v, t, c with respect to (q, p), t, c
+    and u.
+    """
+    value = state_function(scene, expression)
+    q, p, t, c = inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
+    return _slopes([*inputs, ca.MX.sym("u", scene.control.numel())], value(q, p, t, c))
+
+
+@per_system
+def gap_slopes(system: System, scene: System, contact: int) -> ca.Function:
+    """`crossing_slopes` of a gap; `scene` is the one that moves."""
+    return crossing_slopes(scene, system.contact[contact])
+
+
+@per_system
+def push_slopes(scene: System, row: int) -> ca.Function:
+    """`crossing_slopes` of the multiplier of a row that holds."""
+    sizes = (scene.q.numel(), scene.q.numel(), 1, scene.c.numel(), scene.control.numel())
+    q, p, t, c, u = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    v = velocity_function(scene)(q, p, t, c)
+    return _slopes(inputs, multiplier_function(scene)(q, v, u, t, c)[0][row])
+
+
+def _slopes(inputs: list[ca.MX], value: ca.MX) -> ca.Function:
+    q, p, t, c, u = inputs
+    found = [ca.densify(ca.jacobian(value, x)) for x in (ca.vertcat(q, p), t, c, u)]
+    return ca.Function("crossing", inputs, found)
+
+
+def event_slopes(system: System, active_set: ActiveSet, event: Event) -> ca.Function:
+    """`crossing_slopes` of what becomes zero where a contact closes, or lets go."""
+    scene, contact = active_set.scene(system), event.contact
+    assert contact is not None
+    if event.kind != "detachment":
+        return gap_slopes(system, scene, contact)
+    if contact not in active_set.contacts or len(active_set.contacts) < len(active_set.holding):
+        raise InputError(
+            f"contact {contact} lets go at t = {event.time:g} of contacts that hold the motion "
+            "together more than once: which of them pushes how much is not known"
+        )
+    return push_slopes(scene, len(active_set.rows) + active_set.contacts.index(contact))
+
+
+def to_event(
+    slopes: Slopes,
+    crossing: ca.Function,
+    state: tuple[np.ndarray, np.ndarray, float],
+    c: np.ndarray,
+    u: tuple[np.ndarray, np.ndarray, np.ndarray],
+    passed: float,
+    fast: np.ndarray,
+) -> Slopes:
+    """A part that ends where a function of the state is zero: its duration varies by −ė⁻¹ δe.
+
+    `u` are the controls there (k,), their slope by the share of the step in units of time, and what
+    they depend on, (k, r·k); `passed` the steps from the start of the run to there, and `fast` (n,)
+    the speeds in play.
+
+    Raises
+    ------
+    ConvergenceError
+        If the rate ė is zero up to round-off.
+    """
+    q, p, t = state
+    n2, many = slopes.clock, len(c)
+    now, rate_of_u, table = u
+    of_x, of_t, of_c, of_u = call(crossing, q, p, np.array([t]), c, now)
+    of_u = of_u.reshape(-1)
+    along = np.append(of_x, of_t + of_u @ rate_of_u)
+    part = slopes.of_size[0, : n2 + 1]
+    rate = along @ part
+    size = np.abs(along) @ np.maximum(np.abs(part), np.append(fast, np.zeros(len(p) + 1)))
+    if not abs(rate) > GRAZING * size:
+        raise grazing(int(passed), t)
+    of_z = along @ slopes.of_z[0, : n2 + 1]
+    of_z[n2 + 1 : n2 + 1 + many] += of_c
+    of_grid = of_u @ rate_of_u  # the share of the step is counted from its own beginning
+    of_z[n2 + 1 + many] -= of_grid * passed
+    of_z[n2 + 2 + many] -= of_grid
+    by_u = along @ slopes.of_u[0, : n2 + 1] + of_u @ table
+    return with_size(slopes, -of_z[None] / rate, -by_u[None] / rate)
+
+
+def blow(
+    system: System, active_set: ActiveSet, event: Event, time: float, c: np.ndarray
+) -> np.ndarray:
+    """What an impact makes of changes: the rows (q, p, t) of its derivative with respect to z.
+
+    Raises
+    ------
+    InputError
+        If the momenta behind it are not those of the event.
+    """
+    assert event.contact is not None
+    q, p, wanted = (np.array(x) for x in (event.q, event.p_before, event.p_after))
+    v, late = np.array(event.v_before), np.array(event.v_after)
+    t, n, contacts = np.array([time]), len(q), system.contact.numel()
+    first = system.structure.constraints + system.structure.nonholonomic
+    rows, slope = call(every_row_function(system), q, v, t, c)
+    after = call(every_row_function(system), q, late, t, c)[0]
+    fast = np.abs(slope.reshape(n, -1).T) @ np.maximum(np.abs(v), np.abs(late)) + 1e-300
+    hit = first + event.contact
+    rest = AT_REST * fast[first:]
+    still = [i for i in active_set.contacts if abs(rows[first + i]) <= rest[i]]
+    holding = [i for i in still if abs(after[first + i]) <= rest[i]]
+    kept = (
+        *active_set.rows,
+        *range(system.structure.constraints, first),
+        *(first + i for i in holding if i != event.contact),
+    )
+    bounces = abs(after[hit]) > rest[event.contact]
+    scene = replace(active_set, contacts=tuple(still)).scene(system)
+    restitution = float(system.restitution[event.contact]) if bounces else 0.0
+    function = _blow_function(system, scene, kept, hit)
+    found, *slopes = call(function, q, p, t, c, np.array([restitution]))
+    change = np.abs(wanted - p).max()
+    if not np.abs(found - wanted).max() <= SAME_BLOW * change:
+        raise InputError(
+            f"the impact at t = {event.time:g} was dealt to several bodies in a way that cannot "
+            "be followed: its derivative is not known"
+        )
+    of_q, of_p, of_t, of_c, of_e = (x.reshape(-1, n).T for x in slopes)
+    matrix = np.zeros((2 * n + 1, 2 * n + 3 + len(c) + contacts))
+    matrix[:n, :n] = np.eye(n)
+    matrix[2 * n, 2 * n] = 1.0
+    matrix[n : 2 * n, : 2 * n + 1] = np.hstack([of_q, of_p, of_t])
+    matrix[n : 2 * n, 2 * n + 1 : 2 * n + 1 + len(c)] = of_c
+    if bounces:
+        matrix[n : 2 * n, 2 * n + 3 + len(c) + event.contact] = of_e[:, 0]
+    return matrix
+
+
+@per_system
+def _blow_function(system: System, scene: System, kept: tuple[int, ...], hit: int) -> ca.Function:
+    """(q, p, t, c, e) → p behind the blow of one row while others are kept, and its derivatives.
+
+    [M −Wᵀ; W 0] [Δv; Λ] = [0; −(1 + e) ṙ], p⁺ = p + Wᵀ Λ.
+    """
+    s, n = system, system.structure.n
+    rows, slope = every_row_function(s)(s.q, s.v, s.t, s.c)
+    chosen = [*kept, hit]
+    seen = ca.Function(
+        "seen",
+        [s.q, s.v, s.t, s.c],
+        [ca.densify(s.mass_matrix), ca.densify(slope[chosen, :]), rows[hit]],
+        {"cse": True},
+    )
+    sizes = (n, n, 1, s.c.numel(), 1)
+    q, p, t, c, e = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    mass, along, rate = seen(q, velocity_function(scene)(q, p, t, c), t, c)
+    m = len(chosen)
+    matrix = ca.blockcat([[mass, -along.T], [along, ca.MX.zeros(m, m)]])
+    right = ca.vertcat(ca.MX.zeros(n + m - 1), -(1 + e) * rate)
+    impulse = ca.solve(matrix, right, "qr")[n:]
+    after = p + ca.mtimes(along.T, impulse)
+    slopes = [ca.densify(ca.jacobian(after, x)) for x in inputs]
+    return ca.Function("blow", inputs, [ca.densify(after), *slopes])

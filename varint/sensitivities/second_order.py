@@ -1,0 +1,89 @@
+"""Second derivatives of single steps, along an adjoint: what the Hessian of a run is the sum of.
+
+Of L = Σ w·(q, v) at the nodes, with tangents T_k = ∂(x_k, e_k)/∂z and adjoints μ_k = ∂L/∂x_k,
+
+    ∂²L/∂z² = Σ_k T_kᵀ ∂²(μ_{k+1}·x_{k+1}(x_k, e_k)) T_k + what nodes and the start curve.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from varint.discrete.legendre import velocity_function
+from varint.discrete.step_map import StepMap, step_map
+from varint.rules.rule import Rule
+from varint.scene.system import System, per_system
+from varint.sensitivities.linear_steps import unknowns
+
+
+@per_system
+def step_hessian(system: System, rule: Rule) -> ca.Function:
+    """(x, x', v, v', t, h, u, c, μ) → ∂²(μ·x')/∂(x, c, u)², with the controls of all nodes."""
+    s, n = step_map(system, rule), system.structure.n
+    width = len(rule.nodes) * system.structure.controls
+    sizes = (2 * n, 2 * n, n, n, 1, 1, width, s.c.numel(), 2 * n)
+    inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    found = _of_equations(s, inputs) if s.y.numel() else _of_parts(s, inputs)
+    return ca.Function("step_hessian", inputs, [ca.densify(found)])
+
+
+def _of_parts(s: StepMap, inputs: list[ca.MX]) -> ca.MX:
+    """Of an explicit step, part after part."""
+    x, _, _, _, t, h, u, c, mu = inputs
+    part = ca.Function("part", [s.q, s.p, s.t, s.u, s.part, s.c, s.h], [s.after], {"cse": True})
+    state, width = x, s.u.numel()
+    for r, row in enumerate(s.parts):
+        mine = u[r * width : (r + 1) * width] if width else ca.MX(0, 1)
+        state = part(*ca.vertsplit(state, s.q.numel()), t, mine, ca.MX(row), c, h)
+    z = ca.vertcat(x, c, u)
+    value = ca.Function("value", [x, c, u, t, h, mu], [ca.dot(mu, state)])
+    joined = ca.MX.sym("z", z.numel())
+    split = ca.vertsplit(joined, np.cumsum([0, x.numel(), c.numel(), u.numel()]).tolist())
+    hessian = ca.hessian(value(*split, t, h, mu), joined)[0]
+    return ca.Function("hessian", [joined, t, h, mu], [ca.densify(hessian)])(z, t, h, mu)
+
+
+def _of_equations(s: StepMap, inputs: list[ca.MX]) -> ca.MX:
+    """Of F(y, z) = 0, x' = G(y, z): with S = μ·G + η·F and η = −F_y⁻ᵀ G_yᵀ μ it is Dᵀ S'' D, D =
+    [−F_y⁻¹ F_z; 1].
+    """
+    x, x1, v, v1, t, h, u, c, mu = inputs
+    q, p = ca.vertsplit(x, s.q.numel())
+    arguments = [q, p, t, u, ca.MX(s.part.numel(), 1), c, h]
+    y, _ = unknowns(s, arguments, x, x1, v, v1, h)
+    eta_symbol, mu_symbol = ca.SX.sym("eta", s.y.numel()), ca.SX.sym("mu", 2 * s.q.numel())
+    z = ca.vertcat(s.state, s.c, s.u)
+    both = ca.vertcat(s.y, z)
+    twisted = ca.dot(mu_symbol, s.after) + ca.dot(eta_symbol, s.left)
+    given = [*s.inputs, s.c, s.h]
+    slopes = [ca.jacobian(s.left, s.y), ca.jacobian(s.left, z), ca.jacobian(s.after, s.y)]
+    first = ca.Function("first", given, slopes, {"cse": True})
+    second = ca.Function(
+        "second", [*given, mu_symbol, eta_symbol], [ca.hessian(twisted, both)[0]], {"cse": True}
+    )
+    fy, fz, gy = first(y, *arguments)
+    eta = -ca.solve(fy.T, ca.mtimes(gy.T, mu), "csparse")
+    along = ca.vertcat(-ca.solve(fy, ca.densify(fz), "csparse"), ca.MX.eye(z.numel()))
+    return ca.mtimes([along.T, second(y, *arguments, mu, eta), along])
+
+
+@per_system
+def node_hessian(system: System) -> ca.Function:
+    """(q, p, t, c, w) → ∂²(w·(q, v))/∂(q, p, c)²."""
+    n, many = system.structure.n, system.c.numel()
+    z, t, w = ca.MX.sym("z", 2 * n + many), ca.MX.sym("t"), ca.MX.sym("w", 2 * n)
+    q, p, c = ca.vertsplit(z, [0, n, 2 * n, 2 * n + many])
+    value = ca.dot(w, ca.vertcat(q, velocity_function(system)(q, p, t, c)))
+    of_z = ca.Function("curved", [z, t, w], [ca.densify(ca.hessian(value, z)[0])])
+    inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate((n, n, 1, many, 2 * n))]
+    q, p, t, c, w = inputs
+    return ca.Function("node_hessian", inputs, [of_z(ca.vertcat(q, p, c), t, w)])
+
+
+@per_system
+def start_hessian(system: System) -> ca.Function:
+    """(q, v, t, c, w) → ∂²(w·p)/∂(q, v, c)², p = ∂L/∂v."""
+    s, w = system, ca.SX.sym("w", system.structure.n)
+    curved = ca.hessian(ca.dot(w, s.momentum), ca.vertcat(s.q, s.v, s.c))[0]
+    return ca.Function("start_hessian", [s.q, s.v, s.t, s.c, w], [ca.densify(curved)])
