@@ -193,3 +193,33 @@ def test_what_is_no_family_is_refused(backbone):
     with pytest.raises(vi.InputError, match="does not conserve"):
         orbits.family(found)
     assert ca.SX(1).is_one()
+
+
+@pytest.mark.long
+def test_a_driven_spring_folds_over():
+    q, v = vi.coordinates("x")
+    t, c = vi.time(), vi.Parameters(F=0.1, gamma=0.1)
+    lagrangian = (v**2 - q**2 - q**4 / 2) / 2 + c.F * q * ca.cos(1.2 * t)
+    driven = vi.System(q, v, lagrangian, force=-c.gamma * v, t=t, params=c)
+    first = orbits.periodic(driven, ([0.1], [0.0]), period=2 * np.pi / 1.2)
+    found = orbits.family(first, "F", to=0.3)
+    folds = [one for one in found.bifurcations if one.kind == "fold in F"]
+    assert len(folds) == 2 and found.values[-1] == 0.3
+    for one in folds:
+        assert np.abs(one.orbit.floquet.multipliers - 1).min() < 1e-6
+        assert np.prod(one.orbit.floquet.multipliers).real == pytest.approx(
+            np.exp(-0.1 * one.orbit.period), rel=1e-10
+        )
+    assert folds[0].value > folds[1].value  # between them the response has three branches
+    assert found[0].floquet.stable and found[-1].floquet.stable and not found.stable.all()
+
+
+@pytest.mark.long
+def test_the_straight_orbit_of_henon_and_heiles_bifurcates_where_it_is_published():
+    system = vi.models.henon_heiles().system
+    first = orbits.periodic(system, ([0.0, 0.3], [0.0, 0.0]), period=6.3, energy=0.04)
+    found = orbits.family(first, to=0.1655)
+    # Brack, Foundations of Physics 31 (2001) 209: A5 and A6 at these parts of the saddles' energy
+    passes = [6 * one.value for one in found.bifurcations if one.kind == "branch point"]
+    assert passes[:2] == pytest.approx([0.969309, 0.986709], abs=6e-7)
+    assert np.abs(found[-1].motion.q[:, 0]).max() < 1e-9

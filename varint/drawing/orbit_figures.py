@@ -95,17 +95,19 @@ def modes_figure(exponents: np.ndarray, shapes: np.ndarray, names: Sequence[str]
     fig, rows = plt.subplots(
         1, count, figsize=(1.0 + 2.6 * count, 3.2), sharey=True, squeeze=False, layout="constrained"
     )
-    places = np.arange(len(names))
+    places, turning = np.arange(len(names)), np.abs(shapes.imag).max(initial=0.0) > 0
+    side, wide = (0.2, 0.4) if turning else (0.0, 0.6)
     for axes, s, shape in zip(rows[0], exponents, shapes, strict=False):
-        axes.bar(places - 0.2, shape.real, 0.4, color=COLOURS[0], label="real part")
-        axes.bar(places + 0.2, shape.imag, 0.4, color=COLOURS[1], label="imaginary part")
+        axes.bar(places - side, shape.real, wide, color=COLOURS[0], label="real part")
+        if turning:
+            axes.bar(places + side, shape.imag, wide, color=COLOURS[1], label="imaginary part")
         axes.set_xticks(places, [label(name) for name in names])
         axes.axhline(0, color="0.5", lw=0.8)
         what = rf"$\omega$ = {abs(s.imag):.5g}" if s.imag else f"rate {s.real:.5g}"
         axes.set_title(what)
         axes.grid(alpha=0.3, axis="y")
     rows[0, 0].set_ylabel("displacement")
-    if np.abs(shapes.imag).max(initial=0.0) > 0:
+    if turning:
         rows[0, 0].legend(fontsize="small")
     return handed_over(fig)
 

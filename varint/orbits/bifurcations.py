@@ -17,6 +17,7 @@ from varint.orbits.continuation import (
     arclength_row,
     corrected,
     held_rows,
+    linear_of,
     measures,
     null_directions,
     product,
@@ -125,7 +126,8 @@ class Bifurcation:
 
 def _across(base: Orbit, along: Direction, curve: Curve, by: Measures) -> Direction:
     """The null vector across the family, of length one."""
-    two = null_directions(base.shooting, base.at, base.linear, curve, by, least=2)[-2:]
+    linear = linear_of(base, curve)
+    two = null_directions(base.shooting, base.at, linear, curve, by, least=2)[-2:]
     a, b = (product(one, along, by) for one in two)
     x = b * two[0].x - a * two[1].x
     found = Direction(
@@ -172,9 +174,14 @@ def tests_of(orbit: Orbit, tangent: Direction, curve: Curve) -> dict[str, float]
 
 def point_of(orbit: Orbit, curve: Curve, before: Direction | None, sign: float) -> Point:
     """The orbit with its tangent and tests."""
-    by = measures(orbit, curve)
-    tangent = tangent_near(orbit.shooting, orbit.at, orbit.linear, curve, by, before, sign)
+    by, linear = measures(orbit, curve), linear_of(orbit, curve)
+    tangent = tangent_near(orbit.shooting, orbit.at, linear, curve, by, before, sign)
     return Point(orbit, tangent, by, tests_of(orbit, tangent, curve))
+
+
+def passing(point: Point) -> list[tuple[str, float]]:
+    """The tests of multipliers that pass ±1."""
+    return [(name, x) for name, x in point.tests.items() if name in (BRANCH, DOUBLING)]
 
 
 def located(a: Point, b: Point, length: float, curve: Curve) -> list[Bifurcation]:

@@ -20,7 +20,7 @@ from varint.orbits.guess import kept
 from varint.orbits.orbit import Orbit
 from varint.orbits.periodic import orbit_of
 from varint.orbits.phase import Units, units_of
-from varint.orbits.shooting import Iterate, Linear, Shooting, runs
+from varint.orbits.shooting import Iterate, Linear, Shooting, linearise, runs
 
 NULL = 1e-11  # of the largest singular value: further null vectors, at a branch point
 NEWTON_STEPS = 8  # of a continuation step: more mean that it was too long
@@ -85,6 +85,16 @@ def change(new: Iterate, old: Iterate, curve: Curve) -> Direction:
 
 def scaled(a: Direction, factor: float) -> Direction:
     return Direction(factor * a.x, factor * a.period, factor * a.parameter)
+
+
+def linear_of(orbit: Orbit, curve: Curve) -> Linear:
+    """The segments' maps with their derivatives by the parameter that is varied."""
+    if curve.index is None:
+        return orbit.linear
+    s = orbit.shooting
+    found = linearise(s, orbit.at, runs(s, orbit.at), orbit.units, curve.index)
+    orbit.__dict__["linear"] = found  # what it has of the orbit alone is the same
+    return found
 
 
 def quantity(orbit: Orbit, curve: Curve) -> float:

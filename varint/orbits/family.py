@@ -12,7 +12,7 @@ import numpy as np
 from varint.errors import ConvergenceError, InputError
 from varint.notation.html import table
 from varint.numerics.progress import progress_bar
-from varint.orbits.bifurcations import Bifurcation, Point, located, point_of
+from varint.orbits.bifurcations import Bifurcation, Point, located, passing, point_of
 from varint.orbits.continuation import (
     Curve,
     at_value,
@@ -37,6 +37,7 @@ QUICK = 5  # Newton steps: then the next step may be longer
 BENT = 0.97  # cosine of the angle between tangents: a step round a sharper bend is too long
 LOOSE = 2e-13  # in ranges: errors of the steps at which they are made shorter
 FINER, MOST_FINER = 1.1, 4.0  # times the steps: beyond what is needed, and at once
+FAST = 0.3  # of all that (1 ∓ ν)/2 can change by: more may hide two bifurcations
 HALVED = 0.5  # of the error before: what shorter steps must bring, or it is round-off
 
 
@@ -291,7 +292,8 @@ def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] 
             continue
         size = np.sqrt(product(point.tangent, point.tangent, here.by))
         straight = product(scaled(point.tangent, 1 / size), here.tangent, here.by)
-        if straight < BENT and step > FIRST / 30:
+        leap = max((abs(x - here.tests[name]) for name, x in passing(point)), default=0.0)
+        if (straight < BENT or leap > FAST) and step > FIRST / 30:
             step *= SHORTER
             continue
         if LOOSE < orbit.error_estimate < HALVED * last:

@@ -19,7 +19,7 @@ from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
 
 PIECES = 8  # of a period, in which the error of the steps is measured
-FEWEST, MOST = 4, 2**15  # steps of such a piece
+FEWEST, MOST = 4, 2**14  # steps of such a piece
 ROUND_OFF = 1e-10  # errors that no longer shrink are this small at most, or the steps too long
 STEEP, GENTLE = 300.0, 30.0  # growth of the tangent map in a period, and in a segment
 MOST_SEGMENTS = 32
