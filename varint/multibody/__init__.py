@@ -27,8 +27,10 @@ from varint.multibody.rotations import (
     euler_angles,
     matrix_quaternion,
     quaternion_matrix,
+    quaternion_rate,
     roll_pitch_yaw,
 )
+from varint.multibody.start import start_values
 
 __all__ = [
     "WORLD",
@@ -51,5 +53,7 @@ __all__ = [
     "matrix_quaternion",
     "placed",
     "quaternion_matrix",
+    "quaternion_rate",
     "roll_pitch_yaw",
+    "start_values",
 ]
