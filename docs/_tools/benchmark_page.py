@@ -89,6 +89,14 @@ KNOWN = {
         "Ten thousand pendulums in one call of `ensemble`, and in a loop of `simulate`.",
     ),
     "chain_scaling": Benchmark("Length of a chain", "Cost of a step over the number of rods."),
+    "machines": Benchmark(
+        "Links of a machine",
+        "A step of `gauss(2)` of trees and chains of hinges in space, over the number of links.",
+    ),
+    "arm": Benchmark(
+        "An arm of seven axes",
+        "Steps of `gauss(2)` and `gauss(4)` beside MuJoCo's RK4, and the error after a second.",
+    ),
     "specialisations": Benchmark(
         "What is skipped",
         "A scene beside the same scene with one property hidden from the plan, so that it runs in "
