@@ -21,6 +21,7 @@ from varint.multibody.data import (
 )
 from varint.multibody.frames import Frame
 from varint.multibody.functions import Dynamics
+from varint.multibody.home import home
 from varint.multibody.mjcf import from_mjcf
 from varint.multibody.model import Model
 from varint.multibody.quantities import placed
@@ -58,6 +59,7 @@ __all__ = [
     "euler_angles",
     "from_mjcf",
     "from_urdf",
+    "home",
     "matrix_quaternion",
     "page",
     "placed",
