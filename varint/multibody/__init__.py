@@ -21,7 +21,6 @@ from varint.multibody.data import (
 )
 from varint.multibody.frames import Frame
 from varint.multibody.functions import Dynamics
-from varint.multibody.home import home
 from varint.multibody.mjcf import from_mjcf
 from varint.multibody.model import Model
 from varint.multibody.quantities import placed
@@ -61,7 +60,6 @@ __all__ = [
     "euler_angles",
     "from_mjcf",
     "from_urdf",
-    "home",
     "matrix_quaternion",
     "page",
     "placed",
