@@ -78,7 +78,7 @@ def flat_four_bar(loops: int) -> mb.Model:
 
 
 def slider_crank() -> mb.Model:
-    """Simeon's slider-crank in the plane x, z: crank, rod and slider in a tree, the guide a loop."""
+    """Simeon's slider-crank in the plane x, z: crank, rod and slider in a tree, one loop."""
     world = mb.Model()
     crank = world.body(0.36, (0.075, 0, 0), (0, 0.000675, 0.000675), "crank")
     rod = world.body(0.151104, (0.15, 0, 0), (0, 0.00113328, 0.00113328), "rod")

@@ -88,6 +88,14 @@ KNOWN = {
         "Ten thousand pendulums in one call of `ensemble`, and in a loop of `simulate`.",
     ),
     "chain_scaling": Benchmark("Length of a chain", "Cost of a step over the number of rods."),
+    "machines": Benchmark(
+        "Links of a machine",
+        "A step of `gauss(2)` of trees and chains of hinges in space, over the number of links.",
+    ),
+    "arm": Benchmark(
+        "An arm of seven axes",
+        "Steps of `gauss(2)` and `gauss(4)` beside MuJoCo's RK4, and the error after a second.",
+    ),
     "specialisations": Benchmark(
         "What is skipped",
         "A scene beside the same scene with one property hidden from the plan, so that it runs in "
@@ -108,8 +116,8 @@ KNOWN = {
         "The first call in a process that has built nothing, as it comes, over the faster backend "
         "in hindsight, compiling counted: 1 is perfect foresight.",
     ),
-    "machines": Benchmark(
-        "Machines",
+    "machines_beside_mujoco": Benchmark(
+        "Machines beside MuJoCo",
         "MuJoCo's files stepped by MuJoCo and by varint: energy drift and error at an equal step, then "
         "the cheapest run of each for a wanted error; `ratio` is MuJoCo's time over varint's. `gap`: "
         "how near MuJoCo's RK4 comes to the reference at its smallest step.",
