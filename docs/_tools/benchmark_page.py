@@ -117,8 +117,8 @@ KNOWN = {
         "The first call in a process that has built nothing, as it comes, over the faster backend "
         "in hindsight, compiling counted: 1 is perfect foresight.",
     ),
-    "machines": Benchmark(
-        "Machines",
+    "machines_beside_mujoco": Benchmark(
+        "Machines beside MuJoCo",
         "MuJoCo's files stepped by MuJoCo and by varint: energy drift and error at an equal step, then "
         "the cheapest run of each for a wanted error; `ratio` is MuJoCo's time over varint's. `gap`: "
         "how near MuJoCo's RK4 comes to the reference at its smallest step.",

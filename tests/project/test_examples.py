@@ -22,12 +22,13 @@ CLOSE = {
 
 
 # data that come as packages, and their fits take some ten seconds
+PLANS = {"six_axis_arm", "crane_and_leap"}
 DATA = {"exoplanets": "radvel", "solar_system_masses": "skyfield-data"}
 
 
 def is_long(path: Path) -> bool:
-    """What compiles a controller takes the compiler three seconds, what plans six axes ten."""
-    return path.stem.endswith("_in_c") or path.stem == "six_axis_arm" or path.stem in DATA
+    """What compiles a controller takes the compiler three seconds, so do plans of several bodies."""
+    return path.stem.endswith("_in_c") or path.stem in {*PLANS, *DATA}
 
 
 RUN = [pytest.param(path, marks=pytest.mark.long) if is_long(path) else path for path in EXAMPLES]

@@ -23,6 +23,9 @@ def start_values(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates (n,) each of a model, from those of its joints; the others are zero.
 
+    In a model from MJCF the others are where the file puts them, MuJoCo's ``qpos0``: free bodies in
+    their place, joints at their reference.
+
     Quaternions are made unit vectors, and their rates are those of angular velocities,
     ``q̇ = ½ q (0, ω)``. Loops are not closed: `varint.project` does that.
 
@@ -53,8 +56,9 @@ def start_values(
     >>> mb.start_values(world, {"ball": [2, 0, 0, 0]}, {"ball": [0, 0, 4]})
     (array([1., 0., 0., 0.]), array([0., 0., 0., 2.]))
     """
-    given_q, given_v = dict(q or {}), dict(v or {})
     moving = {joint.name for joint in model.machine.moving}
+    home = {name: value for name, value in model.machine.home.items() if name in moving}
+    given_q, given_v = home | dict(q or {}), dict(v or {})
     for name in (*given_q, *given_v):
         if joint_named(model.machine, name).name not in moving:
             raise InputError(f"joint {name!r} follows another; give the start of that one")
@@ -79,7 +83,7 @@ def _of_joint(joint: Joint, q: Any, v: Any) -> tuple[np.ndarray, np.ndarray]:
     turn = turn / length
     return (
         np.append(place[:first], turn),
-        np.append(rate[:first], quaternion_rate(turn, rate[first:])),
+        np.append(rate[:first], quaternion_rate(turn, rate[first:])) + 0.0,  # no −0
     )
 
 
