@@ -27,7 +27,7 @@ DATA = {"exoplanets": "radvel", "solar_system_masses": "skyfield-data"}
 
 
 def is_long(path: Path) -> bool:
-    """What compiles a controller takes the compiler three seconds, so do plans of several bodies."""
+    """What compiles a controller takes three seconds, so do plans of several bodies."""
     return path.stem.endswith("_in_c") or path.stem in {*PLANS, *DATA}
 
 
