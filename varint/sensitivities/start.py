@@ -84,12 +84,10 @@ def as_text(system: System, expression: ca.SX) -> str:
     if key not in known:
         if len(known) >= REMEMBERED:
             known.clear()
-        s = system
-        made = ca.Function("density", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
-        known[key] = (
-            ca.SX(expression),
-            made.serialize(),
-        )  # its nodes are kept: none takes their place
+        s, own = system, in_own_symbols(expression, system)
+        made = ca.Function("density", [s.q, s.v, s.t, s.control, s.c], [own], {"cse": True})
+        kept = ca.SX(expression)  # as long as its nodes are, no others have their numbers
+        known[key] = kept, made.serialize()
     return known[key][1]
 
 
