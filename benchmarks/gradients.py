@@ -3,24 +3,28 @@ is installed, diffrax.
 
 The loss is |q|² at the end of a run of the double pendulum with its parameters. CasADi
 differentiates a `mapaccum` of the same steps backwards, and integrates the adjoint of cvodes at
-three tolerances; diffrax (Dopri8) differentiates its own steps backwards. The error is relative to
-a run of `gauss(8)` in ten times as many steps. Run: python benchmarks/gradients.py
+three tolerances; diffrax (Dopri8) differentiates its own steps backwards. All take turns, and the
+shortest time of each counts. The error is relative to a run of `gauss(8)` in ten times as many
+steps. Then the processor time of a gradient alone over that of the run, from 1e3 to 1e6 steps, with
+all nodes kept, with every √N-th, and with the ends alone. Run: python benchmarks/gradients.py
 """
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from time import perf_counter
+from time import perf_counter, process_time
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from tools.record import save
+from tools.record import save, table
 
 import varint as vi
 
 DURATION, START = 5.0, ([0.4, 0.3], [0.0, 0.1])
-TURNS = 5
+TURNS = 15
+LONG_TURNS = 3
 
 
 def scene() -> vi.System:
@@ -32,14 +36,18 @@ def scene() -> vi.System:
     return vi.System(q, v, kinetic - potential, params=c)
 
 
-def best(work: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    """Shortest of several run times, and the result."""
-    times, result = [], work()
-    for _ in range(TURNS):
-        began = perf_counter()
-        result = work()
-        times.append(perf_counter() - began)
-    return min(times), result
+def shortest(
+    works: list[Callable[[], Any]], turns: int, clock: Callable[[], float] = perf_counter
+) -> list[float]:
+    """Shortest time of each in several turns, after one that does not count."""
+    times = np.full(len(works), np.inf)
+    for turn in range(turns + 1):
+        for i, work in enumerate(works):
+            began = clock()
+            work()
+            if turn:
+                times[i] = min(times[i], clock() - began)
+    return times.tolist()
 
 
 def flat(of: vi.Gradient) -> np.ndarray:
@@ -158,14 +166,35 @@ def main() -> None:
     ways += [(f"CasADi cvodes, {x:g}", cvodes(system, x)) for x in (1e-6, 1e-9, 1e-12)]
     if importlib.util.find_spec("diffrax"):
         ways += [(f"diffrax Dopri8, {x:g}", by_diffrax(system, x)) for x in (1e-6, 1e-9, 1e-12)]
-    rows = []
-    print(f"{'way':40} {'run and gradient, ms':>21} {'relative error':>15}")
-    for name, work in ways:
-        seconds, found = best(work)
-        error = float(np.abs(found - exact).max() / np.abs(exact).max())
-        print(f"{name:40} {1e3 * seconds:21.3f} {error:15.1e}")
-        rows.append({"way": name, "ms": 1e3 * seconds, "relative error": error})
+    rows: list[dict[str, Any]] = []
+    works = [work for _, work in ways]
+    for (name, work), seconds in zip(ways, shortest(works, TURNS), strict=True):
+        error = float(np.abs(work() - exact).max() / np.abs(exact).max())
+        rows.append({"way": name, "run and gradient, ms": 1e3 * seconds, "relative error": error})
+    for steps in (10**3, 10**4, 10**5, 10**6):
+        rows += over_the_run(system, vi.gauss(4), steps)
+    table(rows)
     save("gradients", rows)
+
+
+def over_the_run(system: vi.System, rule: vi.Rule, steps: int) -> list[dict[str, Any]]:
+    """The time of a gradient over that of the run: all nodes kept, every √N-th, the ends."""
+    thin, turns = round(steps**0.5), LONG_TURNS if steps > 10**4 else TURNS
+
+    def run(save_every: int = 1) -> vi.Trajectory:
+        given = dict(q0=START[0], v0=START[1], h=0.01, steps=steps, save_every=save_every)
+        return vi.simulate(system, rule, **given, backend="compiled")
+
+    loss, motions = ca.sumsqr(system.q), (run(), run(thin), run(steps))
+
+    def gradient(motion: vi.Trajectory) -> Callable[[], Any]:
+        return lambda: vi.gradient(motion, terminal_loss=loss, backend="compiled")
+
+    once, *times = shortest([run, *map(gradient, motions)], turns, process_time)
+    return [
+        {"way": f"gradient alone, {rule}, {steps:.0e} steps, {kept}", "over the run": t / once}
+        for kept, t in zip(("all nodes kept", "every √N-th", "ends"), times, strict=True)
+    ]
 
 
 if __name__ == "__main__":

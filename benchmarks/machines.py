@@ -1,153 +1,151 @@
-"""Machines side by side with MuJoCo: energy drift, and run time against error.
+"""A step of machines made by varint.multibody: linear in the links? And a seven-axis arm beside
+MuJoCo.  python benchmarks/machines.py
 
-python benchmarks/machines.py, with `mujoco` installed
-
-The same MJCF file is read by both: no contacts, limits or damping, so that energy is kept and the
-motion is the Lagrangian's. MuJoCo steps natively (`rollout`) by its RK4 and its default, the
-semi-implicit Euler method; varint by `simulate` as a user calls it. Errors are those of all
-coordinates at the end against varint's gauss(8) at a small step, which MuJoCo's RK4 approaches at
-its own order (`gap`: how near at its smallest step). Times are processor time, the best of several
-runs in turn; `ratio` is MuJoCo's over varint's, at equal error: above 1 varint is faster. What
-varint needs to build and compile is reported apart.
+Trees and chains of equal links; `ratio` compares the cost of an evaluation and link with that of
+the first row. The arm: gauss(2) and gauss(4) beside MuJoCo's RK4 at equal steps, errors of the
+joint angles at the end against gauss(8) of a tenth of the step; MuJoCo where it is installed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from time import perf_counter, process_time
-from typing import Any
+import importlib.util
+from time import process_time
 
-import casadi as ca
-import mujoco
 import numpy as np
-from mujoco import rollout
 from tools.record import save, table
 
 import varint as vi
 import varint.multibody as mb
 
-REPEATS = 5
-LINK = (
-    '<body name="{name}" pos="{pos}"><joint name="{name}" axis="{axis}"/>'
-    '<geom type="capsule" fromto="0 0 0 0 0 {length}" size="0.04" contype="0"/>{inner}</body>'
-)
-OPTION = '<option gravity="0 0 -9.81"/><default><geom conaffinity="0"/></default>'
+AXES, REPEATS = ((0, 1, 0), (1, 0, 0), (0, 0, 1)), 5
+STEPS = 2000  # of what is timed: what a call costs besides its steps is not seen
+MASS, COM, INERTIA = 1.0, (0.05, 0.02, -0.5), (0.1, 0.12, 0.05)
 
 
-def chain(axes: list[str], length: float) -> str:
-    """A chain of capsules, each turning about an axis in the one before."""
-    inner = ""
-    for k, axis in reversed(list(enumerate(axes))):
-        pos = "0 0 0" if k == 0 else f"0 0 {length}"
-        inner = LINK.format(name=f"j{k + 1}", pos=pos, axis=axis, length=length, inner=inner)
-    return f"<mujoco>{OPTION}<worldbody>{inner}</worldbody></mujoco>"
+def machine(links: int, parent_of, gravity: float = 0.0) -> mb.Model:
+    """Equal links that turn about y, x and z by turns, each on the tip of its parent."""
+    world = mb.Model(gravity=(0, 0, -gravity))
+    names = ["world"]
+    for i in range(links):
+        names.append(world.body(MASS, COM, INERTIA, f"link{i}").name)
+        parent = parent_of(i)
+        world.revolute(names[parent], names[-1], AXES[i % 3], (0, 0, -1 if parent else 0))
+    return world
 
 
-X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
-SCENES = {
-    "double pendulum": (chain([Y, Y], -1.0), 5.0),
-    "7-axis arm": (chain([Z, Y, Z, Y, Z, Y, Z], 0.3), 2.0),
-    "chain of 12 links": (chain([Y, X] * 6, -0.2), 1.0),
-}
-STEPS = {"MuJoCo RK4": 2.0 ** -np.arange(6, 15), "MuJoCo Euler": 2.0 ** -np.arange(6, 15)}
-RULES = {f"varint gauss({r})": (vi.gauss(r), 2.0 ** -np.arange(4, 11)) for r in (2, 3, 4, 6)}
-WANTED = (1e-3, 1e-6, 1e-9)
-EQUAL_STEP = 2.0**-9
-
-
-def best_of(run: Callable[[], Any]) -> tuple[float, Any]:
-    """Least processor time of several runs, and what the last returned."""
-    run()
+def best(run, steps: int) -> float:
+    """Microseconds a step, best of several runs."""
     times = []
     for _ in range(REPEATS):
         began = process_time()
-        found = run()
+        run()
         times.append(process_time() - began)
-    return min(times), found
+    return min(times) / steps * 1e6
 
 
-def of_mujoco(text: str, rk4: bool, h: float, duration: float, start: tuple) -> Callable:
-    """A native run that returns (q, v) at every step."""
-    model = mujoco.MjModel.from_xml_string(text)
-    model.opt.timestep = h
-    kinds = mujoco.mjtIntegrator
-    model.opt.integrator = kinds.mjINT_RK4 if rk4 else kinds.mjINT_EULER
-    data, n = mujoco.MjData(model), model.nq
-    state = np.concatenate([[0.0], *start])[None]
+def scaling() -> list[dict]:
+    rows = []
+    shapes = {
+        "tree": ((10, 30, 100), lambda i: (i - 1) // 2 + 1 if i else 0),
+        "chain": ((10, 20, 30), lambda i: i),
+    }
+    for shape, (sizes, parent_of) in shapes.items():
+        first = 0.0
+        for links in sizes:
+            began = process_time()
+            system = machine(links, parent_of).system()
+            start = {"q0": 0.3 * np.cos(np.arange(links)), "v0": 0.05 * np.sin(np.arange(links))}
+            found, timed = {}, 10 * STEPS // links
 
-    def run() -> tuple[np.ndarray, np.ndarray]:
-        found = rollout.rollout(model, data, state, nstep=round(duration / h))[0][0]
-        return found[:, 1 : 1 + n], found[:, 1 + n :]
-
-    return run
-
-
-def measured(name: str) -> list[dict[str, Any]]:
-    """All runs of a scene, then both tools at equal step and at equal error."""
-    text, duration = SCENES[name]
-    scene = mb.from_mjcf(text).system()
-    n = scene.q.numel()
-    q0, v0 = 0.5 + 0.1 * np.arange(n), np.zeros(n)
-    energy = ca.Function("energy", [scene.q, scene.v], [scene.energy], {"cse": True})
-    exact = vi.simulate(scene, vi.gauss(8), q0=q0, v0=v0, h=2.0**-9, duration=duration).q[-1]
-    runs = []
-
-    def add(tool: str, h: float, seconds: float, q: np.ndarray, v: np.ndarray) -> None:
-        levels = np.array(energy(q.T, v.T)).ravel()
-        size = abs(levels - float(energy(q0, v0))).max()
-        runs.append(
-            {
-                "scene": name,
-                "tool": tool,
-                "h": h,
-                "µs a step": 1e6 * seconds * h / duration,
-                "ms": 1e3 * seconds,
-                "error": float(abs(q[-1] - exact).max()),
-                "energy drift in J": float(size),
-            }
-        )
-
-    for tool, steps in STEPS.items():
-        for h in steps:
-            run = of_mujoco(text, "RK4" in tool, h, duration, (q0, v0))
-            seconds, (q, v) = best_of(run)
-            add(tool, h, seconds, q, v)
-    built = {}
-    for tool, (rule, steps) in RULES.items():
-        for h in steps:
-            given = dict(q0=q0, v0=v0, h=h, steps=round(duration / h))
-            began = perf_counter()
-            try:
-                vi.simulate(scene, rule, **given)
-            except vi.ConvergenceError:
-                continue  # too large a step for this scene
-            built.setdefault(tool, perf_counter() - began)
-            seconds, motion = best_of(
-                lambda given=given, rule=rule: vi.simulate(scene, rule, **given)
-            )
-            add(tool, h, seconds, motion.q, motion.v)
-            if runs[-1]["error"] < 1e-12:
-                break
-    rows = [run for run in runs if run["h"] == EQUAL_STEP]
-    gap = min(run["error"] for run in runs if run["tool"] == "MuJoCo RK4")
-    for wanted in WANTED:
-        cheapest = {}
-        for kind in ("MuJoCo", "varint"):
-            good = [x for x in runs if x["tool"].startswith(kind) and x["error"] <= wanted]
-            if good:
-                cheapest[kind] = min(good, key=lambda run: run["ms"])
-        for kind, run in cheapest.items():
-            row = run | {"wanted": wanted, "gap": gap}
-            if kind == "varint":
-                row["built in s"] = built[run["tool"]]
-                row["ratio"] = (
-                    cheapest["MuJoCo"]["ms"] / run["ms"] if "MuJoCo" in cheapest else None
+            def run(steps: int = timed, system=system, start=start, found=found) -> None:
+                found["motion"] = vi.simulate(
+                    system, vi.gauss(2), **start, h=2e-3, steps=steps, save_every=steps
                 )
-            rows.append(row)
+
+            run(5)
+            built = process_time() - began
+            step = best(run, timed)
+            evaluations = found["motion"].stats["iterations"] / timed
+            each = step / evaluations / links
+            first = first or each
+            rows.append(
+                {
+                    "machine": f"{shape} of {links}",
+                    "set-up (s)": round(built, 2),
+                    "step (µs)": round(step, 2),
+                    "evaluations": round(evaluations, 1),
+                    "evaluation and link (µs)": round(each, 3),
+                    "ratio": round(each / first, 2),
+                }
+            )
     return rows
 
 
+def arm_in_mujoco(h: float) -> str:
+    """The same seven links as MJCF."""
+    text = ""
+    for i in reversed(range(7)):
+        inertial = (
+            f'<inertial mass="{MASS}" pos="{" ".join(map(str, COM))}" '
+            f'diaginertia="{" ".join(map(str, INERTIA))}"/>'
+        )
+        axis = " ".join(map(str, AXES[i % 3]))
+        text = (
+            f'<body name="link{i}" pos="0 0 {-1 if i else 0}"><joint type="hinge" axis="{axis}"/>'
+            f"{inertial}{text}</body>"
+        )
+    return (
+        f'<mujoco><option timestep="{h}" integrator="RK4" gravity="0 0 -9.81"/>'
+        f"<worldbody>{text}</worldbody></mujoco>"
+    )
+
+
+def arm() -> list[dict]:
+    system = machine(7, lambda i: i, 9.81).system()
+    q0, v0, duration = 0.3 * np.cos(np.arange(7)), 0.5 * np.sin(np.arange(7)), 1.0
+    exact = vi.simulate(system, vi.gauss(8), q0=q0, v0=v0, h=1e-3, duration=duration).q[-1]
+    rows = []
+    for h in (1e-2, 5e-3, 2e-3, 1e-3):
+        steps = round(duration / h)
+        for rule in (vi.gauss(2), vi.gauss(4)):
+            found = {}
+
+            def run(steps: int = STEPS, rule=rule, h=h, found=found) -> None:
+                found["motion"] = vi.simulate(
+                    system, rule, q0=q0, v0=v0, h=h, steps=steps, save_every=steps
+                )
+
+            step = best(run, STEPS)
+            run(steps)
+            rows.append(_row(f"varint {rule}", h, step, found["motion"].q[-1] - exact))
+        if importlib.util.find_spec("mujoco"):
+            import mujoco
+
+            model = mujoco.MjModel.from_xml_string(arm_in_mujoco(h))
+            data = mujoco.MjData(model)
+
+            def run_peer(steps: int = STEPS, model=model, data=data) -> None:
+                mujoco.mj_resetData(model, data)
+                data.qpos[:], data.qvel[:] = q0, v0
+                mujoco.mj_step(model, data, steps)
+
+            step = best(run_peer, STEPS)
+            run_peer(steps)
+            rows.append(_row("MuJoCo RK4", h, step, data.qpos - exact))
+    return rows
+
+
+def _row(tool: str, h: float, step: float, error: np.ndarray) -> dict:
+    return {
+        "tool": tool,
+        "h (s)": h,
+        "step (µs)": round(step, 2),
+        "error (rad)": float(f"{abs(error).max():.1e}"),
+    }
+
+
 if __name__ == "__main__":
-    rows = [row for name in SCENES for row in measured(name)]
-    table(rows)
-    save("machines", rows, {"mujoco": mujoco.__version__})
+    for name, measure in (("machines", scaling), ("arm", arm)):
+        measured = measure()
+        table(measured)
+        save(name, measured)

@@ -67,6 +67,15 @@ def arm(axes: plt.Axes) -> None:
         found = vi.fit(system, vi.gauss(2), data=seen, unknown=["I1", "I2", "m2", "reach"], h=h)
     for sentence in found.unidentifiable:
         print(f"arm, {sentence}")
+    base = {
+        "I1 + m2": c.I1 + c.m2,
+        "m2 reach": c.m2 * c.reach,
+        "I2 + m2 reach²": c.I2 + c.m2 * c.reach**2,
+    }
+    told = ca.Function("base", [system.c], [ca.vertcat(*base.values())])
+    pairs = zip(told(found.estimates).full(), told(system.default_vector).full(), strict=True)
+    for name, ([x], [true]) in zip(base, pairs, strict=True):
+        print(f"{name:14} found {x:.5f}   theory {true}")
     known = vi.fit(system, vi.gauss(2), data=seen, unknown=["I1", "I2", "m2"], h=h)
     off = np.abs(known.estimates - [1.0, 0.3, 1.5]) / known.sigma
     print(f"arm, the centre known: errors of I1, I2, m2 in σ {np.round(off, 2)}")

@@ -59,7 +59,8 @@ def secular(elements: vi.orbits.Elements) -> None:
     found = vi.orbits.naff(elements.t, z, 3)
     arcseconds = np.degrees(found.frequencies) * 3600 * YEAR
     shown = ", ".join(f"{x:.3f}" for x in arcseconds[:2])
-    print(f"Jupiter's e exp(iϖ) turns by {shown} arcseconds a year (g5 = 4.257, g6 = 28.245)")
+    print(f"Jupiter's e exp(iϖ) turns by {shown} arcseconds a year")
+    print("(g5 = 4.257 and g6 = 28.245 of ephemerides; these starts are fits, good to 1e-3)")
 
 
 def main(out: Path = Path("out"), days: float = 2e5) -> None:

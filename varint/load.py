@@ -56,8 +56,7 @@ def load(path: Any, *, trust: bool = False) -> Any:
     Raises
     ------
     InputError
-        If there is no such file, or it is no whole file of varint in a format that this version
-        reads.
+        If there is no such file, or it is no whole file of a format that this version reads.
 
     Examples
     --------

@@ -50,6 +50,13 @@ KNOWN = {
         "quickest first solve among a tool's settings, and the quickest further one; a tool that is missing reached the error "
         "with none of its settings in a minute.",
     ),
+    "gradients": Benchmark(
+        "Gradients of runs",
+        "The gradient of |q|² at the end of five seconds of a double pendulum, by start and "
+        "parameters: `gradient` of a run, CasADi's derivatives of the same steps unrolled and of "
+        "its integrator cvodes, and diffrax's of its own steps, all taking turns, compiling not "
+        "counted. Below, the processor time of a gradient alone over that of its run.",
+    ),
     "control_starts": Benchmark(
         "Starts of control problems",
         "Problems from ten random paths each, the same for varint and for Hermite–Simpson "
@@ -77,17 +84,19 @@ KNOWN = {
         "Paths between fixed end points",
         "`least_action` beside SciPy's `solve_bvp`, from the same straight line.",
     ),
-    "gradients": Benchmark(
-        "Gradients of whole runs",
-        "A run of a double pendulum and the gradient of a loss at its end by start and parameters, "
-        "beside CasADi's derivatives of the same steps and of cvodes, and diffrax where it is "
-        "installed.",
-    ),
     "ensemble": Benchmark(
         "Ensembles",
         "Ten thousand pendulums in one call of `ensemble`, and in a loop of `simulate`.",
     ),
     "chain_scaling": Benchmark("Length of a chain", "Cost of a step over the number of rods."),
+    "machines": Benchmark(
+        "Links of a machine",
+        "A step of `gauss(2)` of trees and chains of hinges in space, over the number of links.",
+    ),
+    "arm": Benchmark(
+        "An arm of seven axes",
+        "Steps of `gauss(2)` and `gauss(4)` beside MuJoCo's RK4, and the error after a second.",
+    ),
     "specialisations": Benchmark(
         "What is skipped",
         "A scene beside the same scene with one property hidden from the plan, so that it runs in "
@@ -108,8 +117,8 @@ KNOWN = {
         "The first call in a process that has built nothing, as it comes, over the faster backend "
         "in hindsight, compiling counted: 1 is perfect foresight.",
     ),
-    "machines": Benchmark(
-        "Machines",
+    "machines_beside_mujoco": Benchmark(
+        "Machines beside MuJoCo",
         "MuJoCo's files stepped by MuJoCo and by varint: energy drift and error at an equal step, then "
         "the cheapest run of each for a wanted error; `ratio` is MuJoCo's time over varint's. `gap`: "
         "how near MuJoCo's RK4 comes to the reference at its smallest step.",

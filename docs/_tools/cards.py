@@ -150,6 +150,39 @@ def measured() -> Card:
     return Card([curve], [], np.column_stack([few, degrees]), equal=False)
 
 
+def wobble() -> Card:
+    """Velocity of a star with two planets, and the days on which it was measured."""
+    t = np.linspace(0, 1, FINE)
+
+    def speed(t: np.ndarray) -> np.ndarray:
+        return np.cos(11 * t) + 0.3 * np.cos(90 * t) + 0.15 * np.cos(180 * t + 1)
+
+    rng = np.random.default_rng(1)
+    few = np.sort(rng.uniform(0, 1, 45))
+    dots = np.column_stack([few, speed(few) + 0.15 * rng.normal(size=45)])
+    return Card([np.column_stack([t, speed(t)])], [], dots, equal=False)
+
+
+def tracked() -> Card:
+    """The rate of a pole, and what differences of noisy angles say of it."""
+    q, v = vi.coordinates("theta")
+    motion = vi.simulate(vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q)), q0=2.8, v0=0.0, duration=3.0)
+    t, few = np.linspace(0, 3, FINE), np.linspace(0, 3, 50)
+    angle = motion.at(few).q[:, 0] + 0.03 * np.random.default_rng(2).normal(size=50)
+    curve = np.column_stack([t, motion.at(t).v[:, 0]])
+    return Card([curve], [], np.column_stack([few, np.gradient(angle, few)]), equal=False)
+
+
+def thrown() -> Card:
+    """Throws at several angles, the farthest among them."""
+    curves, t = [], np.linspace(0, 1, FINE)[:, None]
+    for angle in np.radians((15, 30, 45, 60, 75)):
+        speed = np.array([np.cos(angle), np.sin(angle)])
+        span = 2 * speed[1] * t
+        curves.append(span * speed - np.array([0, 0.5]) * span**2)
+    return Card(curves, [], np.array([[1.0, 0.0]]))
+
+
 def let_go() -> Shown:
     """The two-link arm without torques."""
     found = MODELS.two_link_arm()
@@ -346,6 +379,10 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "crane_and_leap": hoisted,
     "two_link_arm_in_c": let_go,
     "learnt_from_data": measured,
+    "exoplanets": wobble,
+    "solar_system_masses": of("outer_solar_system", 30000.0),
+    "estimated_cart_pole": tracked,
+    "design_parameters": thrown,
 }
 
 

@@ -109,6 +109,11 @@ CHAPTERS: dict[str, dict[str, str]] = {
     "Parameters from data": {
         "learnt_from_data": PENDULUM
         + r",\qquad \min_{\theta, q_0, v_0} \sum_j \bigl((\psi(q(t_j)) - y_j) / \sigma_j\bigr)^2",
+        "exoplanets": PAIRS,
+        "solar_system_masses": PAIRS,
+        "estimated_cart_pole": CART_POLE
+        + r",\qquad \min \sum_k |y_k - q_k|^2_{R^{-1}} + |w_k|^2_{Q^{-1}},"
+        r"\quad x_{k+1} = \Phi(x_k, u_k) + w_k",
     },
     "Optimal control": {
         "control_cart_pole": CART_POLE + r",\qquad \min \int_0^2 u^2\,dt",
@@ -121,6 +126,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
         r"\qquad \frac{d}{dt}\frac{\partial L}{\partial\dot q} - \frac{\partial L}{\partial q}"
         r" = F(u) + G^{\mathsf T}\lambda",
         "control_films": r"\min \sum_k \int \ell(q, \dot q, u)\,dt,\qquad p^+_{k-1} = p^-_k",
+        "design_parameters": r"\min_{u,\,c} \int_0^T \ell(q, \dot q, u; c)\,dt,"
+        r"\qquad L = L(q, \dot q; c)",
         "mpc_cart_pole": CART_POLE
         + r",\qquad \min \int_t^{t + T} \ell(q, \dot q, u)\,dt\ \text{at every step}",
         "six_axis_arm": r"\min \int_0^T 1 + \varepsilon \sum_i (u_i / \hat u_i)^2\,dt,\qquad"

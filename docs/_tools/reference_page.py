@@ -18,7 +18,10 @@ ORDER = [
     ),
     ("Motion", ["simulate", "project", "step_function", "scale_function"]),
     ("Derivatives of whole runs", ["sensitivity", "gradient", "Gradient", "flow"]),
-    ("Parameters from data", ["fit", "Measurement", "Experiment", "Fit", "Profile"]),
+    (
+        "Parameters from data",
+        ["fit", "Measurement", "Experiment", "Fit", "Profile", "mhe", "Estimator", "Estimate"],
+    ),
     ("Many at once", ["ensemble", "Ensemble"]),
     ("Paths", ["least_action", "paths", "geodesic", "free", "Free"]),
     (

@@ -9,7 +9,9 @@ import pytest
 import varint as vi
 from varint.estimation.problem import estimation
 from varint.estimation.regressor import from_the_data
+from varint.estimation.residuals import first_guess, residuals, shooter
 from varint.estimation.seen import seen_states
+from varint.estimation.segments import guessed_states
 
 
 def pendulum(damped: bool = True) -> tuple[vi.System, vi.Parameters]:
@@ -159,3 +161,72 @@ def test_relative_positions_leave_open_where_and_how_fast_both_move():
     assert any("translation along x" in x for x in found.unidentifiable)
     assert any("Galilean boost" in x for x in found.unidentifiable)
     assert len(found.unidentifiable) == 2
+
+
+def test_a_start_written_in_parameters_is_as_good_as_an_unknown_one():
+    q, v = vi.coordinates("x", "y")
+    c = vi.Parameters(mu=1.0, apsis=1.0, e=0.1)
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + c.mu / ca.norm_2(q), params=c)
+    speed = ca.sqrt(c.mu * (1 + c.e) / c.apsis)  # at the periastron
+    true = dict(mu=1.2, apsis=0.9, e=0.2)
+    start = dict(q0=[0.9, 0.0], v0=[0.0, np.sqrt(1.2 * 1.2 / 0.9)])
+    motion = vi.simulate(system, vi.gauss(4), **start, h=0.1, steps=80, params=true)
+    seen = vi.Measurement(q, motion.t[::4], motion.q[::4], 1e-3)
+    given = dict(data=seen, h=0.1, q0=ca.vertcat(c.apsis, 0), v0=ca.vertcat(0, speed))
+    for segments in (1, 3):
+        found = vi.fit(
+            system, vi.gauss(4), unknown=["mu", "apsis", "e"], segments=segments, **given
+        )
+        assert np.abs(found.estimates - [1.2, 0.9, 0.2]).max() < 1e-9
+    assert np.allclose(found.v0[0], start["v0"], atol=1e-9)
+    free = vi.fit(
+        system, vi.gauss(4), data=seen, h=0.1, unknown=["mu", "q0", "v0"], q0=[1, 0], v0=[0, 1.1]
+    )
+    # the same data tell less where directions of the start are free as well
+    assert found.sigma[0] < free.sigma[0] and found.freedom == free.freedom + 2
+    for change, words in (
+        (dict(unknown=["mu", "q0"]), "leave it out"),
+        (dict(unknown=["mu"], q0=q), "parameters only"),
+        (dict(unknown=["mu"], q0=c.e), "must be 2 expressions"),
+    ):
+        with pytest.raises(vi.InputError, match=words):
+            vi.fit(system, vi.gauss(4), **(given | change))
+
+
+def test_derivatives_of_starts_in_parameters_are_those_of_differences():
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(rate=2.0, reach=0.5)
+    # the momentum depends on a parameter, and so does the start
+    spring = vi.System(q, v, c.reach * v**2 / 2 - c.rate * ca.cos(q), params=c)
+    seen = vi.Measurement(q, [0.1, 0.33, 0.6], [0.1, 0.2, 0.3], 0.1)
+    start = [vi.Experiment([seen], ca.sin(c.reach), c.rate * c.reach)]
+    p = estimation(spring, vi.gauss(2), start, ["rate", "reach"], 0.1, None, 2, None)
+    shoot, z = shooter(p, "interpreted"), guessed_states(p, first_guess(p))
+    found = residuals(shoot, z)
+    for i in range(p.size):
+        e = 1e-5 * np.eye(p.size)[i]
+        up, down = residuals(shoot, z + e), residuals(shoot, z - e)
+        assert np.allclose((up.r - down.r) / 2e-5, found.of_r[:, i], atol=1e-8)
+        assert np.allclose((up.d - down.d) / 2e-5, found.of_d[:, i], atol=1e-8)
+
+
+def test_bent_valleys_are_followed_with_damped_steps():
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(a=-1.2, b=1.0)
+    still = vi.System(q, v, v**2 / 2, params=c)
+    rosenbrock = ca.vertcat(10 * (c.b - c.a**2), 1 - c.a) + 0 * q
+    seen = vi.Measurement(rosenbrock, [0.0, 0.1], [[0.0, 0.0], [np.nan, np.nan]])
+    found = vi.fit(still, data=seen, unknown=["a", "b"], h=0.1, q0=0.0, v0=0.0)
+    assert np.abs(found.estimates - 1).max() < 1e-10 and found.steps < 40
+
+
+@pytest.mark.parametrize("sensor", [ca.log, ca.sqrt])
+def test_a_guess_where_the_sensor_has_no_value_is_told(sensor):
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(a=-1.0)
+    ball = vi.System(q, v, v**2 / 2, params=c)
+    seen = vi.Measurement(sensor(c.a) + q, [0.1, 0.2], [1.0, 1.0])
+    with pytest.raises(vi.ConvergenceError, match="not a finite number at the first guess"):
+        vi.fit(ball, data=seen, unknown=["a"], h=0.1, q0=0.0, v0=0.0)
+    found = vi.fit(ball, data=seen, unknown=dict(a=2.0), h=0.1, q0=0.0, v0=0.0)
+    assert float(sensor(found.params["a"].item())) == pytest.approx(1.0, rel=1e-9)

@@ -44,8 +44,8 @@ def test_a_four_bar_linkage_turns_as_freudenstein_says():
     tip = np.array([ground + rocker * np.cos(last), -rocker * np.sin(last)])
     knee = np.array([crank * np.cos(first), -crank * np.sin(first)])
     middle = np.arctan2(-(tip - knee)[1], (tip - knee)[0]) - first
-    motion = vi.simulate(system, q0=[first, middle, last], v0=np.zeros(3), h=0.01, steps=100)
-    assert np.ptp(motion.q[:, 0]) > 0.3
+    motion = vi.simulate(system, q0=[first, middle, last], v0=np.zeros(3), h=0.01, steps=70)
+    assert np.ptp(motion.q[:, 0]) > 0.2
     expected = [-angle_of(-x, crank, coupler, rocker, ground) for x in motion.q[:, 0]]
     assert np.unwrap(motion.q[:, 2]) == pytest.approx(np.unwrap(expected), abs=1e-9)
     assert np.abs(motion.energy - motion.energy[0]).max() < 1e-6

@@ -101,6 +101,7 @@ BODY = '<body name="b"><joint name="j"/><geom size="0.1"/>{}</body>'
         (mujoco(BODY.format("<joint/>" * 2 + "<wheel/>")), "<wheel> is not read"),
         (mujoco(BODY.format("") + BODY.format("")), "text:3: .*two bodies 'b'"),
         (mujoco(BODY.format("").replace('size="0.1"', "")), "needs 1 positive sizes"),
+        (mujoco(BODY.format("").replace("0.1", "1e300")), "positive sizes below 1e\\+50"),
         (mujoco(BODY.format('<geom class="c" size="1"/>')), "unknown class 'c'"),
         (mujoco(BODY.format('<geom type="cone" size="1"/>')), "'cone' is none of"),
         (mujoco(BODY.format('<geom type="mesh" mesh="m"/>')), "unknown mesh 'm'"),

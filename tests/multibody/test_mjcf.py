@@ -39,6 +39,19 @@ def test_mass_matrix_bias_forces_and_places_are_those_of_mujoco(name):
         assert off(places(q), state["bodies"]) < CLOSE
 
 
+def test_at_home_every_body_stands_where_the_file_puts_it():
+    """MuJoCo's qpos0: free joints at their body's pose, hinges and slides at their reference."""
+    model = read("closed.xml")
+    model.machine.couplings.clear()
+    q, _ = mb.start_values(model)
+    spots = places_of(model, ["crank", "rod", "rocker", "plate", "box", "gear"])(q)
+    expected = [[0, 0, 0], [0, 0, 0.3], [0.6, 0, 0.2], [1, 1, 1], [1, 1.5, 1], [0, 1, 0]]
+    assert off(spots[:, :3], expected) < CLOSE
+    # unit quaternions, and the pin and weld of what stands as it stands
+    held = terms_of(model)(q, np.zeros(13), np.zeros(0)).constraint[:10]
+    assert held == pytest.approx(np.zeros(10), abs=CLOSE)
+
+
 def test_sites_are_markers_where_mujoco_has_them():
     for name, sites in (("geoms.xml", ["tip"]), ("driven.xml", ["nozzle", "rotor"])):
         places = places_of(read(name), sites)

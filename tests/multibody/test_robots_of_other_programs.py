@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from machine_terms import off, places_of, terms_of
+from machine_terms import kinematic_matrix, off, places_of, terms_of
 
+import varint as vi
 import varint.multibody as mb
 
 pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("ignore:.*read without")]
@@ -133,3 +134,35 @@ def test_a_model_moves_as_in_mujoco(name):
         assert off(found.bias, data.qfrc_bias) < CLOSE
         assert off(found.spring + found.force, data.qfrc_passive + data.qfrc_actuator) < CLOSE
         assert off(places(data.qpos), np.hstack([data.xpos, data.xmat])[1:]) < CLOSE
+
+
+@pytest.mark.parametrize("name", ["half_cheetah", "swimmer", "driven"])
+def test_a_driven_motion_is_that_of_mujoco_at_small_steps(name, tmp_path, monkeypatch):
+    """Springs, dampers, rotors, motors, a medium and a floating body; RK4 there."""
+    mujoco = pytest.importorskip("mujoco")
+    gymnasium = pytest.importorskip("gymnasium")
+    monkeypatch.chdir(tmp_path)  # it leaves a log
+    path = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets" / f"{name}.xml"
+    if name == "driven":
+        path = Path(__file__).parents[1] / "reference" / "machines" / "driven.xml"
+    model, theirs = mb.from_mjcf(path), mujoco.MjModel.from_xml_path(str(path))
+    flags, h, duration = mujoco.mjtDisableBit, 2.0**-13, 0.5
+    theirs.opt.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT
+    theirs.opt.integrator, theirs.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, h
+    data, random = mujoco.MjData(theirs), np.random.default_rng(3)
+    data.qvel[:], data.ctrl[:] = random.normal(size=theirs.nv), 0.1
+    (q0, _), nu = mb.start_values(model), data.qvel.copy()
+    assert off(q0, data.qpos) < CLOSE
+    for _ in range(round(duration / h)):
+        mujoco.mj_step(theirs, data)
+    scene = model.system()
+    motion = vi.simulate(
+        scene,
+        vi.lobatto(3) if scene.constraint.numel() else vi.gauss(3),
+        q0=q0,
+        v0=kinematic_matrix(model, q0) @ nu,
+        h=2.0**-9,
+        duration=duration,
+        u=np.full(theirs.nu, 0.1),
+    )
+    assert off(motion.q[-1], data.qpos) < 1e-7

@@ -121,7 +121,7 @@ def test_exponents_of_integrable_scenes_vanish_like_one_over_time():
     still = vi.simulate(springs, vi.gauss(6), q0=[1, 0.3], v0=[0, 0.2], h=0.25, steps=4000)
     assert np.abs(vi.orbits.lyapunov_spectrum(still).exponents).max() < 3 / still.t[-1]
     model = vi.models.pendulum(theta0=2.0)
-    for steps in (4000, 16_000):
+    for steps in (2000, 8000):
         motion = vi.simulate(
             model.system, vi.gauss(6), q0=model.q0, v0=model.v0, h=0.05, steps=steps
         )
@@ -214,10 +214,10 @@ def test_the_kicked_rotor_stretches_by_chirikovs_logarithm():
     """λ → ln(K/2) for large K (Chirikov 1979, §5.3)."""
     model = vi.models.kicked_rotor(K=20.0)
     motion = vi.simulate(
-        model.system, vi.trapezoidal(), q0=model.q0, v0=model.v0, h=1.0, steps=3000
+        model.system, vi.trapezoidal(), q0=model.q0, v0=model.v0, h=1.0, steps=2000
     )
     found = vi.orbits.lyapunov_spectrum(motion)
-    assert abs(found.exponents[0] - np.log(10.0)) < 3 * found.errors[0] + 0.005 < 0.06
+    assert abs(found.exponents[0] - np.log(10.0)) < 3 * found.errors[0] + 0.005 < 0.08
     assert found.pairing < 1e-9
     assert np.isclose(vi.orbits.megno(motion).exponent, found.exponents[0], rtol=0.01)
 

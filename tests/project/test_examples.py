@@ -4,6 +4,7 @@ is exact.
 
 import re
 import runpy
+from importlib.metadata import PackageNotFoundError, distributions
 from pathlib import Path
 
 import matplotlib.figure
@@ -20,18 +21,30 @@ CLOSE = {
 }
 
 
-# what compiles a controller takes the compiler three seconds, what plans six axes ten
-RUN = [
-    pytest.param(path, marks=pytest.mark.long)
-    if path.stem.endswith("_in_c") or path.stem == "six_axis_arm"
-    else path
-    for path in EXAMPLES
-]
+# data that come as packages, and their fits take some ten seconds
+PLANS = {"six_axis_arm", "crane_and_leap"}
+DATA = {"exoplanets": "radvel", "solar_system_masses": "skyfield-data"}
+
+
+def is_long(path: Path) -> bool:
+    """What compiles a controller takes the compiler three seconds, so do plans of several bodies."""
+    return path.stem.endswith("_in_c") or path.stem in {*PLANS, *DATA}
+
+
+RUN = [pytest.param(path, marks=pytest.mark.long) if is_long(path) else path for path in EXAMPLES]
+
+
+def skip_without_data(name: str) -> None:
+    needed = [DATA[name]] if name in DATA else []
+    missing = [x for x in needed if not list(distributions(name=x))]
+    if missing:
+        pytest.skip(f"needs {missing[0]}: pip install 'varint-mechanics[data]'")
 
 
 @pytest.mark.parametrize("path", RUN, ids=lambda path: path.stem)
 def test_an_example_finds_what_it_claims_and_draws_it(path, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    skip_without_data(path.stem)
     main = runpy.run_path(str(path))["main"]
     saved = matplotlib.figure.Figure.savefig
 
@@ -59,3 +72,34 @@ def test_an_example_states_its_claim_and_source(path):
     text = path.read_text()
     assert "\nClaim: " in text and "\nSource: " in text and "\nRun: python" in text
     assert 60 <= len(text.splitlines()) <= 120
+
+
+@pytest.mark.long
+def test_masses_of_the_solar_system_are_within_1e_5_of_the_published(tmp_path, monkeypatch, capsys):
+    skip_without_data("solar_system_masses")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(EXAMPLES[0].with_name("solar_system_masses.py")))["main"]()
+    [largest] = re.findall(r"largest error (\S+),", capsys.readouterr().out)
+    assert float(largest) < 1e-5
+
+
+@pytest.mark.long
+def test_periods_of_exoplanets_are_within_the_published_errors(tmp_path, monkeypatch, capsys):
+    skip_without_data("exoplanets")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(EXAMPLES[0].with_name("exoplanets.py")))["main"]()
+    off = dict(re.findall(r"^(\w_[bc]) .*: ([\d.]+) σ$", capsys.readouterr().out, re.MULTILINE))
+    assert len(off) == 6 and all(float(x) < 2 for x in off.values())
+    assert float(off["P_b"]) < 1 and float(off["P_c"]) < 1
+
+
+@pytest.mark.parametrize("name", sorted(DATA))
+def test_an_example_without_its_data_says_what_to_install(name, monkeypatch):
+    main = runpy.run_path(str(EXAMPLES[0].with_name(f"{name}.py")))["main"]
+
+    def nothing(package: str) -> None:
+        raise PackageNotFoundError(package)
+
+    monkeypatch.setitem(main.__globals__, "distribution", nothing)
+    with pytest.raises(SystemExit, match=r"This example reads .* pip install"):
+        main()

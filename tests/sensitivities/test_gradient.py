@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scenes import double_pendulum, driven_damped, pendulum, slopes
-from test_tangents import differences, driven_cart, named, run_of, spring
+from test_tangents import differences, driven_cart, named, run_of, spring, swinging
 
 import varint as vi
 import varint.sensitivities.pieces as pieces_module
@@ -19,6 +19,7 @@ KINDS = [
     (double_pendulum, vi.gauss(4)),
     (driven_damped, vi.gauss(2)),
     (driven_damped, vi.lobatto(3)),
+    (swinging, vi.gauss(3)),
     (vi.models.pendulum_cartesian, vi.lobatto(3)),
     (vi.models.pendulum_cartesian, vi.trapezoidal()),
     (vi.models.turning_wire, vi.lobatto(2)),
@@ -142,6 +143,27 @@ def test_a_gradient_with_nodes_left_out_holds_twice_the_root_of_their_number(mon
     found = vi.gradient(few, system.q[0] ** 2, system.v[0])
     every = vi.simulate(system, vi.composition("verlet"), **given)
     whole = vi.gradient(every, system.q[0] ** 2, system.v[0])
+    for name in ("value", "q0", "v0", "h"):
+        assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-8)
+
+
+def test_a_gradient_of_a_run_whose_ends_alone_were_kept_holds_no_more(monkeypatch):
+    monkeypatch.setattr(pieces_module, "SHORTEST_RUN", 1)
+    system, _ = spring()
+    given = dict(q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.02, steps=1600)
+    held: list[int] = []
+    thinned = pieces_module._thinned_between
+    monkeypatch.setattr(
+        pieces_module,
+        "_thinned_between",
+        lambda *x: held.append(len(found := thinned(*x))) or found,
+    )
+    ends = vi.simulate(system, vi.gauss(2), **given, save_every=1600)
+    largest = max(len(piece.x) for piece in pieces_module.pieces(ends, backwards=True))
+    assert len(ends) == 2 and held == [41]
+    assert held[0] + largest <= 2 * 40 + 2
+    every = vi.simulate(system, vi.gauss(2), **given)
+    found, whole = (vi.gradient(x, system.q[0] ** 2, system.v[0]) for x in (ends, every))
     for name in ("value", "q0", "v0", "h"):
         assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-8)
 

@@ -170,7 +170,24 @@ def driven_at_nodes(held: bool):
     return run, np.concatenate([[0.1, 0.3], u.ravel()]), ["v0", "t0", "u"]
 
 
+def moving_table():
+    q, v, t = *vi.coordinates("x"), vi.time()
+    c = vi.Parameters(depth=0.1, rate=3.0)
+    gap = q - c.depth * ca.sin(c.rate * t)
+    lagrangian = v**2 / 2 - 9.81 * q
+    system = vi.System(q, v, lagrangian, contact=gap, restitution=0.7, params=c, t=t)
+
+    def run(x: np.ndarray, **more) -> vi.Trajectory:
+        given = dict(q0=0.5, v0=0.1, t0=x[0], h=0.05, steps=16)
+        return vi.simulate(
+            system, vi.lobatto(3), **given, params=dict(depth=x[1], rate=x[2]), **more
+        )
+
+    return run, np.array([0.2, 0.1, 3.0]), ["t0", "depth", "rate"]
+
+
 SCENES = {
+    "moving table": moving_table,
     "sphere": lambda: with_gravity(vi.models.slide_off_sphere()),  # lets go, falls, stays
     "ladder": lambda: with_gravity(vi.models.falling_ladder()),
     "box": lambda: from_start(disc_on_table(9.81, [0.9, 0.7, 0.0]), [0.3, 0.4, 1.5, 0.3], steps=24),

@@ -31,6 +31,15 @@ def driven_cart() -> vi.System:
     return vi.System(q, v, kinetic + c.g * ca.cos(q[1]), force=force, control=u, params=c, t=t)
 
 
+def swinging() -> vi.System:
+    """A linear scene that is driven and damped."""
+    q, v, t = *vi.coordinates("x", "y"), vi.time()
+    c = vi.Parameters(k=2.0, drag=0.1)
+    lagrangian = ca.sumsqr(v) / 2 - c.k * ca.sumsqr(q) / 2 - 0.3 * q[0] * q[1]
+    force = ca.vertcat(ca.sin(t) - c.drag * v[0], -c.drag * v[1])
+    return vi.System(q, v, lagrangian, force=force, params=c, t=t)
+
+
 def differences(motion_at, x: np.ndarray, d: float = 1e-3) -> np.ndarray:
     """∂f/∂x by central differences of order 8."""
     columns = []
@@ -63,6 +72,7 @@ KINDS = [
     (double_pendulum, vi.gauss(5)),
     (driven_damped, vi.gauss(3)),
     (driven_damped, vi.lobatto(3)),
+    (swinging, vi.gauss(3)),
 ]
 HELD = [
     (vi.models.pendulum_cartesian, vi.lobatto(3)),

@@ -40,7 +40,7 @@ def test_nodes_at_given_times_have_the_derivatives_of_dense_output(rule):
     assert np.abs(short[-1] - found[1]).max() < 1e-11 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("rule", RULES, ids=str)
+@pytest.mark.parametrize("rule", RULES[:2], ids=str)
 def test_losses_of_runs_that_end_within_a_step(rule):
     system, run = sprung(rule)
     loss, psi = ca.sumsqr(system.q) * (1 + system.v[0]), system.q * system.v
@@ -59,14 +59,14 @@ def test_losses_of_runs_that_end_within_a_step(rule):
 @pytest.mark.parametrize("held", [True, False], ids=["held", "at nodes"])
 def test_controls_act_on_nodes_within_their_steps(held):
     system, rule = driven_cart(), vi.gauss(2)
-    shape = (4, 1 if held else 2, 2)
+    shape = (3, 1 if held else 2, 2)
     u = np.random.default_rng(1).uniform(-1, 1, shape).ravel()
     loss = ca.sumsqr(system.q) * (1 + system.t) + system.control[0] ** 2
 
     def run(x: np.ndarray) -> vi.Trajectory:
         push = x.reshape(shape)
-        given = dict(q0=[0.1, 0.4], v0=[0.2, -0.3], t0=0.3, h=0.1, at=[0.3, 0.34, 0.52, 0.65, 0.68])
-        return vi.simulate(system, rule, u=push[:, 0] if held else push, steps=4, **given)
+        given = dict(q0=[0.1, 0.4], v0=[0.2, -0.3], t0=0.3, h=0.1, at=[0.3, 0.34, 0.42, 0.55, 0.58])
+        return vi.simulate(system, rule, u=push[:, 0] if held else push, steps=3, **given)
 
     found = vi.sensitivity(run(u), ["u"]).reshape(-1, len(u))
     wanted = differences(lambda x: np.hstack([(m := run(x)).q, m.v]).ravel(), u)
@@ -169,7 +169,9 @@ def test_the_running_loss_of_variable_steps_is_the_same_integral():
     assert np.abs(found.q0 - equal.q0).max() < 1e-6 * np.abs(equal.q0).max()
 
 
-@pytest.mark.parametrize("scale", [None, "auto"], ids=["given", "its own"])
+@pytest.mark.parametrize(
+    "scale", [None, pytest.param("auto", marks=pytest.mark.long)], ids=["given", "its own"]
+)
 def test_the_transition_matrix_of_variable_steps_is_that_of_the_motion(scale):
     _, run = orbiting()
     motion = run(ORBIT, vi.gauss(6), **(dict(time_scale="auto", h=0.4) if scale else dict(h=0.2)))

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from varint.boundary.least_action import least_action
+from varint.boundary.least_action import solutions
 from varint.boundary.problem import start_of
+from varint.boundary.search import along_its_way, on_its_steps
+from varint.boundary.winding import Round, round_path, with_winding
 from varint.errors import InputError, SolverError, parsed_or_refused
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -23,8 +25,6 @@ from varint.scene.system import System, require_system
 WAVES = 4  # sines in a trial path: half a period to two
 SAME = 1e-6  # of the range of a path: two solutions this close are one
 NODES = 33  # of a trial path, for every turn
-WAVY = 0.3  # radians, or of the distance: a way round the origin keeps its number of turns
-ALIGNED = 1e-9  # sine of an angle: directions this close leave their plane open
 
 
 def paths(
@@ -70,7 +70,9 @@ def paths(
     Returns
     -------
     list of Trajectory
-        Each solution once. The list is complete only as far as the starts reach.
+        Each solution once. The list is complete only as far as the starts reach. Where places wind,
+        ``stats["winding"]`` says how often each path goes round, whatever was asked for, and both
+        paths of a number of turns are looked for, the fast and the slow one.
 
     Raises
     ------
@@ -96,42 +98,31 @@ def paths(
     if q0 is None:
         raise InputError("give q0, where the paths begin")
     start, end = vector("q0", q0, n, names), vector("q_end", q_end, n, names)
+    given = dict(q_start=start, t0=t0, u=u, params=params, energy=energy)
+    given |= dict(periodic=False, symmetry=None)
     found: list[Trajectory] = []
     failure: SolverError | None = None
     for angles, rounds in _turns(winding, names):
-        goal = end + 2 * np.pi * angles
+        goal, asked_ways = end + 2 * np.pi * angles, 0
         for guess in _guesses(starts, start, goal, rounds, spread, seed):
+            own = not isinstance(starts, (int, np.integer)) or (rounds and not asked_ways)
+            search = along_its_way if own else on_its_steps
+            every = solutions(
+                search, system, rule, duration, steps, tol, bounds, q_end=goal, guess=guess, **given
+            )
             try:
-                path = least_action(
-                    system,
-                    rule,
-                    q0=start,
-                    q_end=goal,
-                    duration=duration,
-                    steps=steps,
-                    tol=tol,
-                    t0=t0,
-                    guess=guess,
-                    u=u,
-                    params=params,
-                    bounds=bounds,
-                    energy=energy,
-                )
+                for path in every:
+                    wound = with_winding(path, rounds)
+                    asked_ways += wound.stats.get("winding") == {
+                        tuple(names[i] for i in one.coordinates): one.turns for one in rounds
+                    }
+                    if not any(_same(wound, other) for other in found):
+                        found.append(wound)
             except SolverError as error:
                 failure = error
-                continue
-            if not any(_same(path, other) for other in found):
-                found.append(path)
     if not found and failure is not None:
         raise failure
     return sorted(found, key=lambda path: path.action)
-
-
-class Round(NamedTuple):
-    """Turns of a place, `coordinates` of q, round the origin."""
-
-    coordinates: tuple[int, ...]
-    turns: int
 
 
 def _turns(
@@ -197,32 +188,9 @@ def _guesses(
         guess = line + waves * size
         for one in rounds:
             index = list(one.coordinates)
-            guess[:, index] = _round_path(start[index], end[index], one.turns, s, waves[:, index])
+            guess[:, index] = round_path(start[index], end[index], one.turns, s, waves[:, index])
         guesses.append(guess)
     return guesses
-
-
-def _round_path(
-    start: np.ndarray, end: np.ndarray, turns: int, s: np.ndarray, waves: np.ndarray
-) -> np.ndarray:
-    """A way round the origin, (len(s), 2 or 3), its distance and direction wavy: a spiral whose
-    distance is multiplied by exp(wave) and whose angle is shifted by another wave.
-    """
-    first, last = np.linalg.norm(start), np.linalg.norm(end)
-    if not first * last > 0:
-        raise InputError("a path winds round the origin, so neither of its ends may lie there")
-    ahead = start / first
-    side = end - (end @ ahead) * ahead
-    if np.linalg.norm(side) <= ALIGNED * last:  # any plane through a line will do
-        side = np.eye(len(start))[np.argmin(np.abs(ahead))]
-        side = side - (side @ ahead) * ahead
-    side = side / np.linalg.norm(side)
-    if len(start) == 2:  # counterclockwise, from the first coordinate named to the second
-        side = np.array([-ahead[1], ahead[0]])
-    whole = np.arctan2(end @ side, end @ ahead) % (2 * np.pi) + 2 * np.pi * turns
-    angle = s * whole + WAVY * waves[:, 0]
-    distance = first ** (1 - s) * last**s * np.exp(WAVY * waves[:, 1])
-    return distance[:, None] * (np.outer(np.cos(angle), ahead) + np.outer(np.sin(angle), side))
 
 
 def _sizes(spread: Any, shape: tuple[int, ...]) -> np.ndarray:

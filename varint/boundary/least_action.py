@@ -5,19 +5,19 @@ bounds.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from time import perf_counter
 from types import NoneType
 from typing import Any
 
 import numpy as np
 
-from varint.boundary.continuation import solve_with_continuation
 from varint.boundary.minimise import minimise_action
 from varint.boundary.newton import NewtonResult
 from varint.boundary.problem import boundary_value_problem, first_path, start_of
-from varint.boundary.refinement import LARGE, path_error, refine
+from varint.boundary.refinement import LARGE
 from varint.boundary.result import conjugate_ends, path_of
+from varint.boundary.search import Search, along_its_way, on_its_steps
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.errors import InputError, SolverError
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
@@ -80,7 +80,8 @@ def least_action(
         Start time.
     guess : array (k, n) or Trajectory, optional
         Configurations at equally spaced times, the first and last at the ends. Default: the
-        straight line. A periodic path needs a guess.
+        straight line. The path goes the way of the guess, for instance as often round a centre of
+        attraction, where one is found. A periodic path needs a guess.
     u : array (steps, k) or (steps, r, k) or (k,), optional
         Controls, as for `simulate`.
     params : dict, optional
@@ -123,50 +124,54 @@ def least_action(
     >>> path.morse_index, path.conjugate_times.round(6)
     (1, array([3.141593]))
     """
+    given = dict(q_start=start_of(q0, q_start), q_end=q_end, t0=t0, guess=guess, u=u)
+    closed = dict(params=params, periodic=periodic, symmetry=symmetry, energy=energy)
+    search = on_its_steps if guess is None else along_its_way
+    return next(solutions(search, system, rule, duration, steps, tol, bounds, **given, **closed))
+
+
+def solutions(
+    search: Search,
+    system: System,
+    rule: Rule | None,
+    duration: float | Free | None,
+    steps: int | None,
+    tol: float | None,
+    bounds: Sequence[tuple[Any, Any, Any]] | None,
+    **given: Any,
+) -> Iterator[Trajectory]:
+    """The paths that a search finds, the nearest to its first path first; the arguments are those
+    of `least_action`.
+    """
     began = perf_counter()
     if not isinstance(bounds, (Sequence, NoneType)):
         raise InputError(
             f"bounds must be a list of (lower, expression, upper), got {type(bounds).__name__}"
         )
-    minimise = bool(bounds) or (isinstance(duration, Free) and energy is None)
+    minimise = bool(bounds) or (isinstance(duration, Free) and given["energy"] is None)
     if rule is None and not system.structure.constraints and (minimise or tol is not None):
         rule = gauss(2 if tol is None else 6)  # a composition has no path between its nodes
     problem, nodes, (time, *window) = boundary_value_problem(
-        system,
-        rule,
-        q_start=start_of(q0, q_start),
-        q_end=q_end,
-        duration=duration,
-        steps=_steps(steps, tol, minimise),
-        t0=t0,
-        guess=guess,
-        u=u,
-        params=params,
-        periodic=periodic,
-        symmetry=symmetry,
-        energy=energy,
+        system, rule, duration=duration, steps=_steps(steps, tol, minimise), **given
     )
-    first = first_path(problem, nodes, time)
     if minimise:
+        first = first_path(problem, nodes, time)
         path = minimise_action(problem, first, (window[0], window[1]), bounds or [], began)
         _check_error(path, path.stats["error_estimate"], None)
-        return path
-    if tol is None:
-        outcome = solve_with_continuation(problem, first)
-        error = path_error(problem, outcome.iterate).nodes if outcome.solved else np.inf
-    else:
-        problem, outcome, error = refine(problem, nodes, time, tol)
-    path = path_of(problem, outcome, error, began)
-    _check_solved(problem, outcome, path)
-    if not window[0] <= outcome.iterate.duration <= window[1]:
-        raise SolverError(
-            f"the path has the duration {outcome.iterate.duration:g}, outside {window[0]:g} … "
-            f"{window[1]:g}",
-            status="duration outside its bounds",
-            iterate=path,
-        )
-    _check_error(path, error, tol)
-    return path
+        yield path
+        return
+    for mesh, outcome, error in search(problem, nodes, time, tol):
+        path = path_of(mesh, outcome, error, began)
+        _check_solved(mesh, outcome, path)
+        if not window[0] <= outcome.iterate.duration <= window[1]:
+            raise SolverError(
+                f"the path has the duration {outcome.iterate.duration:g}, outside {window[0]:g} … "
+                f"{window[1]:g}",
+                status="duration outside its bounds",
+                iterate=path,
+            )
+        _check_error(path, error, tol)
+        yield path
 
 
 def _check_solved(problem: BoundaryValueProblem, outcome: NewtonResult, path: Trajectory) -> None:

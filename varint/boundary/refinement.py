@@ -8,15 +8,15 @@ difference where the path is smooth on its steps; where it is not, Newton's meth
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from varint.boundary.continuation import solve_with_continuation
-from varint.boundary.divided_steps import split_steps, with_steps
+from varint.boundary.divided_steps import split_steps
 from varint.boundary.iterate import Iterate
 from varint.boundary.newton import Measure, NewtonResult, coordinate_ranges, newton, path_solver
-from varint.boundary.problem import first_path
 from varint.boundary.result import along_path
 from varint.boundary.stationary import BoundaryValueProblem
 
@@ -85,16 +85,18 @@ def _correct(problem: BoundaryValueProblem, start: Iterate) -> Iterate | None:
 
 
 def refine(
-    problem: BoundaryValueProblem, nodes: np.ndarray, duration: float, tol: float
+    first: Callable[[int], tuple[BoundaryValueProblem, Iterate]], tol: float
 ) -> tuple[BoundaryValueProblem, NewtonResult, float]:
-    """The path near `nodes` on steps so short, where it needs them, that its error is below `tol`.
+    """The path near a first one on steps so short, where it needs them, that its error is below
+    `tol`.
 
-    Returned with that error; where it is out of reach, the last path tried with its error. Steps
-    are divided, never joined, so that controls keep their meaning. A mesh on which no path is
-    found, or one whose error is large, says nothing: the next one starts from `nodes` again.
+    `first(k)` is the first path on its own steps, each halved k times. Returned with the path's
+    error; where `tol` is out of reach, the last path tried with its error. Steps are divided, never
+    joined, so that controls keep their meaning. A mesh on which no path is found, or one whose
+    error is large, says nothing: the next one starts from the first path again.
     """
-    mesh = first_mesh = with_steps(problem, _parts_by_turning(problem, nodes))
-    near, best, everywhere = first_path(mesh, nodes, duration), np.inf, False
+    (mesh, near), halvings = first(0), 0
+    best, everywhere = np.inf, False
     for _ in range(MOST_ROUNDS):
         outcome = solve_with_continuation(mesh, near)
         error = path_error(mesh, outcome.iterate) if outcome.solved else None
@@ -109,15 +111,15 @@ def refine(
             parts = twice if everywhere else _parts_by_error(mesh, error, tol)
             finer = split_steps(mesh, outcome.iterate, parts)
         else:
-            first_mesh = with_steps(first_mesh, np.full(first_mesh.steps, 2))
-            finer = first_mesh, first_path(first_mesh, nodes, duration)
+            halvings += 1
+            finer = first(halvings)
         if finer[0].steps > MOST_STEPS:
             break
         mesh, near = finer
     return mesh, outcome, apart
 
 
-def _parts_by_turning(problem: BoundaryValueProblem, nodes: np.ndarray) -> np.ndarray:
+def parts_by_turning(problem: BoundaryValueProblem, nodes: np.ndarray) -> np.ndarray:
     """Parts of each step that a first path needs so as to turn little in each."""
     ahead = np.diff(nodes / coordinate_ranges(nodes), axis=0)
     moving = np.flatnonzero(np.abs(ahead).max(axis=1) > 0)

@@ -58,7 +58,7 @@ def fit(
         Step. Times of measurement need not be nodes: a shorter step of the same rule leads there.
     q0, v0, t0, u
         Start and controls as in `simulate`, guesses where they are unknown; with experiments each
-        has its own.
+        has its own. q0 and v0 may be expressions of parameters, such as the elements of an orbit.
     params : dict, optional
         Parameter values that differ from the defaults, guesses where they are unknown.
     segments : int

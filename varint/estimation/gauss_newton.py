@@ -1,5 +1,8 @@
 """Least squares with equations: Gauss–Newton steps in the null space of the linearised equations,
-bounds by an active set, shortened by Bock's natural level function.
+bounds by an active set, shortened and damped within a radius (Levenberg & Marquardt) where the
+problem bends.
+
+A step is judged by Bock's natural level function, without equations by the loss as well.
 """
 
 from __future__ import annotations
@@ -14,13 +17,17 @@ from varint.errors import ConvergenceError
 STEPS = 100  # of Gauss–Newton; what converges at all takes some ten, large residuals more
 SETTLED = 1e-11  # relative change of the unknowns that ends the iteration, once applied
 ROUGH = 1e-7  # relative change below which round-off may keep steps from getting shorter
-HALVINGS = 12
+TRIALS = 12  # steps from one point, each a quarter as long as the one before
+LIGHTEST = 1e-8  # of the longest column of derivatives: shorter ones are taken for this much
+ENOUGH = 0.1  # of the promised decrease of the loss
+BISECTIONS = 50
 RANK = 1e-9  # relative singular value below which a direction is not determined
 
 
 class Linearised(NamedTuple):
     """min |r + J δ|² with C δ = −d, in dimensionless unknowns; `least` is the singular value of J
-    below which there is round-off only.
+    below which there is round-off only, `loss` what is minimised at δ = 0, `weight` the lengths of
+    the columns of J.
     """
 
     r: np.ndarray
@@ -28,6 +35,8 @@ class Linearised(NamedTuple):
     d: np.ndarray
     c: np.ndarray
     least: float
+    loss: float
+    weight: np.ndarray
 
 
 class Solved(NamedTuple):
@@ -76,17 +85,45 @@ def shortest(j: np.ndarray, r: np.ndarray, least: float) -> np.ndarray:
     return vt[keep].T @ ((u[:, keep].T @ r) / s[keep])
 
 
-def step_of(p: Linearised) -> np.ndarray:
-    """The δ of least length that solves the linearised problem."""
-    if not len(p.c):
-        return -shortest(p.j, p.r, p.least)
-    y, z, r = null_space(p.c)
-    onto = y @ np.linalg.lstsq(r.T, -p.d, rcond=None)[0]
-    return onto - z @ shortest(p.j @ z, p.r + p.j @ onto, p.least)
+def damped(j: np.ndarray, r: np.ndarray, metric: np.ndarray, radius: float) -> np.ndarray:
+    """The x that minimises |J x − r| with |R x| = radius, by |J x − r|² + λ |R x|²."""
+    u, s, vt = np.linalg.svd(np.linalg.solve(metric.T, j.T).T, full_matrices=False)
+    b = s * (u.T @ r)
+    low, high = 0.0, float(np.linalg.norm(b)) / max(radius, 1e-300)  # |R x| < |b| / λ
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        too_long = np.linalg.norm(b / (s**2 + middle)) > radius
+        low, high = (middle, high) if too_long else (low, middle)
+    return np.linalg.solve(metric, vt.T @ (b / (s**2 + high)))
+
+
+def step_of(p: Linearised, radius: float = np.inf) -> np.ndarray:
+    """The δ of least length that solves the linearised problem; damped where it is longer than a
+    radius, in σ that each unknown changes the residuals by.
+    """
+    if len(p.c):
+        y, z, r = null_space(p.c)
+        onto = y @ np.linalg.lstsq(r.T, -p.d, rcond=None)[0]
+    else:
+        z, onto = np.eye(p.j.shape[1]), np.zeros(p.j.shape[1])
+    inner = p.j @ z
+    delta = onto - z @ shortest(inner, p.r + p.j @ onto, p.least)
+    long = length(p, delta)
+    if long <= radius:
+        return delta
+    onto = onto * (radius / long)
+    room = float(np.sqrt(max(radius**2 - length(p, onto) ** 2, 0.0)))
+    metric = np.linalg.qr(p.weight[:, None] * z)[1]
+    return onto - z @ damped(inner, p.r + p.j @ onto, metric, room)
+
+
+def length(p: Linearised, delta: np.ndarray) -> float:
+    """Of a step, in σ that each unknown changes the residuals by (Moré 1978)."""
+    return float(np.linalg.norm(p.weight * delta))
 
 
 def bounded_step(
-    p: Linearised, room_below: np.ndarray, room_above: np.ndarray
+    p: Linearised, room_below: np.ndarray, room_above: np.ndarray, radius: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The step with −room_below ≤ δ ≤ room_above, bound after bound held where it would be broken
     most; and which are held.
@@ -96,7 +133,7 @@ def bounded_step(
     while True:
         rows = np.eye(len(held))[held]
         whole = p._replace(c=np.vstack([p.c, rows]), d=np.concatenate([p.d, -target[held]]))
-        delta = step_of(whole)
+        delta = step_of(whole, radius)
         low, high = -room_below - delta, delta - room_above
         over = np.where(held, -np.inf, np.maximum(low, high))
         worst = int(over.argmax())
@@ -130,28 +167,60 @@ def solve(
     """
     z = np.clip(z, lower, upper)
     found = evaluate(z)
-    held, moved = np.zeros(len(z), dtype=bool), np.inf
+    if not _is_finite(found):
+        raise ConvergenceError(
+            "what is measured, or its derivative, is not a finite number at the first guess: take "
+            "other guesses, or bounds that keep out of where it is not defined",
+            step=0,
+            time=float("nan"),
+            residual=float("nan"),
+        )
+    held, radius = np.zeros(len(z), dtype=bool), np.inf
     for count in range(1, STEPS + 1):
         size = sizes(z)
         linear, unit = _linearised(found, size, huber)
-        delta, held = bounded_step(linear, (z - lower) / size, (upper - z) / size)
-        moved, long = float(np.abs(delta).max(initial=0.0)), float(np.linalg.norm(delta))
-        part, best = 1.0, None
-        for _ in range(HALVINGS):
-            trial = np.clip(z + part * delta * size, lower, upper)
+        room = (z - lower) / size, (upper - z) / size
+        whole, held = bounded_step(linear, *room, np.inf)
+        moved = float(np.abs(whole).max(initial=0.0))
+        best, delta = None, whole
+        for _ in range(TRIALS):
+            if length(linear, whole) > radius:
+                delta, held = bounded_step(linear, *room, radius)
+            trial = np.clip(z + delta * size, lower, upper)
             after = values_at(evaluate, trial)
-            if after is not None:
-                left = _level(linear, after, unit, held, huber)
-                if left <= (1 - part / 2) * long or moved <= ROUGH:
-                    best = trial, after
-                    break
-            part /= 2
+            if after is not None and (
+                moved <= ROUGH or _is_better(linear, after, unit, held, huber, whole, delta)
+            ):
+                best = trial, after
+                break
+            radius = min(length(linear, delta) / 4, float(np.linalg.norm(linear.r)))
         if best is None:
             return Solved(z, found, count, False, held)
         z, found = best
-        if moved <= SETTLED and part == 1.0:
+        radius = np.inf if delta is whole else 4 * length(linear, delta)
+        if moved <= SETTLED:
             return Solved(z, found, count, True, held)
     return Solved(z, found, STEPS, moved <= ROUGH, held)
+
+
+def _is_better(
+    p: Linearised,
+    after: Any,
+    unit: np.ndarray,
+    held: np.ndarray,
+    huber: float | None,
+    whole: np.ndarray,
+    delta: np.ndarray,
+) -> bool:
+    """Whether a step δ brings enough of what the linearised problem promises of it: of the way that
+    is left to its solution, which follows valleys that bend, or of the loss where there are no
+    equations.
+    """
+    promised = (p.r @ p.r - ((p.r + p.j @ delta) ** 2).sum()) / 2
+    if not len(p.d) and p.loss - loss_of(after.r, huber) >= ENOUGH * promised:
+        return True
+    long, left = np.linalg.norm(whole), np.linalg.norm(whole - delta)
+    return bool(_level(p, after, unit, held, huber) <= (long + left) / 2)
 
 
 def _level(
@@ -168,6 +237,8 @@ def _level(
         np.concatenate([unit * after.d, np.zeros(len(rows))]),
         np.vstack([p.c, rows]),
         p.least,
+        p.loss,
+        p.weight,
     )
     return float(np.linalg.norm(step_of(again)))
 
@@ -176,8 +247,20 @@ def _linearised(found: Any, size: np.ndarray, huber: float | None) -> tuple[Line
     """The problem in dimensionless unknowns and rows, and the units of the latter."""
     root, unit = np.sqrt(huber_weights(found.r, huber)), _row_units(found.of_d, size)
     slopes = root[:, None] * found.of_r * size, unit[:, None] * found.of_d * size
-    least = RANK * found.signal
-    return Linearised(root * found.r, slopes[0], unit * found.d, slopes[1], least), unit
+    weight = np.linalg.norm(slopes[0], axis=0)
+    weight = np.maximum(weight, LIGHTEST * weight.max(initial=1e-300))
+    return (
+        Linearised(
+            root * found.r,
+            slopes[0],
+            unit * found.d,
+            slopes[1],
+            RANK * found.signal,
+            loss_of(found.r, huber),
+            weight,
+        ),
+        unit,
+    )
 
 
 def _row_units(of_d: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -191,5 +274,8 @@ def values_at(evaluate: Callable[[np.ndarray], Any], z: np.ndarray) -> Any:
         found = evaluate(z)
     except ConvergenceError:
         return None
-    good = np.isfinite(found.r).all() and np.isfinite(found.d).all()
-    return found if good and np.isfinite(found.of_r).all() else None
+    return found if _is_finite(found) else None
+
+
+def _is_finite(found: Any) -> bool:
+    return all(np.isfinite(x).all() for x in (found.r, found.d, found.of_r, found.of_d))

@@ -24,6 +24,8 @@ def is_positive(system: System, x: np.ndarray, t: np.ndarray, c: np.ndarray) -> 
     """Whether M is positive definite at all states (q, v), (T, 2n)."""
     n = system.structure.n
     flat = over_columns(inertia_function(system), x[:, :n], x[:, n:], t[:, None], c)[0]
+    if not np.isfinite(flat).all():
+        return False
     values = np.linalg.eigvalsh(_symmetric(flat.reshape(len(x), n, n)))
     return bool((values[:, 0] > ROUNDING * values[:, -1]).all())
 

@@ -81,14 +81,14 @@ class Estimator:
     ----------
     scene : Observed
         Scene, sensors and spreads.
-    start : Horizon
+    first : Horizon
         The first node with what is known of it.
     length : int
         Steps of the horizon.
     """
 
     scene: Observed
-    start: Horizon
+    first: Horizon
     length: int
 
     def __call__(self, y: Any, u: Any = None, previous: Estimate | None = None) -> Estimate:
@@ -123,7 +123,7 @@ class Estimator:
         if previous is None:
             if u is not None:
                 raise InputError("the first measurement has no step before it: leave u out")
-            horizon = self.start._replace(y=measured[None])
+            horizon = self.first._replace(y=measured[None])
         else:
             horizon = self._longer(previous, measured, u)
         free = np.full(len(horizon.z) - len(scene.theta), np.inf)

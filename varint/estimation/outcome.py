@@ -9,7 +9,7 @@ import numpy as np
 from varint.errors import SolverError
 from varint.estimation.information import information
 from varint.estimation.problem import Estimation, Motion
-from varint.estimation.residuals import start_of
+from varint.estimation.residuals import parameters_at, start_of
 from varint.estimation.result import Fit
 from varint.estimation.search import Minimum, sizes
 from varint.estimation.unidentified import in_words
@@ -36,8 +36,7 @@ def fit_of(minimum: Minimum) -> Fit:
             "that the other unknowns cannot be told: take more segments",
             status="swamped",
         )
-    c = p.c.copy()
-    c[p.theta] = z[: len(p.theta)]
+    c = parameters_at(p, z)
     starts = [np.split(start_of(p, m, e, z), 2) for e, m in enumerate(p.motions)]
     return Fit(
         p.names,

@@ -6,15 +6,17 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.estimation.begin import begin_function, begun
 from varint.estimation.inertias import grows_with
 from varint.estimation.measurement import Experiment, Measurement
 from varint.integration.problem import controls
 from varint.rules.rule import Rule
 from varint.scene.free import Free
-from varint.scene.inputs import finite_array, number, positive_integer, vector
+from varint.scene.inputs import finite_array, number, positive_integer
 from varint.scene.parameters import values_by_name
 from varint.scene.system import System, parameter_entries, parameter_values, parameters_by_name
 
@@ -31,6 +33,8 @@ class Motion(NamedTuple):
     data : tuple of Measurement
     start : ndarray (2n,)
         (q0, v0), or guesses of them.
+    begin : Function or None
+        c → (q0, v0), where they depend on parameters.
     t0 : float
     steps : int
     u : ndarray (steps, r, k)
@@ -44,6 +48,7 @@ class Motion(NamedTuple):
 
     data: tuple[Measurement, ...]
     start: np.ndarray
+    begin: ca.Function | None
     t0: float
     steps: int
     u: np.ndarray
@@ -133,7 +138,7 @@ def estimation(
             starts[name] = wanted[name]
             _, lower, upper = _bounds(name, wanted[name], np.zeros(n))
             low, high = [*low, *lower], [*high, *upper]
-    motions = tuple(_motion(system, rule, x, float(h), segments, starts) for x in experiments)
+    motions = tuple(_motion(system, rule, x, float(h), segments, starts, c) for x in experiments)
     low = positive_inertias(system, theta, low, c, motions[0].start)
     entries = parameter_entries(system)
     of_start = [*(f"{x}(0)" for x in system.names), *(f"d{x}/dt(0)" for x in system.names)]
@@ -238,21 +243,30 @@ def prior_rows(system: System, priors: Any, theta: list[int]) -> np.ndarray:
 
 
 def _motion(
-    system: System, rule: Rule, x: Experiment, h: float, segments: int, starts: dict[str, Any]
+    system: System,
+    rule: Rule,
+    x: Experiment,
+    h: float,
+    segments: int,
+    starts: dict[str, Any],
+    c: np.ndarray,
 ) -> Motion:
     data = tuple([x.data] if isinstance(x.data, Measurement) else x.data)
     if not data or not all(isinstance(m, Measurement) for m in data):
         raise InputError("data must be Measurements, or Experiments that have some")
-    t0, n = number("t0", x.t0), system.structure.n
+    t0 = number("t0", x.t0)
     times = np.unique(np.concatenate([m.t for m in data]))
     if times[0] < t0 - ON_NODE * h:
         raise InputError(f"something was measured at t={times[0]:g}, before the start at t0={t0:g}")
     steps = max(math.ceil((times[-1] - t0) / h - ON_NODE), 1)
-    start = [vector(name, value, n, system.names) for name, value in (("q0", x.q0), ("v0", x.v0))]
+    function = begin_function(system, x.q0, x.v0, starts)
+    symbolic = isinstance(x.q0, ca.SX) or isinstance(x.v0, ca.SX)
+    start = list(np.split(finite_array("the start at the guess", begun(function, c)[0]), 2))
     for i, name in enumerate(START):
         if isinstance(starts.get(name), Free):
             start[i] = np.clip(start[i], starts[name].lower, starts[name].upper)
     cuts = np.unique(np.linspace(0, steps, min(segments, steps) + 1).round().astype(int))
     rows = tuple(np.searchsorted(times, m.t) for m in data)
     u = controls(system, rule, x.u, steps)
-    return Motion(data, np.concatenate(start), t0, steps, u, cuts, times, rows)
+    begin = function if symbolic else None
+    return Motion(data, np.concatenate(start), begin, t0, steps, u, cuts, times, rows)

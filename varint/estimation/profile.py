@@ -19,7 +19,7 @@ from varint.estimation.search import Minimum, bounds, fitted, sizes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CLOSE = 1e-6  # of the level of √Δχ²: the ends of intervals
+CLOSE = 2e-5  # of the level of √Δχ²: the ends of intervals
 SOLVES = 25  # to find one end
 FARTHER = 2.5  # times as far at most as the last point: curves bend
 HELD = 0.01  # of its size: the first step of an unknown that a bound holds

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.estimation.begin import begun
 from varint.estimation.inertias import is_positive
 from varint.estimation.problem import Estimation, Motion
 from varint.estimation.seen import NEAR, Seen, seen_states, shown_path
@@ -52,10 +53,8 @@ def from_the_data(p: Estimation) -> Estimation | None:
         return None
     motions = []
     for motion, parts in zip(p.motions, shown, strict=True):
-        start, seen = (
-            motion.start.copy(),
-            np.concatenate(shown_path(parts, np.array([motion.t0])), 1),
-        )
+        start = motion.start.copy() if motion.begin is None else begun(motion.begin, c)[0]
+        seen = np.concatenate(shown_path(parts, np.array([motion.t0])), 1)
         start[p.free] = np.clip(seen[0], *_ends(p))[p.free]
         if not is_positive(p.system, start[None], np.array([motion.t0]), c):
             return None

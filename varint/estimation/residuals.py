@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import ConvergenceError
+from varint.estimation.begin import begun
 from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
 from varint.estimation.sensors import observed, seen_by
@@ -114,8 +115,7 @@ def residuals(shoot: Shooter, z: np.ndarray) -> Residuals:
         If a step cannot be solved.
     """
     p = shoot.problem
-    c = p.c.copy()
-    c[p.theta] = z[: len(p.theta)]
+    c = parameters_at(p, z)
     parts = [
         _of_motion(shoot, motion, e, columns, z, c)
         for e, (motion, columns) in enumerate(zip(p.motions, segment_columns(p), strict=True))
@@ -186,8 +186,17 @@ def _refuse_unphysical(p: Estimation, piece: Piece, c: np.ndarray) -> None:
 def start_of(p: Estimation, motion: Motion, e: int, z: np.ndarray) -> np.ndarray:
     """(q0, v0) of an experiment."""
     start, first = motion.start.copy(), len(p.theta) + e * len(p.free)
+    if motion.begin is not None:
+        start = begun(motion.begin, parameters_at(p, z))[0]
     start[p.free] = z[first : first + len(p.free)]
     return start
+
+
+def parameters_at(p: Estimation, z: np.ndarray) -> np.ndarray:
+    """All parameters, the estimated ones put in."""
+    c = p.c.copy()
+    c[p.theta] = z[: len(p.theta)]
+    return c
 
 
 def _start(
@@ -204,6 +213,8 @@ def _start(
     tangent, first = np.zeros((2 * n, p.size)), many + e * len(p.free)
     tangent[:, first : first + len(p.free)] = by_start[:, p.free]
     tangent[n:, :many] = of_c[:, p.theta]
+    if motion.begin is not None:
+        tangent[:, :many] += by_start @ begun(motion.begin, c)[1][:, p.theta]
     return np.concatenate([q, momentum]), tangent
 
 

@@ -11,7 +11,9 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.estimation.begin import begun
 from varint.estimation.problem import Estimation
+from varint.estimation.residuals import parameters_at, start_of
 from varint.numerics.arrays import over_columns
 from varint.scene.system import System, parameters_by_name
 from varint.symmetry.noether import symmetries
@@ -54,11 +56,13 @@ def _start_changes(
     p: Estimation, change: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(q0, v0) of every experiment and how a direction changes them, (experiments, 2n)."""
-    starts = np.array([m.start for m in p.motions])
+    starts = np.array([start_of(p, m, e, z) for e, m in enumerate(p.motions)])
     moved, many = np.zeros(starts.shape), len(p.theta)
+    for row, motion in zip(moved, p.motions, strict=True):
+        if motion.begin is not None:
+            row += begun(motion.begin, parameters_at(p, z))[1][:, p.theta] @ change[:many]
     if len(p.free):
-        starts[:, p.free] = z[many:].reshape(len(starts), -1)
-        moved[:, p.free] = change[many:].reshape(len(starts), -1)
+        moved[:, p.free] += change[many:].reshape(len(starts), -1)
     return starts, moved
 
 

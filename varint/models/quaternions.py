@@ -5,53 +5,17 @@ q, and may be.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
 from varint.models.model import Model, energy
+from varint.multibody.kinematics import body_rates as body_omega
+from varint.multibody.rotations import quaternion_matrix as rotation
+from varint.multibody.rotations import quaternion_rate
 from varint.scene.parameters import Parameters
 from varint.scene.system import System, coordinates
-
-
-def body_omega(q: ca.SX, v: ca.SX) -> ca.SX:
-    """Angular velocity (3,) along the body's axes, ω = 2 Im(q̄ q̇), of the quaternion q = (w, x,
-    y, z), body to space.
-    """
-    (w, x, y, z), (a, b, c, d) = ca.vertsplit(q), ca.vertsplit(v)
-    return 2 * ca.vertcat(
-        w * b - x * a - y * d + z * c,
-        w * c - y * a - z * b + x * d,
-        w * d - z * a - x * c + y * b,
-    )
-
-
-def rotation(q: ca.SX) -> ca.SX:
-    """Matrix (3, 3) of the rotation from body to space of a unit quaternion."""
-    w, x, y, z = ca.vertsplit(q)
-    return ca.vertcat(
-        ca.horzcat(1 - 2 * (y**2 + z**2), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        ca.horzcat(2 * (x * y + w * z), 1 - 2 * (x**2 + z**2), 2 * (y * z - w * x)),
-        ca.horzcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x**2 + y**2)),
-    )
-
-
-def quaternion_rate(q: Any, omega: Any) -> np.ndarray:
-    """q̇ = ½ q (0, ω) for an angular velocity along the body's axes."""
-    (w, x, y, z), (a, b, c) = q, omega
-    return (
-        np.array(
-            [
-                -x * a - y * b - z * c,
-                w * a + y * c - z * b,
-                w * b + z * a - x * c,
-                w * c + x * b - y * a,
-            ]
-        )
-        / 2
-    )
 
 
 def _body(inertia: Sequence[float], weight: float) -> tuple[System, ca.SX]:

@@ -29,9 +29,11 @@ from varint.multibody.rotations import (
     euler_angles,
     matrix_quaternion,
     quaternion_matrix,
+    quaternion_rate,
     roll_pitch_yaw,
 )
 from varint.multibody.shapes import Shape
+from varint.multibody.start import start_values
 from varint.multibody.urdf import from_urdf
 from varint.multibody.view import animate, page, skeleton
 
@@ -62,6 +64,8 @@ __all__ = [
     "page",
     "placed",
     "quaternion_matrix",
+    "quaternion_rate",
     "roll_pitch_yaw",
     "skeleton",
+    "start_values",
 ]

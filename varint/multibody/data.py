@@ -234,6 +234,8 @@ class Machine:
     bodies, joints, loops, springs, actuators, markers : dict
     couplings : list of Coupling
     medium : Medium or None
+    home : dict
+        Joint → its coordinates in the pose that a file describes, where they are not zero.
     """
 
     gravity: Any
@@ -247,6 +249,7 @@ class Machine:
     actuators: dict[str, Actuator] = field(default_factory=dict)
     markers: dict[str, Anchor] = field(default_factory=dict)
     medium: Medium | None = None
+    home: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def moving(self) -> list[Joint]:

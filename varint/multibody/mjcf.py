@@ -19,7 +19,7 @@ from varint.multibody.mjcf_parts import Drive, add_drive, add_equalities, drives
 from varint.multibody.mjcf_settings import Reading, defaults_of, included, settings_of
 from varint.multibody.model import Model
 from varint.multibody.quantities import compose
-from varint.multibody.rotations import axis_rotation
+from varint.multibody.rotations import axis_rotation, matrix_quaternion
 from varint.multibody.shapes import GREY, Shape
 
 READ = words("compiler option default worldbody asset actuator equality")
@@ -76,7 +76,7 @@ def from_mjcf(source: str | os.PathLike, *, folder: Any = None, creep: float = 1
     ... </body></worldbody></mujoco>'''
     >>> rod = mb.from_mjcf(text)
     >>> rod.system(), round(rod.bodies["rod"].mass, 6)
-    (System(q=[hinge]), 8.377580)
+    (System(q=[hinge]), 8.37758)
     """
     root, home = document(source, folder)
     if root.tag != "mujoco":
@@ -182,12 +182,15 @@ def _add_joint(
         )
     if joint.kind == "free":
         model.free(parent, child, HERE, name, damping=damping)
+        turn = matrix_quaternion(place.rotation)
+        model.machine.home[name] = np.concatenate([place.position, turn])
         return
     at = compose(place, Placement(joint.position, np.eye(3)))
     here = Placement(joint.position, np.eye(3))
     if joint.kind == "ball":
         model.spherical(parent, child, at, name, child_at=here, damping=damping)
         return
+    model.machine.home[name] = np.array([joint.reference])
     axis = joint.axis / np.linalg.norm(joint.axis)
     if joint.kind == "hinge":
         start = Placement(np.zeros(3), axis_rotation(axis, -joint.reference))

@@ -18,6 +18,7 @@ from varint.multibody.rotations import axis_rotation, quaternion_matrix, tidied
 from varint.multibody.solids import NOTHING, MassProperties, area, shell, solid, volume
 
 WATER = 1000.0  # kg/m³, the density of geoms that give none
+LARGEST = 1e50  # m; the fifth power of a size is still a number
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
 HARMLESS = words(
     "name class contype conaffinity condim group priority friction solmix solref solimp margin gap "
@@ -163,9 +164,11 @@ def _size(element: Element, kind: str, placement: Placement) -> tuple[tuple[floa
     needed = 1 if ends is not None else count
     if ends is not None and kind == "sphere":
         raise InputError(f"{element.where}: a sphere has no fromto")
-    if len(given) < needed or (given[:needed] <= 0).any():
+    used = given[:needed]
+    if len(used) < needed or (used <= 0).any() or (used > LARGEST).any():
         raise InputError(
-            f"{element.where}: a {kind} needs {needed} positive sizes, got {list(given)}"
+            f"{element.where}: a {kind} needs {needed} positive sizes below {LARGEST:g}, got "
+            f"{given.tolist()}"
         )
     if ends is None:
         return tuple(map(float, given[:count])), placement

@@ -97,6 +97,22 @@ def matrix_quaternion(rotation: Any) -> np.ndarray:
     return -q if q[0] < 0 else q
 
 
+def quaternion_rate(q: Any, omega: Any) -> np.ndarray:
+    """q̇ = ½ q (0, ω) (4,) of a unit quaternion for an angular velocity along the body's axes."""
+    (w, x, y, z), (a, b, c) = q, omega
+    return (
+        np.array(
+            [
+                -x * a - y * b - z * c,
+                w * a + y * c - z * b,
+                w * b + z * a - x * c,
+                w * c + x * b - y * a,
+            ]
+        )
+        / 2
+    )
+
+
 def rotation_of(what: str, given: Any) -> Any:
     """A rotation matrix (3, 3) from None, a matrix, or a unit quaternion (w, x, y, z)."""
     if given is None:

@@ -19,9 +19,21 @@ from varint.scene.system import System
 from varint.sensitivities.pieces import Piece, all_nodes, pieces, scene_of
 from varint.sensitivities.sweeps import Directions, forwards, sweeper
 
-FIRST_STRETCH, LONGEST_STRETCH = 1, 8192  # steps: as long as displacements grow little
+LONGEST_STRETCH = 8192  # steps
 MOST_NUMBERS = 4_000_000  # of the displacements of a stretch
-FORGOTTEN = 0.9  # of the fastest growth a step, with every stretch: what was fast may be again
+
+
+class Pace(NamedTuple):
+    """How stretches become longer: steps of the first, how many times the one before at most, and
+    what part of the fastest growth a step is remembered after each, for what was fast may be again.
+    """
+
+    first: int
+    longer: int
+    remembered: float
+
+
+LIFTED, SWEPT = Pace(16, 4, 0.5), Pace(1, 2, 0.9)
 
 
 class Stretch(NamedTuple):
@@ -82,15 +94,16 @@ def stretches(
     scene = scene_to_vary(motion)
     lifted = tangents.shape[1] == 1 and not scene.structure.constraints and motion.sizes is None
     longest = int(np.clip(MOST_NUMBERS // tangents.size, 1, LONGEST_STRETCH))
-    length, total = FIRST_STRETCH, int(motion.k[-1] - motion.k[0])
+    pace = LIFTED if lifted else SWEPT
+    length, total = pace.first, int(motion.k[-1] - motion.k[0])
     source = (_by_lift if lifted else _by_sweeps)(motion, scene, tangents, length)
     with progress_bar(total, "step", progress) as move:
         done, rate, one = 0, 0.0, next(source)
         while True:
             tangents, grown = renew(one)
             steps = len(one.k) - 1
-            rate = max(grown / steps, FORGOTTEN * rate, allowed / longest)
-            length = int(np.clip(allowed / rate, 1, 2 * length))
+            rate = max(grown / steps, pace.remembered * rate, allowed / longest)
+            length = int(np.clip(allowed / rate, 1, pace.longer * length))
             done += steps
             move(steps, lambda: "")
             yield one

@@ -5,6 +5,7 @@ what stays the same: parameters, the grid's step and start, coefficients of rest
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 from varint.sensitivities.course import Course, Leg
 from varint.sensitivities.pieces import OFF_GRID
-from varint.sensitivities.sweeps import Sweeper, sweeper
+from varint.sensitivities.steps_at_once import Sweeper
+from varint.sensitivities.sweeps import sweeper
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +33,13 @@ class Carrier:
     @property
     def motion(self) -> Trajectory:
         return self.course.motion
+
+    @cached_property
+    def row_times(self) -> tuple[np.ndarray, float]:
+        """Times of the nodes wanted, rising, and how close to a node of the course they are it."""
+        motion = self.motion
+        near = node_tolerance(motion) if motion.system.structure.contacts else OFF_GRID
+        return np.sign(motion.h) * self.course.rows.t, near * abs(motion.h)
 
     @property
     def places(self) -> tuple[int, int, int]:
@@ -71,11 +80,8 @@ class Rows(NamedTuple):
 
 def rows_of(carrier: Carrier, leg: Leg, first: bool) -> Rows:
     """The nodes wanted behind the first node of a leg, or from that of the first leg on."""
-    rows, motion = carrier.course.rows, carrier.motion
-    contacts = motion.system.structure.contacts
-    tolerance = (node_tolerance(motion) if contacts else OFF_GRID) * abs(motion.h)
-    forward = 1.0 if motion.h > 0 else -1.0
-    t = forward * rows.t
+    forward = 1.0 if carrier.motion.h > 0 else -1.0
+    t, tolerance = carrier.row_times
     times = forward * np.append(leg.piece.t, leg.piece.t[-1] + leg.piece.h[-1])
     ends = times[[0, -1]] + tolerance
     a, b = np.searchsorted(t, ends, side="right").tolist()

@@ -8,7 +8,8 @@ import numpy as np
 
 from varint.sensitivities.carrier import Carrier, Rows
 from varint.sensitivities.course import Leg
-from varint.sensitivities.sweeps import Directions, backwards, carried, forwards
+from varint.sensitivities.steps_at_once import Directions
+from varint.sensitivities.sweeps import backwards, carried, forwards
 from varint.sensitivities.within import add_controls, moved, part_of_step, readings
 
 
@@ -83,7 +84,10 @@ def carried_back(carrier: Carrier, leg: Leg, seeds: np.ndarray, rows: Rows, at: 
     z, u, begin = at.z.copy(), at.u, int(motion.k[0])
     count = len(piece.x)
     placed, inside = np.zeros((count, clock + 1)), rows.behind != 0
-    np.add.at(placed, rows.place[~inside], seeds[~inside])
+    if not inside.any() and (np.diff(rows.place) > 0).all():
+        placed[rows.place] = seeds
+    else:
+        np.add.at(placed, rows.place[~inside], seeds[~inside])
     if inside.any():
         read = readings(carrier, leg, rows, inside)
         pulled = np.einsum("rkz,rk->rz", read.of_z[:, : clock + 1], seeds[inside])

@@ -238,12 +238,13 @@ def legs(course: Course, *, backwards: bool = False) -> Iterator[Leg]:
         yield from _grid_legs(motion, backwards)
         return
     events, ends = events_at_nodes(motion), _stretches(motion)
+    whole = _at_whole_steps(motion)
     assert events is not None and motion.active_set is not None
     for a, b in reversed(ends) if backwards else ends:
         held = motion.active_sets[motion.active_set[a]]
         scene = held.scene(motion.system)
         if b < 0:
-            yield _part(motion, scene, held, a, events.get(a + 1, ()))
+            yield _part(motion, scene, held, a, bool(whole[a + 1]), events.get(a + 1, ()))
         else:
             first = int(motion.k[a] - motion.k[0])
             yield Leg(scene, piece_between(motion, scene, a, b, first), held)
@@ -252,7 +253,7 @@ def legs(course: Course, *, backwards: bool = False) -> Iterator[Leg]:
 def _grid_legs(motion: Trajectory, backwards: bool) -> Iterator[Leg]:
     scene, last = scene_of(motion), len(motion) - 1
     whole = ends_whole(motion)
-    end = [] if whole else [_part(motion, scene, None, last - 1, ())]
+    end = [] if whole else [_part(motion, scene, None, last - 1, False, ())]
     steps = (Leg(scene, x) for x in pieces(motion, 0, last - (not whole), backwards=backwards))
     yield from chain(end, steps) if backwards else chain(steps, end)
 
@@ -279,9 +280,14 @@ def _stretches(motion: Trajectory) -> list[tuple[int, int]]:
 
 
 def _part(
-    motion: Trajectory, scene: System, held: ActiveSet | None, a: int, events: tuple[Event, ...]
+    motion: Trajectory,
+    scene: System,
+    held: ActiveSet | None,
+    a: int,
+    whole: bool,
+    events: tuple[Event, ...],
 ) -> Leg:
-    """The part of a step from node a to the next one."""
+    """The part of a step from node a to the next one, which may be at a whole step."""
     b = a + 1
     end, speed = np.hstack([motion.q[b], motion.p[b]]), motion.v[b]
     if events:
@@ -300,8 +306,7 @@ def _part(
         motion.u[np.minimum(step, len(motion.u) - 1)],
         np.array([0, 1]),
     )
-    on_grid = bool(_at_whole_steps(motion)[b]) and motion.t[b] != motion.t[a]
-    return Leg(scene, piece, held, True, on_grid and not events, events)
+    return Leg(scene, piece, held, True, whole and not events, events)
 
 
 def with_last(items: Iterator[Leg]) -> Iterator[tuple[Leg, bool]]:

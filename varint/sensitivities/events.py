@@ -24,7 +24,7 @@ from varint.sensitivities.parts import Slopes, part_slopes
 from varint.sensitivities.pieces import OFF_GRID
 from varint.sensitivities.rescaled import in_rescaled_symbols, inner_of
 from varint.sensitivities.start import slopes_of, state_function
-from varint.sensitivities.sweeps import Directions, Sweeper
+from varint.sensitivities.steps_at_once import Directions, Sweeper
 from varint.sensitivities.tangents import asked_directions, begun, wanted_of
 from varint.sensitivities.within import (
     clock_of,

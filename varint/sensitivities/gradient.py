@@ -23,7 +23,13 @@ from varint.sensitivities.rescaled import (
     rescaled_loss,
     rescaled_seeds,
 )
-from varint.sensitivities.start import scenes_at, start_slopes, state_function
+from varint.sensitivities.start import (
+    as_text,
+    scenes_at,
+    start_slopes,
+    state_function,
+    state_symbols,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +73,7 @@ class Gradient:
 
 class _AtNodes(NamedTuple):
     """Derivatives of what is summed at the nodes: by (q, p, t) of each (N + 1, 2n + 1), and by the
-    parameters.
+    parameters (C,).
     """
 
     value: float
@@ -97,8 +103,8 @@ def gradient(
     ----------
     motion : Trajectory
         From `simulate`, its start among the nodes. Nodes that were left out (`save_every`) are
-        computed once more, piece by piece: with every √N-th of N steps kept, 2√N states stand in
-        memory at a time.
+        computed once more, piece by piece: with every √N-th of N steps kept, or with the ends
+        alone, 2√N states stand in memory at a time.
     loss : SX, optional
         ℓ, an expression of q, v, t, u and parameters, summed with the rule's weights along the
         steps. Of explicit compositions the sum is taken at the kicks, with the mean of the
@@ -154,7 +160,7 @@ def gradient(
     found = _pulled_back(motion, Carrier(course, backend, density), at_nodes.x)
     n, many = motion.q.shape[1], len(c)
     at_start, outer = found.z[: 2 * n], found.z[2 * n + 1 :]
-    outer[:many] += at_nodes.c.sum(0)
+    outer[:many] += at_nodes.c
     outer[many + 1] += found.z[2 * n]  # the first node is where everything begins
     of_q, of_v, of_c, of_t = start_slopes(motion)
     of_q0, of_p0 = np.split(at_start, 2)
@@ -194,15 +200,8 @@ def _pulled_back(motion: Trajectory, carrier: Carrier, seeds: np.ndarray) -> Adj
 def _density(motion: Trajectory, loss: ca.SX) -> str:
     """The running loss as the time of the steps has it."""
     if motion.fictitious is None:
-        return _serialised(motion.system, loss)
-    return _serialised(motion.fictitious.system, rescaled_loss(motion, loss))
-
-
-def _serialised(scene: System, expression: ca.SX) -> str:
-    """The function (q, v, t, u, c) → an expression, as text: the same for the same expression."""
-    s = scene
-    inputs = [s.q, s.v, s.t, s.control, s.c]
-    return ca.Function("density", inputs, [expression], {"cse": True}).serialize()
+        return as_text(motion.system, loss)
+    return as_text(motion.fictitious.system, rescaled_loss(motion, loss))
 
 
 def _scalar(what: str, expression: Any, scene: System) -> ca.SX:
@@ -217,14 +216,14 @@ def _at_nodes(motion: Trajectory, terminal: Any, nodes: Any, weights: Any) -> _A
     (count, n), system = motion.q.shape, motion.system
     if weights is not None and nodes is None:
         raise InputError("weights belong to nodes=, an expression of every node; give that too")
-    total = _AtNodes(0.0, np.zeros((count, 2 * n + 1)), np.zeros((count, len(motion.c))))
+    total = _AtNodes(0.0, np.zeros((count, 2 * n + 1)), np.zeros(len(motion.c)))
     if nodes is not None:
         own = ca.vec(ca.densify(in_own_symbols(nodes, system, "nodes")))
         by = np.ones((count, own.numel())) if weights is None else _weights(weights, count, own)
-        total = _add(total, motion, own, by, np.arange(count))
+        total = _add(total, motion, own, by, slice(None))
     if terminal is not None:
         own = _scalar("terminal_loss", terminal, system)
-        total = _add(total, motion, own, np.ones((1, 1)), np.array([count - 1]))
+        total = _add(total, motion, own, np.ones((1, 1)), slice(count - 1, None))
     return total
 
 
@@ -241,20 +240,17 @@ def _weights(weights: Any, count: int, expression: ca.SX) -> np.ndarray:
 
 
 def _add(
-    total: _AtNodes, motion: Trajectory, expression: ca.SX, weights: np.ndarray, at: np.ndarray
+    total: _AtNodes, motion: Trajectory, expression: ca.SX, weights: np.ndarray, at: slice
 ) -> _AtNodes:
     """With Σ_k w_k·ψ of the nodes `at`."""
-    value, text = total.value, _serialised(motion.system, expression)
-    for nodes, scene in scenes_at(motion):
-        here = np.flatnonzero(np.isin(at, nodes))
-        if not len(here):
-            continue
-        k = at[here]
-        states = motion.q[k], motion.p[k], motion.t[k, None], motion.c
-        found = over_columns(_weighted_function(scene, text), *states, weights[here])
-        value += float(found[0].sum())
-        total.x[k] += np.hstack([found[1], found[3]])
-        total.c[k] += found[2]
+    value, text = total.value, as_text(motion.system, expression)
+    q, p, t = motion.q[at], motion.p[at], motion.t[at, None]
+    for some, scene in scenes_at(motion, at):
+        given = q[some], p[some], t[some], motion.c, weights[some]
+        of_psi, of_x, of_c, of_t = over_columns(_weighted_function(scene, text), *given)
+        value += float(of_psi.sum())
+        total.x[at][some] += np.hstack([of_x, of_t])
+        total.c[:] += of_c.sum(0)
     return total._replace(value=value)
 
 
@@ -264,9 +260,8 @@ def _weighted_function(scene: System, expression: str) -> ca.Function:
     s = scene
     own = ca.Function.deserialize(expression)(s.q, s.v, s.t, s.control, s.c)
     of_state = state_function(s, own)
-    inputs = [ca.MX.sym(f"a{i}", of_state.numel_in(i)) for i in range(4)]
-    q, p, t, c = inputs
-    w = ca.MX.sym("w", own.numel())
+    q, p, t, c = inputs = state_symbols(s)
+    w = type(q).sym("w", own.numel())
     value = ca.dot(w, of_state(*inputs))
     slopes = [ca.densify(ca.gradient(value, x)) for x in (ca.vertcat(q, p), c, t)]
     return ca.Function("weighted", [*inputs, w], [value, *slopes])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.rules.polynomials import lagrange_slopes, lagrange_values
-from varint.sensitivities.sweeps import Sweeper, step_slopes
+from varint.sensitivities.steps_at_once import Sweeper, step_slopes
 
 
 class Parts(NamedTuple):

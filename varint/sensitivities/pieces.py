@@ -4,7 +4,9 @@ that were.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -86,13 +88,28 @@ def pieces(
     """The steps from the kept node `first` to the kept node `last`, piece by piece.
 
     Where nodes were left out (`save_every`) the steps between are taken once more from the kept
-    node before them: with nodes kept every √N steps, 2√N states stand in memory at a time.
+    node before them, and where these are more than √N of N, first with every √ of theirs kept: at
+    most 2√N states stand in memory at a time, beside a kept node in √N or none (Griewank & Walther
+    2008, §12.3: two levels of checkpoints).
     """
     last = len(motion) - 1 if last is None else last
-    scene = scene_of(motion)
-    ends = list(_cuts(motion, first, last))
+    most = max(SHORTEST_RUN, math.isqrt(int(motion.k[last] - motion.k[first])) + 1)
+    yield from _pieces(motion, first, last, int(motion.k[first]), most, backwards)
+
+
+def _pieces(
+    motion: Trajectory, first: int, last: int, begin: int, most: int, backwards: bool
+) -> Iterator[Piece]:
+    """`most` is the number of steps that are taken once more at a time, `begin` the first of the
+    run.
+    """
+    ends, scene = list(_cuts(motion, first, last)), scene_of(motion)
     for a, b in reversed(ends) if backwards else ends:
-        yield piece_between(motion, scene, a, b, int(motion.k[a] - motion.k[first]))
+        if b == a + 1 and motion.k[b] - motion.k[a] > most:
+            between = _thinned_between(motion, scene, a, b)
+            yield from _pieces(between, 0, len(between) - 1, begin, most, backwards)
+        else:
+            yield piece_between(motion, scene, a, b, int(motion.k[a]) - begin)
 
 
 def _cuts(motion: Trajectory, first: int, last: int) -> Iterator[tuple[int, int]]:
@@ -127,16 +144,60 @@ def piece_between(motion: Trajectory, scene: System, a: int, b: int, first: int)
 def run_once_more(
     motion: Trajectory, scene: System, a: int, k0: int, k1: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All nodes from step k0 to step k1, by the same steps from the kept node."""
+    """All nodes from step k0 to step k1, by the same steps from the kept node: (q, p), v, and the
+    times of the steps.
+    """
+    problem, kernel = _again(motion, scene, a, k0, k1)
+    blocks = _blocks(scene, motion.rule, problem, kernel)
+    x, t = np.concatenate([part for part, _ in blocks]), _times(motion, a, np.arange(k0, k1 + 1))
+    parts = [v for _, v in blocks[1:] if v is not None]
+    if len(parts) < len(blocks) - 1:
+        return x, velocities(scene, x, t, motion.c), t[:-1]
+    begin = velocities(scene, x[:1], t[:1], motion.c)
+    return x, np.concatenate([begin, *parts]), t[:-1]
+
+
+def _thinned_between(motion: Trajectory, scene: System, a: int, b: int) -> Trajectory:
+    """The run between two kept nodes, with √s of its s steps kept."""
+    k0, k1 = motion.k[[a, b]].tolist()
+    every = math.isqrt(k1 - k0 - 1) + 1
+    problem, kernel = _again(motion, scene, a, k0, k1)
+    blocks = blocks_of(scene, motion.rule, problem._replace(save_every=every), kernel)
+    q, p, k = [motion.q[a : a + 1]], [motion.p[a : a + 1]], [motion.k[a : a + 1]]
+    for block in blocks:
+        for parts, x in ((q, block.q), (p, block.p), (k, block.k)):
+            parts.append(x[: block.good])
+        if block.good < len(block.k):
+            raise _cannot_go_on(problem, int(k[-1][-1]) if len(k[-1]) else k0)
+    steps = np.concatenate(k)
+    held = None if motion.active_set is None else np.full(len(steps), motion.active_set[a])
+    return replace(
+        motion,
+        t=_times(motion, a, steps),
+        q=np.concatenate(q),
+        p=np.concatenate(p),
+        k=steps,
+        active_set=held,
+    )
+
+
+def _times(motion: Trajectory, a: int, k: np.ndarray) -> np.ndarray:
+    """Times of whole steps, counted from that of a kept node."""
+    return float(motion.t[a] - motion.k[a] * motion.h) + motion.h * k
+
+
+def _again(
+    motion: Trajectory, scene: System, a: int, k0: int, k1: int
+) -> tuple[InitialValueProblem, Kernel | None]:
+    """The problem of the steps from k0 to k1, and the loop that took them."""
     if motion.sizes is not None:
         raise InputError(
             "steps of this run differ in size and not every one was kept: run it with save_every=1"
         )
-    start = float(motion.t[a] - k0 * motion.h)
     problem = InitialValueProblem(
         motion.q[a],
         motion.p[a],
-        start,
+        float(motion.t[a] - k0 * motion.h),
         motion.h,
         k1,
         1,
@@ -146,10 +207,8 @@ def run_once_more(
         motion.active_sets[0] if motion.active_sets else None,
         first=k0,
     )
-    kernel = kernel_for(scene, motion.rule, problem._replace(steps=int(motion.k[-1])), "auto")
-    x = all_nodes(scene, motion.rule, problem, kernel)
-    t = start + motion.h * np.arange(k0, k1)
-    return x, velocities(scene, x, start + motion.h * np.arange(k0, k1 + 1), motion.c), t
+    whole = problem._replace(steps=max(int(motion.k[-1]), k1))
+    return problem, kernel_for(scene, motion.rule, whole, "auto")
 
 
 def velocities(scene: System, x: np.ndarray, t: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -168,18 +227,32 @@ def all_nodes(
     ConvergenceError
         If a step cannot be solved.
     """
-    parts = [np.hstack([problem.q0, problem.p0])[None]]
+    return np.concatenate([x for x, _ in _blocks(scene, rule, problem, kernel)])
+
+
+def _blocks(
+    scene: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel | None
+) -> list[tuple[np.ndarray, np.ndarray | None]]:
+    """(q, p) and, where the loop tells them, v at every node, block by block after the first."""
+    found: list[tuple[np.ndarray, np.ndarray | None]] = []
+    found.append((np.hstack([problem.q0, problem.p0])[None], None))
+    k = problem.first
     for block in blocks_of(scene, rule, problem, kernel):
-        parts.append(np.hstack([block.q[: block.good], block.p[: block.good]]))
+        good = slice(block.good)
+        v = None if block.v is None else block.v[good]
+        found.append((np.hstack([block.q[good], block.p[good]]), v))
+        k += block.good
         if block.good < len(block.q):
             break
-    x = np.concatenate(parts)
-    k = problem.first + len(x) - 1
     if k < problem.steps:
-        raise ConvergenceError(
-            f"step {k} of the run cannot be taken: try a smaller h",
-            step=k,
-            time=problem.t0 + k * problem.h,
-            residual=float("nan"),
-        )
-    return x
+        raise _cannot_go_on(problem, k)
+    return found
+
+
+def _cannot_go_on(problem: InitialValueProblem, k: int) -> ConvergenceError:
+    return ConvergenceError(
+        f"step {k} of the run cannot be taken: try a smaller h",
+        step=k,
+        time=problem.t0 + k * problem.h,
+        residual=float("nan"),
+    )

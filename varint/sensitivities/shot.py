@@ -16,13 +16,8 @@ from varint.scene.system import System
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
 from varint.sensitivities.second_order import node_hessian, start_hessian, step_hessian
 from varint.sensitivities.start import momentum_function, momentum_slopes, output_slopes
-from varint.sensitivities.sweeps import (
-    Directions,
-    Sweeper,
-    adjoints_at_nodes,
-    backwards,
-    forwards,
-)
+from varint.sensitivities.steps_at_once import Directions, Sweeper, adjoints_at_nodes
+from varint.sensitivities.sweeps import backwards, forwards
 
 
 @dataclass(eq=False)

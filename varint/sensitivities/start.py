@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -14,6 +16,8 @@ from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.system import System, per_system
 from varint.sensitivities.pieces import scene_of
+
+REMEMBERED = 64  # expressions of a system that are kept as text
 
 
 @per_system
@@ -55,40 +59,73 @@ def state_function(system: System, expression: ca.SX) -> ca.Function:
             "them; write it without, or as the running loss"
         )
     value = ca.Function("value", [s.q, s.v, s.t, s.c], [own], {"cse": True})
-    sizes = (s.structure.n, s.structure.n, 1, s.c.numel())
-    q, p, t, c = (ca.MX.sym(name, size) for name, size in zip("qptc", sizes, strict=True))
+    q, p, t, c = state_symbols(s)
     return ca.Function("of_state", [q, p, t, c], [value(q, velocity_function(s)(q, p, t, c), t, c)])
+
+
+def state_symbols(system: System) -> list[Any]:
+    """q, p, t, c for functions of a state: SX, the faster, where velocities are written out."""
+    kind = ca.SX if velocity_function(system).is_a("SXFunction") else ca.MX
+    sizes = (system.structure.n, system.structure.n, 1, system.c.numel())
+    return [kind.sym(name, size) for name, size in zip("qptc", sizes, strict=True)]
 
 
 def slopes_of(system: System, outputs: ca.SX) -> ca.Function:
     """(q, p, t, c) → derivatives of expressions with respect to (q, p), c and t."""
-    value = state_function(system, outputs)
-    q, p, t, c = inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
-    out = value(*inputs)
-    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c, t)]
-    return ca.Function("output_slopes", inputs, slopes)
+    return _slopes(system, as_text(system, outputs))
+
+
+def as_text(system: System, expression: ca.SX) -> str:
+    """The function (q, v, t, u, c) → an expression, serialised: the same for the same expression,
+    which is not written again.
+    """
+    known = _texts(system)
+    key = tuple(x.element_hash() for x in expression.elements()), expression.shape
+    if key not in known:
+        if len(known) >= REMEMBERED:
+            known.clear()
+        s = system
+        made = ca.Function("density", [s.q, s.v, s.t, s.control, s.c], [expression], {"cse": True})
+        known[key] = (
+            ca.SX(expression),
+            made.serialize(),
+        )  # its nodes are kept: none takes their place
+    return known[key][1]
 
 
 @per_system
+def _texts(system: System) -> dict[tuple, tuple[ca.SX, str]]:
+    """Expressions that were written down."""
+    return {}
+
+
+@per_system
+def _slopes(system: System, text: str) -> ca.Function:
+    s = system
+    outputs = ca.Function.deserialize(text)(s.q, s.v, s.t, s.control, s.c)
+    value = state_function(system, outputs)
+    q, p, t, c = inputs = state_symbols(system)
+    out = value(*inputs)
+    slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c, t)]
+    return ca.Function("output_slopes", inputs, slopes, {"cse": True})
+
+
 def output_slopes(system: System) -> ca.Function:
     """`slopes_of` q and v."""
     return slopes_of(system, ca.vertcat(system.q, system.v))
 
 
-def scenes_at(motion: Trajectory) -> list[tuple[np.ndarray, System]]:
-    """Nodes and the scene that moves on from them, for every active set."""
-    system, count = motion.system, len(motion)
-    if motion.active_set is None or not system.structure.contacts:
-        return [(np.arange(count), scene_of(motion))]
-    return [
-        (np.flatnonzero(motion.active_set == i), motion.active_sets[i].scene(system))
-        for i in np.unique(motion.active_set)
-    ]
+def scenes_at(motion: Trajectory, nodes: slice) -> list[tuple[Any, System]]:
+    """Those of some nodes, and the scene that moves on from them, for every active set."""
+    if motion.active_set is None or not motion.system.structure.contacts:
+        return [(slice(None), scene_of(motion))]
+    held = motion.active_set[nodes]
+    return [(held == i, motion.active_sets[i].scene(motion.system)) for i in np.unique(held)]
 
 
 def rate_at(motion: Trajectory, node: int) -> np.ndarray:
     """d(q, p)/dt of the continuous motion at a node, (2n,)."""
-    scene = next(scene for nodes, scene in scenes_at(motion) if node in nodes)
+    ((_, scene),) = scenes_at(motion, slice(node, node + 1))
     u = controls_at_nodes(motion)[node]
     t = motion.t[node : node + 1]
     return call(rate_function(scene), motion.q[node], motion.p[node], t, u, motion.c)[0]

@@ -5,20 +5,24 @@ or by CasADi's own.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 
-from varint.errors import ConvergenceError, InputError
+from varint.errors import InputError
 from varint.integration.backend import BACKENDS
-from varint.numerics.arrays import blocks, over_columns
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
-from varint.sensitivities.linear_steps import linear_step, lossy_step, operations
+from varint.sensitivities.linear_steps import operations
 from varint.sensitivities.pieces import Piece
+from varint.sensitivities.steps_at_once import (
+    Directions,
+    Pulled,
+    Sweeper,
+    backwards_interpreted,
+    failure,
+    forwards_interpreted,
+)
 
 if TYPE_CHECKING:
     from varint.codegen.sweep import SweepKernel
@@ -26,58 +30,7 @@ if TYPE_CHECKING:
 INSTRUCTION = 8e-9  # seconds of CasADi's virtual machine for an operation
 CALL = 5e-5  # seconds of it for a step besides
 STARTING, STATEMENT = 0.25, 1e-4  # seconds to compile loops, and for a statement of them
-LOOSE = 1e-6  # relative: unknowns whose last correction is larger were not found
-TURNS = 1000  # of CasADi's own loops at a time
 NOT_REGULAR = 2  # enum Sweep of c/sweep.h
-
-
-@dataclass(frozen=True, eq=False)
-class Sweeper:
-    """How the derivatives of a scene's steps are taken.
-
-    Attributes
-    ----------
-    system, rule : System, Rule
-    density : str or None
-        Running loss, the function (q, v, t, u, c) → ℓ, serialised.
-    kernels : tuple of SweepKernel
-        Compiled loops, each there where the one before it fails; where there are none,
-        `linear_step` or `lossy_step` is evaluated at many steps at once.
-    """
-
-    system: System
-    rule: Rule
-    density: str | None
-    kernels: tuple[SweepKernel, ...] = ()
-
-
-class Directions(NamedTuple):
-    """What a run is varied by, a column each.
-
-    Attributes
-    ----------
-    outer : ndarray (C + 2, m)
-        Changes of the parameters, of the step and of the start time.
-    controls : int
-        The first of the columns that are the controls of every step in turn; −1 where there are
-        none.
-    nodes : int
-        Control values a step: 1 where they are held over it.
-    """
-
-    outer: np.ndarray
-    controls: int = -1
-    nodes: int = 1
-
-
-class Pulled(NamedTuple):
-    """Derivatives of a loss with respect to what is outside, summed over a piece: parameters, step,
-    start time; controls (S, nodes, k); the running loss itself.
-    """
-
-    outer: np.ndarray
-    controls: np.ndarray
-    loss: float
 
 
 def sweeper(
@@ -138,7 +91,7 @@ def forwards(
         If a step's equations cannot be solved again or have no regular derivative.
     """
     if not by.kernels:
-        return _forwards_interpreted(by, piece, c, directions, tangent)
+        return forwards_interpreted(by, piece, c, directions, tangent)
     out = np.empty((len(piece.x), *tangent.shape))
     _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent, out=out), every=1)
     return out
@@ -149,7 +102,7 @@ def carried(
 ) -> np.ndarray:
     """∂x at the last node of the piece alone, (2n, m)."""
     if not by.kernels:
-        return _forwards_interpreted(by, piece, c, directions, tangent)[-1]
+        return forwards_interpreted(by, piece, c, directions, tangent)[-1]
     return _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent))["tangent"]
 
 
@@ -167,7 +120,7 @@ def backwards(
     control values a step.
     """
     if not by.kernels:
-        return _backwards_interpreted(by, piece, c, adjoint, seeds, nodes)
+        return backwards_interpreted(by, piece, c, adjoint, seeds, nodes)
     directions = Directions(np.zeros((len(c) + 2, 1)), -1, nodes)
     arrays = dict(
         tangent=adjoint,
@@ -227,7 +180,7 @@ def _compiled(
             kernels = [other]
             by = Sweeper(by.system, by.rule, by.density, (other,))
     step, what = int(failed[0]), "regular" if status == NOT_REGULAR else "solved"
-    raise _failure(piece.first + step, float(piece.t[step]), what)
+    raise failure(piece.first + step, float(piece.t[step]), what)
 
 
 def _by_factors(by: Sweeper) -> SweepKernel | None:
@@ -236,151 +189,3 @@ def _by_factors(by: Sweeper) -> SweepKernel | None:
 
     kernel = sweep_kernel(by.system, by.rule, by.density)
     return None if kernel in by.kernels else kernel
-
-
-def _failure(step: int, time: float, what: str) -> ConvergenceError:
-    why = (
-        "its equations have no regular derivative there (a grazing contact, dependent constraints)"
-        if what == "regular"
-        else "its equations could not be solved once more: the nodes are not those of this rule, "
-        "or h is too large"
-    )
-    return ConvergenceError(
-        f"the derivative of step {step} at t={time:g} cannot be taken: {why}",
-        step=step,
-        time=time,
-        residual=float("nan"),
-        cause=why,
-    )
-
-
-def step_slopes(
-    by: Sweeper,
-    x: np.ndarray,
-    after: np.ndarray,
-    v: np.ndarray,
-    v_after: np.ndarray,
-    t: np.ndarray,
-    h: np.ndarray,
-    u: np.ndarray,
-    c: np.ndarray,
-    first: int = 0,
-) -> list[np.ndarray]:
-    """Outputs of `linear_step`, or of `lossy_step` where there is a loss, of steps (S,) with ends x
-    and `after` (S, 2n), controls u (S, nodes, k): matrices as (S, columns, rows). `first` numbers
-    the first of them.
-
-    Raises
-    ------
-    ConvergenceError
-        If a step's equations cannot be solved again or have no regular derivative.
-    """
-    function, count = interpreted(by), len(t)
-    try:
-        found = over_columns(
-            function, x, after, v, v_after, t[:, None], h[:, None], u.reshape(count, -1), c
-        )
-    except RuntimeError:  # CasADi's factorisation of a singular matrix
-        raise _failure(first, float(t[0]), "regular") from None
-    bad = np.flatnonzero(~(found[2][:, 0] <= LOOSE))
-    if len(bad):
-        raise _failure(first + int(bad[0]), float(t[bad[0]]), "solved")
-    size = x.shape[1]
-    return [found[0].reshape(count, size, size), found[1].reshape(count, -1, size), *found[2:]]
-
-
-def interpreted(by: Sweeper) -> ca.Function:
-    """The derivatives of single steps."""
-    if by.density is None:
-        return linear_step(by.system, by.rule)
-    return lossy_step(by.system, by.rule, by.density)
-
-
-def _steps(by: Sweeper, piece: Piece, c: np.ndarray) -> list[np.ndarray]:
-    x, v = piece.x, piece.v
-    ends = x[:-1], x[1:], v[:-1], v[1:]
-    return step_slopes(by, *ends, piece.t, piece.h, piece.u, c, piece.first)
-
-
-@lru_cache(maxsize=64)
-def _carry(n: int, columns: int, count: int) -> ca.Function:
-    """X ← A X + S, so many times."""
-    x, s = ca.MX.sym("x", n, columns), ca.MX.sym("s", n, columns)
-    a = ca.MX.sym("a", n, n)
-    once = ca.Function("carry", [x, a, s], [a @ x + s])
-    return once.mapaccum("carried", count) if count > 1 else once
-
-
-def _accumulate(matrices: np.ndarray, sources: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """X_{k+1} = A_k X_k + S_k: every X, the first included, (S + 1, n, m); A and S have columns
-    first, (S, n, n), (S, m, n).
-    """
-    n, m = start.shape
-    out, done = [start.T[None]], 0
-    for count in blocks(len(matrices), TURNS):
-        a, s = (x[done : done + count].reshape(-1, n).T for x in (matrices, sources))
-        found = np.array(_carry(n, m, count)(out[-1][-1].T, a, s))
-        out.append(found.T.reshape(count, m, n))
-        done += count
-    return np.concatenate(out).transpose(0, 2, 1)
-
-
-def adjoints_at_nodes(by: Sweeper, piece: Piece, c: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """The adjoint at every node of the piece, (S + 1, 2n), to each of which its seed adds."""
-    phi = _steps(by, piece, c)[0].transpose(0, 2, 1)
-    back = _accumulate(phi[::-1], seeds[-2::-1, None], seeds[-1:].T)
-    return back[::-1, :, 0]
-
-
-def _forwards_interpreted(
-    by: Sweeper, piece: Piece, c: np.ndarray, directions: Directions, tangent: np.ndarray
-) -> np.ndarray:
-    phi, outside, *_ = _steps(by, piece, c)
-    outer, m, count = len(c) + 2, tangent.shape[1], len(piece.t)
-    along = np.repeat(directions.outer.T[None], count, axis=0)  # (S, m, outer)
-    along[:, :, -1] += (piece.first + np.arange(count))[:, None] * directions.outer[-2]
-    sources = along @ outside[:, :outer]
-    if directions.controls >= 0:
-        of_controls = _by_values(outside[:, outer:], directions.nodes, piece.u.shape[2])
-        width = of_controls.shape[1]
-        for j in range(width):
-            steps = np.arange(count)
-            at = directions.controls + (piece.first + steps) * width + j
-            sources[steps, at] += of_controls[:, j]
-    assert sources.shape[1] == m
-    return _accumulate(phi, sources, tangent)
-
-
-def _by_values(of_nodes: np.ndarray, values: int, k: int) -> np.ndarray:
-    """Derivatives by the controls of all nodes (S, nodes·k, …) as those by the values given."""
-    if values > 1 or not k:
-        return of_nodes
-    count, _, *rest = of_nodes.shape
-    return of_nodes.reshape(count, -1, k, *rest).sum(1)
-
-
-def _backwards_interpreted(
-    by: Sweeper,
-    piece: Piece,
-    c: np.ndarray,
-    adjoint: np.ndarray,
-    seeds: np.ndarray | None,
-    nodes: int,
-) -> tuple[np.ndarray, Pulled]:
-    phi, outside, _, *lossy = _steps(by, piece, c)
-    outer, (count, size) = len(c) + 2, phi.shape[:2]
-    sources = np.zeros((count, size))
-    if seeds is not None:
-        sources += seeds
-    if lossy:
-        sources += lossy[1]
-    transposed = phi.transpose(0, 2, 1)
-    mu = _accumulate(transposed[::-1], sources[::-1, None], adjoint[:, None])[::-1, :, 0]
-    pulled = np.einsum("kei,ki->ke", outside, mu[1:])
-    if lossy:
-        pulled = pulled + lossy[2]
-    total = pulled[:, :outer].sum(0)
-    total[-2] += ((piece.first + np.arange(count)) * pulled[:, outer - 1]).sum()
-    k = piece.u.shape[2]
-    controls = _by_values(pulled[:, outer:], nodes, k).reshape(count, nodes, k)
-    return mu[0], Pulled(total, controls, float(lossy[0].sum()) if lossy else 0.0)

@@ -21,7 +21,7 @@ from varint.sensitivities.course import course_of, ends_whole, legs, with_last
 from varint.sensitivities.pieces import scene_of
 from varint.sensitivities.rescaled import at_given_times, inner_of, inner_start
 from varint.sensitivities.start import rate_at, scenes_at, slopes_of, start_slopes
-from varint.sensitivities.sweeps import Directions
+from varint.sensitivities.steps_at_once import Directions
 
 START = ("q0", "v0", "p0")
 TIMES = ("h", "duration", "t0")
@@ -136,12 +136,13 @@ def of_outputs(
 ) -> np.ndarray:
     """Changes of expressions at nodes from those of (q, p, t) there and of the parameters."""
     found = np.empty((len(motion), wanted.numel(), change.shape[2]))
-    for nodes, scene in scenes_at(motion):
+    for nodes, scene in scenes_at(motion, slice(None)):
         at = motion.q[nodes], motion.p[nodes], motion.t[nodes, None], motion.c
         slopes = over_columns(slopes_of(scene, wanted), *at)
         by_x, by_c, by_t = (x.reshape(len(at[0]), -1, wanted.numel()) for x in slopes)
-        moved = np.einsum("kio,kim->kom", by_x, change[nodes, :-1])
-        moved += np.einsum("kco,cm->kom", by_c, of_c)
+        moved = by_x.transpose(0, 2, 1) @ change[nodes, :-1]
+        if of_c.any():
+            moved += by_c.transpose(0, 2, 1) @ of_c
         found[nodes] = moved + by_t.transpose(0, 2, 1) * change[nodes, -1:]
     return found
 

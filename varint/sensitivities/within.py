@@ -12,7 +12,7 @@ from varint.sensitivities.course import Leg, grid_times
 from varint.sensitivities.grazing import grazing
 from varint.sensitivities.impacts import blow, event_slopes, to_event
 from varint.sensitivities.parts import Parts, Slopes, part_slopes, to_time, with_size
-from varint.sensitivities.sweeps import Directions, Sweeper
+from varint.sensitivities.steps_at_once import Directions, Sweeper
 
 INSTANT = 1e-12  # of a step: what takes no longer takes no time
 COMING = ("impact", "stop")

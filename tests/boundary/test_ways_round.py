@@ -1,0 +1,162 @@
+"""Paths that go the way of their first path: as often round, on the same side. References:
+Lambert's problem by universal variables, and simulation of the start that was found.
+"""
+
+import casadi as ca
+import numpy as np
+import pytest
+from kepler_arcs import circling, kepler, lambert, random_arc, swept
+
+import varint as vi
+from varint.boundary.by_duration import of_duration
+from varint.boundary.iterate import with_duration
+from varint.boundary.moving_newton import fresh, of_any_duration, of_its_duration
+from varint.boundary.moving_nodes import even_nodes, lengths, moving_path
+from varint.boundary.newton import newton
+from varint.boundary.problem import boundary_value_problem
+
+
+def problem_of(system, rule, start, end, duration, guess):
+    problem, nodes, _ = boundary_value_problem(
+        system,
+        rule,
+        q_start=start,
+        q_end=end,
+        duration=duration,
+        steps=4,
+        t0=0.0,
+        guess=guess,
+        u=None,
+        params=None,
+        periodic=False,
+        symmetry=None,
+        energy=None,
+    )
+    return problem, nodes
+
+
+def nearest(path, start, end, duration, angle, turns):
+    """How far the start's velocity is from the nearest of Lambert's, relative to it."""
+    every = lambert(start, end, duration, angle > 0, turns)
+    return min(np.abs(path.v[0] - v).max() / np.abs(v).max() for v in every)
+
+
+def is_found(seed, least, most, turns):
+    """Whether a circling first path leads to a motion that goes round as it does."""
+    start, end, duration, angle = random_arc(seed, least, most, turns)
+    guess = circling(start, end, angle)
+    path = vi.least_action(
+        kepler(), q_start=start, q_end=end, duration=duration, guess=guess, tol=1e-7
+    )
+    assert path.stats["error_estimate"] <= 1e-7
+    kinetic = (path.v**2).sum(axis=1).max() / 2
+    assert np.ptp(path.energy) < 1e-6 * kinetic
+    if abs(swept(path.q) - angle) > 1e-6:
+        return False
+    assert nearest(path, start, end, duration, angle, int(abs(angle) / (2 * np.pi))) < 1e-5
+    return True
+
+
+def test_eccentric_arcs_with_a_whole_turn_are_found_from_circles():
+    assert is_found(0, 0.8, 0.95, 1)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_nearly_straight_arcs_go_round_the_centre_as_their_first_path(seed):
+    assert is_found(seed, 0.95, 0.999, 0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("least", "most", "turns"), [(0.8, 0.95, 1), (0.95, 0.999, 0)])
+def test_random_arcs_are_found_nearly_always(least, most, turns):
+    found = [is_found(seed, least, most, turns) for seed in range(100, 130)]
+    assert np.mean(found) >= 0.95
+
+
+def test_a_disturbed_orbit_goes_round_as_its_first_path():
+    q, v = vi.coordinates("x", "y")
+    r = ca.norm_2(q)
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / r + 0.002 / r**3 + 0.02 * q[0])
+    start, end, duration, angle = random_arc(0, 0.7, 0.8, 1)
+    path = vi.least_action(
+        system,
+        q_start=start,
+        q_end=end,
+        duration=duration,
+        guess=circling(start, end, angle),
+        tol=1e-7,
+    )
+    assert swept(path.q) == pytest.approx(angle, abs=1e-6)
+    run = vi.simulate(system, q0=path.q[0], v0=path.v[0], duration=path.duration, tol=1e-10)
+    assert np.abs(run.q[-1] - end).max() < 1e-5
+
+
+def test_both_paths_of_a_number_of_turns_are_found_with_their_winding():
+    start, end, duration = np.array([1.0, 0.0]), np.array([-0.3, 1.1]), 14.0
+    found = vi.paths(
+        kepler(),
+        q_start=start,
+        q_end=end,
+        duration=duration,
+        tol=1e-6,
+        starts=1,
+        winding={("x", "y"): [-2]},
+    )
+    assert [path.stats["winding"] for path in found] == [{("x", "y"): -2}] * 2
+    for v in lambert(start, end, duration, False, 1):
+        assert min(np.abs(path.v[0] - v).max() for path in found) < 1e-5
+    for path in found:
+        assert path.stats["error_estimate"] <= 1e-6
+        # the action is that of the path itself: ∫ L dt by another rule
+        run = vi.simulate(kepler(), q0=path.q[0], v0=path.v[0], duration=duration, tol=1e-9)
+        assert path.action == pytest.approx(run.action, rel=1e-5)
+
+
+def an_arc():
+    """A moving path that is stationary, its problem, and the duration."""
+    start, end, duration, angle = random_arc(4, 0.5, 0.6, 0)
+    guess = circling(start, end, angle)
+    problem, nodes = problem_of(kepler(), vi.gauss(4), start, end, duration, guess)
+    motion = of_any_duration(problem, moving_path(problem, nodes, duration, 30))
+    return problem, next(of_duration(problem, motion, duration)), duration
+
+
+def test_nodes_that_move_are_even_and_their_path_is_the_one_of_fixed_nodes():
+    problem, path, duration = an_arc()
+    assert path.iterate.duration == pytest.approx(duration, rel=1e-14)
+    length = lengths(problem, path, path.scales)
+    assert np.ptp(np.log(length)) < 1e-6
+    assert path.sizes.max() > 1.5 * path.sizes.min()
+    fixed = newton(even_nodes(problem, path), path.iterate)
+    assert fixed.solved
+    assert np.abs(fixed.iterate.points - path.iterate.points).max() < 1e-9
+
+
+def test_other_scales_spread_the_nodes_anew_and_keep_the_path():
+    problem, path, duration = an_arc()
+    stale = path.scales * np.array([1, 1, 2, 2, 1])
+    moved = of_its_duration(problem, type(path)(path.iterate, path.sizes, stale))
+    again = fresh(problem, moved)
+    assert again is not None and fresh(problem, again) is None
+    t = [np.append(0, np.cumsum(one.sizes)) for one in (path, again)]
+    assert np.abs(t[0] - t[1]).max() < 2e-2 * duration
+    assert np.abs(again.iterate.momenta - path.iterate.momenta).max() < 1e-5
+
+
+def test_families_turn_back_where_there_is_no_shorter_path():
+    """With a turn there are two paths of a duration, or none."""
+    start, end = np.array([1.0, 0.0]), np.array([-0.3, 1.1])
+    angle = np.arctan2(end[1], end[0]) + 2 * np.pi
+    problem, nodes = problem_of(
+        kepler(), vi.gauss(4), start, end, 12.0, circling(start, end, angle)
+    )
+    motion = of_any_duration(problem, moving_path(problem, nodes, 12.0, 50))
+    slow, fast = of_duration(problem, motion, 12.0)
+    exact = lambert(start, end, 12.0, True, 1)
+    for path in (slow, fast):
+        v = path.iterate.momenta[0]
+        assert min(np.abs(abs(v) - abs(u)).max() for u in exact) < 1e-4
+    assert np.abs(slow.iterate.points - fast.iterate.points).max() > 0.1
+    short = with_duration(slow.iterate, 4.0)  # less than the least time of a turn
+    assert of_its_duration(problem, type(slow)(short, slow.sizes / 3, slow.scales)) is None
+    assert list(of_duration(problem, slow, 4.0)) == []
