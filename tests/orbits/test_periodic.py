@@ -181,3 +181,22 @@ def test_arenstorfs_orbit_closes_with_its_published_start():
     assert np.abs(found.q0 - model.q0).max() < 1e-12
     assert np.abs(found.v0 - model.v0).max() < 1e-9
     assert found.error_estimate < 1e-10
+
+
+@pytest.mark.long
+def test_a_relative_orbit_comes_back_turned():
+    system = vi.models.spherical_pendulum_cartesian().system
+    turn = vi.symmetries(system)["rotation about z"]
+    [cone] = orbits.relative_equilibria(system, turn, [0.6, 0.0, -0.8], rate=3.8)
+    modes = orbits.normal_modes(cone.system, cone)
+    found = modes.orbit(0, 0.1)
+    assert found.period == pytest.approx(modes.periods[0], rel=2e-3)
+    # the same start at rest in space: after a period it is where it was, turned by Ω T
+    motion = vi.simulate(
+        system, vi.lobatto(5), q0=found.q0, p0=found.p0, duration=found.period, steps=found.steps
+    )
+    angle = float(found.parameters["rate"]) * found.period
+    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    assert np.abs(motion.q[-1, :2] - turned @ found.q0[:2]).max() < 1e-11
+    assert np.abs(motion.q[-1, 2] - found.q0[2]) < 1e-12
+    assert np.abs(motion.q[len(motion) // 2] - found.q0).max() > 0.1

@@ -20,6 +20,7 @@ from varint.scene.system import System, parameter_values
 
 PIECES = 8  # of a period, in which the error of the steps is measured
 FEWEST, MOST = 4, 2**14  # steps of such a piece
+HOPELESS = 2**10  # steps with which a motion that can be run at all is run, however badly
 ROUND_OFF = 1e-10  # errors that no longer shrink are this small at most, or the steps too long
 STEEP, GENTLE = 300.0, 30.0  # growth of the tangent map in a period, and in a segment
 MOST_SEGMENTS = 32
@@ -163,16 +164,17 @@ def enough_steps(shooting: Shooting, guess: Guess, tol: float) -> int:
     ConvergenceError
         If the motion cannot be run.
     """
-    each, before = FEWEST, np.inf
+    each, before, tried = FEWEST, np.inf, 0
     while each <= MOST:
         error = _step_error(shooting, guess, each)
         if error <= tol or (before < ROUND_OFF and error > before / 4):
             break
-        each, before = 2 * each, error
+        tried, before = PIECES * each, error
+        each = 2 * each if each < HOPELESS or np.isfinite(error) else 2 * MOST
     else:
         raise ConvergenceError(
             f"the guess cannot be run over its period with an error of {tol:g}: "
-            f"{PIECES * MOST} steps leave {before:.1e}",
+            f"{tried} steps leave {before:.1e}",
             step=0,
             time=guess.t0,
             residual=before,
