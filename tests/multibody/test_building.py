@@ -1,0 +1,168 @@
+"""How machines are built: names, placements, start values, rotations, and what is refused."""
+
+from __future__ import annotations
+
+import pickle
+
+import casadi as ca
+import numpy as np
+import pytest
+from machines import plane_chain, spatial_chain
+
+import varint as vi
+import varint.multibody as mb
+from varint.scene.kinetics import Kinetics
+
+
+def hinge(**options) -> tuple[mb.Model, mb.Body]:
+    world = mb.Model()
+    arm = world.body(1.0, (1, 0, 0), 0.1, "arm")
+    world.revolute(world, arm, (0, -1, 0), **options)
+    return world, arm
+
+
+def refused(match: str, act) -> None:
+    with pytest.raises(vi.InputError, match=match):
+        act()
+
+
+def test_what_cannot_be_a_machine_is_refused_with_the_remedy():
+    world, arm = hinge()
+    refused("leads to body 'arm' already", lambda: world.free(world, arm))
+    leg = world.body(1.0, name="leg")
+    refused("unknown body 'knee'", lambda: world.free("knee", leg))
+    refused("not taken, got 'arm'", lambda: world.body(name="arm"))
+    refused("not negative|must not be negative", lambda: world.body(-1.0))
+    refused("not symmetric", lambda: world.body(1.0, inertia=[[1, 1, 0], [0, 1, 0], [0, 0, 1]]))
+    refused("negative principal moment", lambda: world.body(1.0, inertia=(1, -1, 1)))
+    refused("unknown kind of loop", lambda: world.loop("knot", arm, "world"))
+    refused("upon itself", lambda: world.loop("point", arm, (arm, (1, 0, 0))))
+    refused("length belongs", lambda: world.loop("distance", arm, "world"))
+    refused("unknown joint 'knee'", lambda: world.motor("knee"))
+    refused("cannot follow", lambda: world.mimic("arm", "arm"))
+    refused("no number 'arm.colour'", lambda: world.symbolic("arm.colour"))
+    refused("unknown frame", lambda: world.frame("hand"))
+    refused("no rotation matrix", lambda: mb.placed((0, 0, 0), np.ones((3, 3))))
+    refused("norm 1", lambda: mb.placed((0, 0, 0), (1, 1, 0, 0)))
+    loose = mb.Model()
+    loose.body(1.0, name="stone")
+    refused("nothing can move", loose.system)
+    loose.revolute(loose, loose.body(1.0, inertia=1.0, name="wheel"))
+    refused(r"bodies \['stone'\] hang on nothing", loose.system)
+
+
+def test_a_loop_that_is_open_whatever_the_coordinates_are_is_refused():
+    world = plane_chain(2)
+    world.loop("point", ("link1", (0, 0, -1)), ("world", (1.0, 0.3, -1.0)))
+    refused("is open by -?0.3 whatever", world.system)
+
+
+def test_a_joint_may_stand_anywhere_in_both_bodies():
+    """The same arm with its frame at the joint and at its centre of mass."""
+    first, _ = hinge()
+    second = mb.Model()
+    arm = second.body(1.0, (0, 0, 0), 0.1, "arm")
+    second.revolute(second, arm, (0, -1, 0), child_at=(-1, 0, 0))
+    for q in (0.0, 0.7):
+        for model in (first, second):
+            assert np.isclose(float(model.dynamics.mass_matrix(q)), 1.1, rtol=1e-15)
+            assert np.isclose(float(model.dynamics.gravity(q)), 9.81 * np.cos(q), rtol=1e-14)
+
+
+def test_numbers_become_parameters_and_keep_their_values():
+    world, _ = hinge(passive=mb.Passive(damping=0.2))
+    plain = world.system()
+    names = ["arm.mass", "arm.com", "arm.inertia", "arm.damping", "arm.position", "gravity"]
+    c = world.symbolic(*names)
+    system = world.system()
+    assert list(system.defaults) == [name.replace(".", "_") for name in names]
+    runs = [
+        vi.simulate(s, q0=0.3, v0=0.1, h=0.01, steps=20, **extra)
+        for s, extra in ((plain, {}), (system, {}), (system, {"params": {"arm_mass": 2.0}}))
+    ]
+    assert abs(runs[0].q - runs[1].q).max() <= 1e-14
+    assert abs(runs[0].q - runs[2].q).max() > 1e-4
+    heavy = world.dynamics.mass_matrix(0.0, system.default_vector)
+    assert np.isclose(float(heavy), 1.1) and "arm_mass" in c
+
+
+def test_start_values_are_unit_quaternions_with_the_rates_of_angular_velocities():
+    world = mb.Model()
+    world.free(world, world.body(1.0, inertia=1.0, name="stone"))
+    turn, omega = np.array([1.0, -2.0, 0.5, 3.0]), [0.3, -0.2, 0.7]
+    q0, v0 = mb.start_values(world, {"stone": [1, 2, 3, *turn]}, {"stone": [4, 5, 6, *omega]})
+    assert np.isclose(np.linalg.norm(q0[3:]), 1.0, rtol=1e-15) and abs(q0[3:] @ v0[3:]) <= 1e-15
+    frame = world.frame("stone")
+    spin = ca.Function("w", [world.q, world.v], [frame.rotation.T @ frame.angular_velocity])
+    assert np.allclose(np.array(spin(q0, v0)).ravel(), omega, atol=1e-15)
+    refused("is zero: no rotation", lambda: mb.start_values(world, {"stone": np.zeros(7)}))
+    refused(r"must be \(6,\)", lambda: mb.start_values(world, {}, {"stone": [1, 2]}))
+
+
+def test_between_the_nodes_quaternions_stay_on_the_sphere():
+    world = mb.Model()
+    world.spherical(world, world.body(1.0, (0, 0, 0.5), (0.75, 0.75, 0.5), "top"))
+    q0, v0 = mb.start_values(world, {"top": [0.9, 0.43, 0, 0]}, {"top": [0.0, 0.0, 10.0]})
+    dense = vi.simulate(world.system(), q0=q0, v0=v0, h=0.01, steps=20).at(np.linspace(0, 0.2, 77))
+    assert abs(np.linalg.norm(dense.q, axis=1) - 1).max() <= 1e-14
+    assert abs((dense.q * dense.v).sum(axis=1)).max() <= 1e-12
+
+
+@pytest.mark.parametrize("order", ["zyx", "xyz", "yzx", "xzy", "zxz", "xyx", "zyz", "yxy"])
+def test_euler_angles_make_the_rotation_that_they_were_read_from(order):
+    axes = dict(zip("xyz", np.eye(3), strict=True))
+    turns = [*np.random.default_rng(3).uniform(-3, 3, size=(20, 3)), [0.4, 0.0, 0.0]]
+    edge = 0.0 if order[0] == order[2] else np.pi / 2
+    for angles in (*turns, [0.4, edge, 0.2]):
+        made = [mb.axis_rotation(axes[x], a) for x, a in zip(order, angles, strict=True)]
+        wanted = made[0] @ made[1] @ made[2]
+        read = mb.euler_angles(wanted, order)
+        back = [mb.axis_rotation(axes[x], a) for x, a in zip(order, read, strict=True)]
+        assert abs(back[0] @ back[1] @ back[2] - wanted).max() <= 1e-12
+        assert abs(mb.euler_angles(mb.matrix_quaternion(wanted), order) - read).max() <= 1e-7
+
+
+def test_kinetics_travel_with_the_system_and_must_be_those_of_its_lagrangian():
+    system = spatial_chain(3).system()
+    copy = pickle.loads(pickle.dumps(system))
+    q, v = np.array([0.3, -0.2, 0.5]), np.array([1.0, 2.0, -1.0])
+    for s in (system, copy):
+        p = ca.Function("p", [s.q, s.v], [s.momentum])(q, v)
+        back = ca.Function("v", [s.q, s.kinetics.momentum], [s.kinetics.velocity])(q, p)
+        assert np.allclose(np.array(back).ravel(), v, rtol=1e-13)
+    wrong = Kinetics(2 * system.kinetics.mass_matrix)
+    parts = system.q, system.v, system.lagrangian
+    refused("mass matrix of kinetics is not", lambda: vi.System(*parts, kinetics=wrong))
+    p = ca.SX.sym("p", 3)
+    wrong = Kinetics(system.kinetics.mass_matrix, p, p)
+    refused("velocity of kinetics is not", lambda: vi.System(*parts, kinetics=wrong))
+
+
+@pytest.mark.parametrize("stages", [2, 4, 8])
+def test_stages_improved_by_their_defects_are_those_of_newton(stages):
+    """The loop for scenes that know v(q, p) solves the same equations, to round-off."""
+    system = spatial_chain(4).system()
+    start = {"q0": [0.3, -0.2, 0.4, 0.1], "v0": [0.5, 1.0, -0.5, 0.3], "h": 0.01, "steps": 40}
+    fast, newton = (
+        vi.simulate(system, vi.gauss(stages), **start, backend=backend)
+        for backend in ("native", "interpreted")
+    )
+    assert "Gauss" in fast.stats["backend"] and newton.stats["backend"] == "interpreted"
+    assert abs(fast.q - newton.q).max() <= 1e-14
+    assert abs(fast.p - newton.p).max() <= 1e-13
+
+
+def test_the_iteration_contracts_in_long_chains():
+    """Twenty links: h ‖M⁻¹ (∂p/∂q − its transpose)‖, by which V from P contracts, is above one, and
+    the loop needs few evaluations all the same.
+    """
+    links, h = 20, 2e-3
+    system = spatial_chain(links).system()
+    q0, v0 = 0.3 * np.cos(np.arange(links)), 0.05 * np.sin(np.arange(links))
+    slope = ca.jacobian(system.momentum, system.q)
+    parts = ca.Function("parts", [system.q, system.v], [system.mass_matrix, slope - slope.T])
+    mass, gyroscopic = map(np.array, parts(q0, v0))
+    assert h * np.linalg.norm(np.linalg.solve(mass, gyroscopic), 2) > 1
+    motion = vi.simulate(system, vi.gauss(2), q0=q0, v0=v0, h=h, steps=20, backend="native")
+    assert "Gauss" in motion.stats["backend"]
+    assert motion.stats["iterations"] <= 20 * 20
