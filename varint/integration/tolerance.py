@@ -42,6 +42,7 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, start_run, trajectory_of
+from varint.integration.run_distance import distance, ends_apart
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import Course, run_twice, shows_its_error
 from varint.numerics.limits import check_steps
@@ -160,7 +161,7 @@ def _from_two_runs(
     def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
         scales = error_scales(system, other, scale)
         seen = distance(one, few, other, many, scales)
-        return max(seen, _ends_apart(one, other, scales)) if ends_early else seen
+        return max(seen, ends_apart(one, other, scales)) if ends_early else seen
 
     def run(steps: int, wanted: float, part: int) -> Trajectory | None:
         return trial(rule, steps, part, wanted)
@@ -197,7 +198,7 @@ def _refine(
         ratio, last = steps / before[0], apart
         seen = distance(before[1], before[0], motion, steps, scales)
         if ends_early:
-            seen = max(seen, _ends_apart(before[1], motion, scales))
+            seen = max(seen, ends_apart(before[1], motion, scales))
         # no smooth motion comes together faster than by the rule's order: less is luck
         apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
         if ratio == 2 and last < math.inf:
@@ -244,44 +245,6 @@ def _resolves(motion: Trajectory) -> bool:
     some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
     fastest = frequencies(motion[some]).max(initial=0.0)
     return bool(abs(motion.h) * fastest < 1.0)
-
-
-def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
-    """Largest difference of two runs with so many steps at the nodes of both, by the scales."""
-    unit = math.gcd(few, many)
-    if _equally_spaced(one) and _equally_spaced(other):
-        q1, q2 = one.q[:: few // unit], other.q[:: many // unit]
-        count = min(len(q1), len(q2))
-        return float((np.abs(q1[:count] - q2[:count]) / scales).max())
-    (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
-    _, i, j = np.intersect1d(k1, k2, return_indices=True)
-    return float((np.abs(q1[i] - q2[j]) / scales).max())
-
-
-def _equally_spaced(motion: Trajectory) -> bool:
-    """Whether every step made a node, and nothing else did."""
-    last = motion.k[-1]
-    return last == len(motion) - 1 and not motion.events and on_grid(motion, last)
-
-
-def on_grid(motion: Trajectory, k: int) -> bool:
-    assert motion.origin is not None
-    close = 1e-6 * abs(motion.h)
-    return bool(abs(motion.t[-1] - (motion.origin + motion.h * k)) <= close)
-
-
-def _ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
-    """Difference of the events at which two runs end, that of their times included."""
-    late = abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
-    return float(((np.abs(one.q[-1] - other.q[-1]) + late) / scales).max())
-
-
-def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Steps, times a factor, and coordinates at the nodes that do not belong to an event."""
-    assert motion.origin is not None
-    close = 1e-6 * abs(motion.h)
-    grid = np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close
-    return motion.k[grid] * factor, motion.q[grid]
 
 
 def _transient(
