@@ -68,6 +68,15 @@ def test_forces_that_jump_or_last_for_less_than_a_step_are_met_by_the_order_that
     assert motion.stats["error_estimate"] <= tol
 
 
+@pytest.mark.parametrize("tol", [1e-3, 1e-4])
+def test_no_two_runs_agree_by_chance_on_a_force_that_is_switched_on(tol):
+    q, v, t = *vi.coordinates("x"), vi.time()
+    for where in np.random.default_rng(1).uniform(0.2, 1.8, 5):
+        system = vi.System(q, v, v**2 / 2, force=ca.if_else(t > where, 1.0, 0.0), t=t)
+        motion = vi.simulate(system, q0=0.0, v0=0.0, duration=2.0, tol=tol)
+        assert abs(motion.q[-1, 0] - (2 - where) ** 2 / 2) <= tol * np.ptp(motion.q)
+
+
 def test_what_no_number_of_steps_reaches_comes_back_with_its_estimate_and_a_warning():
     model = vi.models.double_pendulum(theta=(2.0, 2.5))
     with pytest.warns(UserWarning, match="out of reach"):

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
@@ -41,13 +42,15 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, start_run, trajectory_of
+from varint.integration.run_distance import distance, ends_apart
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import Course, run_twice, shows_its_error
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
-from varint.scene.system import System
+from varint.scene.structure import jumps
+from varint.scene.system import System, per_system
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
@@ -58,6 +61,8 @@ NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but th
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 SAMPLES = 200  # nodes at which frequencies are looked at
+OTHER_STEPS = 1.25, 1.5  # times the steps of a run over forces that jump: two more draws
+CHANCE = 1.5  # of the largest difference: the other runs err as well
 TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
 
 Trial = Callable[[Rule, int], Trajectory | None]  # (rule, steps) → the run; None where it failed
@@ -156,7 +161,7 @@ def _from_two_runs(
     def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
         scales = error_scales(system, other, scale)
         seen = distance(one, few, other, many, scales)
-        return max(seen, _ends_apart(one, other, scales)) if ends_early else seen
+        return max(seen, ends_apart(one, other, scales)) if ends_early else seen
 
     def run(steps: int, wanted: float, part: int) -> Trajectory | None:
         return trial(rule, steps, part, wanted)
@@ -193,7 +198,7 @@ def _refine(
         ratio, last = steps / before[0], apart
         seen = distance(before[1], before[0], motion, steps, scales)
         if ends_early:
-            seen = max(seen, _ends_apart(before[1], motion, scales))
+            seen = max(seen, ends_apart(before[1], motion, scales))
         # no smooth motion comes together faster than by the rule's order: less is luck
         apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
         if ratio == 2 and last < math.inf:
@@ -211,6 +216,7 @@ def _refine(
                 hidden = max(
                     _transient(trial, rule, steps, motion, scales),
                     missed_impulse(system, rule, motion, scales),
+                    _luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
             found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
             if best is None or found.estimate < best.estimate:
@@ -241,44 +247,6 @@ def _resolves(motion: Trajectory) -> bool:
     return bool(abs(motion.h) * fastest < 1.0)
 
 
-def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
-    """Largest difference of two runs with so many steps at the nodes of both, by the scales."""
-    unit = math.gcd(few, many)
-    if _equally_spaced(one) and _equally_spaced(other):
-        q1, q2 = one.q[:: few // unit], other.q[:: many // unit]
-        count = min(len(q1), len(q2))
-        return float((np.abs(q1[:count] - q2[:count]) / scales).max())
-    (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
-    _, i, j = np.intersect1d(k1, k2, return_indices=True)
-    return float((np.abs(q1[i] - q2[j]) / scales).max())
-
-
-def _equally_spaced(motion: Trajectory) -> bool:
-    """Whether every step made a node, and nothing else did."""
-    last = motion.k[-1]
-    return last == len(motion) - 1 and not motion.events and on_grid(motion, last)
-
-
-def on_grid(motion: Trajectory, k: int) -> bool:
-    assert motion.origin is not None
-    close = 1e-6 * abs(motion.h)
-    return bool(abs(motion.t[-1] - (motion.origin + motion.h * k)) <= close)
-
-
-def _ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
-    """Difference of the events at which two runs end, that of their times included."""
-    late = abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
-    return float(((np.abs(one.q[-1] - other.q[-1]) + late) / scales).max())
-
-
-def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Steps, times a factor, and coordinates at the nodes that do not belong to an event."""
-    assert motion.origin is not None
-    close = 1e-6 * abs(motion.h)
-    grid = np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close
-    return motion.k[grid] * factor, motion.q[grid]
-
-
 def _transient(
     trial: Callable[..., Trajectory | None],
     rule: Rule,
@@ -292,6 +260,38 @@ def _transient(
     if fine is None:
         return math.inf
     return distance(motion, 1, fine, TRANSIENT_PARTS, scales)
+
+
+def _luck(
+    system: System,
+    trial: Callable[..., Trajectory | None],
+    rule: Rule,
+    rows: int,
+    steps: int,
+    motion: Trajectory,
+    scales: np.ndarray,
+) -> float:
+    """Where a force jumps the error is what the place of the jump within its step makes of it, and
+    two runs may agree by chance: the largest difference from runs of other numbers of steps.
+    """
+    if not _has_steps(system):
+        return 0.0
+    largest = 0.0
+    for share in OTHER_STEPS:
+        many = rows * round(share * steps / rows)
+        other = trial(rule, many)
+        if other is not None:  # dry friction does not let every number of steps through
+            largest = max(largest, distance(motion, steps, other, many, scales))
+    return largest * CHANCE
+
+
+@per_system
+def _has_steps(system: System) -> bool:
+    """Whether forces or momenta have steps or kinks."""
+    s = system
+    state = ca.vertcat(s.q, s.v)
+    values = ca.vertcat(ca.gradient(s.lagrangian, state), s.force)
+    return jumps(values, ca.vertcat(state, s.t, s.control))
 
 
 def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:

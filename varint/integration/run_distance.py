@@ -1,0 +1,48 @@
+"""How far two runs of the same motion with different numbers of steps are apart."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from varint.results.trajectory import Trajectory
+
+
+def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
+    """Largest difference of two runs with so many steps at the nodes of both, by the scales."""
+    unit = math.gcd(few, many)
+    if _equally_spaced(one) and _equally_spaced(other):
+        q1, q2 = one.q[:: few // unit], other.q[:: many // unit]
+        count = min(len(q1), len(q2))
+        return float((np.abs(q1[:count] - q2[:count]) / scales).max())
+    (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
+    _, i, j = np.intersect1d(k1, k2, return_indices=True)
+    return float((np.abs(q1[i] - q2[j]) / scales).max())
+
+
+def _equally_spaced(motion: Trajectory) -> bool:
+    """Whether every step made a node, and nothing else did."""
+    last = motion.k[-1]
+    return last == len(motion) - 1 and not motion.events and on_grid(motion, last)
+
+
+def on_grid(motion: Trajectory, k: int) -> bool:
+    """Whether the last node is that of step k."""
+    assert motion.origin is not None
+    close = 1e-6 * abs(motion.h)
+    return bool(abs(motion.t[-1] - (motion.origin + motion.h * k)) <= close)
+
+
+def ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
+    """Difference of the events at which two runs end, that of their times included."""
+    late = abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
+    return float(((np.abs(one.q[-1] - other.q[-1]) + late) / scales).max())
+
+
+def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps, times a factor, and coordinates at the nodes that do not belong to an event."""
+    assert motion.origin is not None
+    close = 1e-6 * abs(motion.h)
+    grid = np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close
+    return motion.k[grid] * factor, motion.q[grid]
