@@ -264,8 +264,8 @@ def sea() -> Card:
     )
     runs = vi.ensemble(system, vi.gauss(6), **starts, h=0.3, steps=5000)
     points = vi.orbits.poincare_section(runs, system.q[0]).points
-    size = 0.004
-    ticks = [np.array([p - [size, 0], p + [size, 0]]) for p in points]
+    across = np.array([0.004, 0.0])
+    ticks = [np.array([p - across, p + across]) for p in points]
     return Card(ticks, [], np.empty((0, 2)), equal=False)
 
 
