@@ -306,6 +306,20 @@ def unforced() -> Shown:
     return Shown(motion, MODELS.sketch(found), 0.5)
 
 
+def sea() -> Card:
+    """The section x = 0 of Hénon–Heiles at E = 1/8, a short line for each crossing."""
+    system = MODELS.henon_heiles().system
+    y = np.linspace(-0.3, 0.5, 9)
+    starts = vi.orbits.starts_at_energy(
+        system, 1 / 8, q0=np.column_stack([0 * y, y]), v0=[0, 0], free=system.v[0]
+    )
+    runs = vi.ensemble(system, vi.gauss(6), **starts, h=0.3, steps=5000)
+    points = vi.orbits.poincare_section(runs, system.q[0]).points
+    across = np.array([0.004, 0.0])
+    ticks = [np.array([p - across, p + across]) for p in points]
+    return Card(ticks, [], np.empty((0, 2)), equal=False)
+
+
 def ascent() -> Card:
     """Height over time under full thrust, then without."""
     q, v = vi.coordinates("height")
@@ -332,7 +346,7 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "outer_solar_system": of("outer_solar_system", 60000.0),
     "oscillators": over_time("coupled_oscillators", 70.0),
     "henon_heiles": of("henon_heiles", 60.0),
-    "chaos": of("henon_heiles", 150.0, q0=(0.0, -0.25), total=1 / 8),
+    "chaos": sea,
     "fpu_chain": over_time("fpu_chain", 12.0),
     "toda_chain": soliton,
     "driven_pendulum": in_phase("driven_pendulum", 40.0),

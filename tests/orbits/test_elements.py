@@ -74,6 +74,30 @@ def test_a_model_of_the_planets_has_the_elements_that_it_is_made_of():
     assert np.abs(model.system.momentum.numel()) == 27
 
 
+@pytest.mark.long
+def test_eight_planets_keep_their_axes_for_1e8_days(tmp_path):
+    """While Jupiter and Saturn exchange eccentricity every 55,000 years or so."""
+    model = vi.models.solar_system()
+    motion = vi.simulate(
+        model.system,
+        vi.gauss(8),
+        q0=model.q0,
+        v0=model.v0,
+        h=20.0,
+        steps=5_000_000,
+        save_every=2000,
+        checkpoint=tmp_path / "planets",
+    )
+    found = vi.orbits.jacobi_elements(motion)
+    assert np.abs(motion.energy / motion.energy[0] - 1).max() < 1e-10
+    assert (np.ptp(found.a, axis=0) < 0.02 * found.a[0]).all()
+    exchanged = found.of("6").e, found.of("7").e
+    assert np.ptp(exchanged[1]) > 0.06 and np.corrcoef(*exchanged)[0, 1] < -0.9
+    saturn = vi.orbits.naff(found.t, exchanged[1], 3)
+    slow = saturn.frequencies[saturn.frequencies > 0][0]
+    assert 45_000 < 2 * np.pi / slow / 365.25 < 65_000
+
+
 def test_jacobis_elements_of_a_hierarchy_are_kepler_orbits_about_what_is_inside():
     """Three bodies, the outer one far away: its orbit about the centre of the pair is steady."""
     inner = vi.orbits.kepler_state(1.0, 0.1, mu=2.0)

@@ -78,8 +78,8 @@ def megno(
     displacement δ.
 
     The displacement is carried by the tangent map of the run's own steps, so that it is exact for
-    the discrete motion; the integral is Σ t ln(δ_k/δ_{k−1}) with t in the middle of the steps. A
-    motion takes its displacement along in about half the time again of the run.
+    the discrete motion; the integral is Σ t ln(δ_k/δ_{k−1}) with t in the middle of the steps. It
+    takes two to three times as long as the run has taken.
 
     Parameters
     ----------
