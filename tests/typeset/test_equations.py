@@ -288,6 +288,34 @@ def test_names_that_the_scene_has_are_not_taken_twice():
         vi.equations(vi.System(q, v, v**2 - q, t=ca.SX.sym("tau")))
 
 
+def test_the_inverse_of_a_large_mass_matrix_stands_in_the_hamiltonian_by_letters():
+    """Four links and a cart beside them that nothing couples; H = E with numbers for the letters."""
+    names = [f"theta{i + 1}" for i in range(4)]
+    q, v = vi.coordinates("X", *names)
+    c = vi.Parameters(m=1.3, ell=0.7, g=9.81, M=2.0)
+    x = y = lagrangian = 0
+    for i in range(1, 5):
+        x, y = x + c.ell * ca.sin(q[i]), y - c.ell * ca.cos(q[i])
+        speeds = ca.vertcat(ca.jtimes(x, q, v), ca.jtimes(y, q, v))
+        lagrangian += c.m * ca.sumsqr(speeds) / 2 - c.m * c.g * y
+    s = vi.System(q, v, lagrangian + c.M * v[0] ** 2 / 2, params=c)
+    found = vi.equations(s)
+    [note] = [x for x in found.notes if "mass matrix" in x]
+    assert note.startswith("W in the Hamiltonian is the inverse of the mass matrix of theta1, ")
+    assert r"W_{23}" in found.hamiltonian.latex()
+    rng = np.random.default_rng(0)
+    at, speed = rng.normal(size=5), rng.normal(size=5)
+    terms = ca.Function("f", [s.q, s.v, s.c], [s.mass_matrix, s.momentum, s.energy])
+    mass, p, energy = (np.array(x) for x in terms(at, speed, s.default_vector))
+    table = numbers(s, at, speed, speed, 0.0, [], [], p.ravel())
+    inverse = np.linalg.inv(mass)
+    for i in range(1, 5):
+        for j in range(i, 5):
+            table[sp.Symbol(f"W_{i + 1}{j + 1}", real=True)] = inverse[i, j]
+    written = value(found.hamiltonian.sympy(), table)
+    assert written == pytest.approx(energy[0, 0], rel=1e-12)
+
+
 def test_notes_say_what_is_missing():
     q, v = vi.coordinates("x")
     relativistic = vi.equations(vi.System(q, v, -ca.sqrt(1 - v**2) - q**2))

@@ -17,7 +17,12 @@ from varint.symmetry.noether import symmetries
 from varint.symmetry.symmetry import Symmetry
 from varint.typeset.formula import Conserved, Equation, Quantity
 from varint.typeset.lagrange import Mechanics, euler_lagrange
-from varint.typeset.legendre import effective_potential, hamiltonian, quadratic
+from varint.typeset.legendre import (
+    effective_potential,
+    hamiltonian,
+    inverse_entries,
+    quadratic,
+)
 
 
 class Equations(NamedTuple):
@@ -40,8 +45,9 @@ class Equations(NamedTuple):
     energy : Quantity
         E = v·p − L.
     hamiltonian : Quantity or None
-        H(q, p, t); None where the mass matrix depends on velocities, is singular, or couples more
-        than three coordinates (`notes` says so).
+        H(q, p, t); None where the mass matrix depends on velocities or is singular. Where it
+        couples more than three coordinates its inverse stands there by letters W_ij (`notes` says
+        so).
     cyclic : tuple of Conserved
         Coordinates that L does not depend on, with their momenta, and what else changes these.
     effective_potential : Quantity or None
@@ -177,6 +183,8 @@ def _equations(system: System) -> Equations:
     found, notes = _symmetries(system)
     if total is None:
         notes.insert(0, _no_hamiltonian(m))
+    elif coupled := _coupled(m, total):
+        notes.insert(0, coupled)
     pairs = zip(system.names, euler_lagrange(m, multipliers), strict=True)
     return Equations(
         lagrangian=quantity("L", m.lagrangian),
@@ -269,9 +277,23 @@ def _no_hamiltonian(m: Mechanics) -> str:
     why = (
         "the Lagrangian is not quadratic in the velocities"
         if quadratic(m) is None
-        else "its mass matrix is singular or couples more than three coordinates"
+        else "its mass matrix is singular"
     )
     return f"no Hamiltonian is written down: {why}"
+
+
+def _coupled(m: Mechanics, total: Any) -> str:
+    """What stands in the Hamiltonian for the inverse of a mass matrix that couples many."""
+    letters = inverse_entries(m, range(len(m.letters.q)))
+    used = sorted({i for pair, y in letters.items() if total.has(y) for i in pair})
+    if not used:
+        return ""
+    name = str(letters[used[0], used[0]]).split("_")[0]
+    rows = ", ".join(str(m.letters.q[i]) for i in used)
+    return (
+        f"{name} in the Hamiltonian is the inverse of the mass matrix of {rows}, whose rows are "
+        "the coefficients of the velocities in their momenta; its entries are functions of them"
+    )
 
 
 def _constraints(

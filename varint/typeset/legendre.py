@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from varint.notation.extra import sympy_module
 from varint.notation.tidy import opened, shortest, slope, tidied
 from varint.typeset.lagrange import Mechanics
 
-LARGEST = 3  # coordinates that the mass matrix couples and that are still solved for
+# coordinates that the mass matrix couples and whose inverse is written out; of more, its entries
+# are letters
+LARGEST = 3
 
 
 class Quadratic(NamedTuple):
@@ -33,11 +37,29 @@ def quadratic(m: Mechanics) -> Quadratic | None:
 
 
 def hamiltonian(m: Mechanics, parts: Quadratic, p: Sequence[Any]) -> Any | None:
-    """H = ½ (p − b)ᵀ M⁻¹ (p − b) + U, tidied; None where M is singular or couples too many."""
+    """H = ½ (p − b)ᵀ M⁻¹ (p − b) + U, tidied, with `inverse_entries` where M couples many; None
+    where M is singular.
+    """
     kinetic = _kinetic(m, parts, p, list(range(len(p))))
     if kinetic is None:
         return None
     return tidied(kinetic + parts.potential, p, m.letters.moving)
+
+
+def inverse_entries(m: Mechanics, which: Sequence[int]) -> dict[tuple[int, int], Any]:
+    """Letters W_ij for the entries of the inverse of the mass matrix of these coordinates, which
+    are functions of q; W is symmetric.
+    """
+    sp, x = sympy_module("inverse_entries()"), m.letters
+    taken = {str(y).split("_")[0] for y in (*x.functions, *x.functions.values())}
+    letter = next(y for y in ("W", "Upsilon", "Xi") if y not in taken)
+    count = len(x.q)
+    comma = "," if count > 9 else ""
+    return {
+        (i, j): sp.Symbol(f"{letter}_{min(i, j) + 1}{comma}{max(i, j) + 1}", real=True)
+        for i in which
+        for j in which
+    }
 
 
 def effective_potential(
@@ -52,6 +74,14 @@ def effective_potential(
     return tidied(kinetic + parts.potential, p, m.letters.moving)
 
 
+def _is_singular(block: Any) -> bool:
+    """Is the matrix singular where its letters have some values? Looked at in numbers."""
+    random = np.random.default_rng(0)
+    values = {y: random.uniform(0.5, 1.5) for y in sorted(block.free_symbols, key=str)}
+    found = np.array(block.xreplace(values).evalf().tolist(), dtype=float)
+    return bool(np.linalg.matrix_rank(found) < len(found))
+
+
 def _kinetic(m: Mechanics, parts: Quadratic, p: Sequence[Any], which: Sequence[int]) -> Any | None:
     """½ (p − b)ᵀ M⁻¹ (p − b) of some coordinates, group by group of those that M couples."""
     sp, moving = sympy_module("_kinetic()"), m.letters.moving
@@ -61,7 +91,14 @@ def _kinetic(m: Mechanics, parts: Quadratic, p: Sequence[Any], which: Sequence[i
     for group in mass.connected_components():
         block = mass.extract(group, group)
         if len(group) > LARGEST:
-            return None
+            if _is_singular(block):
+                return None
+            own = [which[a] for a in group]
+            letters = inverse_entries(m, own)
+            for a, i in zip(group, own, strict=True):
+                for b, j in zip(group, own, strict=True):
+                    total += sp.Rational(1, 2) * letters[i, j] * shifted[a] * shifted[b]
+            continue
         size = shortest(opened(block.det(method="berkowitz")), moving)
         if size == 0:
             return None
