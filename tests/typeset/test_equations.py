@@ -289,7 +289,7 @@ def test_names_that_the_scene_has_are_not_taken_twice():
 
 
 def test_the_inverse_of_a_large_mass_matrix_stands_in_the_hamiltonian_by_letters():
-    """Four links and a cart beside them that nothing couples; H = E with numbers for the letters."""
+    """Four links, and a cart that nothing couples to them; with numbers for letters H = E."""
     names = [f"theta{i + 1}" for i in range(4)]
     q, v = vi.coordinates("X", *names)
     c = vi.Parameters(m=1.3, ell=0.7, g=9.81, M=2.0)
