@@ -135,7 +135,7 @@ def test_cartesian_scenes_need_no_sketch():
     assert len(film._fig.axes[0].lines) == 6  # a trace and a dot of each body
 
 
-STRETCHING = {"swinging_atwood", "lengthening_pendulum"}  # whose strings grow longer
+STRETCHING = {"swinging_atwood", "lengthening_pendulum", "spring_pendulum"}  # no rigid rods
 NOWHERE = {"lotka_volterra"}  # numbers of animals have no place
 
 

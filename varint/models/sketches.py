@@ -251,6 +251,7 @@ _SKETCHES: dict[str, Callable[[System], Sketch]] = {
     "restricted_three_body": _satellite,
     "duffing": _in_a_row(lambda s: [s.q]),
     "spring_pendulum": lambda s: _hung([0, 0], s.q),
+    "kicked_rotor": lambda s: _hung([0, 0], arm(s.q)),
     "accelerated_pivot": _pendulum,  # as seen in the car
     "lengthening_pendulum": _lengthening,
     "forced_oscillator": _in_a_row(lambda s: [s.q]),
