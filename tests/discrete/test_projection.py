@@ -68,6 +68,14 @@ def test_where_gradients_vanish_a_way_is_found_all_the_same():
     assert np.linalg.norm(foot) == pytest.approx(1.0, abs=1e-12)
 
 
+def test_a_mass_that_is_not_finite_is_refused():
+    q, v = vi.coordinates("x", "y")
+    lagrangian = ca.sumsqr(v) / 2 + ca.sin(ca.sqrt(v[0])) - q[0]
+    rolling = vi.System(q, v, lagrangian, nonholonomic=ca.horzcat(q[0], q[0]))
+    with pytest.raises(vi.InputError, match="mass matrix .* is not finite at q0"):
+        vi.project(rolling, [0.0, 0.0], [0.0, 0.0])
+
+
 def test_rows_that_cannot_hold_are_still_refused():
     q, v = vi.coordinates("x", "y")
     system = vi.System(q, v, ca.sumsqr(v) / 2, constraint=ca.sumsqr(q) + 1)

@@ -94,7 +94,20 @@ def project(
     c, t0 = parameter_values(system, params), number("t0", t0)
     q = project_configuration(system, q, v, t0, c)
     rows, slope = velocity_gaps(system, q, v, t0, c)
-    return q, v + _least(mass_at(system, q, v, t0, c), slope, -rows)
+    return q, v + _least(_finite_mass(system, q, v, t0, c), slope, -rows)
+
+
+def _finite_mass(
+    system: System, q: np.ndarray, v: np.ndarray, t: float, c: np.ndarray
+) -> np.ndarray:
+    """The metric of the projection at a state."""
+    mass = mass_at(system, q, v, t, c)
+    if not np.isfinite(mass).all():
+        raise InputError(
+            f"no projection: the mass matrix ∂²L/∂v² is not finite at q0={q}, v0={v}, t0={t:g} (a "
+            "square root or a pole there); start elsewhere"
+        )
+    return mass
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
@@ -106,7 +119,7 @@ def project_configuration(
     Newton's method with the curvature of g along the manifold (sequential quadratic programming);
     every point is on it, and the distance to q0 shrinks from one to the next.
     """
-    mass = mass_at(system, q0, v, t, c)
+    mass = _finite_mass(system, q0, v, t, c)
     root, metric = inertia_roots(mass), scaled_mass(mass)
     q = _feasible(system, q0, root, t, c)
     last = np.inf
