@@ -72,7 +72,7 @@ def test_a_mass_that_is_not_finite_is_refused():
     q, v = vi.coordinates("x", "y")
     lagrangian = ca.sumsqr(v) / 2 + ca.sin(ca.sqrt(v[0])) - q[0]
     rolling = vi.System(q, v, lagrangian, nonholonomic=ca.horzcat(q[0], q[0]))
-    with pytest.raises(vi.InputError, match="mass matrix .* is not finite at q0"):
+    with pytest.raises(vi.InputError, match=r"mass matrix .* is not finite at q0"):
         vi.project(rolling, [0.0, 0.0], [0.0, 0.0])
 
 

@@ -1,6 +1,6 @@
 """Writes `g.json`: what MuJoCo and Pinocchio make of the files in `machines/` at random states.
 
-Run: python tests/reference/machine_numbers.py, with `mujoco` and `pin` installed. Of a machine of MuJoCo:
+Run: python tests/reference/machine_numbers.py, with `mujoco` and `pin`. Of a machine of MuJoCo:
 mass matrix M, bias c(q, v) with M v̇ + c = forces, forces of springs, dampers and actuators, places
 of bodies and sites, violations of the equality constraints. Of Pinocchio: M, c, places of links;
 its coordinates are those of all joints, followers included.
