@@ -123,6 +123,7 @@ def test_kilometres_and_seconds_take_the_long_way_round_as_units_of_one_do():
     assert unit.v[0] * radius / second == pytest.approx(path.v[0], rel=1e-7)
 
 
+@pytest.mark.long
 def test_first_paths_wind_round_the_origin_in_both_directions():
     start, end, duration = np.array([1.0, 0.0]), np.array([-0.3, 1.1]), 14.0
     found = vi.paths(

@@ -75,6 +75,7 @@ def test_random_arcs_are_found_nearly_always(least, most, turns, share):
     assert np.mean(found) >= share
 
 
+@pytest.mark.long
 def test_a_disturbed_orbit_goes_round_as_its_first_path():
     q, v = vi.coordinates("x", "y")
     r = ca.norm_2(q)

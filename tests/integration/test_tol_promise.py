@@ -59,7 +59,7 @@ def pulse(q, v, t):
     return vi.System(q, v, v**2 / 2 - q**2 / 2, force=ca.exp(-(((t - 5) / 0.02) ** 2)) / 0.02, t=t)
 
 
-@pytest.mark.parametrize("tol", [1e-3, 1e-4])
+@pytest.mark.parametrize("tol", [1e-3, pytest.param(1e-4, marks=pytest.mark.long)])
 @pytest.mark.parametrize("scene", [ramp, switched, friction, pulse])
 def test_forces_that_jump_or_last_for_less_than_a_step_are_met_by_the_order_that_shows(scene, tol):
     system = scene(*vi.coordinates("x"), vi.time())

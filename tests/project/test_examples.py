@@ -22,13 +22,14 @@ CLOSE = {
 
 
 # data that come as packages, and their fits take some ten seconds
-PLANS = {"six_axis_arm", "crane_and_leap"}
+PLANS = {"six_axis_arm", "crane_and_leap", "control_films"}
+MANY = {"charged_particle"}  # scenes, each of them arranged anew
 DATA = {"exoplanets": "radvel", "solar_system_masses": "skyfield-data"}
 
 
 def is_long(path: Path) -> bool:
     """What compiles a controller takes three seconds, so do plans of several bodies."""
-    return path.stem.endswith("_in_c") or path.stem in {*PLANS, *DATA}
+    return path.stem.endswith("_in_c") or path.stem in {*PLANS, *MANY, *DATA}
 
 
 RUN = [pytest.param(path, marks=pytest.mark.long) if is_long(path) else path for path in EXAMPLES]
