@@ -23,7 +23,8 @@ CLOSE = {
 
 # data that come as packages, and their fits take some ten seconds
 PLANS = {"six_axis_arm", "crane_and_leap", "control_films"}
-MANY = {"charged_particle"}  # scenes, each of them arranged anew
+# of many scenes, each of them arranged anew, or of many searches
+MANY = {"charged_particle", "figure_eight", "halo_orbits", "pendulum_paths", "rotating_frame"}
 DATA = {"exoplanets": "radvel", "solar_system_masses": "skyfield-data"}
 
 
