@@ -21,6 +21,7 @@ from state import write_if_changed
 
 FOLDERS = ("tutorial", "course")
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:)[^)]+\)")
+BESIDE = re.compile(r"Path\(__file__\)\.parent / \"([\w.]+)\"")
 CHECKED = re.compile(r"course\.check\(\"[\d.]+\", (\w+)\)")
 NEEDS = (
     '*A page of varint\'s documentation. It needs* `pip install "varint-mechanics[notebook]"`*. Run '
@@ -64,11 +65,22 @@ def from_example(path: Path) -> nbformat.NotebookNode:
     kept = [x for x in main.body if not writes_the_picture(ast.unparse(x))]
     body = paragraphs(lines, kept, main.body[0].lineno - 1, indent=4)
     drawing = next((k for k, text in enumerate(body) if "plt." in text), len(body))
+    if drawing == len(body) and "figure = " in body[-1]:
+        body[-1] += "\nfigure"  # what a method has drawn shows as a value
     body = [*body[:drawing], "\n\n".join(body[drawing:])]
+    given = zip(main.args.args[1:], main.args.defaults[1:], strict=True)
+    body[0] = "".join(f"{x.arg} = {ast.unparse(value)}\n" for x, value in given) + body[0]
     if any(name.id == "out" for x in kept for name in ast.walk(x) if isinstance(name, ast.Name)):
         body[0] = f'out = Path("out")\nout.mkdir(exist_ok=True)\n{body[0]}'
     cells += [new_code_cell(text) for text in body if text]
+    for cell in cells:
+        cell.source = BESIDE.sub(lambda found: _text_of(path.parent / found[1]), cell.source)
     return finished(new_notebook(cells=cells))
+
+
+def _text_of(file: Path) -> str:
+    """A file that an example reads from beside it as a string of a notebook, which has none."""
+    return f'"""{file.read_text(encoding="utf-8")}"""'
 
 
 def writes_the_picture(statement: str) -> bool:

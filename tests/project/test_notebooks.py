@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from test_examples import skip_without_data
 
 pytest.importorskip("jupytext", reason="makes the notebooks")
 nbformat = pytest.importorskip("nbformat")
@@ -90,6 +91,12 @@ def test_an_example_keeps_its_comments_and_draws_in_one_cell(tmp_path):
     ]
 
 
+def test_what_an_example_takes_and_reads_stands_in_its_notebook():
+    assert "days = 200000.0\n" in "".join(code(EVERY["gallery/planets"]))
+    [text] = [x for x in code(EVERY["gallery/six_axis_arm"]) if "URDF = " in x]
+    assert "__file__" not in text and '<robot name="' in text
+
+
 @pytest.mark.parametrize("name", ["course/4-constraints", "gallery/predator_prey"])
 def test_some_notebooks_run(name, tmp_path, monkeypatch, capsys):
     """The others do so under `long`, in kernels of their own."""
@@ -121,6 +128,7 @@ def outputs(notebook):
 @pytest.mark.long
 @pytest.mark.parametrize("name", EVERY)
 def test_every_notebook_runs_in_a_kernel(name, tmp_path):
+    skip_without_data(name.removeprefix("gallery/"))
     done = run(nbformat.from_dict(EVERY[name]), tmp_path)
     kinds = {kind for out in outputs(done) for kind in out.get("data", ())}
     drawing = any("plt.subplots" in text or ".plot(" in text for text in code(EVERY[name]))
