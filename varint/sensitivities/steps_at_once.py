@@ -117,8 +117,8 @@ def step_slopes(
         found = over_columns(
             function, x, after, v, v_after, t[:, None], h[:, None], u.reshape(count, -1), c
         )
-    except RuntimeError:  # CasADi's factorisation of a singular matrix
-        raise failure(first, float(t[0]), "regular") from None
+    except RuntimeError as error:  # CasADi's factorisation of a singular matrix
+        raise failure(first, float(t[0]), "regular") from error
     bad = np.flatnonzero(~(found[2][:, 0] <= LOOSE))
     if len(bad):
         raise failure(first + int(bad[0]), float(t[bad[0]]), "solved")
