@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -25,6 +25,9 @@ from varint.scene.parameters import (
 )
 from varint.scene.structure import Structure, structure_of
 from varint.scene.validation import check_symbols, expression, restitution_of, symbols
+
+if TYPE_CHECKING:
+    from varint.typeset.equations import Equations
 
 
 def coordinates(*names: str) -> tuple[ca.SX, ca.SX]:
@@ -297,6 +300,13 @@ class System:
     def energy(self) -> ca.SX:
         """Energy H = v·∂L/∂v − L as an expression of q, v, t."""
         return ca.dot(self.v, self.momentum) - self.lagrangian
+
+    @property
+    def equations(self) -> Equations:
+        """Euler–Lagrange equations, momenta, energy, Hamiltonian to be read, by `varint.equations`."""
+        from varint.typeset.equations import equations
+
+        return equations(self)
 
     @cached_property
     def mass_matrix(self) -> ca.SX:
