@@ -128,10 +128,12 @@ class Trajectory:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state | {"stats": MappingProxyType(state["stats"])})
 
-    def __getitem__(self, index: int | slice | np.ndarray | list) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray | list | str) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those
-        nodes.
+        nodes, `trajectory["theta"]` the values (N + 1,) of what has that name.
         """
+        if isinstance(index, str):
+            return self.value(index)
         if isinstance(index, (slice, np.ndarray, list)):
             if not len(self.t[index]):
                 raise InputError(f"no node of the {len(self)} is left in [{index}]")
@@ -218,8 +220,9 @@ class Trajectory:
 
         Parameters
         ----------
-        expression : SX
-            Symbols are matched by name with the system's, so this works on loaded trajectories too.
+        expression : SX or str
+            Symbols are matched by name with the system's, so this works on loaded trajectories too;
+            a name alone stands for its symbol.
 
         Returns
         -------
@@ -491,8 +494,8 @@ class Trajectory:
         return self.solution
 
     def plot(self, *expressions: Any) -> Figure:
-        """Figure of coordinates, phase portrait and energy; or of expressions over time, named
-        by a dictionary.
+        """Figure of coordinates, phase portrait and energy; or of expressions (or names of
+        coordinates, velocities, controls) over time, which a dictionary gives names.
         """
         from varint.drawing.figures import trajectory_figure
 
