@@ -303,7 +303,7 @@ class System:
 
     @property
     def equations(self) -> Equations:
-        """Euler–Lagrange equations, momenta, energy, Hamiltonian, to read; by `varint.equations`."""
+        """Euler–Lagrange equations, momenta, energy … to be read, by `varint.equations`."""
         from varint.typeset.equations import equations
 
         return equations(self)
