@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -31,7 +31,7 @@ from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
 from varint.integration.failures import frequencies
-from varint.integration.hidden import missed_impulse
+from varint.integration.hidden import Trial, missed_impulse, missed_transient
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.rule_choice import (
@@ -65,9 +65,6 @@ CERTAIN = 2  # times, where there were digits already and nothing jumps
 SAMPLES = 200  # nodes at which frequencies are looked at
 OTHER_STEPS = 1.25, 1.5  # times the steps of a run over forces that jump: two more draws
 CHANCE = 1.5  # of the largest difference: the other runs err as well
-TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
-
-Trial = Callable[[Rule, int], Trajectory | None]  # (rule, steps) → the run; None where it failed
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +161,7 @@ def _from_two_runs(
     rule: Rule,
     tol: float,
     radians: float,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
     scale: Any,
     ends_early: bool,
 ) -> Choice | None:
@@ -188,7 +185,7 @@ def _refine(
     rule: Rule,
     start: InitialValueProblem,
     tol: float,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
     failures: Sequence[Failure],
     steps: int,
     scale: Any,
@@ -229,7 +226,7 @@ def _refine(
             hidden = 0.0
             if estimate <= tol:
                 hidden = max(
-                    _transient(trial, rule, steps, motion, scales),
+                    missed_transient(trial, rule, steps, motion, scales),
                     missed_impulse(system, rule, motion, scales),
                     _luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
@@ -264,24 +261,9 @@ def _resolves(motion: Trajectory) -> bool:
     return bool(abs(motion.h) * fastest < 1.0)
 
 
-def _transient(
-    trial: Callable[..., Trajectory | None],
-    rule: Rule,
-    steps: int,
-    motion: Trajectory,
-    scales: np.ndarray,
-) -> float:
-    """Error of the first nodes, which lie within the first step of a coarser run."""
-    few = min(TRANSIENT_STEPS, steps)
-    fine = trial(rule, steps * TRANSIENT_PARTS, steps // few)
-    if fine is None:
-        return math.inf
-    return distance(motion, 1, fine, TRANSIENT_PARTS, scales)
-
-
 def _luck(
     system: System,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
     rule: Rule,
     rows: int,
     steps: int,
