@@ -5,14 +5,14 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.numerics.limits import LEGENDRE_ITERATIONS
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
 FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
 HALVINGS = 12  # of a Newton step that would leave the domain of L or make the residual grow
 
 
-@per_system
+@per_scene
 def velocity_function(system: System) -> ca.Function:
     """(q, p, t, c) → v, the inverse Legendre transform p = ∂L/∂v(q, v, t).
 

@@ -17,7 +17,7 @@ from varint.integration.work_bound import (
 )
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 SAMPLES = 10  # nodes that are looked at
 # more of them from so many steps on, beside which they cost next to nothing
@@ -193,7 +193,7 @@ def nodes_looked_at(last: int) -> np.ndarray:
     return (_places(count) * last).astype(int)
 
 
-@per_system
+@per_scene
 def _energy_function(system: System) -> ca.Function:
     """(q, v, t, c, h) → H, p·v, and what a step from rest makes of p·v."""
     s, h = system, ca.SX.sym("h")
@@ -205,7 +205,7 @@ def _energy_function(system: System) -> ca.Function:
     )
 
 
-@per_system
+@per_scene
 def _energy_of_momentum(system: System) -> ca.Function:
     """(q, p, t, c, h) → the same."""
     n, velocity = system.structure.n, velocity_function(system)

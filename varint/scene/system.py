@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.scene.alike import first_alike
 from varint.scene.description import description, parts_of
 from varint.scene.kinetics import Kinetics, check_kinetics
 from varint.scene.letters import lagrangian_latex
@@ -276,6 +277,8 @@ class System:
     @cached_property
     def structure(self) -> Structure:
         """What the scene has and lacks."""
+        if (first := first_alike(self)) is not self:
+            return first.structure
         return structure_of(
             self.q,
             self.v,
@@ -358,6 +361,19 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
                 if name not in store:
                     store[name] = build(system, *key)
         return store[name]
+
+    return remembered
+
+
+def per_scene(build: Callable[..., Built]) -> Callable[..., Built]:
+    """`per_system` of what holds none of the system's symbols: built once for all systems that are
+    made alike, whatever the values of their parameters.
+    """
+    found = per_system(build)
+
+    @wraps(build)
+    def remembered(system: System, *key: Any) -> Built:
+        return found(first_alike(system), *key)
 
     return remembered
 
