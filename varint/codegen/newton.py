@@ -46,7 +46,7 @@ HISTORY = {
 # the functions that c/newton.c calls, where the scene needs them
 CALLED = (
     "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
-    "checked", "independence",
+    "affine", "driven", "independence",
 )  # fmt: skip
 NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
@@ -232,6 +232,7 @@ def _counts(
 ) -> dict[str, int]:
     s, degree = system.structure, rule.degree
     size = 0 if solve.closed else solve.band.size
+    with_map = size + 2 * s.n * (2 * s.n + solve.band.order.size + 1) if solve.map else size
     order = projection.band if projection else NO_BAND
     hidden_size = order.size if projection else 0
     counts = {
@@ -249,6 +250,7 @@ def _counts(
         "CLOSED": int(solve.closed),
         "LINEAR": int(solve.linear),
         "MAP": int(solve.map),
+        "STEADY": int(solve.steady),
         "KICKED": int(eliminates),
         "HELD": int(projection is not None),
         "WATCHED": int(folds(system)),
@@ -263,7 +265,7 @@ def _counts(
         "HIDDEN_NONZEROS": len(order.places),
         "HIDDEN_SPEED": int(projection is not None and projection.speed),
         "HIDDEN_SIZE": hidden_size,
-        "MATRIX_SIZE": max(size, hidden_size),
+        "MATRIX_SIZE": max(with_map, hidden_size),
         "MOST_ITERATIONS": STEP_ITERATIONS,
     }
     if solve.tables:

@@ -3,8 +3,8 @@
    Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
    nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
-   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and
-   `finish` is a constant affine map of q and p that needs no unknowns; `checked` is the residual that it leaves. KICKED: half kicks stand
+   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and a step
+   is a constant affine map of q and p, see map.h. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. */
 
@@ -51,23 +51,22 @@ INLINE State state_in(double *at) {
 #define independence NOT_NEEDED
 #define independence_prepare NOT_NEEDED
 #endif
-#if !LINEAR || MAP
+#if !LINEAR
 #define slope NOT_NEEDED
 #define slope_prepare NOT_NEEDED
 #endif
 #if MAP
-#define mapped finish
-#define finished NOT_NEEDED
 #define equations NOT_NEEDED
 #define equations_prepare NOT_NEEDED
 #define units NOT_NEEDED
 #define units_prepare NOT_NEEDED
 #else
-#define finished finish
-#define mapped NOT_NEEDED
-#define checked NOT_NEEDED
-#define checked_prepare NOT_NEEDED
+#define affine NOT_NEEDED
+#define affine_prepare NOT_NEEDED
+#define driven NOT_NEEDED
+#define driven_prepare NOT_NEEDED
 #endif
+#define finished finish
 #if CLOSED || LINEAR
 #define residual_of equations
 #define residual_and_slope NOT_NEEDED
@@ -87,11 +86,13 @@ INLINE State state_in(double *at) {
 #define HIDDEN_AT (SIZED_AT + SIZED_W)
 #define PULLED_AT (HIDDEN_AT + HIDDEN_W)
 #define SLOPE_AT (PULLED_AT + PULLED_W)
-#define CHECKED_AT (SLOPE_AT + SLOPE_W)
-#define INDEPENDENCE_AT (CHECKED_AT + CHECKED_W)
+#define AFFINE_AT (SLOPE_AT + SLOPE_W)
+#define DRIVEN_AT (AFFINE_AT + AFFINE_W)
+#define INDEPENDENCE_AT (DRIVEN_AT + DRIVEN_W)
 #define ALL_W (INDEPENDENCE_AT + INDEPENDENCE_W + 1)
 
 #include "band.h"
+#include "map.h"
 
 /* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
 LARGE void correct(const double *jacobian, double *matrix, double *b) {
@@ -210,20 +211,21 @@ LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, 
         double size[Y];
         units(w + UNITS_AT, size);
         for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
-    } else checked_prepare(k, w + CHECKED_AT);
+    } else affine_prepare(k, w + AFFINE_AT), driven_prepare(k, w + DRIVEN_AT);
     if (KICKED) kick_prepare(k, w + KICK_AT);
     if (HELD) {
         sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT);
         pulled_prepare(k, w + PULLED_AT);
     }
     if (WATCHED) independence_prepare(k, w + INDEPENDENCE_AT);
-    if (LINEAR && !MAP) {
+    if (LINEAR) {
         double jacobian[NONZEROS + 1];
         slope_prepare(k, w + SLOPE_AT);
         slope(w + SLOPE_AT, jacobian);
         ZEROS(matrix, BAND_SIZE);
         for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
         factorise(Y, BELOW, REACH, matrix, pivots);
+        if (MAP) prepare_map(w, matrix, pivots);
     }
 }
 
@@ -302,10 +304,10 @@ int run(const RunArguments *a) {
         }
         int64_t count = 0;
         if (MAP) {
-            mapped(q, p, &t, u, w + FINISH_AT, increment, gain);
+            mapped(matrix, q, p, t, u, w, increment, gain);
             count = 1;
             if ((int64_t)*state.age % WINDOW == 0) {
-                checked(q, p, &t, u, w + CHECKED_AT, remains);
+                checked(matrix, pivots, q, p, t, u, w, remains);
                 left = largest_of(remains);
             }
         } else for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
