@@ -352,28 +352,36 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
     build it once.
     """
 
-    @wraps(build)
-    def remembered(system: System, *key: Any) -> Built:
-        store = system.__dict__.get("_built") or system.__dict__.setdefault("_built", {})
-        name = (build, *key)
-        if name not in store:
-            with _BUILDING:
-                if name not in store:
-                    store[name] = build(system, *key)
-        return store[name]
-
-    return remembered
+    return _remembering(build, "_built", lambda system: system)
 
 
 def per_scene(build: Callable[..., Built]) -> Callable[..., Built]:
     """`per_system` of what holds none of the system's symbols: built once for all systems that are
     made alike, whatever the values of their parameters.
     """
-    found = per_system(build)
+    return _remembering(build, "_built_for_alike", first_alike)
+
+
+def _remembering(
+    build: Callable[..., Built], place: str, whose: Callable[[System], System]
+) -> Callable[..., Built]:
+    """`build`, whose results lie at a place of the system that they are built for."""
 
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:
-        return found(first_alike(system), *key)
+        name = (build, *key)
+        try:  # of the time of a short run this is no small part
+            return system.__dict__[place][name]
+        except KeyError:
+            pass
+        owner = whose(system)
+        store = owner.__dict__.setdefault(place, {})
+        system.__dict__[place] = store
+        if name not in store:
+            with _BUILDING:
+                if name not in store:
+                    store[name] = build(owner, *key)
+        return store[name]
 
     return remembered
 
