@@ -121,7 +121,8 @@ def _statements(system: System, rule: Rule) -> int:
 def _by_right_sides(system: System, rule: Rule) -> bool:
     """Whether the compiled loop needs no derivatives of a step's equations, or constant ones."""
     s, stages = system.structure, len(rule.nodes)
-    return s.linear or bool(rule.kicks and s.explicit) or rule == gauss(min(stages, MOST_STAGES))
+    by_stages = s.quadratic_kinetic and rule == gauss(min(stages, MOST_STAGES))
+    return s.linear or bool(rule.kicks and s.explicit) or by_stages
 
 
 @per_scene
