@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.discrete.constraints import velocity_rows
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 
-@per_system
+@per_scene
 def folds(system: System) -> bool:
     """Whether the rank of the constraint rows may depend on where the scene is."""
     s = system
@@ -32,7 +32,7 @@ def pivot_and_lengths(system: System) -> tuple[ca.SX, ca.SX]:
     return ca.mmin(ca.densify(pivots)), size
 
 
-@per_system
+@per_scene
 def pivot_function(system: System) -> ca.Function:
     """(q, t, c) → the smallest pivot and the rows' lengths."""
     s = system

@@ -23,7 +23,7 @@ from varint.integration.state import NodeBlock, RunState
 from varint.numerics.arrays import call, over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 # of the largest distance of a row from the others during the run: nearer ones have energies off by
 # 1e-6 to 10 of the kinetic energy, those that are farther none (four-bar linkages, all rules)
@@ -122,7 +122,7 @@ def _independence(
     return np.sqrt(np.maximum(pivot[:, 0], 0)), size
 
 
-@per_system
+@per_scene
 def _rows_function(system: System) -> ca.Function:
     """(q, t, c) → the gradients of all rows."""
     s = system

@@ -51,7 +51,7 @@ from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
 from varint.scene.structure import jumps
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
@@ -284,7 +284,7 @@ def _luck(
     return largest * CHANCE
 
 
-@per_system
+@per_scene
 def _has_steps(system: System) -> bool:
     """Whether forces or momenta have steps or kinks."""
     s = system

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.scene.alike import first_alike
 from varint.scene.description import description, parts_of
 from varint.scene.kinetics import Kinetics, check_kinetics
 from varint.scene.letters import lagrangian_latex
@@ -279,6 +280,8 @@ class System:
     @cached_property
     def structure(self) -> Structure:
         """What the scene has and lacks."""
+        if (first := first_alike(self)) is not self:
+            return first.structure
         return structure_of(
             self.q,
             self.v,
@@ -359,14 +362,35 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
     build it once.
     """
 
+    return _remembering(build, "_built", lambda system: system)
+
+
+def per_scene(build: Callable[..., Built]) -> Callable[..., Built]:
+    """`per_system` of what holds none of the system's symbols: built once for all systems that are
+    made alike, whatever the values of their parameters.
+    """
+    return _remembering(build, "_built_for_alike", first_alike)
+
+
+def _remembering(
+    build: Callable[..., Built], place: str, whose: Callable[[System], System]
+) -> Callable[..., Built]:
+    """`build`, whose results lie at a place of the system that they are built for."""
+
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:
-        store = system.__dict__.get("_built") or system.__dict__.setdefault("_built", {})
         name = (build, *key)
+        try:  # of the time of a short run this is no small part
+            return system.__dict__[place][name]
+        except KeyError:
+            pass
+        owner = whose(system)
+        store = owner.__dict__.setdefault(place, {})
+        system.__dict__[place] = store
         if name not in store:
             with _BUILDING:
                 if name not in store:
-                    store[name] = build(system, *key)
+                    store[name] = build(owner, *key)
         return store[name]
 
     return remembered
