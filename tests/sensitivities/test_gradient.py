@@ -43,14 +43,16 @@ def test_the_adjoint_is_the_tangents_transpose(scene, rule):
 
 
 @pytest.mark.parametrize("rule", [vi.gauss(3), vi.composition("kahan-li6")], ids=str)
-def test_compiled_and_interpreted_gradients_agree(rule):
+def test_compiled_and_native_gradients_are_the_same_and_interpreted_ones_agree(rule):
     system, _ = spring()
     motion = vi.simulate(system, rule, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=30)
     loss = ca.sumsqr(system.q) + system.v[0] ** 2 * system.c[0]
-    one, other = (
+    one, data, other = (
         vi.gradient(motion, loss, system.q[0], nodes=system.v[1] ** 2, backend=backend)
-        for backend in ("compiled", "interpreted")
+        for backend in ("compiled", "native", "interpreted")
     )
+    assert repr(data) == repr(one)
+    assert all(np.array_equal(getattr(data, name), getattr(one, name)) for name in ("q0", "v0"))
     assert one.value == pytest.approx(other.value, rel=1e-13)
     for name in ("q0", "v0", "p0", "h", "t0"):
         assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-11, atol=1e-12)

@@ -21,9 +21,11 @@ from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import call
 from varint.rules.polynomials import lagrange_values
 from varint.scene.system import System
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
 from varint.sensitivities.start import momentum_function, momentum_slopes
-from varint.sensitivities.sweeps import Directions, Sweeper, forwards, sweeper
+from varint.sensitivities.steps_at_once import Directions, Sweeper
+from varint.sensitivities.sweeps import forwards
 
 LOOKED_AT = 10  # nodes of a segment at which the kinetic energy must be positive
 ITERATIONS = 10  # that a fit is expected to take, each a run with its derivatives

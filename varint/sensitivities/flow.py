@@ -15,8 +15,8 @@ from varint.rules.rule import Rule
 from varint.scene.inputs import number
 from varint.scene.system import System, per_system, require_system
 from varint.sensitivities.external import external
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.shot import Shot
-from varint.sensitivities.sweeps import sweeper
 
 CALLS = 20  # that a flow is expected to have, when it is decided whether to compile its loops
 
@@ -48,7 +48,7 @@ def flow(
     nodes : sequence of int, optional
         At which q and v are wanted, in rising order. Default: the last one.
     t0 : float
-    backend : {"auto", "compiled", "interpreted"}
+    backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
     Returns

@@ -117,7 +117,7 @@ def gradient(
         w, of the nodes. Default: 1.
     held : {"v0", "p0"}
         What is held at the start while q0 and parameters vary.
-    backend : {"auto", "compiled", "interpreted"}
+    backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
     Returns

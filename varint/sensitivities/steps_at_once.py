@@ -35,14 +35,17 @@ class Sweeper:
     density : str or None
         Running loss, the function (q, v, t, u, c) → ℓ, serialised.
     kernels : tuple of SweepKernel
-        Compiled loops, each there where the one before it fails; where there are none,
+        Loops in C, each there where the one before it fails; where there are none,
         `linear_step` or `lossy_step` is evaluated at many steps at once.
+    native : bool
+        Whether they are those for scenes as data.
     """
 
     system: System
     rule: Rule
     density: str | None
     kernels: tuple[SweepKernel, ...] = ()
+    native: bool = False
 
 
 class Directions(NamedTuple):

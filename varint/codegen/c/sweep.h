@@ -14,4 +14,13 @@ typedef struct {
     double *out;     /* tangents: (1 + steps / every, 2N, columns), every > 0; adjoints: (steps, control_nodes, CONTROLS) */
     const double *seeds;   /* (steps, 2N), what the node at which each step begins adds to the adjoint, or none */
     double *loss, *failed; /* the density summed; the step that failed */
+    const double *along;   /* second derivatives: tangents at every node, (steps + 1, 2N, columns) */
+    double *hessian;       /* (columns, columns), added to */
+    const void *scene;     /* its operations, where they are data and not in the source */
 } SweepArguments;
+
+#ifdef SCENE_AS_DATA
+#define BEGIN(a) scene = (a)->scene
+#else
+#define BEGIN(a) (void)0
+#endif
