@@ -4,6 +4,8 @@ function theorem, of whole runs by differences, by closed forms, and symplectic.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from scipy.special import ellipe, ellipk
 import varint as vi
 from varint.codegen import cache
 from varint.numerics.arrays import call
+from varint.sensitivities import steps_at_once
 from varint.sensitivities.loops import is_built, sweeper
 
 
@@ -371,6 +374,36 @@ def test_redundant_constraints_have_the_tangents_of_those_that_are_independent()
     along = tangent_space(once, 0)
     one, two = (x.transition_matrix() @ along for x in (once, twice))
     assert np.abs(one - two).max() < 1e-11 * np.abs(one).max()
+
+
+@pytest.mark.parametrize("backend", ["native", "interpreted"])
+def test_a_derivative_that_cannot_be_taken_is_told_by_its_step_and_cause(backend):
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(k=2.0)
+    system = vi.System(q, v, v**2 / 2 - c.k * q**2 / 2, params=c)
+    motion = vi.simulate(system, vi.midpoint(), q0=0.4, v0=0.2, h=0.5, steps=9)
+    singular = np.array([-16.0])  # 1 + h² k / 4 = 0
+    with pytest.raises(vi.ConvergenceError, match="no regular derivative") as found:
+        vi.sensitivity(replace(motion, c=singular), ["p0"], backend=backend)
+    assert found.value.step == 0
+    motion = run_of(pendulum, vi.midpoint(), steps=9)
+    lost = motion.q.copy()
+    lost[4] = np.nan
+    with pytest.raises(vi.ConvergenceError, match="not finite") as found:
+        vi.sensitivity(replace(motion, q=lost), backend=backend)
+    assert found.value.step == 3
+
+
+def test_what_ends_an_evaluation_for_another_reason_is_not_called_a_grazing(monkeypatch):
+    system, _ = spring()
+    motion = vi.simulate(system, vi.gauss(2), q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=4)
+
+    def interrupted(*_):
+        raise RuntimeError("Error in Function::call\nno more threads")
+
+    monkeypatch.setattr(steps_at_once, "over_columns", interrupted)
+    with pytest.raises(vi.ConvergenceError, match="step 0.*no more threads"):
+        vi.sensitivity(motion, backend="interpreted")
 
 
 def test_what_cannot_be_differentiated_is_refused_in_words():

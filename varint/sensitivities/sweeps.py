@@ -12,6 +12,9 @@ from varint.errors import ConvergenceError
 from varint.sensitivities.loops import by_factors
 from varint.sensitivities.pieces import Piece
 from varint.sensitivities.steps_at_once import (
+    NO_NUMBERS,
+    NOT_REGULAR,
+    NOT_SOLVED,
     Directions,
     Pulled,
     Sweeper,
@@ -20,7 +23,7 @@ from varint.sensitivities.steps_at_once import (
     forwards_interpreted,
 )
 
-NOT_REGULAR = 2  # enum Sweep of c/sweep.h
+WHY = (NOT_SOLVED, NOT_REGULAR, NO_NUMBERS)  # enum Sweep of c/sweep.h, from 1 on
 
 
 def forwards(
@@ -135,5 +138,7 @@ def arguments(
 
 def failed_step(piece: Piece, failed: np.ndarray, status: int) -> ConvergenceError:
     """The error of the step at which a loop gave up."""
-    step, what = int(failed[0]), "regular" if status == NOT_REGULAR else "solved"
-    return failure(piece.first + step, float(piece.t[step]), what)
+    if status > len(WHY):
+        raise MemoryError("no memory for the derivatives of a run")
+    step = int(failed[0])
+    return failure(piece.first + step, float(piece.t[step]), WHY[status - 1])

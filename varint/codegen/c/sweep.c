@@ -103,6 +103,7 @@ static int linearise(Work *k, const double *x, const double *x1, const double *v
     if (ENDS) memcpy(k->y + Y - ENDS, v1, N * sizeof(double));
     for (int count = 0, fresh = 0; count < MOST_ITERATIONS; count++) {
         blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
+        if (unsound(k->fy, FY) || unsound(k->f, Y)) return NO_NUMBERS;
         if (!fresh && !factors(k)) return NOT_REGULAR;
         if (!count) { /* what forces alone would make of a body at rest, which may be held */
             double kick = 0;

@@ -2,7 +2,8 @@
 
 #define ROOM(count) ((count) + 1) /* no array of C has no elements */
 
-enum Sweep { SWEPT, NOT_SOLVED, NOT_REGULAR, NO_MEMORY };
+/* varint/sensitivities/sweeps.py has the same order */
+enum Sweep { SWEPT, NOT_SOLVED, NOT_REGULAR, NO_NUMBERS, NO_MEMORY };
 
 /* A run, or a piece of one: `steps` steps, the first of which is the step `first` of the run. */
 typedef struct {
