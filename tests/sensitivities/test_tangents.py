@@ -402,7 +402,7 @@ def test_what_ends_an_evaluation_for_another_reason_is_not_called_a_grazing(monk
         raise RuntimeError("Error in Function::call\nno more threads")
 
     monkeypatch.setattr(steps_at_once, "over_columns", interrupted)
-    with pytest.raises(vi.ConvergenceError, match="step 0.*no more threads"):
+    with pytest.raises(vi.ConvergenceError, match=r"step 0.*no more threads"):
         vi.sensitivity(motion, backend="interpreted")
 
 
