@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import weakref
 from functools import cache
+from time import monotonic
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,8 @@ from test_tangents import differences, driven_cart, named, run_of, spring, swing
 import varint as vi
 from varint.sensitivities import checkpoints
 from varint.sensitivities.checkpoints import schedule
+from varint.sensitivities.loops import is_built, sweeper
+from varint.sensitivities.start import as_text
 
 KINDS = [
     (pendulum, vi.composition("blanes-moan4")),
@@ -137,6 +140,28 @@ def test_with_momenta_held_at_the_start_parameters_act_on_the_motion_alone():
     assert np.allclose(held.p0 * 1.3, free.v0)  # p = m v
     # at fixed v a heavier body has more momentum
     assert free.params["m"] - held.params["m"] == pytest.approx(held.p0 @ [0.2, 0.5])
+
+
+@pytest.mark.skipif(not is_built(), reason="installed without a compiler")
+def test_loops_of_the_native_core_give_way_to_compiled_ones_of_the_same_digits():
+    system, _ = spring()
+    rule = vi.composition("kahan-li6")  # of which the compiled loops were made above
+    motion = vi.simulate(system, rule, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=200)
+    loss = ca.sumsqr(system.q) + system.v[0] ** 2 * system.c[0]
+    by = sweeper(system, rule, 10**6, "auto", as_text(system, loss))
+    (kernel,) = by.kernels
+    gears = kernel.adjoints.args[0]
+    first = vi.gradient(motion, loss)
+    while gears.high is None and gears.seconds < gears.expected:
+        again = vi.gradient(motion, loss)
+        gears.seconds += gears.expected / 8
+    assert gears.work is not None or gears.high is not None
+    deadline = monotonic() + 60
+    while gears.work is not None and monotonic() < deadline:
+        again = vi.gradient(motion, loss)
+    assert gears.high is not None
+    again = vi.gradient(motion, loss)
+    assert np.array_equal(first.q0, again.q0) and repr(first) == repr(again)
 
 
 def fewest_advances(pieces: int, states: int) -> int:

@@ -32,6 +32,7 @@ from varint.scene.system import System
 
 ROUNDED = 1e-14  # a correction this small, relative to the velocities, is round-off
 LEAST_SPEED = 1e-3  # of the fastest coordinate: slower ones are judged by it
+ONE_BY_ONE = {"LANES": 1}  # shape of the vectors
 _INTEGERS = (
     "steps",
     "first",
@@ -108,13 +109,13 @@ def sweep_kernel(system: System, rule: Rule, density: str | None = None) -> Swee
     CompileError
         If there is no compiler or no safe cache folder.
     """
-    return compiled_sweep(sweep_scheme(system, rule, density), {"LANES": 1}, "sweep.c")
+    return compiled_sweep(sweep_scheme(system, rule, density), ONE_BY_ONE, "sweep.c")
 
 
 @kernel_per_system
 def curvature_kernel(system: System, rule: Rule) -> Sweep:
     """The compiled loop of second derivatives; raises as `sweep_kernel` does."""
-    loop = _library(curvature_scheme(system, rule), {"LANES": 1}, "curvature.c")
+    loop = _library(curvature_scheme(system, rule), ONE_BY_ONE, "curvature.c")
     return entry_of(loop.curvatures)
 
 
@@ -194,6 +195,11 @@ def entry_of(entry: Callable, scene: int = 0) -> Sweep:
 
 
 def _library(scheme: SweepScheme, shape: dict[str, int], loop: str):
+    return library(sweep_source(scheme, shape, loop), AS_WRITTEN)
+
+
+def sweep_source(scheme: SweepScheme, shape: dict[str, int], loop: str) -> str:
+    """The text of the loop around the emitted functions."""
     functions = emitted(scheme.functions)
     heads = shape | scheme.counts | scheme.limits
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
@@ -205,8 +211,7 @@ def _library(scheme: SweepScheme, shape: dict[str, int], loop: str):
         source += "".join(
             c_table(kind, name, map(write, x.ravel().tolist())) for name, x in tables.items()
         )
-    source += "\n".join(f.source for f in functions.values()) + c_source(loop)
-    return library(source, AS_WRITTEN)
+    return source + "\n".join(f.source for f in functions.values()) + c_source(loop)
 
 
 def _functions(

@@ -5,6 +5,7 @@ CasADi's own.
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from varint.errors import InputError
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 INSTRUCTION = 8e-9  # seconds of CasADi's virtual machine for an operation
 CALL = 5e-5  # seconds of it for a step besides
-TAPE = 1e-9  # seconds of the native core for an operation, beyond those of compiled loops
 ARRANGING, ARRANGED = 0.02, 6e-5  # seconds to arrange a scene's operations, and for one of them
 SWEEPS = 5  # that are expected of one scene, when it is decided whether to arrange it
 STARTING, STATEMENT = 0.25, 1e-4  # seconds to compile loops, and for a statement of them
@@ -28,8 +28,8 @@ STARTING, STATEMENT = 0.25, 1e-4  # seconds to compile loops, and for a statemen
 def sweeper(
     system: System, rule: Rule, steps: int, backend: str, density: str | None = None
 ) -> Sweeper:
-    """The native core's loops, for which nothing is compiled; compiled ones, which give the same
-    digits, where the run is long enough to repay the compiler; CasADi's own for the shortest runs.
+    """The native core's loops, for which nothing is compiled, and which compiled ones with the same
+    digits take over in time; CasADi's own for the shortest runs.
 
     Raises
     ------
@@ -45,23 +45,19 @@ def sweeper(
     from varint.codegen.cache import CompileError
     from varint.codegen.graph import NotCompilable
 
-    native = backend == "native" or (
-        backend == "auto" and is_built() and _worth_arranging(system, rule, steps)
-    )
-    if backend == "compiled" or (backend == "auto" and _repays(system, rule, steps, native)):
+    if backend == "native":
+        return Sweeper(system, rule, density, _native(system, rule, density), native=True)
+    if backend == "auto" and is_built() and _worth_arranging(system, rule, steps):
+        with suppress(CompileError, NotCompilable):  # then as where the core was not built
+            return Sweeper(system, rule, density, _in_gear(system, rule, density), native=True)
+    if backend == "compiled" or _repays(system, rule, steps):
         try:
             return Sweeper(system, rule, density, _kernels(system, rule, density))
         except (CompileError, NotCompilable) as error:
             if backend == "compiled":
                 raise
-            if isinstance(error, CompileError) and not native:
+            if isinstance(error, CompileError):
                 warnings.warn(f"{str(error).splitlines()[0]}; slower until then", stacklevel=4)
-    if native:
-        try:
-            return Sweeper(system, rule, density, _native(system, rule, density), native=True)
-        except (CompileError, NotCompilable):
-            if backend == "native":
-                raise
     return Sweeper(system, rule, density)
 
 
@@ -96,17 +92,38 @@ def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKerne
     return (native_sweep(system, rule, density),)
 
 
+@per_system
+def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
+    """`_native` that gives way to `_kernels` in time."""
+    from varint.codegen.sweep import ONE_BY_ONE, sweep_scheme, sweep_source
+    from varint.codegen.sweep_gauss import has_stage_sweep, shape_for, stage_sweep_scheme
+    from varint.sensitivities.shifting import SweepGears, shifting
+
+    by_stages = has_stage_sweep(system, rule)
+
+    def source() -> str:
+        if by_stages:
+            scheme = stage_sweep_scheme(system, rule, density)
+            return sweep_source(scheme, shape_for(len(rule.nodes)), "sweep_gauss.c")
+        return sweep_source(sweep_scheme(system, rule, density), ONE_BY_ONE, "sweep.c")
+
+    def compiled() -> SweepKernel:
+        return _kernels(system, rule, density)[0]
+
+    low, (_, statements) = _native(system, rule, density)[0], operations(system, rule)
+    return (shifting(SweepGears(low, source, compiled, STARTING + STATEMENT * statements)),)
+
+
 def _worth_arranging(system: System, rule: Rule, steps: int) -> bool:
     """Whether the steps take CasADi longer than arranging the operations for the native core."""
     turn, statements = operations(system, rule)
     return SWEEPS * steps * (CALL + INSTRUCTION * turn) > ARRANGING + ARRANGED * statements
 
 
-def _repays(system: System, rule: Rule, steps: int, native: bool) -> bool:
-    """Whether the steps take longer than the compiler needs for their loops."""
+def _repays(system: System, rule: Rule, steps: int) -> bool:
+    """Whether the steps take CasADi longer than the compiler needs for their loops."""
     turn, statements = operations(system, rule)
-    each = TAPE * turn if native else CALL + INSTRUCTION * turn
-    return steps * each > STARTING + STATEMENT * statements
+    return steps * (CALL + INSTRUCTION * turn) > STARTING + STATEMENT * statements
 
 
 def by_factors(by: Sweeper) -> SweepKernel | None:
