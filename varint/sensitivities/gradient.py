@@ -161,7 +161,7 @@ def gradient(
     at_nodes = _at_nodes(motion, terminal_loss, nodes, weights)
     if density is None and terminal_loss is None and nodes is None:
         raise InputError("give loss, terminal_loss or nodes: there is nothing to differentiate")
-    found = _pulled_back(motion, Carrier(course, backend, density), at_nodes.x, states)
+    found = pulled_back(motion, Carrier(course, backend, density), at_nodes.x, states)
     n, many = motion.q.shape[1], len(c)
     at_start, outer = found.z[: 2 * n], found.z[2 * n + 1 :]
     outer[:many] += at_nodes.c
@@ -188,8 +188,8 @@ def gradient(
     )
 
 
-def _pulled_back(
-    motion: Trajectory, carrier: Carrier, seeds: np.ndarray, states: int | None
+def pulled_back(
+    motion: Trajectory, carrier: Carrier, seeds: np.ndarray, states: int | None = None
 ) -> Adjoint:
     """The adjoint at the first node, from derivatives by (q, p, t) of the nodes (N + 1, 2n + 1)."""
     if motion.fictitious is not None:
