@@ -61,7 +61,8 @@ def flow(
         nodes)``. Where a run cannot begin or be finished they are NaN, from which solvers turn
         back, and so are derivatives where a contact is grazed. First and second derivatives are
         exact; with contacts there are first ones. A Hessian costs the square of the number of
-        inputs: of many controls take Gauss–Newton from the Jacobian, or an approximation (``ipopt.hessian_approximation="limited-memory"``).
+        inputs: of many controls take Gauss–Newton from the Jacobian, or an approximation
+        (``ipopt.hessian_approximation="limited-memory"``).
 
     Raises
     ------
