@@ -129,7 +129,7 @@ def residuals(shoot: Shooter, z: np.ndarray) -> Residuals:
     r = [*(x[0] for x in parts), (z[which] - p.prior[:, 1]) / p.prior[:, 2]]
     of_r = [*(x[1] for x in parts), prior]
     d, of_d = (np.concatenate([x[i] for x in parts]) for i in (2, 3))
-    signal = float(np.sqrt(sum(np.nansum((m.values / m.sigma) ** 2) for m in measured)))
+    signal = float(np.sqrt(sum(np.nansum((m.values / m.spread) ** 2) for m in measured)))
     nodes = tuple(x[4] for x in parts)
     return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, nodes, signal)
 
@@ -301,6 +301,6 @@ def _measured(
         slope = of_x @ of_seen[rows]
         slope[:, :, :many] += of_c[:, :, p.theta]
         there = np.isfinite(m.values)
-        r.append(((value - m.values) / m.sigma)[there])
-        of_r.append((slope / m.sigma[:, :, None])[there])
+        r.append(((value - m.values) / m.spread)[there])
+        of_r.append((slope / m.spread[:, :, None])[there])
     return np.concatenate(r), np.concatenate(of_r)
