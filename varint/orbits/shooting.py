@@ -25,8 +25,10 @@ from varint.orbits.phase import (
 )
 from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.system import System
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
-from varint.sensitivities.sweeps import Directions, carried, sweeper
+from varint.sensitivities.steps_at_once import Directions
+from varint.sensitivities.sweeps import carried
 
 CALLS = 100  # tangent maps that a search is expected to take, when it is decided what to compile
 STAGES, LOBATTO = 6, 5  # of the rules that orbits are found with: round-off in some 100 steps
