@@ -146,7 +146,8 @@ def repeated(orbit: Orbit, laps: int) -> Orbit:
     x = np.concatenate([orbit.at.x] * laps)
     for lap in range(laps):
         x[lap * s.segments : (lap + 1) * s.segments, :n] += lap * s.shift
-    shooting = replace(s, segments=laps * s.segments, shift=laps * s.shift)
+    parts = None if s.parts is None else np.tile(s.parts, laps) / laps
+    shooting = replace(s, segments=laps * s.segments, shift=laps * s.shift, parts=parts)
     at = orbit.at._replace(x=x, period=laps * orbit.period)
     return replace(orbit, shooting=shooting, at=at)
 

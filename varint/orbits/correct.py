@@ -30,6 +30,8 @@ HALVINGS = 10
 FINE = 1e-13  # in units: corrections that are round-off
 LOOSE = 1e-7  # of the change a correction makes: gaps no longer shrink, but are round-off by then
 CLOSED = 1e-9  # in units: gaps that round-off may leave, with the growth of a segment
+SETTLED = 1e-11  # in units: gaps this small close no further where corrections have stalled
+STALLED = 0.25  # of the correction before: Newton's converge quadratically until they are round-off
 FAR = 10.0  # in units: no correction is longer
 
 
@@ -145,7 +147,7 @@ def moved(wanted: Wanted, at: Iterate, linear: Linear, change: np.ndarray) -> It
     period, c = at.period + change[m * d] * wanted.period * shooting.autonomous, at.c.copy()
     if wanted.index is not None:
         c[wanted.index] += change[m * d + 1] * wanted.parameter
-    times = shooting.t0 + np.arange(m) * period / m
+    times = shooting.t0 + period * shooting.beginnings
     if np.isfinite(x).all():
         x = np.array([on_manifold(shooting.system, y, t, c) for y, t in zip(x, times, strict=True)])
     return Iterate(x, period, c)
@@ -161,15 +163,17 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
     """
     shooting, units = wanted.shooting, wanted.units
     pieces = runs(shooting, at)
-    merit = _merit(wanted, at, gaps(shooting, at, pieces, units))
+    merit, before = _merit(wanted, at, gaps(shooting, at, pieces, units)), np.inf
     for count in range(most + 1):
         linear = linearise(shooting, at, pieces, units, wanted.index)
         if merit == 0.0:
             return Corrected(at, linear, merit, count)
         steps = corrections(bordered(wanted, at, linear))
         length = float(np.abs(steps[0]).max())
-        if length <= FINE or (count == most and merit <= CLOSED and length <= LOOSE):
+        over = count == most or (merit <= SETTLED and length > STALLED * before)
+        if length <= FINE or (over and merit <= CLOSED and length <= LOOSE):
             return Corrected(at, linear, merit, count)
+        before = length
         if not np.isfinite(length) or count == most:
             break
         trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]

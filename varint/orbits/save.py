@@ -63,6 +63,8 @@ def save_orbits(
         parts = [one.at.x.ravel(), [one.at.period], one.at.c, one.units.length]
         numbers = np.concatenate([*parts, [one.units.action], one.numbers])
         arrays[f"orbit_{i}"] = numbers
+        if one.shooting.parts is not None:
+            arrays[f"parts_{i}"] = one.shooting.parts
     path = file_path(path)
     write_atomically(path, lambda file: write_archive(file, header, arrays, compress=True))
 
@@ -96,9 +98,21 @@ def read_orbits(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> list[S
         at = Iterate(x.reshape(segments, 2 * n), float(period[0]), c)
         if known is None:
             known = integrals(system, c, at.x[0, :n], None)
-        shooting = Shooting(system, rule, segments, each, t0, shift, known)
+        shooting = Shooting(
+            system, rule, segments, each, t0, shift, known, _parts(arrays, i, segments)
+        )
         found.append(Saved(shooting, at, Units(length, float(action[0])), rest))
     return found
+
+
+def _parts(arrays: dict[str, np.ndarray], i: int, segments: int) -> np.ndarray | None:
+    """Durations of the segments of an orbit, in periods, where they differ."""
+    if f"parts_{i}" not in arrays:
+        return None
+    parts = _row(arrays, f"parts_{i}", segments)
+    if not (parts > 0).all() or abs(parts.sum() - 1) > 1e-9:
+        raise InputError(f"the segments of orbit {i} do not make up a period")
+    return parts
 
 
 def _row(arrays: dict[str, np.ndarray], name: str, size: int) -> np.ndarray:

@@ -47,6 +47,8 @@ class Shooting:
     shift : ndarray (n,)
         What the coordinates have gained after a period: whole turns of angles.
     integrals : Integrals
+    parts : ndarray (segments,) or None
+        Durations of the segments in periods, so that steps are shorter in some; None: all alike.
     """
 
     system: System
@@ -56,10 +58,25 @@ class Shooting:
     t0: float
     shift: np.ndarray
     integrals: Integrals
+    parts: np.ndarray | None = None
 
     @property
     def steps(self) -> int:
         return self.segments * self.each
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Steps of the segments, in periods, (segments,)."""
+        if self.parts is None:
+            return np.full(self.segments, 1.0 / self.steps)
+        return self.parts / self.each
+
+    @property
+    def beginnings(self) -> np.ndarray:
+        """Where segments begin, in periods, (segments,)."""
+        if self.parts is None:
+            return np.arange(self.segments) / self.segments
+        return np.concatenate([[0.0], np.cumsum(self.parts)[:-1]])
 
     @property
     def autonomous(self) -> bool:
@@ -141,10 +158,11 @@ def runs(shooting: Shooting, at: Iterate) -> list[Piece]:
         If a step cannot be solved.
     """
     system, rule, n = shooting.system, shooting.rule, at.x.shape[1] // 2
-    h, each = at.period / shooting.steps, shooting.each
+    each, sizes = shooting.each, at.period * shooting.sizes
+    begin = shooting.t0 + at.period * shooting.beginnings
     found = []
     for i, x in enumerate(at.x):
-        t0 = shooting.t0 + i * each * h
+        h, t0 = float(sizes[i]), float(begin[i])
         held = np.empty((each, 1, 0))
         problem = InitialValueProblem(
             x[:n].copy(), x[n:].copy(), t0, h, each, 1, held, at.c, len(rule.nodes)
@@ -154,8 +172,8 @@ def runs(shooting: Shooting, at: Iterate) -> list[Piece]:
         t = t0 + h * np.arange(each + 1)
         v = velocities(system, nodes, t, at.c)
         controls = problem.controls(0, each)
-        sizes, kept = np.full(each, h), np.array([0, each])
-        found.append(Piece(0, 1, i * each, nodes, v, t[:-1], sizes, controls, kept))
+        steps, kept = np.full(each, h), np.array([0, each])
+        found.append(Piece(0, 1, 0, nodes, v, t[:-1], steps, controls, kept))
     return found
 
 
@@ -182,13 +200,12 @@ def linearise(
     """Tangent maps of all segments, by the run's own steps."""
     system, n = shooting.system, at.x.shape[1] // 2
     by = sweeper(system, shooting.rule, CALLS * shooting.steps, "auto")
-    times = shooting.t0 + np.arange(shooting.segments) * at.period / shooting.segments
+    times = shooting.t0 + at.period * shooting.beginnings
     frames = [frame(system, x, t, at.c, units) for x, t in zip(at.x, times, strict=True)]
     d = frames[0].into.shape[1]
     if any(one.into.shape[1] != d for one in frames):
         raise InputError("the rank of the constraints changes along the motion")
     outer = np.zeros((len(at.c) + 2, d + 2))
-    outer[-2, d] = 1.0 / shooting.steps
     if parameter is not None:
         outer[parameter, d + 1] = 1.0
     rows = []
@@ -196,6 +213,7 @@ def linearise(
         seed = np.zeros((2 * n, d + 2))
         seed[:, :d] = frames[i].into
         following = frames[(i + 1) % len(frames)]
+        outer[-2:, d] = shooting.sizes[i], shooting.beginnings[i]
         tangent = carried(by, piece, at.c, Directions(outer), seed)
         rows.append(following.onto @ tangent)
     whole = np.array(rows)
