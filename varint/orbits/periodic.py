@@ -43,6 +43,7 @@ WITHIN_REACH = {8: 1e-14, 4: 1e-9, 1: 1e-5}  # errors by the order of the rule
 ROUNDS = 3  # of refining the steps
 NEARLY = 1e-3  # in units: gaps that shorter steps may close
 CLOSED = 1e-12  # in units: what round-off may leave of x(T) − x(0)
+HELPS = 0.25  # of the error before: what more steps leave of it, unless it is round-off
 FAR = 0.5  # of its ranges: an orbit that begins this far from the guess
 MUCH = 1.5  # times the guessed period, or less by as much
 STILL = 1e-6  # of the guess's ranges: an orbit this small is an equilibrium
@@ -177,8 +178,8 @@ def _warn_if_far(found: Orbit, guess: Iterate) -> None:
 
 
 def refined(wanted: Wanted, at: Iterate, steps: int | None, tol: float) -> Orbit:
-    """The corrected orbit; with more steps where they were too long for it."""
-    searched = False
+    """The corrected orbit; with more steps where they were too long for it, as long as they help."""
+    searched, before = False, np.inf
     for trial in range(-1, ROUNDS + 1):
         try:
             orbit = orbit_of(wanted, correct(wanted, at))
@@ -193,6 +194,9 @@ def refined(wanted: Wanted, at: Iterate, steps: int | None, tol: float) -> Orbit
             fine = orbit.error_estimate <= 10 * tol and orbit.residual <= CLOSED
             if steps is not None or fine or trial == ROUNDS:
                 return orbit
+            if orbit.error_estimate > HELPS * before and orbit.residual <= CLOSED:
+                return orbit  # what is left is round-off
+            before = orbit.error_estimate
             at, wide = orbit.at, max(orbit.error_estimate / tol, 1.0)
             more = min(max(wide ** (1 / wanted.shooting.rule.order), 1.25), 2.0)
         each = int(np.ceil(wanted.shooting.each * more))

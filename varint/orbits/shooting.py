@@ -107,6 +107,8 @@ class Linear(NamedTuple):
         Independent gradients of the integrals at the first beginning.
     phases : ndarray (M, k, d)
         Directions of the flow and the symmetries at each beginning.
+    levels : ndarray (M, k, d)
+        The gradients of the same combinations at each beginning.
     """
 
     frames: list[Frame]
@@ -116,6 +118,7 @@ class Linear(NamedTuple):
     gaps: np.ndarray
     gradients: np.ndarray
     phases: np.ndarray
+    levels: np.ndarray
 
     @property
     def monodromy(self) -> np.ndarray:
@@ -221,16 +224,17 @@ def linearise(
     onto = [frames[(i + 1) % len(frames)].onto for i in range(len(frames))]
     apart = np.array([a @ b for a, b in zip(onto, left, strict=True)])
     flow = np.roll(whole[:, :, d], 1, axis=0)  # ∂x/∂T at the end of a segment begins the next
-    gradients, phases = _conserved(shooting, at, frames, flow)
-    return Linear(
-        frames, whole[:, :, :d], whole[:, :, d], whole[:, :, d + 1], apart, gradients, phases
-    )
+    gradients, phases, levels = _conserved(shooting, at, frames, flow)
+    maps, by_period, by_parameter = whole[:, :, :d], whole[:, :, d], whole[:, :, d + 1]
+    return Linear(frames, maps, by_period, by_parameter, apart, gradients, phases, levels)
 
 
 def _conserved(
     shooting: Shooting, at: Iterate, frames: list[Frame], flow: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Independent gradients at the first beginning, and the directions that change nothing."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Independent gradients at the first beginning, the directions that change nothing, and the
+    gradients of the same combinations everywhere.
+    """
     found = [
         shooting.integrals.gradients(x, at.c) @ one.into
         for x, one in zip(at.x, frames, strict=True)
@@ -238,12 +242,12 @@ def _conserved(
     size = np.linalg.norm(found[0], axis=1)
     kept = size > VANISHING * size.max(initial=0.0)
     first, held = independent(found[0][kept]), shooting.system.structure.nonholonomic
+    # the same combinations everywhere: those that span the gradients at the first beginning
+    mix = np.linalg.lstsq(found[0][kept].T, first.T, rcond=1e-9)[0].T if len(first) else np.eye(0)
+    levels = np.array([mix @ g[kept] for g in found]).reshape(len(frames), *first.shape)
     if len(first) and not held:
-        # the same combinations everywhere: those that span the gradients at the first beginning
-        mix = np.linalg.lstsq(found[0][kept].T, first.T, rcond=1e-9)[0].T
         fields = [
-            hamiltonian_fields(one.form, mix @ g[kept])
-            for one, g in zip(frames, found, strict=True)
+            hamiltonian_fields(one.form, rows) for one, rows in zip(frames, levels, strict=True)
         ]
     else:
         fields = [np.zeros((0, one.into.shape[1])) for one in frames]
@@ -251,7 +255,7 @@ def _conserved(
         fields = [np.vstack(pair) for pair in zip(fields, flow[:, None], strict=True)]
     phases = np.array(fields)
     size = np.linalg.norm(phases, axis=(0, 2))
-    return first, phases / np.where(size > 0, size, 1.0)[None, :, None]
+    return first, phases / np.where(size > 0, size, 1.0)[None, :, None], levels
 
 
 def is_finite(at: Iterate) -> bool:
