@@ -96,7 +96,7 @@ def test_lyapunov_orbits_lie_where_they_are_proved_to(space, which, guess, way):
 
 
 def test_small_multipliers_come_out_beside_large_ones(space):
-    """A halo orbit three times round: multipliers are cubes, 1.3e10 and its reciprocal among them."""
+    """A halo orbit three times round: multipliers are cubes, 1.3e10 and 7.6e-11 among them."""
     row = HALOS["halo L1 north, at its birth"]
     start = [row["x"], 0.0, row["z"]], [0.0, row["vy"], 0.0]
     once = orbits.periodic(space, start, period=row["period"], params=dict(mu=row["mu"]))

@@ -13,6 +13,7 @@ from varint.orbits.correct import (
     Wanted,
     bordered,
     correct,
+    driven_period,
     energy_row,
     no_row,
     period_row,
@@ -42,12 +43,16 @@ class Curve:
         "energy" or "period", held where a parameter is varied.
     value : float
         Its value.
+    drive : int
+        The power of the parameter that the period of a driven scene goes with: −1 of a driving
+        frequency, 1 of a driving period, 0 of others.
     """
 
     along: str
     index: int | None
     hold: str | None
     value: float
+    drive: int = 0
 
 
 class Direction(NamedTuple):
@@ -175,7 +180,13 @@ def null_directions(
     """
     rows = held_rows(curve, shooting, by)
     wanted = Wanted(
-        shooting, by.units, by.period, by.parameter, curve.index, rows or (lambda a, b: [])
+        shooting,
+        by.units,
+        by.period,
+        by.parameter,
+        curve.index,
+        rows or (lambda a, b: []),
+        curve.drive,
     )
     matrix = bordered(wanted, at, linear).matrix
     m, d = linear.by_period.shape
@@ -246,6 +257,7 @@ def predicted(orbit: Orbit, tangent: Direction, length: float, curve: Curve) -> 
     period, c = orbit.period + length * tangent.period, orbit.at.c.copy()
     if curve.index is not None:
         c[curve.index] += length * tangent.parameter
+        period = driven_period(period, orbit.at.c, c, curve.index, curve.drive)
     return Iterate(kept(orbit.shooting, x, period, c), period, c)
 
 
@@ -274,7 +286,7 @@ def at_value(orbit: Orbit, start: Iterate, value: float, curve: Curve, by: Measu
 
 def corrected(shooting: Shooting, start: Iterate, rows: Rows, curve: Curve, by: Measures) -> Orbit:
     """The orbit that fulfils the rows, near a start, in units of its own motion."""
-    wanted = Wanted(shooting, by.units, by.period, by.parameter, curve.index, rows)
+    wanted = Wanted(shooting, by.units, by.period, by.parameter, curve.index, rows, curve.drive)
     orbit = orbit_of(wanted, correct(wanted, start, NEWTON_STEPS))
     nodes = np.concatenate([piece.x for piece in runs(shooting, orbit.at)])
     return replace(orbit, units=units_of(nodes))

@@ -25,6 +25,7 @@ from varint.orbits.continuation import (
     scaled,
     stepped,
 )
+from varint.orbits.drive import drive_of
 from varint.orbits.guess import MODERATE, PIECES
 from varint.orbits.mesh import EACH
 from varint.orbits.orbit import Orbit
@@ -150,11 +151,11 @@ class Family:
         return family_figure(curve, across, self.periods, self.stable, marks, motions)
 
     def save(self, path: Any) -> None:
-        """Write all orbits to one compressed ``.npz`` file without pickle; `varint.load` reads it.
-        What was met is not written.
+        """Write all orbits, and what was met, to one compressed ``.npz`` file without pickle;
+        `varint.load` reads it.
         """
         words = {"along": self.along, "ended": self.ended}
-        save_orbits(path, "family", [saved_orbit(one) for one in self], words)
+        save_orbits(path, "family", [saved_orbit(one) for one in self], words, self.bifurcations)
 
 
 def parameter_index(orbit: Orbit, name: str) -> int:
@@ -191,7 +192,9 @@ def family(
         From `periodic`, `Bifurcation.branch`, or a mode by `NormalModes.orbit`: small amplitudes
         make a family of nonlinear normal modes.
     along : str
-        "energy" or "period" (the same curve), or a parameter, ``"mu"``, ``"mass[0]"``.
+        "energy" or "period" (the same curve), or a parameter, ``"mu"``, ``"mass[0]"``. Of a scene
+        that is driven the period goes with the parameter, where that is the frequency or the
+        period of the drive.
     to : float, optional
         Value at which it ends, with an orbit right there.
     increasing : bool
@@ -290,7 +293,9 @@ def _curve(orbit: Orbit, along: Any, hold: str) -> Curve:
         raise InputError(f"hold must be 'period' or 'energy', got {hold!r}")
     index = parameter_index(orbit, along)
     held = hold if known else None
-    return Curve(along, index, held, orbit.period if hold == "period" else orbit.energy)
+    drive = 0 if orbit.shooting.autonomous else drive_of(orbit, along, index)
+    value = orbit.period if hold == "period" else orbit.energy
+    return Curve(along, index, held, value, drive)
 
 
 def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 APART = 30.0  # ratio of absolute values of multipliers that are parted from each other
@@ -12,7 +14,7 @@ CONVERGED = 1e-14  # of directions: what is left of the fast ones among the slow
 def graded_spectrum(maps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors of maps[-1] ⋯ maps[0], (M, r, r).
 
-    A frame is carried round the product and made orthonormal after every map, Q_{i+1} R_i = Φ_i Q_i,
+    A frame is carried round the product and made orthonormal after each map, Q_{i+1} R_i = Φ_i Q_i,
     until the fast directions come back among themselves (orthogonal iteration, the periodic QR
     method of Benettin and of Bojanczyk, Golub & Van Dooren). Then the product is block triangular,
     and each block a product of triangular matrices, in which nothing is cancelled: an eigenvalue of
@@ -38,8 +40,7 @@ def graded_spectrum(maps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         turned[j:, :j] = turned[:j, j:] = 0.0
     matrix = turned @ whole
     values, vectors = np.zeros(r, dtype=complex), np.zeros((r, r), dtype=complex)
-    edges = [0, *cuts, r]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise([0, *cuts, r]):
         found, inner = np.linalg.eig(matrix[a:b, a:b])
         values[a:b] = found
         for j in range(b - a):

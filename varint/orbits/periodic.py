@@ -178,7 +178,7 @@ def _warn_if_far(found: Orbit, guess: Iterate) -> None:
 
 
 def refined(wanted: Wanted, at: Iterate, steps: int | None, tol: float) -> Orbit:
-    """The corrected orbit; with more steps where they were too long for it, as long as they help."""
+    """The corrected orbit; with more steps where they were too long for it, while they help."""
     searched, before = False, np.inf
     for trial in range(-1, ROUNDS + 1):
         try:
