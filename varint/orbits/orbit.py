@@ -136,8 +136,10 @@ class Orbit:
         pieces = runs(self.shooting, self.at)
         x = np.concatenate([pieces[0].x[:1], *(piece.x[1:] for piece in pieces)])
         k = np.arange(len(x))
-        sizes = self.period * np.repeat(self.shooting.sizes, self.shooting.each)
-        t = self.t0 + np.concatenate([[0.0], np.cumsum(sizes)])
+        s = self.shooting
+        sizes = self.period * np.repeat(s.sizes, s.each)
+        inside = s.beginnings[:, None] + s.sizes[:, None] * np.arange(s.each)
+        t = self.t0 + self.period * np.append(inside.ravel(), 1.0)
         none = None if first.active_set is None else np.zeros(len(x), dtype=int)
         u = np.empty((self.steps, 1, 0))
         made = replace(first, t=t, q=x[:, :n], p=x[:, n:], k=k, u=u, active_set=none)
