@@ -12,10 +12,10 @@ from varint.orbits.shooting import Iterate, gaps, is_finite, linearise, runs
 from varint.sensitivities.pieces import Piece
 
 CLOSE = 1e-3  # in units: gaps that Newton's method closes
-MOST_STEPS = 60
+MOST_STEPS = 40
 DAMPING, WEAKER, STRONGER = 1e-2, 0.2, 5.0  # of the largest singular value squared, and its changes
 WEAKEST, STRONGEST = 1e-12, 1e6
-LEAST = 1e-3  # relative gain of a step: less is a minimum that is no orbit
+LEAST = 1e-2  # relative gain of a step: less is a minimum that is no orbit
 
 
 def nearer(wanted: Wanted, at: Iterate) -> Iterate:
