@@ -10,6 +10,7 @@ from varint.errors import SolverError
 from varint.estimation.information import information
 from varint.estimation.noise import level_sigma
 from varint.estimation.problem import Estimation, Motion
+from varint.estimation.ray_rows import ray_row_count
 from varint.estimation.residuals import parameters_at, start_of
 from varint.estimation.result import Fit
 from varint.estimation.search import Minimum, sizes
@@ -55,7 +56,7 @@ def fit_of(minimum: Minimum, levels: dict[int, Free]) -> Fit:
         _residuals_by_measurement(p, found.r),
         in_words(p, told.open, size, z),
         float(found.r @ found.r),
-        len(found.r) - (p.many - len(told.open)),
+        len(found.r) - (p.many - len(told.open) - ray_row_count(p)),
         solved.converged,
         solved.steps,
         tuple(p.names[i] for i in np.flatnonzero(held[: p.many])),

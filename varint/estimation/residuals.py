@@ -14,6 +14,7 @@ from varint.errors import ConvergenceError
 from varint.estimation.begin import begun
 from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
+from varint.estimation.ray_rows import ray_rows
 from varint.estimation.sensors import observed, seen_by
 from varint.estimation.single_steps import single_steps
 from varint.integration.backend import kernel_for
@@ -128,7 +129,8 @@ def residuals(shoot: Shooter, z: np.ndarray) -> Residuals:
     prior[np.arange(len(which)), which] = 1 / p.prior[:, 2]
     r = [*(x[0] for x in parts), (z[which] - p.prior[:, 1]) / p.prior[:, 2]]
     of_r = [*(x[1] for x in parts), prior]
-    d, of_d = (np.concatenate([x[i] for x in parts]) for i in (2, 3))
+    rays = ray_rows(p, [start_of(p, m, e, z) for e, m in enumerate(p.motions)])
+    d, of_d = (np.concatenate([*(x[i] for x in parts), rays[i - 2]]) for i in (2, 3))
     signal = float(np.sqrt(sum(np.nansum((m.values / m.spread) ** 2) for m in measured)))
     nodes = tuple(x[4] for x in parts)
     return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, nodes, signal)

@@ -19,6 +19,7 @@ from varint.results.records import Costates, State
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import times_of
+from varint.scene.rays import make_nodes_unit
 from varint.scene.system import System, parameters_by_name
 
 if TYPE_CHECKING:
@@ -102,6 +103,9 @@ class Trajectory:
     sizes: np.ndarray | None = None
     origin: float | None = None
 
+    def __post_init__(self) -> None:
+        make_nodes_unit(self)
+
     phases = renamed_attribute("phases", "active_sets")
     phase = renamed_attribute("phase", "active_set")
 
@@ -161,9 +165,8 @@ class Trajectory:
         v = np.empty_like(self.q)
         for nodes, active_set in self._active_sets():
             velocity = velocity_function(active_set.scene(self.system))
-            v[nodes] = over_columns(
-                velocity, self.q[nodes], self.p[nodes], self.t[nodes, None], self.c
-            )[0]
+            args = self.q[nodes], self.p[nodes], self.t[nodes, None], self.c
+            v[nodes] = over_columns(velocity, *args)[0]
         return v
 
     def _active_sets(self) -> list[tuple[Any, ActiveSet]]:
