@@ -113,8 +113,8 @@ class Trajectory:
         return len(self.t)
 
     def __repr__(self) -> str:
-        what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
-        ends = f"t = {self.t[0]:g} … {self.t[-1]:g}"
+        names, ends = self.system.names, f"t = {self.t[0]:g} … {self.t[-1]:g}"
+        what = ", ".join(names[:4]) + (", …" if len(names) > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, {ends}, {self.rule})"
 
     def _repr_html_(self) -> str:
@@ -150,9 +150,8 @@ class Trajectory:
                 active_set=None if self.active_set is None else self.active_set[index],
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
-                solution=None
-                if hasattr(self.solution, "costates")
-                else self.solution,  # it belongs to the whole
+                # controls belong to the whole
+                solution=None if hasattr(self.solution, "costates") else self.solution,
             )
             if "v" in self.__dict__:  # once known, known of every part
                 part.__dict__["v"] = self.v[index]
@@ -461,7 +460,7 @@ class Trajectory:
         times = times_of(t)
         if not self.system.structure.controls:
             raise InputError("u_at(): the scene has no controls")
-        first, last = self.t[0], self.t[-1]
+        first, last = self.t[[0, -1]]
         slack = 1e-12 * max(abs(first), abs(last))
         if not ((times >= first - slack) & (times <= last + slack)).all():
             raise InputError(f"u_at() takes times from {first:g} to {last:g}, got {t!r}")
