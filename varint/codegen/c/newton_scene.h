@@ -8,14 +8,14 @@
     DO(REACH) DO(BAND_SIZE) DO(NONZEROS) DO(H) DO(HIDDEN_BELOW) DO(HIDDEN_REACH) DO(HIDDEN_NONZEROS) \
     DO(HIDDEN_SPEED) DO(HIDDEN_SIZE) DO(MATRIX_SIZE) DO(MOST_ITERATIONS)
 #define LIMITS(DO) \
-    DO(LAST_CORRECTION) DO(RESIDUAL_LIMIT) DO(SMALLEST)
+    DO(LAST_CORRECTION) DO(RESIDUAL_LIMIT) DO(SMALLEST) DO(FOLDED) DO(VANISHED)
 #define PLACES(DO) \
     DO(PERM) DO(AT) DO(HIDDEN_PERM) DO(HIDDEN_PLACES)
 #define TABLES(DO) \
     DO(POINTS) DO(AHEAD_VELOCITIES) DO(AHEAD_MULTIPLIERS) DO(AHEAD_ROWS)
 #define FUNCTIONS(DO) \
     DO(equations) DO(finish) DO(units) DO(speed) DO(kick) DO(sized) DO(hidden) DO(pulled) DO(slope) \
-    DO(checked) DO(independence)
+    DO(checked) DO(independence) DO(lengths)
 
 #define COUNT(name) int64_t name##_;
 #define LIMIT(name) double name##_;
@@ -58,6 +58,8 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define LAST_CORRECTION scene->LAST_CORRECTION_
 #define RESIDUAL_LIMIT scene->RESIDUAL_LIMIT_
 #define SMALLEST scene->SMALLEST_
+#define FOLDED scene->FOLDED_
+#define VANISHED scene->VANISHED_
 #define PERM scene->PERM_
 #define AT scene->AT_
 #define HIDDEN_PERM scene->HIDDEN_PERM_
@@ -77,6 +79,7 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define SLOPE_W scene->slope.registers
 #define CHECKED_W scene->checked.registers
 #define INDEPENDENCE_W scene->independence.registers
+#define LENGTHS_W scene->lengths.registers
 
 #define PREPARE(name) INLINE void name##_prepare(const double *c, double *w) { prepare_tape(&scene->name, c, w); }
 FUNCTIONS(PREPARE)
@@ -101,4 +104,5 @@ INLINE void hidden(In q, In p, In t, In w, double *b, double *jacobian) { CALL(h
 INLINE void pulled(In x, In q, In p, In t, In w, double *pull) { CALL(pulled, ARGUMENTS(x, q, p, t), pull); }
 INLINE void slope(In w, double *jacobian) { CALL(slope, 0, jacobian); }
 INLINE void checked(In q, In p, In t, In u, In w, double *remains) { CALL(checked, ARGUMENTS(q, p, t, u), remains); }
-INLINE void independence(In q, In t, In w, double *pivot, double *lengths) { CALL(independence, ARGUMENTS(q, t), pivot, lengths); }
+INLINE void independence(In q, In t, In w, double *pivot) { CALL(independence, ARGUMENTS(q, t), pivot); }
+INLINE void lengths(In q, In t, In w, double *squares) { CALL(lengths, ARGUMENTS(q, t), squares); }
