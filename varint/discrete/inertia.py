@@ -7,13 +7,13 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import call, is_definite
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 # smallest eigenvalue of the mass matrix, scaled to a unit diagonal, of a direction with inertia
 SINGULAR = 1e-13
 
 
-@per_system
+@per_scene
 def mass_function(system: System) -> ca.Function:
     """(q, v, t, c) → ∂²L/∂v², dense."""
     s = system

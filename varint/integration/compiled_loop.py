@@ -35,7 +35,7 @@ from varint.integration.state import NodeBlock, Passed, RunState
 from varint.numerics.progress import notice
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
-from varint.scene.system import System
+from varint.scene.system import System, per_scene
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
@@ -65,6 +65,7 @@ def native_kernel(system: System, rule: Rule) -> Kernel:
     return scheme_of(system, rule).native(system, rule)
 
 
+@per_scene
 def scheme_of(system: System, rule: Rule) -> Scheme:
     """Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss
     rules, which beats Newton's method by far except for the midpoint rule in few coordinates

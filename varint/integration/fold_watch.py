@@ -34,7 +34,7 @@ from varint.integration.steppers.stepper import state_layout
 from varint.numerics.arrays import call, over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel
@@ -189,7 +189,7 @@ def _up_to(block: NodeBlock, good: int) -> Iterator[NodeBlock]:
         )
 
 
-@per_system
+@per_scene
 def _rows_function(system: System) -> ca.Function:
     """(q, t, c) → the gradients of all rows."""
     s = system

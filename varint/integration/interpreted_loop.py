@@ -23,7 +23,7 @@ from varint.integration.state import NodeBlock, Passed, RunState
 from varint.integration.steppers.stepper import ITERATIONS, RESIDUAL, state_layout
 from varint.numerics.arrays import call, over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
 STEP_BY_STEP = 0  # instead of the nodes of the next block: single steps up to the next saved node
@@ -32,7 +32,7 @@ NESTED = {"base": 6}
 LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
 
 
-@per_system
+@per_scene
 def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
     """(x, u, t, h, c, scale) → states at `nodes` nodes, `every` steps apart."""
     stepper = plan(system, rule).build(system, rule)
@@ -89,7 +89,7 @@ def start_states(
     return RunState(x, scale, inertia, 0, largest_block(x[0]))
 
 
-@per_system
+@per_scene
 def beginning_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, typical, t, h, c) → x, typical sizes, and the inertia between them."""
     start, n = plan(system, rule).build(system, rule).start, system.structure.n

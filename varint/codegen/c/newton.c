@@ -3,10 +3,10 @@
    Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
    nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
-   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and
-   `finish` is a constant affine map of q and p that needs no unknowns; `checked` is the residual that it leaves. KICKED: half kicks stand
+   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and a step
+   is a constant affine map of q and p, see map.h. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
-   velocities too where HIDDEN_SPEED is set. */
+   velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see legendre.h. */
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
@@ -57,22 +57,29 @@ INLINE State state_in(double *at) {
 #define lengths NOT_NEEDED
 #define lengths_prepare NOT_NEEDED
 #endif
-#if !LINEAR || MAP
+#if !LINEAR
 #define slope NOT_NEEDED
 #define slope_prepare NOT_NEEDED
 #endif
 #if MAP
-#define mapped finish
-#define finished NOT_NEEDED
 #define equations NOT_NEEDED
 #define equations_prepare NOT_NEEDED
 #define units NOT_NEEDED
 #define units_prepare NOT_NEEDED
 #else
+#define affine NOT_NEEDED
+#define affine_prepare NOT_NEEDED
+#define driven NOT_NEEDED
+#define driven_prepare NOT_NEEDED
+#endif
 #define finished finish
-#define mapped NOT_NEEDED
-#define checked NOT_NEEDED
-#define checked_prepare NOT_NEEDED
+#if INVERTED
+#define speed_of NOT_NEEDED
+#define speed_prepare NOT_NEEDED
+#else
+#define speed_of speed
+#define legendre NOT_NEEDED
+#define legendre_prepare NOT_NEEDED
 #endif
 #if CLOSED || LINEAR
 #define residual_of equations
@@ -93,12 +100,16 @@ INLINE State state_in(double *at) {
 #define HIDDEN_AT (SIZED_AT + SIZED_W)
 #define PULLED_AT (HIDDEN_AT + HIDDEN_W)
 #define SLOPE_AT (PULLED_AT + PULLED_W)
-#define CHECKED_AT (SLOPE_AT + SLOPE_W)
-#define INDEPENDENCE_AT (CHECKED_AT + CHECKED_W)
+#define AFFINE_AT (SLOPE_AT + SLOPE_W)
+#define DRIVEN_AT (AFFINE_AT + AFFINE_W)
+#define LEGENDRE_AT (DRIVEN_AT + DRIVEN_W)
+#define INDEPENDENCE_AT (LEGENDRE_AT + LEGENDRE_W)
 #define LENGTHS_AT (INDEPENDENCE_AT + INDEPENDENCE_W)
 #define ALL_W (LENGTHS_AT + LENGTHS_W + 1)
 
 #include "band.h"
+#include "map.h"
+#include "legendre.h"
 
 /* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
 LARGE void correct(const double *jacobian, double *matrix, double *b) {
@@ -187,39 +198,49 @@ INLINE void guess(int known, double *const *y, const double *speed, double *next
     }
 }
 
+/* Where the momentum is not linear in v, row has a guess of v. */
 LARGE void save(double *row, const double *q, const double *p, double t, const double *w, double *matrix) {
     memcpy(row, q, N * sizeof(double)), memcpy(row + N, p, N * sizeof(double));
     if (HELD && HIDDEN_SPEED) {
         double x[H + 1];
         project(q, p, t, w, matrix, x);
-        speed(x, q, &t, w + SPEED_AT, row + 2 * N);
-    } else speed(q, p, &t, w + SPEED_AT, row + 2 * N);
+        speed_of(x, q, &t, w + SPEED_AT, row + 2 * N);
+    } else if (INVERTED) inverted(q, p, t, w + LEGENDRE_AT, row + 2 * N);
+    else speed_of(q, p, &t, w + SPEED_AT, row + 2 * N);
+}
+
+LARGE void save_afresh(double *row, const double *q, const double *p, double t, const double *w, double *matrix) {
+    if (INVERTED) ZEROS(row + 2 * N, N);
+    save(row, q, p, t, w, matrix);
 }
 
 #include "folds.h"
 
 /* What depends on parameters, step and sizes alone. */
 LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
-    finish_prepare(k, w + FINISH_AT), speed_prepare(k, w + SPEED_AT);
+    finish_prepare(k, w + FINISH_AT);
+    if (INVERTED) legendre_prepare(k, w + LEGENDRE_AT);
+    else speed_prepare(k, w + SPEED_AT);
     if (!MAP) {
         equations_prepare(k, w + EQUATIONS_AT), units_prepare(k, w + UNITS_AT);
         double size[Y];
         units(w + UNITS_AT, size);
         for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
-    } else checked_prepare(k, w + CHECKED_AT);
+    } else affine_prepare(k, w + AFFINE_AT), driven_prepare(k, w + DRIVEN_AT);
     if (KICKED) kick_prepare(k, w + KICK_AT);
     if (HELD) {
         sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT);
         pulled_prepare(k, w + PULLED_AT);
     }
     if (WATCHED) independence_prepare(k, w + INDEPENDENCE_AT), lengths_prepare(k, w + LENGTHS_AT);
-    if (LINEAR && !MAP) {
+    if (LINEAR) {
         double jacobian[NONZEROS + 1];
         slope_prepare(k, w + SLOPE_AT);
         slope(w + SLOPE_AT, jacobian);
         ZEROS(matrix, BAND_SIZE);
         for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
         factorise(Y, BELOW, REACH, matrix, pivots);
+        if (MAP) prepare_map(w, matrix, pivots);
     }
 }
 
@@ -276,7 +297,7 @@ int run(const RunArguments *a) {
     double *y[HISTORY + 1], unknowns[HISTORY + 1][Y]; /* y[0] is the step at hand, y[s] that of s steps ago */
     for (int s = 0; s <= HISTORY; s++) y[s] = unknowns[s];
     for (int s = 0; s < HISTORY; s++) COPY(y[s + 1], state.y + s * Y, Y);
-    save(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
+    save_afresh(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
     const int watched = WATCHED && a->notes;
     const Folds folds = {state.folds, state.folds + 1};
     int64_t noted = 0;
@@ -302,10 +323,10 @@ int run(const RunArguments *a) {
         }
         int64_t count = 0;
         if (MAP) {
-            mapped(q, p, &t, u, w + FINISH_AT, increment, gain);
+            mapped(matrix, q, p, t, u, w, increment, gain);
             count = 1;
             if ((int64_t)*state.age % WINDOW == 0) {
-                checked(q, p, &t, u, w + CHECKED_AT, remains);
+                checked(matrix, pivots, q, p, t, u, w, remains);
                 left = largest_of(remains);
             }
         } else for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
@@ -319,7 +340,7 @@ int run(const RunArguments *a) {
             *state.known = known > 1;
             if (known == 1) {
                 double row[3 * N];
-                save(row, q, p, t, w, matrix), COPY(state.speed, row + 2 * N, N);
+                save_afresh(row, q, p, t, w, matrix), COPY(state.speed, row + 2 * N, N);
             }
         }
         iterations += count;
@@ -350,6 +371,8 @@ int run(const RunArguments *a) {
             seen[d] = v > seen[d] ? v : seen[d], seen[N + d] = m > seen[N + d] ? m : seen[N + d];
             q[d] = q1[d], p[d] = p1[d], state.rest_q[d] = rest_q[d], state.rest_p[d] = rest_p[d];
         }
+        if (INVERTED && unsaved + 1 == a->save_every)
+            for (int d = 0; d < N; d++) rows[2 * N + d] = increment[d] * per_h;
         if (KICKED) COPY(state.force, after, N);
         if (!MAP) {
             double *const oldest = y[HISTORY];
@@ -374,7 +397,7 @@ int run(const RunArguments *a) {
             }
         }
     }
-    save(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
+    save_afresh(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
     *state.started = !status, *state.h = h;
     COPY(state.scale, scale, 2 * N), COPY(state.sizes, sizes, SIZES);
     for (int s = 0; s < HISTORY; s++) COPY(state.y + s * Y, y[s + 1], Y);

@@ -20,7 +20,7 @@ from varint.integration.steppers.stepper import (
     zeros,
 )
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene, per_system
 
 MOST_UNKNOWNS = 12  # the inverse is full: beyond, a sparse solve in every step is cheaper
 
@@ -36,7 +36,7 @@ def is_linear(system: System, rule: Rule) -> bool:
     )
 
 
-@per_system
+@per_scene
 def constant_slope(system: System, rule: Rule) -> bool:
     """Does the Jacobian of the equations of a step depend on nothing but step size and
     parameters?
