@@ -27,4 +27,4 @@ def native_newton(system: System, rule: Rule) -> Kernel:
     first = next(iter(functions.values()))
     heads = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)
     kernel = kernel_on((*heads, operations(*first)[0]), newton_loop(), block_of(members))
-    return replace(kernel, opening=x.opening)
+    return replace(kernel, opening=x.opening, rows=x.rows)

@@ -27,7 +27,7 @@ from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.kick_drift import kick_function
 from varint.discrete.legendre import HALVINGS, legendre_expressions, velocity_function
-from varint.discrete.row_independence import folds, pivot_and_lengths
+from varint.discrete.row_independence import FOLDED, VANISHED, folds, pivot_and_lengths
 from varint.discrete.scales import SMALLEST, scale_function
 from varint.discrete.shake_equations import eliminates_path, shake_equations
 from varint.discrete.shake_equations import hidden_functions as multiplier_parts
@@ -42,7 +42,7 @@ HISTORY = {1: 3, 2: 2, 3: 2}
 # the functions that c/newton.c calls, where the scene needs them
 CALLED = (
     "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
-    "affine", "driven", "legendre", "independence",
+    "affine", "driven", "legendre", "independence", "lengths",
 )  # fmt: skip
 NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
@@ -90,6 +90,7 @@ def newton_source(system: System, rule: Rule) -> Source:
         data,
         *(("nodes.c", "newton.c") if x.by_nodes else ("newton.c",)),
         opening=x.opening,
+        rows=x.rows,
         contraction=AS_WRITTEN,
     )
 
@@ -127,6 +128,11 @@ class Scheme:
     by_nodes: bool
     opening: Callable[..., np.ndarray]
 
+    @property
+    def rows(self) -> int:
+        """Constraint rows whose folds are noted."""
+        return self.counts["WATCHED"] * self.counts["VELOCITY_ROWS"]
+
 
 @kernel_per_system
 def newton_scheme(system: System, rule: Rule) -> Scheme:
@@ -155,7 +161,9 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         p = ca.SX.sym("p", s.n)
         functions["speed"] = [system.q, p, system.t], [velocity(system, p)]
     if folds(system):
-        functions["independence"] = [system.q, system.t], list(pivot_and_lengths(system))
+        pivot, lengths = pivot_and_lengths(system)
+        functions["independence"] = [system.q, system.t], [pivot]
+        functions["lengths"] = [system.q, system.t], [lengths**2]
     if eliminates:
         functions["kick"] = (
             [e.q, e.t, system.control],
@@ -181,6 +189,8 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             "LAST_CORRECTION": LAST_LINEAR_CORRECTION if solve.linear else LAST_CORRECTION,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
             "SMALLEST": SMALLEST,
+            "FOLDED": FOLDED,
+            "VANISHED": VANISHED,
         },
         _places(solve, projection),
         _tables(rule, solve),

@@ -7,6 +7,12 @@ import casadi as ca
 from varint.discrete.constraints import velocity_rows
 from varint.scene.system import System, per_scene
 
+# of the largest distance of a row from the others during the run: nearer ones have energies off by
+# 1e-6 to 10 of the kinetic energy, those that are farther none (four-bar linkages, all rules)
+FOLDED = 1e-6
+# of the row's gradient at the node before: where a constraint's curve crosses itself or ends
+VANISHED = 1e-6
+
 
 @per_scene
 def folds(system: System) -> bool:

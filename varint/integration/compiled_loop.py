@@ -31,7 +31,7 @@ from varint.integration.gears import (
 )
 from varint.integration.interpreted_loop import interpreted_blocks
 from varint.integration.problem import InitialValueProblem
-from varint.integration.state import NodeBlock, RunState
+from varint.integration.state import NodeBlock, Passed, RunState
 from varint.numerics.progress import notice
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
@@ -139,7 +139,7 @@ def compiled_blocks(
         # a composition has no other way; where an iteration fails or overflows Newton's method or
         # the interpreted loop may not
         goes_on = part.status != DONE and not explicit
-        if goes_on:
+        if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:
             wanted = max(wanted, good + 1)
@@ -160,8 +160,8 @@ def compiled_blocks(
             failed,
             iterations=part.iterations,
             after=after_it,
-            independence=part.independence,
             v=rows[:, 2],
+            passed=_passed(kernel, part),
         )
         if part.status == NOT_CONVERGED and kernel.opening and part.steps:
             # once more from there, with sizes looked up anew
@@ -182,6 +182,18 @@ def compiled_blocks(
             kernel = kernel_after(gears, seconds, per_step * (problem.steps - k))
             kernel = _above_rounding(system, kernel) if cautious else kernel
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+
+
+def _passed(kernel: Kernel, part: LoopResult) -> Passed | None:
+    """The last nodes of a part of a run of a scene that may fold, and what was noted."""
+    nodes, size = kernel.note
+    if not nodes:
+        return None
+    lately = part.carry[-nodes * size :].reshape(nodes, size)
+    lately = lately[np.argsort(lately[:, 0])]
+    lately = lately[lately[:, 0] >= 0]
+    k, _, q, p, _ = np.split(lately, np.cumsum([1, 1, kernel.n, kernel.n]), axis=1)
+    return Passed(k[:, 0].astype(int), q, p, part.notes)
 
 
 def _first_piece(kernel: Kernel, piloted: bool) -> int:

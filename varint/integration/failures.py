@@ -60,13 +60,13 @@ def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> 
     )
 
 
-def refusal(motion: Trajectory, step: int, why: str) -> ConvergenceError:
-    """The error of a step that cannot be done, whatever its size."""
+def refusal(motion: Trajectory, step: int, time: float, why: str) -> ConvergenceError:
+    """The error of a step that cannot be done, whatever its size, which begins at that time."""
     return ConvergenceError(
-        f"the step after t = {motion.t[-1]:g} (step {step}) cannot be done: {why}. "
+        f"the step after t = {time:g} (step {step}) cannot be done: {why}. "
         f"Error.trajectory has the {len(motion)} nodes before it",
         step=step,
-        time=float(motion.t[-1]),
+        time=time,
         residual=float("nan"),
         trajectory=motion,
         cause=why,

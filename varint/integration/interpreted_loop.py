@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 
+from varint.discrete.row_independence import folds
 from varint.discrete.scales import (
     SMALLEST,
     UNKNOWN,
@@ -18,7 +19,7 @@ from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.integration.cost import steps_at_once
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
-from varint.integration.state import NodeBlock, RunState
+from varint.integration.state import NodeBlock, Passed, RunState
 from varint.integration.steppers.stepper import ITERATIONS, RESIDUAL, state_layout
 from varint.numerics.arrays import call, over_columns
 from varint.rules.rule import Rule
@@ -118,18 +119,20 @@ def interpreted_blocks(
         count, every = next_block(at.k, problem.steps, problem.save_every, at.largest, most)
         if at.largest == STEP_BY_STEP:
             count = every = 1
-        total = count * every
+        total, whole = count * every, folds(system)
         times = problem.t0 + problem.h * np.arange(at.k, at.k + total)
-        function = rollout(system, rule, count, every)
-        states = call(function, at.x, problem.controls(at.k, total), times, h, problem.c, at.scale)[
-            0
-        ].reshape(count, -1)
+        function = rollout(system, rule, *((total, 1) if whole else (count, every)))
+        rolled = call(function, at.x, problem.controls(at.k, total), times, h, problem.c, at.scale)
+        states = rolled[0].reshape(total if whole else count, -1)
+        all_states, states = states, states[every - 1 :: every] if whole else states
         good = int(count_good_nodes(states))
         worst = float(states[good - 1, RESIDUAL]) if good else 0.0
         after = advance(at, states[:good], problem.h, every)
         counts = iterations_at(at.x, states[:good])
         failed = 0.0 if good == count else residual_of(states[good])
         k = at.k + every * np.arange(1, count + 1)
+        steps = all_states[: good * every]
+        passed = Passed(at.k + np.arange(1, len(steps) + 1), steps[:, layout.q], steps[:, layout.p])
         again = good < count and (good > 0 or count * every > 1 or not fresh)
         if again:
             k, count, fresh, failed = k[:good], good, every == 1, 0.0
@@ -148,7 +151,16 @@ def interpreted_blocks(
         q, p = states[:good, layout.q], states[:good, layout.p]
         total = int(counts[-1]) if good else 0
         yield NodeBlock(
-            k, q, p, worst, len(q), failed, iterations=total, after=after, counts=counts
+            k,
+            q,
+            p,
+            worst,
+            len(q),
+            failed,
+            iterations=total,
+            after=after,
+            counts=counts,
+            passed=passed if whole else None,
         )
         if good < count:
             return

@@ -42,7 +42,7 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, start_run, trajectory_of
-from varint.integration.run_distance import distance, ends_apart
+from varint.integration.run_distance import distance, distance_between_nodes, ends_apart
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import Course, run_twice, shows_its_error
 from varint.integration.walls import Failure, no_way_on, require_way_on
@@ -63,9 +63,11 @@ STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
 SAMPLES = 200  # nodes at which frequencies are looked at
-OTHER_STEPS = 1.25, 1.5  # times the steps of a run over forces that jump: two more draws
+# times the steps of a run over forces that jump, and how far its last step goes beyond the end:
+# runs of fewer steps cost less and err by more
+OTHER_STEPS = (0.87, 0.38), (0.77, -0.38), (0.67, 0.62), (0.81, -0.24), (0.73, 0.24), (0.93, -0.62)
+DRAWS = 3  # of them, that come to their end
 CHANCE = 1.5  # of the largest difference: the other runs err as well
-
 
 @dataclass(frozen=True, eq=False)
 class Choice:
@@ -129,10 +131,14 @@ def choose_steps(
 
     failures: list[Failure] = []  # since the last run that ended well
 
-    def trial(chosen: Rule, steps: int, part: int = 1, wanted: float = tol) -> Trajectory | None:
+    def trial(
+        chosen: Rule, steps: int, part: int = 1, wanted: float = tol, beyond: float = 0.0
+    ) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
         problem = problem._replace(
-            level=iteration_level(wanted, steps), steps=max(problem.steps // part, 1)
+            h=problem.h * (1 + beyond / steps),
+            level=iteration_level(wanted, steps),
+            steps=max(problem.steps // part, 1),
         )
         try:
             run = start_run(system, plan(system, chosen), problem, began, backend=backend)
@@ -272,16 +278,27 @@ def _luck(
 ) -> float:
     """Where a force jumps the error is what the place of the jump within its step makes of it, and
     two runs may agree by chance: the largest difference from runs of other numbers of steps.
+
+    Their steps are no whole part of the duration: a jump near a half, or a third of it is misplaced
+    alike by all that are. Dry friction does not let every number of steps through; where hardly
+    any does nothing is known.
     """
     if not _has_steps(system):
         return 0.0
-    largest = 0.0
-    for share in OTHER_STEPS:
-        many = rows * round(share * steps / rows)
-        other = trial(rule, many)
-        if other is not None:  # dry friction does not let every number of steps through
-            largest = max(largest, distance(motion, steps, other, many, scales))
-    return largest * CHANCE
+    others = [(round(share * steps), beyond) for share, beyond in OTHER_STEPS]
+    if rows > 1:  # controls have the times of their table
+        parts = dict.fromkeys(many // rows for many, _ in others)
+        whole = [*(x for x in parts if x), *(steps // rows + i for i in (1, 2, 3))]
+        others = [(rows * x, 0.0) for x in whole]
+    draws, apart = 0, 0.0
+    for many, beyond in others:
+        other = trial(rule, many, beyond=beyond)
+        if other is not None and np.isfinite(other.q).all():
+            apart = max(apart, distance_between_nodes(motion, other, scales))
+            draws += 1
+        if draws == DRAWS:
+            return apart * CHANCE
+    return math.inf
 
 
 @per_scene

@@ -608,7 +608,7 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
     carry->rate = r->change.rate, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)r->iterations;
     a->stats->most_iterations = (double)r->most_iterations, a->stats->contraction = r->slowest;
-    a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
+    a->stats->noted = 0;
     a->stats->residual = r->residual, a->stats->failed = status ? r->change.now : 0;
 }
 

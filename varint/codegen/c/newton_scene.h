@@ -8,14 +8,14 @@
     DO(REACH) DO(BAND_SIZE) DO(NONZEROS) DO(H) DO(HIDDEN_BELOW) DO(HIDDEN_REACH) DO(HIDDEN_NONZEROS) \
     DO(HIDDEN_SPEED) DO(HIDDEN_SIZE) DO(MATRIX_SIZE) DO(MOST_ITERATIONS) DO(LEGENDRE_ITERATIONS) DO(HALVINGS)
 #define LIMITS(DO) \
-    DO(LAST_CORRECTION) DO(RESIDUAL_LIMIT) DO(SMALLEST)
+    DO(LAST_CORRECTION) DO(RESIDUAL_LIMIT) DO(SMALLEST) DO(FOLDED) DO(VANISHED)
 #define PLACES(DO) \
     DO(PERM) DO(AT) DO(HIDDEN_PERM) DO(HIDDEN_PLACES)
 #define TABLES(DO) \
     DO(POINTS) DO(AHEAD_VELOCITIES) DO(AHEAD_MULTIPLIERS) DO(AHEAD_ROWS)
 #define FUNCTIONS(DO) \
     DO(equations) DO(finish) DO(units) DO(speed) DO(kick) DO(sized) DO(hidden) DO(pulled) DO(slope) \
-    DO(affine) DO(driven) DO(legendre) DO(independence)
+    DO(affine) DO(driven) DO(legendre) DO(independence) DO(lengths)
 
 #include "scene_members.h"
 #define N ((int)scene->N_)
@@ -55,6 +55,8 @@
 #define LAST_CORRECTION scene->LAST_CORRECTION_
 #define RESIDUAL_LIMIT scene->RESIDUAL_LIMIT_
 #define SMALLEST scene->SMALLEST_
+#define FOLDED scene->FOLDED_
+#define VANISHED scene->VANISHED_
 #define PERM scene->PERM_
 #define AT scene->AT_
 #define HIDDEN_PERM scene->HIDDEN_PERM_
@@ -76,6 +78,7 @@
 #define DRIVEN_W scene->driven.registers
 #define LEGENDRE_W scene->legendre.registers
 #define INDEPENDENCE_W scene->independence.registers
+#define LENGTHS_W scene->lengths.registers
 
 INLINE void residual_of(In y, In q, In p, In t, In u, In w, double *b) { CALL(equations, ARGUMENTS(y, q, p, t, u), b); }
 INLINE void residual_and_slope(In y, In q, In p, In t, In u, In w, double *b, double *jacobian) {
@@ -96,4 +99,5 @@ INLINE void driven(In t, In u, In w, double *parts) { CALL(driven, ARGUMENTS(t, 
 INLINE void legendre(In v, In q, In p, In t, In w, double *missing, double *correction) {
     CALL(legendre, ARGUMENTS(v, q, p, t), missing, correction);
 }
-INLINE void independence(In q, In t, In w, double *pivot, double *lengths) { CALL(independence, ARGUMENTS(q, t), pivot, lengths); }
+INLINE void independence(In q, In t, In w, double *pivot) { CALL(independence, ARGUMENTS(q, t), pivot); }
+INLINE void lengths(In q, In t, In w, double *squares) { CALL(lengths, ARGUMENTS(q, t), squares); }
