@@ -44,7 +44,13 @@ from varint.integration.rule_choice import (
 from varint.integration.run import collect, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
 from varint.integration.trajectories import Run, first_node
-from varint.integration.two_runs import Course, run_twice, shows_its_error
+from varint.integration.two_runs import (
+    STALLED,
+    Course,
+    rounding,
+    run_twice,
+    shows_its_error,
+)
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -58,7 +64,6 @@ FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 CAUTION = 0.75  # of the order that was seen is counted on
 SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
-STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 SAMPLES = 200  # nodes at which frequencies are looked at
 OTHER_STEPS = 1.25, 1.5  # times the steps of a run over forces that jump: two more draws
@@ -144,7 +149,8 @@ def choose_steps(
             found = _from_two_runs(system, own, tol, radians, trial, scale, stop is not None)
             if found:
                 return found
-        return _refine(system, own, start, tol, trial, start.steps * first, scale, stop is not None)
+        few = start.steps * first
+        return _refine(system, own, start, tol, radians, trial, few, scale, stop is not None)
 
 
 def _from_two_runs(
@@ -176,6 +182,7 @@ def _refine(
     rule: Rule,
     start: InitialValueProblem,
     tol: float,
+    radians: float,
     trial: Callable[..., Trajectory | None],
     steps: int,
     scale: Any,
@@ -204,13 +211,17 @@ def _refine(
         if ratio == 2 and last < math.inf:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
         before = steps, motion
+        rounded = rounding(apart, radians, steps)
         stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
+        if stalls and rounded == apart > tol:  # from now on it wanders
+            best = best and replace(best, estimate=max(best.estimate, apart))
+            break
         if stalls == PATIENCE:
             break
         if order is not None and apart < NO_DIGITS:
             counted = ratio ** (-CAUTION * order)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
-            estimate = max(apart * counted / (1 - counted), floor)
+            estimate = max(apart * counted / (1 - counted), rounded, floor)
             hidden = 0.0
             if estimate <= tol:
                 hidden = max(
