@@ -16,12 +16,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
@@ -43,6 +41,7 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run import collect, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
+from varint.integration.second_looks import Trial, luck, transient
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
     STALLED,
@@ -55,8 +54,7 @@ from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
-from varint.scene.structure import jumps
-from varint.scene.system import System, per_system
+from varint.scene.system import System
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
@@ -66,11 +64,6 @@ SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 SAMPLES = 200  # nodes at which frequencies are looked at
-OTHER_STEPS = 1.25, 1.5  # times the steps of a run over forces that jump: two more draws
-CHANCE = 1.5  # of the largest difference: the other runs err as well
-TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
-
-Trial = Callable[[Rule, int], Trajectory | None]  # (rule, steps) → the run; None where it failed
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +151,7 @@ def _from_two_runs(
     rule: Rule,
     tol: float,
     radians: float,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
     scale: Any,
     ends_early: bool,
 ) -> Choice | None:
@@ -183,7 +176,7 @@ def _refine(
     start: InitialValueProblem,
     tol: float,
     radians: float,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
     steps: int,
     scale: Any,
     ends_early: bool,
@@ -225,9 +218,9 @@ def _refine(
             hidden = 0.0
             if estimate <= tol:
                 hidden = max(
-                    _transient(trial, rule, steps, motion, scales),
+                    transient(trial, rule, steps, motion, scales),
                     missed_impulse(system, rule, motion, scales),
-                    _luck(system, trial, rule, start.steps, steps, motion, scales),
+                    luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
             found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
             if best is None or found.estimate < best.estimate:
@@ -256,53 +249,6 @@ def _resolves(motion: Trajectory) -> bool:
     some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
     fastest = frequencies(motion[some]).max(initial=0.0)
     return bool(abs(motion.h) * fastest < 1.0)
-
-
-def _transient(
-    trial: Callable[..., Trajectory | None],
-    rule: Rule,
-    steps: int,
-    motion: Trajectory,
-    scales: np.ndarray,
-) -> float:
-    """Error of the first nodes, which lie within the first step of a coarser run."""
-    few = min(TRANSIENT_STEPS, steps)
-    fine = trial(rule, steps * TRANSIENT_PARTS, steps // few)
-    if fine is None:
-        return math.inf
-    return distance(motion, 1, fine, TRANSIENT_PARTS, scales)
-
-
-def _luck(
-    system: System,
-    trial: Callable[..., Trajectory | None],
-    rule: Rule,
-    rows: int,
-    steps: int,
-    motion: Trajectory,
-    scales: np.ndarray,
-) -> float:
-    """Where a force jumps the error is what the place of the jump within its step makes of it, and
-    two runs may agree by chance: the largest difference from runs of other numbers of steps.
-    """
-    if not _has_steps(system):
-        return 0.0
-    largest = 0.0
-    for share in OTHER_STEPS:
-        many = rows * round(share * steps / rows)
-        other = trial(rule, many)
-        if other is not None:  # dry friction does not let every number of steps through
-            largest = max(largest, distance(motion, steps, other, many, scales))
-    return largest * CHANCE
-
-
-@per_system
-def _has_steps(system: System) -> bool:
-    """Whether forces or momenta have steps or kinks."""
-    s = system
-    state = ca.vertcat(s.q, s.v)
-    values = ca.vertcat(ca.gradient(s.lagrangian, state), s.force)
-    return jumps(values, ca.vertcat(state, s.t, s.control))
 
 
 def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:
