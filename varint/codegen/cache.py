@@ -15,19 +15,19 @@ import importlib.util
 import os
 import platform
 import shutil
-import signal
 import stat
-import subprocess
 import sys
-import tempfile
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from time import time
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from varint.codegen.built import newer_functions
 from varint.errors import VarintError
+
+if TYPE_CHECKING:
+    import subprocess
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math")
 # products and sums are fused as the source says, or wherever the compiler finds them
@@ -190,6 +190,10 @@ def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation |
         finished(work)
     if len(_AT_WORK) >= MOST_AT_WORK:
         return None
+    # these take as long to import as all else of a first run in the low gear
+    import subprocess
+    import tempfile
+
     folder, key = cache_folder(), _key(source, contraction)
     try:
         place = Path(tempfile.mkdtemp(prefix="varint-"))
@@ -218,6 +222,8 @@ def finished(work: Compilation) -> bool:
 
 @atexit.register
 def _end_work() -> None:
+    import signal
+
     while _AT_WORK:
         work = _AT_WORK.pop()
         with suppress(OSError):  # it has just ended
@@ -276,6 +282,9 @@ def _file_name(key: str, content: bytes) -> str:
 
 def _compile(source: str, folder: Path, key: str, contraction: str) -> ctypes.CDLL:
     """Compile outside the cache folder: what is interrupted leaves nothing in it."""
+    import subprocess
+    import tempfile
+
     command = compiler()
     assert command is not None
     with tempfile.TemporaryDirectory(prefix="varint-") as place:
@@ -322,6 +331,8 @@ def _store(content: bytes, folder: Path, key: str) -> Path:
         with suppress(FileNotFoundError):  # another process has just moved it into place
             if time() - old.stat().st_mtime > ABANDONED:
                 old.unlink()
+    import tempfile
+
     number, name = tempfile.mkstemp(dir=folder, prefix=PART)
     try:
         with os.fdopen(number, "wb") as file:
