@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from ctypes import addressof, c_char
 from dataclasses import dataclass
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -87,6 +88,8 @@ class LoopResult(NamedTuple):
         q, p, v of the node where the run ended, saved or not.
     carry : array
         Hand it to the next call to go on as if the run had not stopped.
+    seconds : float
+        Spent in the loop, whatever had to be built before.
     """
 
     rows: np.ndarray
@@ -100,6 +103,7 @@ class LoopResult(NamedTuple):
     independence: tuple[float, float, float] | None
     last: np.ndarray
     carry: np.ndarray
+    seconds: float
 
 
 def run_loop(
@@ -166,6 +170,7 @@ def run_loop(
     address = _address(block)
     controls = 0 if u is None else _address(u)
     results = (address + 8 * place for place in (rows, kept, stats))
+    began = perf_counter()
     status = kernel.entry(
         _ARGUMENTS.pack(
             steps,
@@ -182,6 +187,7 @@ def run_loop(
             kernel.scene,
         )
     )
+    seconds = perf_counter() - began
     _, done, iterations, largest, *told, near, far, shrunk = block[stats:last].tolist()
     end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
     table = block[rows:end].reshape(-1, 3, n)
@@ -189,7 +195,7 @@ def run_loop(
     looked = (near, far, shrunk) if far else None
     residual, failed, contraction = told
     ends = block[last:rows], block[kept:]
-    return LoopResult(table, status, *counts, residual, failed, contraction, looked, *ends)
+    return LoopResult(table, status, *counts, residual, failed, contraction, looked, *ends, seconds)
 
 
 def take_parts(
