@@ -1,6 +1,7 @@
 """Places to look at expressions: any that are not special.
 
-The generators of `random` are there at once; to import `numpy.random` takes longer than a short run.
+The generators of `random` are there at once; `numpy.random` takes longer to import than a short
+run.
 """
 
 from __future__ import annotations
