@@ -9,7 +9,7 @@ from base64 import b64decode, b64encode
 from pathlib import Path
 
 from blocks import Outcome, outcome
-from state import package_state, say
+from state import package_state, say, write_whole
 
 FORMAT = "text, figures on white and on black, formula, films"  # of what is kept
 
@@ -37,6 +37,7 @@ def outcomes(codes: list[str], page: str, scratch: Path) -> list[Outcome]:
         ]
     namespace: dict = {"__name__": "page"}
     results, started = [], time.perf_counter()
+    say(f"executing {page}")
     for k, code in enumerate(codes):
         try:
             results.append(outcome(code, namespace, f"{page}, block {k + 1}"))
@@ -45,7 +46,7 @@ def outcomes(codes: list[str], page: str, scratch: Path) -> list[Outcome]:
     say(f"executed {page}: {len(codes)} blocks in {time.perf_counter() - started:.1f} s")
     rows = [[x.text, _encoded(x.figures), x.formula, _encoded(x.films)] for x in results]
     kept.parent.mkdir(parents=True, exist_ok=True)
-    kept.write_text(json.dumps(rows), encoding="utf-8")
+    write_whole(kept, json.dumps(rows))
     return results
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import os
 import sys
 from functools import cache
 from pathlib import Path
@@ -14,7 +15,14 @@ ROOT = Path(__file__).resolve().parents[2]
 def write_if_changed(path: Path, text: str) -> None:
     """Leave an unchanged page's time stamp alone, so that it is not read again."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """A build that is interrupted leaves the file that was there, or none."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
 
 
 @cache

@@ -128,6 +128,67 @@ def test_a_compilation_that_is_killed_leaves_nothing_behind(home, tmp_path, monk
     assert not old.exists() and len(list(home.iterdir())) == 1
 
 
+@pytest.fixture
+def endless(tmp_path, monkeypatch):
+    """A compiler that starts another program, as they do, and comes to no end; where it says
+    which.
+    """
+    slow = tmp_path / "slow"
+    slow.write_text(
+        f"#!/bin/sh\nsleep 60 & echo $! > {tmp_path}/its\n"
+        f"touch ${{TMPDIR:-/tmp}}/half.s && mv {tmp_path}/its {tmp_path}/started\nwait\n"
+    )
+    slow.chmod(0o700)
+    monkeypatch.setenv("CC", str(slow))
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    return tmp_path / "started"
+
+
+WAIT = "while not os.path.exists(sys.argv[1]): time.sleep(0.02)\n"
+BEGIN = "cache.begin_compilation('')\n" + WAIT
+INTERRUPTED = (
+    f"def interrupt():\n    {WAIT}    os.kill(os.getpid(), signal.SIGINT)\n"
+    "threading.Thread(target=interrupt).start()\ncache.library('')\n"
+)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="programs of a shell, and their groups")
+@pytest.mark.parametrize("what", [BEGIN, INTERRUPTED], ids=["background", "interrupted"])
+def test_compilers_and_what_they_started_end_with_the_process(endless, what):
+    """At once: in the background it would hold up every script that ends before it."""
+    script = f"import os, signal, sys, threading, time\nfrom varint.codegen import cache\n{what}"
+    call = [sys.executable, "-c", script, str(endless)]
+    subprocess.run(call, stderr=subprocess.DEVNULL, timeout=30, check=False)
+    for _ in range(100):
+        if not _runs(int(endless.read_text())):
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail("the compiler's own child goes on")
+    assert list((endless.parent / "temporary").iterdir()) == []
+
+
+def _runs(number: int) -> bool:
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(number)], capture_output=True, text=True)
+    return state.stdout.strip()[:1] not in ("", "Z")
+
+
+def test_both_ways_to_compile_give_the_compiler_the_same_words(home, monkeypatch):
+    """Else a kernel would have other digits compiled at once than in the background."""
+    monkeypatch.setattr(cache, "newer_functions", lambda: False)
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(home.parent))
+    said = []
+    monkeypatch.setattr(cache, "start", lambda line, place: said.append(line))
+    monkeypatch.setattr(cache, "run", lambda line, *_: (said.append(line), (1, ""))[1])
+    monkeypatch.setattr(cache, "_AT_WORK", [])
+    cache.begin_compilation(SOURCE)
+    with pytest.raises(cache.CompileError):
+        cache.library(SOURCE)
+    background, at_once = ([x for x in line if "varint-" not in x] for line in said[:2])
+    assert background == at_once and "-DNO_NEWER_FUNCTIONS" in at_once
+
+
 def _full(*_):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -98,6 +98,18 @@ def test_set_points_and_parameters_change_at_run_time():
     assert found.q == pytest.approx(expected.q, abs=1e-7)
 
 
+def test_velocities_are_those_of_the_motion_when_the_mass_changes_on_the_way():
+    """Each plan begins with the velocity to which the motion came under the mass of before."""
+    _, phase = cart([])
+    motion, plans = vi.closed_loop(
+        vi.mpc(phase), [1.0], [0.5], 6, params=lambda t: dict(mass=1.0 + 10 * t)
+    )
+    starts = np.array([plan.v[0] for plan in plans])
+    assert [float(plan.parameters["mass"]) for plan in plans] == pytest.approx(1 + np.arange(6))
+    assert motion.v[:-1] == pytest.approx(starts, rel=1e-12)
+    assert motion.v[-1] == pytest.approx(plans[-1].v[1], rel=1e-7)
+
+
 def test_the_loop_moves_with_the_parameters_of_the_phase():
     _, phase = cart([], params=dict(mass=4.0))
     motion, plans = vi.closed_loop(vi.mpc(phase), [1.0], [0.0], 5)

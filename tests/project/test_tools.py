@@ -48,6 +48,22 @@ def test_a_page_is_executed_once_until_its_code_changes(tmp_path, capsys):
     assert again[1].text == "2\n" and "executed page" in capsys.readouterr().err
 
 
+def test_an_interrupted_build_leaves_no_torn_file(tmp_path, monkeypatch):
+    """What is kept is there whole or not at all: a torn page would end every later build."""
+
+    def half(path, text, **given):
+        with path.open("w") as file:
+            file.write(text[: len(text) // 2])
+        raise KeyboardInterrupt
+
+    codes = ["print(6 * 7)"]
+    with monkeypatch.context() as interrupted:
+        interrupted.setattr(Path, "write_text", half)
+        with pytest.raises(KeyboardInterrupt):
+            page_runs.outcomes(codes, "page", tmp_path)
+    assert [x.text for x in page_runs.outcomes(codes, "page", tmp_path)] == ["42\n"]
+
+
 def test_pictures_are_kept_as_they_were_drawn(tmp_path):
     codes = ["import matplotlib.pyplot as plt\nplt.plot([0, 1])\n# figure: a line upwards"]
     first = page_runs.outcomes(codes, "page", tmp_path)

@@ -191,17 +191,17 @@ def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation |
     if len(_AT_WORK) >= MOST_AT_WORK:
         return None
     # these take as long to import as all else of a first run in the low gear
-    import subprocess
     import tempfile
+
+    from varint.codegen.processes import start
 
     folder, key = cache_folder(), _key(source, contraction)
     try:
         place = Path(tempfile.mkdtemp(prefix="varint-"))
-        line = _command(place, source, contraction, LIBRARIES[0])
-        away = subprocess.DEVNULL
-        work = Compilation(subprocess.Popen(line, stdin=away, stdout=away, stderr=away), place, key)
+        process = start(_command(place, source, contraction, LIBRARIES[0]), place)
     except OSError as error:
         raise _no_room(folder, error) from None
+    work = Compilation(process, place, key)
     _AT_WORK.append(work)
     return work
 
@@ -222,16 +222,11 @@ def finished(work: Compilation) -> bool:
 
 @atexit.register
 def _end_work() -> None:
-    import signal
-
     while _AT_WORK:
+        from varint.codegen.processes import end
+
         work = _AT_WORK.pop()
-        with suppress(OSError):  # it has just ended
-            if hasattr(os, "killpg"):
-                os.killpg(work.process.pid, signal.SIGKILL)
-            else:
-                work.process.kill()
-        work.process.wait()
+        end(work.process)
         shutil.rmtree(work.place, ignore_errors=True)
 
 
@@ -285,38 +280,28 @@ def _compile(source: str, folder: Path, key: str, contraction: str) -> ctypes.CD
     import subprocess
     import tempfile
 
+    from varint.codegen.processes import run
+
     command = compiler()
     assert command is not None
-    with tempfile.TemporaryDirectory(prefix="varint-") as place:
-        text, result = Path(place) / "kernel.c", Path(place) / "kernel.so"
-        text.write_text(source)
+    with tempfile.TemporaryDirectory(prefix="varint-", ignore_cleanup_errors=True) as name:
+        place = Path(name)
         for libraries in LIBRARIES:
-            line = [
-                *command,
-                *FLAGS,
-                contraction,
-                *SHARED,
-                str(text),
-                "-o",
-                str(result),
-                *libraries,
-            ]
+            line = _command(place, source, contraction, libraries)
             try:
-                done = subprocess.run(
-                    line, capture_output=True, text=True, timeout=SLOWEST_COMPILATION
-                )
+                code, said = run(line, place, SLOWEST_COMPILATION)
             except (OSError, subprocess.TimeoutExpired) as error:
                 raise CompileError(
                     f"the C compiler {command[0]} could not be run: {error}"
                 ) from None
-            if done.returncode == 0:
-                path = _store((Path(place) / RESULT).read_bytes(), folder, key)
+            if code == 0:
+                path = _store((place / RESULT).read_bytes(), folder, key)
                 try:
                     return ctypes.CDLL(str(path))  # under its last name: it may not be renamed now
                 except OSError as error:
                     path.unlink(missing_ok=True)
-                    done.stderr += f"\nerror: {error}"
-    errors = "\n".join(x for x in done.stderr.splitlines() if "error" in x)[:500]
+                    said += f"\nerror: {error}"
+    errors = "\n".join(x for x in said.splitlines() if "error" in x)[:500]
     raise CompileError(
         f"the C compiler {' '.join(command)} refused the generated code; use "
         f'backend="interpreted"\n{errors}'

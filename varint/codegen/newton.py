@@ -38,11 +38,7 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 # steps that start values are continued from, by degree; else 1: more amplifies round-off
-HISTORY = {
-    1: 3,
-    2: 2,
-    3: 2,
-}
+HISTORY = {1: 3, 2: 2, 3: 2}
 # the functions that c/newton.c calls, where the scene needs them
 CALLED = (
     "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
@@ -83,9 +79,8 @@ def newton_source(system: System, rule: Rule) -> Source:
     """The C source of `newton_kernel`."""
     x = newton_scheme(system, rule)
     data = "".join(c_table("int", name, map(str, t.tolist())) for name, t in x.places.items())
-    data += "".join(
-        c_table("double", name, map(float.hex, t.tolist())) for name, t in x.tables.items()
-    )
+    numbers = {name: map(float.hex, t.tolist()) for name, t in x.tables.items()}
+    data += "".join(c_table("double", name, table) for name, table in numbers.items())
     return source_of(
         x.about,
         system,

@@ -13,6 +13,7 @@ from varint.control.controller import Controller
 from varint.control.guess import build_start
 from varint.control.phase import Phase, start_of
 from varint.control.problem import transcribe
+from varint.discrete.lagrangian import point_function
 from varint.errors import InputError, SolverError
 from varint.integration.simulate import simulate
 from varint.nlp.solver import choose_backend
@@ -116,7 +117,8 @@ def closed_loop(
     Returns
     -------
     motion : Trajectory
-        ``u`` holds the controls applied.
+        ``u`` holds the controls applied. Where ``params`` change with time its parameters are those
+        at its start, and its momenta those of its velocities with them.
     plans : list of Trajectory
         Where bounds on states had to be violated, ``stats["softened"]`` says by how much.
 
@@ -186,6 +188,10 @@ def _rest(phase) -> np.ndarray:
 
 
 def _join(nodes: list[Trajectory], u: np.ndarray, h: float) -> Trajectory:
-    k = np.arange(len(nodes))
+    k, first = np.arange(len(nodes)), nodes[0]
     q, p = (np.concatenate([getattr(node, x) for node in nodes]) for x in "qp")
-    return replace(nodes[0], t=h * k, q=q, p=p, k=k, u=u, h=h)
+    for i, node in enumerate(nodes):
+        if not np.array_equal(node.c, first.c):  # a motion has one set of parameters
+            moving = point_function(first.system)(node.q[-1], node.v[-1], 0, node.t[-1], first.c)
+            p[i] = np.asarray(moving[1]).ravel()
+    return replace(first, t=h * k, q=q, p=p, k=k, u=u, h=h)

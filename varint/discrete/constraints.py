@@ -43,6 +43,7 @@ def with_active_rows(system: System, rows: tuple[int, ...], active: tuple[int, .
         params=s.params,
         t=s.t,
         kinetics=s.kinetics,
+        rays=s.rays,
     )
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -31,7 +31,7 @@ from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
 from varint.integration.failures import frequencies
-from varint.integration.hidden import missed_impulse
+from varint.integration.hidden import Trial, missed_impulse, missed_transient
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.rule_choice import (
@@ -45,6 +45,7 @@ from varint.integration.run import collect, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import Course, run_twice, shows_its_error
+from varint.integration.walls import Failure, no_way_on, require_way_on
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -60,12 +61,10 @@ SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
+CERTAIN = 2  # times, where there were digits already and nothing jumps
 SAMPLES = 200  # nodes at which frequencies are looked at
 OTHER_STEPS = 1.25, 1.5  # times the steps of a run over forces that jump: two more draws
 CHANCE = 1.5  # of the largest difference: the other runs err as well
-TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
-
-Trial = Callable[[Rule, int], Trajectory | None]  # (rule, steps) → the run; None where it failed
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +109,8 @@ def choose_steps(
     ------
     InputError
         If tol is out of range, or no number of steps leads through the whole duration.
+    ConvergenceError
+        If the motion ends before, whatever the steps.
     """
     if not LEAST_TOL <= tol <= MOST_TOL:
         raise InputError(
@@ -126,6 +127,8 @@ def choose_steps(
         by_stages = runs_by_stages(system, gauss(8), backend)
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
+    failures: list[Failure] = []  # since the last run that ended well
+
     def trial(chosen: Rule, steps: int, part: int = 1, wanted: float = tol) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
         problem = problem._replace(
@@ -133,9 +136,12 @@ def choose_steps(
         )
         try:
             run = start_run(system, plan(system, chosen), problem, began, backend=backend)
-            return collect(run, stop=stop, progress=False)
-        except ConvergenceError:
+            motion = collect(run, stop=stop, progress=False)
+        except ConvergenceError as error:
+            failures.append((steps, error))
             return None
+        failures.clear()
+        return motion
 
     first = 2 ** max(3, math.ceil(math.log2(max(radians / RADIANS, 1.0))))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
@@ -144,7 +150,10 @@ def choose_steps(
             found = _from_two_runs(system, own, tol, radians, trial, scale, stop is not None)
             if found:
                 return found
-        return _refine(system, own, start, tol, trial, start.steps * first, scale, stop is not None)
+        failures.clear()
+        return _refine(
+            system, own, start, tol, trial, failures, start.steps * first, scale, stop is not None
+        )
 
 
 def _from_two_runs(
@@ -152,7 +161,7 @@ def _from_two_runs(
     rule: Rule,
     tol: float,
     radians: float,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
     scale: Any,
     ends_early: bool,
 ) -> Choice | None:
@@ -176,7 +185,8 @@ def _refine(
     rule: Rule,
     start: InitialValueProblem,
     tol: float,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
+    failures: Sequence[Failure],
     steps: int,
     scale: Any,
     ends_early: bool,
@@ -189,6 +199,7 @@ def _refine(
     while steps <= most:
         motion, runs = trial(rule, steps), runs + 1
         if motion is None or not np.isfinite(motion.q).all():
+            require_way_on(failures, start.h * start.steps, jumps=_has_steps(system))
             before, apart, order, steps = None, math.inf, None, 2 * steps
             continue
         if before is None:
@@ -205,7 +216,8 @@ def _refine(
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
         before = steps, motion
         stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
-        if stalls == PATIENCE:
+        sure = best is not None and apart < NO_DIGITS and not _has_steps(system)
+        if stalls == (CERTAIN if sure else PATIENCE):
             break
         if order is not None and apart < NO_DIGITS:
             counted = ratio ** (-CAUTION * order)
@@ -214,7 +226,7 @@ def _refine(
             hidden = 0.0
             if estimate <= tol:
                 hidden = max(
-                    _transient(trial, rule, steps, motion, scales),
+                    missed_transient(trial, rule, steps, motion, scales),
                     missed_impulse(system, rule, motion, scales),
                     _luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
@@ -233,10 +245,12 @@ def _refine(
         best = Choice(rule, *before, apart, runs, False)  # no digit is certain: it says so
     if best is not None:
         return replace(best, reached=False, runs=runs)
+    if failures:
+        raise no_way_on(failures, _has_steps(system))
     raise InputError(
         f"no number of steps up to {most:.0g} by {rule} leads through the duration "
-        f"{start.h * start.steps:g}: the motion is not defined all the way; take a shorter "
-        "duration, or give h to see where it ends"
+        f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
+        "to see where it ends"
     )
 
 
@@ -247,24 +261,9 @@ def _resolves(motion: Trajectory) -> bool:
     return bool(abs(motion.h) * fastest < 1.0)
 
 
-def _transient(
-    trial: Callable[..., Trajectory | None],
-    rule: Rule,
-    steps: int,
-    motion: Trajectory,
-    scales: np.ndarray,
-) -> float:
-    """Error of the first nodes, which lie within the first step of a coarser run."""
-    few = min(TRANSIENT_STEPS, steps)
-    fine = trial(rule, steps * TRANSIENT_PARTS, steps // few)
-    if fine is None:
-        return math.inf
-    return distance(motion, 1, fine, TRANSIENT_PARTS, scales)
-
-
 def _luck(
     system: System,
-    trial: Callable[..., Trajectory | None],
+    trial: Trial,
     rule: Rule,
     rows: int,
     steps: int,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -24,8 +24,12 @@ from varint.scene.parameters import (
     parameters_of,
     values_by_name,
 )
+from varint.scene.rays import Rays, checked_rays
 from varint.scene.structure import Structure, structure_of
 from varint.scene.validation import check_symbols, expression, restitution_of, symbols
+
+if TYPE_CHECKING:
+    from varint.typeset.equations import Equations
 
 
 def coordinates(*names: str) -> tuple[ca.SX, ca.SX]:
@@ -155,6 +159,10 @@ class System:
     kinetics : Kinetics, optional
         What the scene knows of its Lagrangian besides the expression: a mass matrix and an inverse
         Legendre transform that cost less than those derived from it. `varint.multibody` gives them.
+    rays : sequence of sequences of int, optional
+        Groups of coordinates of which only the ratio matters, as unit quaternions: L is unchanged
+        by q → λ q, v → λ v in each. No constraint holds their length; motions have unit vectors at
+        their nodes. `varint.multibody` gives them.
 
     Raises
     ------
@@ -187,6 +195,7 @@ class System:
     params: Parameters | None = None
     t: Any = None
     kinetics: Kinetics | None = None
+    rays: Rays = ()
 
     def __init__(
         self,
@@ -203,6 +212,7 @@ class System:
         params: Parameters | ParameterValues | None = None,
         t: ca.SX | None = None,
         kinetics: Kinetics | None = None,
+        rays: Sequence[Sequence[int]] = (),
     ):
         q, v = symbols("q", q), symbols("v", v)
         n = q.numel()
@@ -244,6 +254,7 @@ class System:
         }
         check_symbols(self.q, self.v, self.t, self.control, self.c, parts)
         object.__setattr__(self, "restitution", restitution_of(restitution, self.contact.numel()))
+        object.__setattr__(self, "rays", checked_rays(rays, self))
         if kinetics is not None:
             check_kinetics(self)
 
@@ -300,6 +311,13 @@ class System:
     def energy(self) -> ca.SX:
         """Energy H = v·∂L/∂v − L as an expression of q, v, t."""
         return ca.dot(self.v, self.momentum) - self.lagrangian
+
+    @property
+    def equations(self) -> Equations:
+        """Euler–Lagrange equations, momenta, energy … to be read, by `varint.equations`."""
+        from varint.typeset.equations import equations
+
+        return equations(self)
 
     @cached_property
     def mass_matrix(self) -> ca.SX:

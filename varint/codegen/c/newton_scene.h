@@ -1,6 +1,6 @@
 /* A scene and the equations of its step as data, in place of the definitions and functions of generated source.
 
-   tape.h stands before this file. varint/codegen/newton_core.py has the same layout and reads the names here. */
+   tape.h stands before this file. varint/codegen/native_newton.py reads the names here. */
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
     DO(N) DO(NU) DO(NODES) DO(Y) DO(C) DO(SIZES) DO(HISTORY) DO(DEGREE) DO(PATH) DO(MULTIPLIERS) \
@@ -17,14 +17,7 @@
     DO(equations) DO(finish) DO(units) DO(speed) DO(kick) DO(sized) DO(hidden) DO(pulled) DO(slope) \
     DO(affine) DO(driven) DO(legendre) DO(independence)
 
-#define COUNT(name) int64_t name##_;
-#define LIMIT(name) double name##_;
-#define PLACE(name) const int *name##_;
-#define TABLE(name) const double *name##_;
-#define FUNCTION(name) Tape name;
-typedef struct { COUNTS(COUNT) LIMITS(LIMIT) PLACES(PLACE) TABLES(TABLE) FUNCTIONS(FUNCTION) } Scene;
-static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec"))); /* of the run that is going on */
-
+#include "scene_members.h"
 #define N ((int)scene->N_)
 #define NU ((int)scene->NU_)
 #define NODES ((int)scene->NODES_)
@@ -84,11 +77,6 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define LEGENDRE_W scene->legendre.registers
 #define INDEPENDENCE_W scene->independence.registers
 
-#define PREPARE(name) INLINE void name##_prepare(const double *c, double *w) { prepare_tape(&scene->name, c, w); }
-FUNCTIONS(PREPARE)
-#define ARGUMENTS(...) (const double *const[]){__VA_ARGS__}
-#define CALL(name, arguments, ...) evaluate_tape(&scene->name, arguments, (double *const[]){__VA_ARGS__}, 1, w)
-typedef const double *In;
 INLINE void residual_of(In y, In q, In p, In t, In u, In w, double *b) { CALL(equations, ARGUMENTS(y, q, p, t, u), b); }
 INLINE void residual_and_slope(In y, In q, In p, In t, In u, In w, double *b, double *jacobian) {
     CALL(equations, ARGUMENTS(y, q, p, t, u), b, jacobian);
