@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from varint.drawing.sketch import Sketch
     from varint.ensembles.ensemble import ensemble
     from varint.ensembles.result import Ensemble
+    from varint.estimation.estimate import Estimate, Estimator
     from varint.estimation.fit import fit
     from varint.estimation.measurement import Experiment, Measurement
-    from varint.estimation.mhe import Estimate, Estimator, mhe
+    from varint.estimation.mhe import mhe
     from varint.estimation.profile import Profile
     from varint.estimation.result import Fit
     from varint.explorer.play import play
@@ -179,8 +180,8 @@ _LATER = {
     "closed_loop": "varint.control.mpc",
     "control_rate": "varint.scene.control_rate",
     "massless_limit": "varint.scene.massless_limit",
-    "Estimate": "varint.estimation.mhe",
-    "Estimator": "varint.estimation.mhe",
+    "Estimate": "varint.estimation.estimate",
+    "Estimator": "varint.estimation.estimate",
     "Experiment": "varint.estimation.measurement",
     "mhe": "varint.estimation.mhe",
     "Fit": "varint.estimation.result",

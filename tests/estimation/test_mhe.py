@@ -158,6 +158,61 @@ def test_a_horizon_bears_outliers_with_hubers_loss():
     assert off[0] < 0.02 < off[1]
 
 
+@pytest.mark.parametrize("disturbance", [0.0, np.array([0.03, 0.05])], ids=["none", "some"])
+@pytest.mark.parametrize("horizon", [20, 2])
+def test_two_masses_on_one_rod_are_estimated_as_the_one_body_that_they_are(horizon, disturbance):
+    """x − y = ½ for masses 1 and 2: momenta added along the constraint are s (1, 2), of length
+    s √(1/σ_x² + 4/σ_y²) in σ, and 3 s together.
+    """
+    rule, rng = vi.lobatto(2), np.random.default_rng(4)
+    q, v = vi.coordinates("x", "y")
+    potential = 1.5 * q[0] ** 2 + 0.5 * (q[1] - 0.1) ** 2
+    kinetic = (v[0] ** 2 + 2 * v[1] ** 2) / 2
+    rod = vi.System(q, v, kinetic - potential, constraint=q[0] - q[1] - 0.5)
+    x, w = vi.coordinates("x")
+    body = vi.System(x, w, 3 * w**2 / 2 - 1.5 * x**2 - 0.5 * (x - 0.6) ** 2)
+    of_body = 0.0
+    if np.any(disturbance):
+        of_body = 3 / np.sqrt((np.array([1, 2]) ** 2 / disturbance**2).sum())
+    y = np.sin(0.3 * np.arange(16)) + 0.1 * rng.normal(size=16)
+    given = dict(h=H, horizon=horizon, sigma=0.1)
+    one = vi.mhe(
+        rod, rule, measured=q[1], q0=[0.7, 0.2], v0=[0, 0], disturbance=disturbance, **given
+    )
+    two = vi.mhe(body, rule, measured=x - 0.5, q0=0.7, v0=0, disturbance=of_body, **given)
+    found = wanted = None
+    for value in y:
+        found, wanted = one(value, previous=found), two(value, previous=wanted)
+    assert found.q[0] - found.q[1] == pytest.approx(0.5, abs=1e-12)
+    assert found.v[0] == pytest.approx(found.v[1], abs=1e-12)
+    assert found.q[0] == pytest.approx(wanted.q[0], abs=1e-9)
+    assert found.v[0] == pytest.approx(wanted.v[0], abs=1e-9)
+    along = np.ix_([0, 2], [0, 2])
+    assert np.allclose(found.covariance[along], wanted.covariance, rtol=1e-7)
+
+
+def test_a_pendulum_on_a_circle_is_found_from_its_shadow():
+    model, rule = vi.models.pendulum_cartesian(), vi.lobatto(3)
+    true = vi.simulate(model.system, rule, q0=model.q0, v0=model.v0, h=0.05, steps=9)
+    x = model.system.q[0]
+    guess = dict(q0=true.q[0] + [0.0, 1e-3], v0=[0.1, 0.0])
+    look = vi.mhe(model.system, rule, h=0.05, horizon=5, measured=x, sigma=1e-3, **guess)
+    estimate = None
+    for k, value in enumerate(true.q[:, 0]):
+        estimate = look(value, previous=estimate)
+        if k > 2:
+            off = np.hstack([estimate.q - true.q[k], estimate.v - true.v[k]])
+            assert np.abs(off).max() < 1e-8
+    c = vi.Parameters(length=1.0)
+    q, v = vi.coordinates("x", "y")
+    rope = vi.System(q, v, ca.sumsqr(v) / 2, constraint=ca.sumsqr(q) - c.length**2, params=c)
+    given = dict(h=0.1, horizon=3, measured=q[0], sigma=0.1, q0=[1, 0], v0=[0, 1])
+    with pytest.raises(vi.InputError, match=r"constraints depend on.*length"):
+        vi.mhe(rope, unknown=["length"], **given)
+    with pytest.raises(vi.InputError, match="all coordinates or for none"):
+        vi.mhe(rope, disturbance=[0.1, 0.0], **given)
+
+
 def test_what_is_no_estimator_is_refused_in_words():
     system, _ = pendulum()
     good = dict(h=0.1, horizon=5, measured=system.q, sigma=0.1, q0=0.0, v0=0.0)

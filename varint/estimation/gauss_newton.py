@@ -17,6 +17,7 @@ from varint.errors import ConvergenceError
 STEPS = 100  # of Gauss–Newton; what converges at all takes some ten, large residuals more
 SETTLED = 1e-11  # relative change of the unknowns that ends the iteration, once applied
 ROUGH = 1e-7  # relative change below which round-off may keep steps from getting shorter
+IDLE = 3  # so small steps that get no shorter end it: round-off
 TRIALS = 12  # steps from one point, each a quarter as long as the one before
 LIGHTEST = 1e-8  # of the longest column of derivatives: shorter ones are taken for this much
 ENOUGH = 0.1  # of the promised decrease of the loss
@@ -176,6 +177,7 @@ def solve(
             residual=float("nan"),
         )
     held, radius = np.zeros(len(z), dtype=bool), np.inf
+    least, idle = np.inf, 0  # the shortest step so far, and how many since were no shorter
     for count in range(1, STEPS + 1):
         size = sizes(z)
         linear, unit = _linearised(found, size, huber)
@@ -198,7 +200,8 @@ def solve(
             return Solved(z, found, count, False, held)
         z, found = best
         radius = np.inf if delta is whole else 4 * length(linear, delta)
-        if moved <= SETTLED:
+        least, idle = (moved, 0) if moved < least else (least, idle + 1)
+        if moved <= SETTLED or (moved <= ROUGH and idle >= IDLE):
             return Solved(z, found, count, True, held)
     return Solved(z, found, STEPS, moved <= ROUGH, held)
 

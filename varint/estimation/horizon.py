@@ -8,13 +8,15 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError
-from varint.estimation.gauss_newton import huber_weights
+from varint.estimation.gauss_newton import huber_weights, null_space
 from varint.estimation.residuals import Residuals
 from varint.estimation.sensors import seen_by
 from varint.estimation.single_steps import single_steps
+from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System
+from varint.scene.system import System, per_system
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,11 @@ class Observed:
     lower: np.ndarray
     upper: np.ndarray
     huber: float | None
+
+    @property
+    def held(self) -> bool:
+        """Whether there are constraints."""
+        return bool(self.system.structure.constraints)
 
 
 class Arrival(NamedTuple):
@@ -131,8 +138,59 @@ def deviations(scene: Observed, horizon: Horizon, z: np.ndarray) -> Residuals:
         r.append((gap[:, pushed] / spread).ravel())
         of_r.append((of_gap[:, pushed] / spread[:, None]).reshape(-1, count))
         d, of_d = gap[:, ~pushed].ravel(), of_gap[:, ~pushed].reshape(-1, count)
+    if scene.held:
+        rows, of_rows = _kept_rows(scene, x, horizon.t, c, count)
+        d, of_d = np.concatenate([d, rows]), np.concatenate([of_d, of_rows])
     signal = float(np.linalg.norm((horizon.y / scene.sigma)[there]))
     return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, (x,), signal)
+
+
+def _kept_rows(
+    scene: Observed, x: np.ndarray, t: np.ndarray, c: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Constraints of the first node, which the steps hand on; where they are disturbed those of the
+    velocities at every node.
+    """
+    value, slope = _rows(scene, x, t, c)
+    many, size = len(scene.theta), value.shape[1]
+    of_z = _at_nodes(slope, np.zeros((len(x), size, many)), np.arange(len(x)), count)
+    velocity_rows = np.arange(size) >= scene.system.structure.constraints
+    kept = np.zeros(value.shape, dtype=bool)
+    kept[0] = True
+    kept[1:] = velocity_rows & bool((scene.disturbance > 0).any())
+    return value[kept], of_z[kept]
+
+
+def _rows(
+    scene: Observed, x: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`kept_function` at states (q, p): values (T, rows) and their derivatives (T, rows, 2n)."""
+    width = x.shape[1]
+    q, p = np.split(x, 2, axis=1)
+    value, flat = over_columns(kept_function(scene.system), q, p, t[:, None], c)
+    return value, flat.reshape(len(x), width, -1).transpose(0, 2, 1)
+
+
+@per_system
+def kept_function(system: System) -> ca.Function:
+    """(q, p, t, c) → g and G (p − ∂L/∂v), v the velocity that keeps to the constraints, and their
+    Jacobian with respect to (q, p).
+    """
+    s, n = system, system.structure.n
+    slope, p0 = ca.jacobian(s.constraint, s.q), ca.SX.sym("p", n)
+    rows = ca.vertcat(s.constraint, slope @ (p0 - s.momentum))
+    of_both = ca.Function("rows", [s.q, p0, s.v, s.t, s.c], [rows], {"cse": True})
+    x, t, c = ca.MX.sym("x", 2 * n), ca.MX.sym("t"), ca.MX.sym("c", s.c.numel())
+    q, p = ca.vertsplit(x, n)
+    value = of_both(q, p, velocity_function(s)(q, p, t, c), t, c)
+    kept = ca.Function("kept", [x, t, c], [value, ca.densify(ca.jacobian(value, x))])
+    q, p = ca.MX.sym("q", n), ca.MX.sym("p", n)
+    return ca.Function("kept", [q, p, t, c], kept(ca.vertcat(q, p), t, c))
+
+
+def _tangent(slope: np.ndarray) -> np.ndarray:
+    """Changes that rows (m, k) allow, (k, k − m)."""
+    return null_space(slope)[1]
 
 
 def _at_nodes(by_x: np.ndarray, by_theta: np.ndarray, node: np.ndarray, count: int) -> np.ndarray:
@@ -151,7 +209,8 @@ def moved_on(scene: Observed, horizon: Horizon) -> Horizon:
     Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, V).
 
     The least squares over (θ, x_0) and the disturbance w of the first step are reduced to (θ, x_1):
-    x_0 = x̂_0 + F⁻¹ (x_1 − Φ̂ − B (θ − θ̂) − G w).
+    x_0 = x̂_0 + F⁻¹ (x_1 − Φ̂ − B (θ − θ̂) − G w), with constraints along the changes that keep to
+    them.
     """
     c, x = parts_of(scene, horizon.z)
     many, width = len(scene.theta), x.shape[1]
@@ -167,17 +226,23 @@ def moved_on(scene: Observed, horizon: Horizon) -> Horizon:
     end, by_start, by_c = single_steps(
         scene.system, scene.rule, first, horizon.t[:1], size, horizon.u[:1], c
     )
-    back, drift = np.linalg.inv(by_start[0]), by_c[0][:, scene.theta]
-    of_theta, of_x = rows[:, :many], rows[:, many:] @ back
+    drift, n = by_c[0][:, scene.theta], width // 2
     pushed = np.flatnonzero(scene.disturbance > 0)
-    kick = np.zeros((width, len(pushed)))
-    kick[width // 2 + pushed, np.arange(len(pushed))] = scene.disturbance[pushed]
+    ways, kicks = np.eye(width), np.diag(scene.disturbance)[:, pushed]
+    if scene.held:  # states, and momenta that are added, keep to the constraints
+        ways = _tangent(_rows(scene, first, horizon.t[:1], c)[1][0])
+        after = _rows(scene, x[1:2], horizon.t[1:2], c)[1][0]
+        kicks = _tangent(after[scene.system.structure.constraints :, n:])[
+            :, : n * bool(len(pushed))
+        ]
+    back = ways @ np.linalg.pinv(by_start[0] @ ways)
+    of_theta, of_x = rows[:, :many], rows[:, many:] @ back
+    kick = np.vstack([np.zeros((n, kicks.shape[1])), kicks])
     s = s - rows[:, many:] @ first[0] + of_x @ (end[0] - drift @ theta)
     old = np.hstack([-of_x @ kick, of_theta - of_x @ drift, of_x, s[:, None]])
-    own = np.hstack([np.eye(len(pushed)), np.zeros((len(pushed), many + width + 1))])
-    triangle = np.linalg.qr(np.vstack([own, old]))[1]
-    r = triangle[len(pushed) : len(pushed) + many + width]
+    in_sigma = kicks[pushed] / scene.disturbance[pushed, None]
+    own = np.hstack([in_sigma, np.zeros((len(pushed), many + width + 1))])
+    triangle, out = np.linalg.qr(np.vstack([own, old]))[1], kicks.shape[1]
+    r = triangle[out : out + many + width]
     z = np.concatenate([theta, x[1:].ravel()])
-    return Horizon(
-        Arrival(r[:, len(pushed) : -1], r[:, -1]), horizon.t[1:], horizon.y[1:], horizon.u[1:], z
-    )
+    return Horizon(Arrival(r[:, out:-1], r[:, -1]), horizon.t[1:], horizon.y[1:], horizon.u[1:], z)

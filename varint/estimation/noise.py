@@ -24,7 +24,7 @@ from varint.estimation.search import Minimum, best_fit, bounds, fitted, sizes
 from varint.scene.free import Free
 
 ROUNDS = 60  # of motion and levels in turn: each takes most of what is left
-SETTLED = 1e-9  # relative change of the levels that ends them
+SETTLED = 1e-6  # relative change of the levels that ends them: a thousandth of their own errors
 HALVINGS = 200
 
 

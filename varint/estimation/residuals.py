@@ -16,7 +16,7 @@ from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
 from varint.estimation.ray_rows import ray_rows
 from varint.estimation.sensors import observed, seen_by
-from varint.estimation.single_steps import single_steps
+from varint.estimation.single_steps import carried_steps
 from varint.integration.backend import kernel_for
 from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import call
@@ -259,16 +259,19 @@ def _within(
     c: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """States at measured times and their derivatives: nodes, or a shorter step of the rule."""
-    p, scene = shoot.problem, shoot.scene
+    p = shoot.problem
     x, of_x = piece.x[at], local[at]
     inner = np.flatnonzero(fraction > 0)
     if not len(inner):
         return x, of_x
     k, part = at[inner], fraction[inner]
     u = _controls_within(p, piece.u[k], part)
-    end, phi, by_c = single_steps(scene, p.rule, x[inner], piece.t[k], part * p.h, u, c)
-    moved = phi @ of_x[inner]
-    moved[:, :, len(phi[0]) :] += by_c[:, :, p.theta]
+    moved_by = np.zeros((len(c), of_x.shape[2]))
+    first = 2 * p.system.structure.n
+    moved_by[p.theta, first + np.arange(len(p.theta))] = 1.0
+    end, moved = carried_steps(
+        shoot.by, x[inner], piece.t[k], part * p.h, u, c, of_x[inner], moved_by
+    )
     x, of_x = x.copy(), of_x.copy()
     x[inner], of_x[inner] = end, moved
     return x, of_x

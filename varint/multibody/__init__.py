@@ -24,6 +24,7 @@ from varint.multibody.frames import Frame
 from varint.multibody.functions import Dynamics
 from varint.multibody.mjcf import from_mjcf
 from varint.multibody.model import Model
+from varint.multibody.physical import log_cholesky, rigid_body
 from varint.multibody.quantities import placed
 from varint.multibody.rotations import (
     axis_rotation,
@@ -61,11 +62,13 @@ __all__ = [
     "euler_angles",
     "from_mjcf",
     "from_urdf",
+    "log_cholesky",
     "matrix_quaternion",
     "page",
     "placed",
     "quaternion_matrix",
     "quaternion_rate",
+    "rigid_body",
     "roll_pitch_yaw",
     "rotation_covariance",
     "skeleton",
