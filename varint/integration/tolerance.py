@@ -69,6 +69,7 @@ OTHER_STEPS = (0.87, 0.38), (0.77, -0.38), (0.67, 0.62), (0.81, -0.24), (0.73, 0
 DRAWS = 3  # of them, that come to their end
 CHANCE = 1.5  # of the largest difference: the other runs err as well
 
+
 @dataclass(frozen=True, eq=False)
 class Choice:
     """A rule and a number of steps, the run that they make, and its estimated error."""
