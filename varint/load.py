@@ -153,6 +153,7 @@ def _assembled(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: boo
     active_sets = field_of(header, "phases", tuple[ActiveSet, ...])
     _check_active_sets(system, active_sets)
     stats = field_of(header, "stats", dict[str, str | bool | int | float])
+    field_of(stats, "error_estimate", float | int | None)
     h = finite("h", field_of(header, "h", float))
     if h == 0:
         raise InputError("h must not be zero")

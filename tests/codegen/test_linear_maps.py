@@ -42,6 +42,16 @@ def test_the_map_is_what_newtons_method_finds_also_with_time_and_controls(rule):
         assert np.abs(mapped.p - solved.p).max() < 1e-13 * np.abs(solved.p).max()
 
 
+@pytest.mark.parametrize("backend", ("native", "interpreted"))
+@pytest.mark.parametrize("unit", (1e-8, 1e8))
+def test_a_linear_scene_moves_alike_in_all_units(unit, backend):
+    """Matrices of steps are not taken for singular because their numbers are small."""
+    run = {"h": 0.1, "steps": 60, "backend": backend}
+    here = vi.simulate(plate(), vi.gauss(2), q0=[1, 0.2], v0=[0.1, 0.3], **run)
+    there = vi.simulate(plate(unit=unit), vi.gauss(2), q0=[unit, 0.2], v0=[0.1 * unit, 0.3], **run)
+    assert np.abs(there.q / [unit, 1] - here.q).max() < 1e-12
+
+
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def test_the_map_has_the_same_bytes_in_both_gears():
     run = {"q0": [1.0, 0.2], "v0": [0.1, 0.3], "h": 0.1, "steps": 3000, "save_every": 30}

@@ -51,3 +51,12 @@ def test_a_near_miss_is_followed_through_by_few_steps(e, turns):
     exact = [e - np.cos(anomaly), -((1 - e**2) ** 0.5) * np.sin(anomaly)]
     assert np.abs(motion.q[-1] - exact).max() < 1e-9
     assert motion.stats["error_estimate"] <= 1e-9 and len(motion) < 10_000
+
+
+def test_a_pole_of_the_coordinates_is_not_taken_for_a_body_without_mass():
+    q, v = vi.coordinates("theta", "phi")
+    scene = vi.System(q, v, (v[0] ** 2 + ca.sin(q[0]) ** 2 * v[1] ** 2) / 2 + ca.cos(q[0]))
+    with pytest.raises(
+        vi.InputError, match=r"mass of \['phi'\].*singular there, as spherical ones"
+    ):
+        vi.simulate(scene, q0=[0.0, 0.0], v0=[1.0, 0.0], duration=1.0)

@@ -258,3 +258,15 @@ def test_a_run_of_few_saved_nodes_is_judged_as_one_of_many(every):
     start = dict(q0=model.q0, v0=model.v0, h=0.005, steps=2000, save_every=every)
     motion = vi.simulate(model.system, vi.gauss(4), time_scale=scale, **start)
     assert np.abs(motion.energy - motion.energy[0]).max() <= 1e-6 * np.abs(motion.energy[0])
+
+
+def test_no_way_out_is_advised_that_a_time_scale_does_not_take():
+    """A hyperbola with σ = r² ends at infinity after a finite fictitious time."""
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    start = dict(q0=[1, 0], v0=[0, 2.0], h=0.05, duration=50.0, time_scale=ca.sumsqr(q))
+    with pytest.raises(vi.ConvergenceError, match="smaller h") as error:
+        vi.simulate(system, vi.gauss(4), **start)
+    assert "subdivide" not in str(error.value)
+    with pytest.raises(vi.InputError, match="on_failure"):
+        vi.simulate(system, vi.gauss(4), **start, on_failure="subdivide")

@@ -177,3 +177,15 @@ def test_a_time_scale_that_grows_without_bound_ends_at_the_duration():
     np.testing.assert_allclose(ends, np.broadcast_to(ends[2], (4, 2)), atol=1e-7)
     with pytest.raises(vi.VarintError, match=r"smaller (h|one)"):
         vi.simulate(model.system, vi.gauss(6), h=0.3, time_scale=r**2, **start)
+
+
+@pytest.mark.filterwarnings("ignore:tol=1e-1. is out of reach")
+@pytest.mark.parametrize(("periods", "tol"), [(2000.37, 1e-11), (2000.37, 1e-12), (200.3, 1e-13)])
+def test_round_off_of_many_periods_is_part_of_the_estimate(periods, tol):
+    """It wanders with the steps and does not shrink with them: no order makes it smaller."""
+    model = vi.models.pendulum(theta0=2.5)
+    length = vi.models.pendulum_period(2.5, np.sqrt(9.81))
+    motion = vi.simulate(model.system, q0=2.5, v0=0.0, duration=periods * length, tol=tol)
+    known = model.exact(np.remainder(motion.t, length))[0]
+    clock = np.finfo(float).eps * motion.t[-1] * np.abs(motion.v).max()  # of times and the period
+    assert error(motion, known) - clock <= 12 * max(motion.stats["error_estimate"], tol / 12)

@@ -123,6 +123,27 @@ def test_headers_with_anything_in_them_open_or_are_refused(tmp_path, make):
     assert 30 < refused < 100
 
 
+@pytest.mark.parametrize(
+    ("way", "strange"),
+    [
+        (("control", "timings", "build"), None),
+        (("control", "timings", "solve"), "x"),
+        (("control", "timings"), {}),
+        (("stats", "error_estimate"), "x"),
+    ],
+)
+def test_what_a_report_needs_is_there_or_the_file_is_refused(tmp_path, way, strange):
+    header, arrays = parts_of(saved(tmp_path, with_controls()))
+    at = header
+    for key in way[:-1]:
+        at = at[key]
+    del at[way[-1]]
+    if strange is not None:
+        at[way[-1]] = strange
+    with pytest.raises(vi.InputError, match="no whole file"):
+        vi.load(put(tmp_path / "a.npz", header, arrays))
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("make", MOTIONS)
 def test_arrays_with_anything_in_them_open_or_are_refused(tmp_path, make):

@@ -141,3 +141,12 @@ def test_a_test_particle_in_the_field_of_a_fixed_centre_turns(mass):
     q, v = vi.coordinates("x", "y")
     system = vi.System(q, v, mass * (ca.sumsqr(v) / 2 + 1 / ca.norm_2(q)))
     assert names(system) == ["time translation", "rotation about z"]
+
+
+def test_coordinates_that_do_not_occur_make_no_division_by_zero():
+    """A body whose mass is zero is in no term; the others have the whole Galilei group."""
+    q, v = vi.coordinates("x0", "y0", "x1", "y1", "x2", "y2")
+    L = ca.sumsqr(v[:2]) / 2 + 1e-3 * ca.sumsqr(v[2:4]) / 2 + 1e-3 / ca.norm_2(q[:2] - q[2:4])
+    names = [found.name for found in vi.symmetries(vi.System(q, v, L))]
+    expected = {"time translation", "translation of x0, x1", "Galilean boost of x0, x1"}
+    assert expected <= set(names)

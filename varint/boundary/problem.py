@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.boundary.first_way import first_way
 from varint.boundary.iterate import Iterate, iterate_through, point_times
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.discrete.lagrangian import constraint_function, interval, point_function
@@ -70,6 +71,8 @@ def boundary_value_problem(
         closure, nodes = _closed_path(system, q_start, q_end, symmetry, guess)
     else:
         ends, nodes = _path_between_ends(system, q_start, q_end, symmetry, guess)
+        if guess is None:
+            nodes = first_way(system, ends, t0, c)
     problem = BoundaryValueProblem(
         system,
         rule,
@@ -114,7 +117,7 @@ def _closed_path(
 def _path_between_ends(
     system: System, q_start: Any, q_end: Any, symmetry: Any, guess: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """End points (2, n), and the guess bent so that it joins them, or the straight line."""
+    """End points (2, n), and the guess bent so that it joins them, or these points."""
     if symmetry is not None:
         raise InputError("symmetry belongs to periodic=True")
     if q_start is None or q_end is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from ctypes import addressof, c_char
 from dataclasses import dataclass
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -95,6 +96,8 @@ class LoopResult(NamedTuple):
         q, p, v of the node where the run ended, saved or not.
     carry : array
         Hand it to the next call to go on as if the run had not stopped.
+    seconds : float
+        Spent in the loop, whatever had to be built before.
     """
 
     rows: np.ndarray
@@ -108,6 +111,7 @@ class LoopResult(NamedTuple):
     notes: np.ndarray
     last: np.ndarray
     carry: np.ndarray
+    seconds: float
 
 
 def run_loop(
@@ -178,6 +182,7 @@ def run_loop(
     address = _address(block)
     controls = 0 if u is None else _address(u)
     results = (address + 8 * place for place in (rows, kept, stats))
+    began = perf_counter()
     status = kernel.entry(
         _ARGUMENTS.pack(
             steps,
@@ -195,14 +200,15 @@ def run_loop(
             address + 8 * noted if nodes else 0,
         )
     )
+    seconds = perf_counter() - began
     _, done, iterations, largest, *told, written = block[stats:last].tolist()
-    end = kept if done == steps else rows + 3 * n * (int(done) // save_every + 1)
+    end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
     table = block[rows:end].reshape(-1, 3, n)
     counts = int(done), int(iterations), int(largest)
     residual, failed, contraction = told
     notes = block[noted : noted + int(written) * note].reshape(-1, note)
     ends = block[last:rows], block[kept:noted]
-    return LoopResult(table, status, *counts, residual, failed, contraction, notes, *ends)
+    return LoopResult(table, status, *counts, residual, failed, contraction, notes, *ends, seconds)
 
 
 def take_parts(

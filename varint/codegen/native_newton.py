@@ -9,8 +9,7 @@ from varint.codegen.core import newton_loop
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import TOO_LARGE, kernel_on, members_by_name, tapes_of
-from varint.codegen.newton import newton_scheme
-from varint.codegen.source import routines
+from varint.codegen.newton import newton_routines, newton_scheme
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -21,7 +20,7 @@ def native_newton(system: System, rule: Rule) -> Kernel:
     x = newton_scheme(system, rule)
     if x.by_nodes:
         raise NotCompilable(TOO_LARGE)
-    functions = routines(x.constants, x.functions)
+    functions = newton_routines(system, rule)
     tapes = tapes_of(functions)
     members = members_by_name("newton_scene.h", x.counts | x.limits, x.places, x.tables, tapes)
     first = next(iter(functions.values()))

@@ -21,7 +21,7 @@ from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
 from varint.codegen.solution import Functions, Solution, solution_of
-from varint.codegen.source import Source, compiled, emit_functions, source_of
+from varint.codegen.source import Routine, Source, compiled, emitted, routines, source_of
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
 from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations
@@ -85,7 +85,7 @@ def newton_source(system: System, rule: Rule) -> Source:
         x.about,
         system,
         len(rule.nodes),
-        emit_functions(x.constants, x.functions),
+        emitted(newton_routines(system, rule)),
         {"LANES": 1, **{f"{name.upper()}_W": 0 for name in x.idle}, **x.counts, **x.limits},
         data,
         *(("nodes.c", "newton.c") if x.by_nodes else ("newton.c",)),
@@ -93,6 +93,13 @@ def newton_source(system: System, rule: Rule) -> Source:
         rows=x.rows,
         contraction=AS_WRITTEN,
     )
+
+
+@kernel_per_system
+def newton_routines(system: System, rule: Rule) -> dict[str, Routine]:
+    """The scheme's functions, arranged once for both gears."""
+    x = newton_scheme(system, rule)
+    return routines(x.constants, x.functions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -313,6 +313,9 @@ def from_arrays(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> 
         If something is missing or does not fit together.
     """
     active = field_of(header, "active", list[str])
+    timings = field_of(header, "timings", dict[str, float])
+    if missing := {"build", "solve"} - timings.keys():
+        raise InputError(f"the timings of the control have no {sorted(missing)}")
     mesh = _held(arrays, "mesh", 1)
     if len(mesh) < 2:
         raise InputError("the mesh of the control has no step")
@@ -332,7 +335,7 @@ def from_arrays(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> 
         v_ends=_held(arrays, "v_ends", 2),
         costates=Costates(_held(arrays, "mu_q", 2), _held(arrays, "mu_p", 2)),
         history=MappingProxyType(field_of(header, "history", dict[str, list[float]])),
-        timings=MappingProxyType(field_of(header, "timings", dict[str, float])),
+        timings=MappingProxyType(timings),
         verdict=field_of({"verdict": "", **header}, "verdict", str),
         kept={name: _held(arrays, f"active_{i}", 1) for i, name in enumerate(active)},
     )

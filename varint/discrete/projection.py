@@ -130,12 +130,12 @@ def project_configuration(
         if not size > 4 * np.finfo(float).eps * far or (exact and last <= size <= OFF * far):
             break
         if exact and size <= NEARLY * far:  # the distance no longer tells, Newton's method does
-            q, last = _restore(system, q + step / root, root, t, c), size
+            q, last = restore(system, q + step / root, root, t, c), size
             continue
         for halving in range(HALVINGS):
-            trial = _restore(system, q + step / root / 2**halving, root, t, c)
+            trial = restore(system, q + step / root / 2**halving, root, t, c)
             left = (q0 - trial) * root
-            if _is_on(system, trial, t, c) and left @ metric @ left < away @ metric @ away:
+            if is_on(system, trial, t, c) and left @ metric @ left < away @ metric @ away:
                 break
         else:
             break
@@ -151,8 +151,8 @@ def _feasible(
     best, least = q0, np.inf
     for wide in (0.0, *WIDER):
         for _ in range(STARTS if wide else 1):
-            q = _restore(system, q0 + wide * far * random.normal(size=len(q0)), root, t, c)
-            if _is_on(system, q, t, c):
+            q = restore(system, q0 + wide * far * random.normal(size=len(q0)), root, t, c)
+            if is_on(system, q, t, c):
                 return q
             left = np.abs(_rows(system, q, t, c)[0]).max()
             if left < least:
@@ -172,9 +172,7 @@ def _feasible(
     )
 
 
-def _restore(
-    system: System, q: np.ndarray, root: np.ndarray, t: float, c: np.ndarray
-) -> np.ndarray:
+def restore(system: System, q: np.ndarray, root: np.ndarray, t: float, c: np.ndarray) -> np.ndarray:
     """Where g vanishes near q, by Gauss and Newton's method.
 
     Whole steps: |g| may grow at first, as across a narrow valley, which shorter steps would follow
@@ -244,7 +242,8 @@ def _rows(system: System, q: np.ndarray, t: float, c: np.ndarray) -> tuple[np.nd
     return g[:m], slope[:m]
 
 
-def _is_on(system: System, q: np.ndarray, t: float, c: np.ndarray) -> bool:
+def is_on(system: System, q: np.ndarray, t: float, c: np.ndarray) -> bool:
+    """Whether g vanishes at q but for round-off."""
     g, slope = _rows(system, q, t, c)
     return bool((np.abs(g) <= OFF * row_sizes(slope, q)).all())
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 
@@ -116,7 +115,7 @@ def compiled_blocks(
     most = _first_piece(kernel, piloted)
     while k < problem.steps:
         steps, every = next_piece(k, problem.steps, problem.save_every, most)
-        u, began = problem.controls(k, steps) if kernel.controls else None, perf_counter()
+        u = problem.controls(k, steps) if kernel.controls else None
         part = compiled_run(
             kernel,
             q,
@@ -131,8 +130,7 @@ def compiled_blocks(
             carry=carry,
             level=problem.level,
         )
-        seconds = perf_counter() - began
-        per_step = max(seconds / max(part.steps, 1), 1e-12)
+        per_step = max(part.seconds / max(part.steps, 1), 1e-12)
         poor = piloted and k == problem.first and part.iterations > POOR * steps
         rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
@@ -179,7 +177,7 @@ def compiled_blocks(
             return
         carry = part.carry
         if gears:
-            kernel = kernel_after(gears, seconds, per_step * (problem.steps - k))
+            kernel = kernel_after(gears, part.seconds, per_step * (problem.steps - k))
             kernel = _above_rounding(system, kernel) if cautious else kernel
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
 
@@ -213,7 +211,6 @@ def run_at_once(
     steps, every = problem.steps, problem.save_every
     if steps % every or steps > _first_piece(kernel, piloted):
         return None
-    began = perf_counter()
     found = compiled_run(
         kernel,
         problem.q0,
@@ -227,7 +224,7 @@ def run_at_once(
         level=problem.level,
     )
     if gears := gears_with(system, rule, scheme, kernel):
-        kernel_after(gears, perf_counter() - began, 0.0)
+        kernel_after(gears, found.seconds, 0.0)
     if found.status != DONE or (piloted and found.iterations > POOR * steps):
         return None
     return found

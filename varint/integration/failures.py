@@ -29,7 +29,9 @@ NEARER = 0.2
 WEAK = 1e-6
 
 
-def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> ConvergenceError:
+def failure(
+    motion: Trajectory, step: int, residual: float, on_failure: str | None
+) -> ConvergenceError:
     """The error of a step that failed; between two saved nodes it belongs to the steps after the
     last of them.
     """
@@ -38,7 +40,7 @@ def failure(motion: Trajectory, step: int, residual: float, on_failure: str) -> 
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
     else:
         what = "gave values that are not finite"
-    hint = "; on_failure='subdivide' redoes such a step in smaller parts"
+    hint = "; on_failure='subdivide' redoes such a step in smaller parts" if on_failure else ""
     if on_failure == "subdivide":
         left = (
             "values that are not finite" if np.isnan(residual) else f"a residual of {residual:.1e}"

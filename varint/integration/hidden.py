@@ -1,16 +1,10 @@
-"""What the nodes of a run do not show: forces that act for less than a step, transients that are
-over in one.
-"""
+"""What the nodes of a run do not show: forces that act for less than a step."""
 
 from __future__ import annotations
-
-import math
-from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 
-from varint.integration.run_distance import distance
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -18,11 +12,7 @@ from varint.scene.system import System, per_system
 
 MOST_LOOKS = 200_000  # times at which the force is looked at
 LEAST_LOOKS, MOST_IN_A_STEP = 16, 4096
-TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
 TIMES = 4.0  # as large as what the rule sees: a force that acts between its nodes
-
-# (rule, steps, one part of so many, wanted error) → the run; None where it failed
-Trial = Callable[..., Trajectory | None]
 
 
 @per_system
@@ -73,18 +63,3 @@ def _force_within(
         size = np.abs(over_columns(_push_function(system), q, v, t, motion.c)[0])
         largest, total = np.maximum(largest, size), total + size
     return largest, total * np.abs(h) / len(nodes)
-
-
-def missed_transient(
-    trial: Trial,
-    rule: Rule,
-    steps: int,
-    motion: Trajectory,
-    scales: np.ndarray,
-) -> float:
-    """Error of the first nodes, which lie within the first step of a coarser run."""
-    few = min(TRANSIENT_STEPS, steps)
-    fine = trial(rule, steps * TRANSIENT_PARTS, steps // few)
-    if fine is None:
-        return math.inf
-    return distance(motion, 1, fine, TRANSIENT_PARTS, scales)

@@ -144,9 +144,10 @@ def collect(
     watches: Sequence[Watch] = (),
     file: Checkpoint | None = None,
     progress: bool | None = None,
-    on_failure: str = "raise",
+    on_failure: str | None = "raise",
 ) -> Trajectory:
-    """The whole run, or its nodes until `stop` crosses zero or Ctrl-C.
+    """The whole run, or its nodes until `stop` crosses zero or Ctrl-C. None: failures are raised,
+    and another way is not offered, for there is none.
 
     Raises
     ------

@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
@@ -31,7 +30,7 @@ from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
 from varint.integration.failures import frequencies
-from varint.integration.hidden import Trial, missed_impulse, missed_transient
+from varint.integration.hidden import missed_impulse
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.rule_choice import (
@@ -42,16 +41,22 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, start_run, trajectory_of
-from varint.integration.run_distance import distance, distance_between_nodes, ends_apart
+from varint.integration.run_distance import distance, ends_apart
+from varint.integration.second_looks import Trial, has_steps, luck, transient
 from varint.integration.trajectories import Run, first_node
-from varint.integration.two_runs import Course, run_twice, shows_its_error
+from varint.integration.two_runs import (
+    STALLED,
+    Course,
+    rounding,
+    run_twice,
+    shows_its_error,
+)
 from varint.integration.walls import Failure, no_way_on, require_way_on
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
-from varint.scene.structure import jumps
-from varint.scene.system import System, per_scene
+from varint.scene.system import System
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
@@ -59,15 +64,11 @@ FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 CAUTION = 0.75  # of the order that was seen is counted on
 SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
-STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
+ENOUGH = 2**20  # steps over forces that jump, where more would not do
 SAMPLES = 200  # nodes at which frequencies are looked at
-# times the steps of a run over forces that jump, and how far its last step goes beyond the end:
-# runs of fewer steps cost less and err by more
-OTHER_STEPS = (0.87, 0.38), (0.77, -0.38), (0.67, 0.62), (0.81, -0.24), (0.73, 0.24), (0.93, -0.62)
-DRAWS = 3  # of them, that come to their end
-CHANCE = 1.5  # of the largest difference: the other runs err as well
+
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +159,8 @@ def choose_steps(
             if found:
                 return found
         failures.clear()
-        return _refine(
-            system, own, start, tol, trial, failures, start.steps * first, scale, stop is not None
-        )
+        few, ends_early = start.steps * first, stop is not None
+        return _refine(system, own, start, tol, radians, trial, failures, few, scale, ends_early)
 
 
 def _from_two_runs(
@@ -192,6 +192,7 @@ def _refine(
     rule: Rule,
     start: InitialValueProblem,
     tol: float,
+    radians: float,
     trial: Trial,
     failures: Sequence[Failure],
     steps: int,
@@ -206,7 +207,7 @@ def _refine(
     while steps <= most:
         motion, runs = trial(rule, steps), runs + 1
         if motion is None or not np.isfinite(motion.q).all():
-            require_way_on(failures, start.h * start.steps, jumps=_has_steps(system))
+            require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
             before, apart, order, steps = None, math.inf, None, 2 * steps
             continue
         if before is None:
@@ -222,26 +223,33 @@ def _refine(
         if ratio == 2 and last < math.inf:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
         before = steps, motion
+        rounded = rounding(apart, radians, steps)
         stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
-        sure = best is not None and apart < NO_DIGITS and not _has_steps(system)
+        if stalls and rounded == apart > tol:  # from now on it wanders
+            best = best and replace(best, estimate=max(best.estimate, apart))
+            break
+        sure = best is not None and apart < NO_DIGITS and not has_steps(system)
         if stalls == (CERTAIN if sure else PATIENCE):
             break
         if order is not None and apart < NO_DIGITS:
             counted = ratio ** (-CAUTION * order)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
-            estimate = max(apart * counted / (1 - counted), floor)
+            estimate = max(apart * counted / (1 - counted), rounded, floor)
             hidden = 0.0
             if estimate <= tol:
                 hidden = max(
-                    missed_transient(trial, rule, steps, motion, scales),
+                    transient(trial, rule, steps, motion, scales),
                     missed_impulse(system, rule, motion, scales),
-                    _luck(system, trial, rule, start.steps, steps, motion, scales),
+                    luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
             found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
             if best is None or found.estimate < best.estimate:
                 best = found
             if found.estimate <= tol:
                 return found
+            hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
+            if hopeless and steps >= ENOUGH and has_steps(system):
+                break
             more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
             steps = (
                 steps * math.ceil(4 * more) // 4 if 1 < more < 2 and steps % 4 == 0 else 2 * steps
@@ -253,7 +261,7 @@ def _refine(
     if best is not None:
         return replace(best, reached=False, runs=runs)
     if failures:
-        raise no_way_on(failures, _has_steps(system))
+        raise no_way_on(failures, has_steps(system))
     raise InputError(
         f"no number of steps up to {most:.0g} by {rule} leads through the duration "
         f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
@@ -266,49 +274,6 @@ def _resolves(motion: Trajectory) -> bool:
     some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
     fastest = frequencies(motion[some]).max(initial=0.0)
     return bool(abs(motion.h) * fastest < 1.0)
-
-
-def _luck(
-    system: System,
-    trial: Trial,
-    rule: Rule,
-    rows: int,
-    steps: int,
-    motion: Trajectory,
-    scales: np.ndarray,
-) -> float:
-    """Where a force jumps the error is what the place of the jump within its step makes of it, and
-    two runs may agree by chance: the largest difference from runs of other numbers of steps.
-
-    Their steps are no whole part of the duration: a jump near a half, or a third of it is misplaced
-    alike by all that are. Dry friction does not let every number of steps through; where hardly
-    any does nothing is known.
-    """
-    if not _has_steps(system):
-        return 0.0
-    others = [(round(share * steps), beyond) for share, beyond in OTHER_STEPS]
-    if rows > 1:  # controls have the times of their table
-        parts = dict.fromkeys(many // rows for many, _ in others)
-        whole = [*(x for x in parts if x), *(steps // rows + i for i in (1, 2, 3))]
-        others = [(rows * x, 0.0) for x in whole]
-    draws, apart = 0, 0.0
-    for many, beyond in others:
-        other = trial(rule, many, beyond=beyond)
-        if other is not None and np.isfinite(other.q).all():
-            apart = max(apart, distance_between_nodes(motion, other, scales))
-            draws += 1
-        if draws == DRAWS:
-            return apart * CHANCE
-    return math.inf
-
-
-@per_scene
-def _has_steps(system: System) -> bool:
-    """Whether forces or momenta have steps or kinks."""
-    s = system
-    state = ca.vertcat(s.q, s.v)
-    values = ca.vertcat(ca.gradient(s.lagrangian, state), s.force)
-    return jumps(values, ca.vertcat(state, s.t, s.control))
 
 
 def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:

@@ -62,8 +62,8 @@ def no_way_on(failures: Sequence[Failure], jumps: bool) -> ConvergenceError:
         "a force of the scene jumps, and where it holds a body, as dry friction does, there is no "
         "step that solves the equations: make it smooth, for instance tanh(v / small) for sign(v)"
         if jumps
-        else "bodies collide or the scene is singular there: end the run before (duration=, "
-        "until=), or describe the impact (contact=)"
+        else "bodies collide, coordinates grow without bound or the scene is singular there: end "
+        "the run before (duration=, until=), or describe the impact (contact=)"
     )
     return ConvergenceError(
         f"the motion ends at t = {end.time:g}: no run of up to {most} steps leads farther. Likely: "

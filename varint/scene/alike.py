@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 from collections import OrderedDict
 from typing import Any
@@ -10,7 +9,8 @@ from typing import Any
 import casadi as ca
 
 MOST = 64  # scenes that are remembered though nobody else holds them
-_SEEN: OrderedDict[bytes, Any] = OrderedDict()
+LONG = 20_000  # bytes of a description of which the digest alone is kept
+_SEEN: OrderedDict[tuple[str | bytes, ...], Any] = OrderedDict()
 _LOOKING = threading.Lock()
 
 
@@ -22,7 +22,7 @@ def first_alike(system: Any) -> Any:
     """
     found = system.__dict__.get("_first_alike")
     if found is None:
-        key = _digest(system)
+        key = _key(system)
         with _LOOKING:
             found = _SEEN.setdefault(key, system)
             _SEEN.move_to_end(key)
@@ -32,16 +32,19 @@ def first_alike(system: Any) -> Any:
     return found
 
 
-def _digest(system: Any) -> bytes:
-    """Of names, operations and their constants, to the bit."""
+def _key(system: Any) -> tuple[str | bytes, ...]:
+    """Names, operations and their constants, to the bit."""
     s = system
     inputs = [s.q, s.v, s.t, s.control, s.c]
     outputs = [s.lagrangian, s.force, s.constraint, s.nonholonomic, s.contact]
     if s.kinetics is not None:
         inputs.append(s.kinetics.momentum)
         outputs += [s.kinetics.mass_matrix, s.kinetics.velocity]
-    text = hashlib.sha256(ca.Function("scene", inputs, outputs).serialize().encode())
-    text.update(s.restitution.tobytes())
-    if s.constraint.numel():  # which equations are solved is a question of ranks
-        text.update(s.default_vector.tobytes())
-    return text.digest()
+    text: str | bytes = ca.Function("scene", inputs, outputs).serialize()
+    if isinstance(text, str) and len(text) > LONG:
+        import hashlib  # which takes longer to import than to describe a small scene
+
+        text = hashlib.sha256(text.encode()).digest()
+    # which equations of a scene with constraints are solved is a question of ranks
+    numbers = s.default_vector.tobytes() if s.constraint.numel() else b""
+    return text, s.restitution.tobytes(), numbers

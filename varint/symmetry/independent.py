@@ -38,7 +38,8 @@ def list_independent(
     linear = np.abs(rows[:, 1 : -2 * n]).max(axis=1, initial=0.0) > 0
     several = len(bodies.index) > 1 and len(groups) == n * n
     follow = products(region, rows[~linear], n, rng) if several else []
-    follow = [x / np.linalg.norm(x / size) for x in follow]
+    lengths = [np.linalg.norm(x / size) for x in follow]
+    follow = [x / length for x, length in zip(follow, lengths, strict=True) if length > 0]
     rows = rows / size
     turns = inside(rows, [x / size for x in _rotations(groups, n, bodies)])
     known = [*turns, *inside(rows, [x / size for x in follow])]

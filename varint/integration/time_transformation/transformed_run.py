@@ -131,7 +131,7 @@ def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory
     if total is not None:
         run = run._replace(blocks=blocks_until(scene, run, total))
     try:
-        inner = collect(run, stop=stop, watches=watches, progress=options.progress)
+        inner = collect(run, stop=stop, watches=watches, progress=options.progress, on_failure=None)
         require_level(scene, run, inner)
     except ConvergenceError as error:
         motion = in_physical_time(system, t0, error.trajectory)

@@ -1,0 +1,85 @@
+"""Other runs of a motion for what two runs that agree may both miss: a transient within the first
+steps, and agreement by chance where a force jumps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from varint.integration.run_distance import distance, distance_between_nodes
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.structure import jumps
+from varint.scene.system import System, per_scene
+
+# times the steps of a run over forces that jump, and how far its last step goes beyond the end:
+# runs of fewer steps cost less and err by more
+OTHER_STEPS = (0.87, 0.38), (0.77, -0.38), (0.67, 0.62), (0.81, -0.24), (0.73, 0.24), (0.93, -0.62)
+DRAWS = 3  # of them, that come to their end
+CHANCE = 1.5  # of the largest difference: the other runs err as well
+TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
+
+# (rule, steps, one of so many parts of them, `beyond` the end) → the run; None where it failed
+Trial = Callable[..., Trajectory | None]
+
+
+def transient(
+    trial: Trial,
+    rule: Rule,
+    steps: int,
+    motion: Trajectory,
+    scales: np.ndarray,
+) -> float:
+    """Error of the first nodes, which lie within the first step of a coarser run."""
+    few = min(TRANSIENT_STEPS, steps)
+    fine = trial(rule, steps * TRANSIENT_PARTS, steps // few)
+    if fine is None:
+        return math.inf
+    return distance(motion, 1, fine, TRANSIENT_PARTS, scales)
+
+
+def luck(
+    system: System,
+    trial: Trial,
+    rule: Rule,
+    rows: int,
+    steps: int,
+    motion: Trajectory,
+    scales: np.ndarray,
+) -> float:
+    """Where a force jumps the error is what the place of the jump within its step makes of it, and
+    two runs may agree by chance: the largest difference from runs of other numbers of steps.
+
+    Their steps are no whole part of the duration: a jump near a half, or a third of it is misplaced
+    alike by all that are. Dry friction does not let every number of steps through; where hardly
+    any does nothing is known.
+    """
+    if not has_steps(system):
+        return 0.0
+    others = [(round(share * steps), beyond) for share, beyond in OTHER_STEPS]
+    if rows > 1:  # controls have the times of their table
+        parts = dict.fromkeys(many // rows for many, _ in others)
+        whole = [*(x for x in parts if x), *(steps // rows + i for i in (1, 2, 3))]
+        others = [(rows * x, 0.0) for x in whole]
+    draws, apart = 0, 0.0
+    for many, beyond in others:
+        other = trial(rule, many, beyond=beyond)
+        if other is not None and np.isfinite(other.q).all():
+            apart = max(apart, distance_between_nodes(motion, other, scales))
+            draws += 1
+        if draws == DRAWS:
+            return apart * CHANCE
+    return math.inf
+
+
+@per_scene
+def has_steps(system: System) -> bool:
+    """Whether forces or momenta have steps or kinks."""
+    s = system
+    state = ca.vertcat(s.q, s.v)
+    values = ca.vertcat(ca.gradient(s.lagrangian, state), s.force)
+    return jumps(values, ca.vertcat(state, s.t, s.control))
