@@ -70,7 +70,6 @@ ENOUGH = 2**20  # steps over forces that jump, where more would not do
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
-
 @dataclass(frozen=True, eq=False)
 class Choice:
     """A rule and a number of steps, the run that they make, and its estimated error."""
