@@ -242,7 +242,7 @@ def test_an_oscillation_from_rest_to_rest_closes_though_its_end_momenta_vanish()
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (dict(steps=None), "steps.*or tol"),
+        (dict(steps=None, duration=vi.free(1.0, 0.5, 2.0)), "give steps"),
         (dict(tol=1e-20), "between"),
         (dict(tol="small"), "between"),
         (dict(tol=1e-6, duration=vi.free(1.0, 0.5, 2.0)), "takes steps"),

@@ -14,6 +14,7 @@ from varint.boundary.moving_newton import fresh, of_any_duration, of_its_duratio
 from varint.boundary.moving_nodes import even_nodes, lengths, moving_path
 from varint.boundary.newton import newton
 from varint.boundary.problem import boundary_value_problem
+from varint.boundary.winding import other_way, singular_places, with_ways_compared
 
 
 def problem_of(system, rule, start, end, duration, guess):
@@ -163,3 +164,29 @@ def test_families_turn_back_where_there_is_no_shorter_path():
     short = with_duration(slow.iterate, 4.0)  # less than the least time of a turn
     assert of_its_duration(problem, type(slow)(short, slow.sizes / 3, slow.scales)) is None
     assert list(of_duration(problem, slow, 4.0)) == []
+
+
+def test_a_path_that_goes_another_way_than_its_guess_says_so():
+    """Where the path goes as the guess does nothing is said: warnings are errors here."""
+    system, s = kepler(), np.linspace(0, 1, 41)
+    angle = 1.0
+    start, end = np.array([1.0, 0.0]), np.array([np.cos(angle), np.sin(angle)])
+    there = np.stack([np.cos(angle * s), np.sin(angle * s)], axis=1)
+    back = np.stack([np.cos((angle - 2 * np.pi) * s), np.sin((angle - 2 * np.pi) * s)], axis=1)
+    run = dict(q_start=start, q_end=end, tol=1e-6)
+    one = vi.least_action(system, guess=there, duration=1.0, **run)
+    assert one.stats["winding"] == one.stats["winding_of_guess"] == {("x", "y"): 0}
+    two = vi.least_action(system, guess=back, duration=2 * np.pi - 1.0, **run)
+    assert two.stats["winding"] == two.stats["winding_of_guess"] == {("x", "y"): -1}
+    for path, guess, told in ((one, back, "0 whole turns, the guess -1"), (two, there, "-1")):
+        other = with_ways_compared(path, guess)
+        assert other.action == path.action and told in other_way(other)
+
+
+def test_places_are_those_where_the_scene_is_singular():
+    q, v = vi.coordinates("x1", "y1", "x2", "y2")
+    apart = ca.norm_2(q[2:] - q[:2])
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / apart)
+    assert [names for names, _ in singular_places(system)] == [("x2-x1", "y2-y1")]
+    soft = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.sqrt(apart**2 + 1e-6))
+    assert singular_places(soft) == []

@@ -19,6 +19,7 @@ from varint.boundary.refinement import LARGE
 from varint.boundary.result import conjugate_ends, path_of
 from varint.boundary.search import Search, along_its_way, on_its_steps
 from varint.boundary.stationary import BoundaryValueProblem
+from varint.boundary.winding import other_way, with_ways_compared
 from varint.errors import InputError, SolverError
 from varint.integration.to_tolerance import DEFAULT_TOL
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
@@ -106,6 +107,9 @@ def least_action(
         `solution` tells where the path leans on them (`ActiveBounds`). ``stats["error_estimate"]``
         is the path's own error as for `tol` (of a path of least action that of q and the duration
         alone), measured by the path with every step halved; where it is large a warning says so.
+        With a `guess`, ``stats["winding"]`` says how often the path goes round each place where the
+        scene is singular, the origin or another body, and ``stats["winding_of_guess"]`` how often
+        the guess does; where they differ a warning says so.
 
     Raises
     ------
@@ -129,7 +133,10 @@ def least_action(
     given = dict(q_start=start_of(q0, q_start), q_end=q_end, t0=t0, guess=guess, u=u)
     closed = dict(params=params, periodic=periodic, symmetry=symmetry, energy=energy)
     search = on_its_steps if guess is None else along_its_way
-    return next(solutions(search, system, rule, duration, steps, tol, bounds, **given, **closed))
+    path = next(solutions(search, system, rule, duration, steps, tol, bounds, **given, **closed))
+    if other := other_way(path):
+        warnings.warn(other, stacklevel=2)
+    return path
 
 
 def solutions(
@@ -175,7 +182,9 @@ def solutions(
                 iterate=path,
             )
         _check_error(path, error, tol)
-        yield path
+        yield (
+            path if given["guess"] is None or given["periodic"] else with_ways_compared(path, nodes)
+        )
 
 
 def _check_solved(problem: BoundaryValueProblem, outcome: NewtonResult, path: Trajectory) -> None:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.integration.error_scale import bodies
 from varint.results.trajectory import Trajectory
+from varint.scene.system import System, per_system
 
 WAVY = 0.3  # radians, or of the distance: a way round the origin keeps its number of turns
 ALIGNED = 1e-9  # sine of an angle: directions this close leave their plane open
+SURE = 2.5  # radians between two nodes: where more are turned a way may as well go back
+PLACES = 4  # at which it is looked whether the scene is singular where bodies meet
 
 
 class Round(NamedTuple):
@@ -73,3 +79,85 @@ def _plane(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         side = np.eye(len(start))[np.argmin(np.abs(ahead))]
         side = side - (side @ ahead) * ahead
     return ahead, side / np.linalg.norm(side)
+
+
+def with_ways_compared(path: Trajectory, guess: np.ndarray) -> Trajectory:
+    """The path with ``stats["winding"]`` and ``stats["winding_of_guess"]``: how often it and its
+    first path (nodes, n) go round each place where the scene is singular, the origin or another
+    body; none where the nodes leave it open.
+    """
+    found: list[dict[tuple[str, ...], int]] = [{}, {}]
+    for names, rows in singular_places(path.system):
+        ways = [places @ rows.T for places in (path.q, guess)]
+        if all(_is_sure(places) for places in ways):
+            for turns, places in zip(found, ways, strict=True):
+                turns[names] = _turns(places)
+    if not found[0]:
+        return path
+    stats = {**path.stats, "winding": found[0], "winding_of_guess": found[1]}
+    told = replace(path, stats=MappingProxyType(stats))
+    told.__dict__["action"] = path.action  # of the path itself, see `trajectory_of`
+    return told
+
+
+def other_way(path: Trajectory) -> str | None:
+    """What to say of a path that does not go the way of its guess."""
+    stats = path.stats
+    for names, turns in stats.get("winding", {}).items():
+        wanted = stats["winding_of_guess"][names]
+        if turns != wanted:
+            where = "the origin" if not any("-" in name for name in names) else "another body"
+            return (
+                f"the path goes another way round {where} than its guess: ({', '.join(names)}) "
+                f"makes {turns} whole turns, the guess {wanted} (−1: the other way round, less "
+                "than once). None was found that goes as the guess does; draw it nearer to a "
+                "motion, or look with paths(winding=)"
+            )
+    return None
+
+
+@per_system
+def singular_places(system: System) -> list[tuple[tuple[str, ...], np.ndarray]]:
+    """Places of bodies, two or three coordinates each, or from one body to another, that the scene
+    is singular at when they are zero: their names, and the rows (k, n) that they are of q.
+    """
+    names, unit = system.names, np.eye(system.structure.n)
+    each = [tuple(index) for index in bodies(names)]
+    if not each and len(names) in (2, 3):
+        each = [tuple(range(len(names)))]
+    candidates = [(tuple(names[i] for i in index), unit[list(index)]) for index in each]
+    for one, two in itertools.combinations([x for x in each if len(x) in (2, 3)], 2):
+        if len(one) == len(two):
+            apart = tuple(f"{names[j]}-{names[i]}" for i, j in zip(one, two, strict=True))
+            candidates.append((apart, unit[list(two)] - unit[list(one)]))
+    value = ca.Function("value", [system.q, system.v, system.t, system.c], [system.lagrangian])
+    rng, found = np.random.default_rng(0), []
+    for told, rows in candidates:
+        if len(rows) in (2, 3) and _is_singular(system, value, rows, rng):
+            found.append((told, rows))
+    return found
+
+
+def _is_singular(
+    system: System, value: ca.Function, rows: np.ndarray, rng: np.random.Generator
+) -> bool:
+    """Whether the Lagrangian is no number where these places are zero, and is one elsewhere."""
+    for _ in range(PLACES):
+        q = rng.normal(size=system.structure.n)
+        met, v = q.copy(), np.zeros_like(q)
+        for row in rows:
+            first, other = int(np.argmin(row)), int(np.argmax(row))
+            met[other] = met[first] if row[first] < 0 else 0.0
+        beside, there = (float(value(x, v, 0.0, system.default_vector)) for x in (q, met))
+        if not np.isfinite(beside) or np.isfinite(there):
+            return False
+    return True
+
+
+def _is_sure(places: np.ndarray) -> bool:
+    """Whether the nodes leave no doubt how often they go round."""
+    if not np.linalg.norm(places, axis=1).all():
+        return False
+    ahead, side = _plane(places[0], places[-1])
+    angle = np.unwrap(np.arctan2(places @ side, places @ ahead))
+    return bool(np.abs(np.diff(angle)).max(initial=0.0) < SURE)

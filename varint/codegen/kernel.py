@@ -202,7 +202,7 @@ def run_loop(
     )
     seconds = perf_counter() - began
     _, done, iterations, largest, *told, written = block[stats:last].tolist()
-    end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
+    end = kept if done == steps else rows + 3 * n * (int(done) // save_every + 1)
     table = block[rows:end].reshape(-1, 3, n)
     counts = int(done), int(iterations), int(largest)
     residual, failed, contraction = told

@@ -58,7 +58,7 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
     ranges = np.ptp(motion.q, axis=0)
     ranges[ranges <= RESTS * np.abs(motion.q).max(axis=0)] = 0.0
     scales = ranges.copy()
-    for members in _bodies(system.names):
+    for members in bodies(system.names):
         scales[members] = np.sqrt((ranges[members] ** 2).sum())
     turns = np.array(angles(system), dtype=bool)
     scales[turns] = np.minimum(scales[turns], RADIAN)
@@ -73,7 +73,7 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
     return np.where(scales > 0, scales, np.maximum(np.abs(motion.q[0]), 1.0))
 
 
-def _bodies(names: tuple[str, ...]) -> list[list[int]]:
+def bodies(names: tuple[str, ...]) -> list[list[int]]:
     """Indices of the coordinates of each body, told by names such as x1, y1, z1."""
     found: dict[str, list[int]] = {}
     for i, name in enumerate(names):

@@ -19,6 +19,7 @@ from varint.numerics.arrays import over_columns
 from varint.scene.system import System, per_system
 
 PATH_ERROR, VELOCITY_ERROR, ACCELERATION_ERROR = 1 / 384, 3**0.5 / 216, 1 / 12
+AT_ONCE = 8192  # coordinates of pieces whose boxes are made together: they stay in the cache
 STILL = Interval(ca.SX(1.0), ca.SX(1.0))
 
 
@@ -185,19 +186,30 @@ class Box(NamedTuple):
 
 
 def grouped(low: np.ndarray, size: int) -> np.ndarray:
-    """The least of every `size` rows, (M, k) → (⌈M / size⌉, k)."""
+    """The least of every `size` numbers along the last axis, (…, M) → (…, ⌈M / size⌉)."""
     if size == 1:
         return low
-    count = len(low) // size
-    whole = count * size
-    least = low[:whole].reshape(count, size, low.shape[1]).min(axis=1)
-    return least if whole == len(low) else np.vstack([least, low[whole:].min(axis=0)])
+    whole = low.shape[-1] // size * size
+    least = low[..., 0:whole:size].copy()
+    for i in range(1, size):  # NumPy takes forty times as long for minima of ten numbers each
+        np.minimum(least, low[..., i:whole:size], out=least)
+    if whole == low.shape[-1]:
+        return least
+    return np.concatenate([least, low[..., whole:].min(axis=-1, keepdims=True)], axis=-1)
 
 
 def boxes_around(pieces: Pieces, size: int) -> Box:
     """The boxes around every `size` pieces, of the cubics and their errors."""
-    q0, v0, q1, v1, t, w = pieces
-    w = w[:, None]
+    some = size * max(AT_ONCE // (size * pieces.q0.shape[1]), 1)
+    parts = range(0, len(pieces.t), some)
+    found = [_boxes_around(Pieces(*(x[i : i + some] for x in pieces)), size) for i in parts]
+    return Box(*(np.concatenate(x, axis=1).T for x in zip(*found, strict=True)))
+
+
+def _boxes_around(pieces: Pieces, size: int) -> Box:
+    """Of few pieces, and every array (n, M): NumPy is fast along long axes in the cache."""
+    q0, v0, q1, v1 = (np.ascontiguousarray(x.T) for x in pieces[:4])
+    t, w = pieces.t, pieces.w
     middle = 3 * (q1 - q0) / w - v0 - v1
     third = np.abs(12 * (q0 - q1) + 6 * w * (v0 + v1))
     bends = 2 * (middle - v0) / w, 2 * (v1 - middle) / w
@@ -205,7 +217,7 @@ def boxes_around(pieces: Pieces, size: int) -> Box:
         ((q0, q0 + w * v0 / 3, q1 - w * v1 / 3, q1), PATH_ERROR * third),
         ((v0, middle, v1), VELOCITY_ERROR / np.abs(w) * third),
         (bends, ACCELERATION_ERROR / w**2 * third),
-        ((t[:, None], t[:, None] + w), 0.0),
+        ((t[None], (t + w)[None]), 0.0),
     )
     sides = []
     for those, error in points:

@@ -151,7 +151,7 @@ def _box_bounds(
     around = boxes_around(_pieces(left, right), size)
     low, high, *rates = np.split(_control_bounds(motion, left, right), 4, axis=1)
     controls = [
-        side * grouped(side * x, size)
+        side * grouped(side * x.T, size).T
         for side, x in zip((1, -1, 1, -1), (low, high, *rates), strict=True)
     ]
     bounds = over_columns(search.box, *around, np.hstack(controls), motion.c)[0]
