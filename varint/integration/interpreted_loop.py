@@ -15,6 +15,7 @@ from varint.discrete.scales import (
     scale_function,
 )
 from varint.discrete.tolerances import RESIDUAL_LIMIT
+from varint.integration.careful_step import careful_step
 from varint.integration.cost import steps_at_once
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
@@ -107,7 +108,8 @@ def interpreted_blocks(
 
     A step that fails is tried once more from the velocity at its start, as the compiled loops do,
     with sizes looked up anew there: the last step's polynomial may lead too far, and the sizes of
-    former steps may have little to do with this one. What fails between two saved nodes is looked
+    former steps may have little to do with this one; then with corrections that are halved where
+    they lead too far (`careful_step`). What fails between two saved nodes is looked
     at step by step, and a block without one good node is one in which some step has no numbers.
     """
     layout = state_layout(system.structure.n)
@@ -121,10 +123,12 @@ def interpreted_blocks(
         total = count * every
         times = problem.t0 + problem.h * np.arange(at.k, at.k + total)
         function = rollout(system, rule, count, every)
-        states = call(function, at.x, problem.controls(at.k, total), times, h, problem.c, at.scale)[
-            0
-        ].reshape(count, -1)
+        given = at.x, problem.controls(at.k, total), times, h, problem.c, at.scale
+        states = call(function, *given)[0].reshape(count, -1)
         good = int(count_good_nodes(states))
+        if not good and total == 1 and fresh and (careful := careful_step(system, rule)):
+            states = call(careful, *given)[0].reshape(1, -1)
+            good = int(count_good_nodes(states))
         worst = float(states[good - 1, RESIDUAL]) if good else 0.0
         after = advance(at, states[:good], problem.h, every)
         counts = iterations_at(at.x, states[:good])
