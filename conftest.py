@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import OrderedDict
 
 import pytest
 
@@ -19,6 +20,20 @@ def _examples_need_their_extra(request):
     """Examples in docstrings have no line of their own to skip by."""
     if isinstance(request.node, pytest.DoctestItem) and request.node.name.startswith(NEED_SYMPY):
         pytest.importorskip("sympy", reason="needs the extra: pip install varint-mechanics[sympy]")
+
+
+@pytest.fixture
+def forget(monkeypatch):
+    """What was built for scenes seen before is forgotten, now and at each call: for tests that
+    change how it is built.
+    """
+    from varint.scene import alike
+
+    def again():
+        monkeypatch.setattr(alike, "_SEEN", OrderedDict())
+
+    again()
+    return again
 
 
 @pytest.fixture(autouse=True)

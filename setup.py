@@ -18,6 +18,7 @@ from setuptools.command.build_ext import build_ext
 
 FOLDER = Path("varint/codegen/c")
 FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
+NAMES = ("", "sweep_gauss_", "newton_", "explicit_", "sweep_")  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {
     "x86-64-v4": [(8, 1), (8, 2), (4, 1), (2, 1), (1, 1)],
@@ -65,10 +66,11 @@ class BuildCore(build_ext):
                 depends=ext.depends,
             )
 
-        gauss, *others = ext.sources
+        gauss, sweep, *others = ext.sources
         variants = [(source, level, ()) for source in others for level in levels()]
         for level in levels():
             variants += [(gauss, level, (*x, form)) for x in SHAPES[level] for form in (1, 2)]
+            variants += [(sweep, level, x) for x in SHAPES[level]]
         described = next(x for x in variants if x[2][:1] > (1,))  # by the functions of its vectors
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             objects = [path for paths in pool.map(compiled, variants) for path in paths]
@@ -82,7 +84,7 @@ setup(
     ext_modules=[
         Extension(
             "varint.codegen._core",
-            [str(FOLDER / f"{name}core.c") for name in ("", "newton_", "explicit_")],
+            [str(FOLDER / f"{name}core.c") for name in NAMES],
             depends=sorted(str(path) for path in FOLDER.glob("*.[ch]")),
             optional=True,  # a failure becomes a warning
         )

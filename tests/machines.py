@@ -91,7 +91,7 @@ def slider_crank() -> mb.Model:
 
 
 def bricard() -> mb.Model:
-    """The over-constrained loop of Bricard (IFToMM A05): six rods along the edges of a cube, hinges
+    """The over-constrained loop of Bricard (IFToMM A04): six rods along the edges of a cube, hinges
     at right angles, five rods in a tree and the loop closed by a sixth hinge.
     """
     world = mb.Model()

@@ -27,8 +27,12 @@ class InputError(VarintError, ValueError):
 
 class StepRefused(InputError):
     """What makes a step impossible; at the start it is the input's fault, later
-    `ConvergenceError` takes its place.
+    `ConvergenceError` takes its place. `step` is its index, where it is known.
     """
+
+    def __init__(self, message: str, step: int | None = None) -> None:
+        super().__init__(message)
+        self.step = step
 
 
 class ConvergenceError(VarintError, RuntimeError):

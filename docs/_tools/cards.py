@@ -382,6 +382,7 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "obstacle": round_the_disc,
     "normal_modes": of("spring_pendulum", 7.0, 1.0),
     "halo_orbits": of("restricted_three_body", None, 0.15),
+    "arenstorf": of("arenstorf", None, 2.0),
     "control_cart_pole": optimal("swing_up_cart_pole", 0.6),
     "control_minima": optimal("swing_up_pendulum", 0.8),
     "control_fastest": fastest,

@@ -105,6 +105,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
         r" - \tfrac12 \mathbf x^{\mathsf T} K \mathbf x",
         "halo_orbits": r"L = \tfrac12 (\dot x - y)^2 + \tfrac12 (\dot y + x)^2 + \tfrac12 \dot z^2"
         r" + \frac{1 - \mu}{r_1} + \frac{\mu}{r_2}",
+        "arenstorf": r"L = \tfrac12 (\dot x - y)^2 + \tfrac12 (\dot y + x)^2"
+        r" + \frac{1 - \mu}{r_1} + \frac{\mu}{r_2}",
     },
     "Parameters from data": {
         "learnt_from_data": PENDULUM

@@ -313,3 +313,12 @@ def test_a_path_of_free_duration_knows_its_error():
     for path in paths[:2]:
         apart = np.abs(path.q - paths[2].q[:: 80 // path.stats["steps"]]).max()
         assert apart < path.stats["error_estimate"] < 1e-4
+
+
+def test_a_duration_alone_is_a_path_to_the_tolerance_of_a_simulation():
+    q, v = vi.coordinates("x", "y")
+    ball = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1])
+    path = vi.least_action(ball, q_start=[0, 0], q_end=[1, 0], duration=1.0)
+    assert path.stats["error_estimate"] <= 1e-9
+    exact = np.stack([path.t, 9.81 / 2 * path.t * (1 - path.t)], 1)
+    assert np.abs(path.q - exact).max() < 1e-13

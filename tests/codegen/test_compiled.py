@@ -312,9 +312,10 @@ def test_a_run_in_pieces_is_bitwise_the_run_in_one(which):
 
 
 @pytest.mark.parametrize("which", ("gauss, next step begun", "gauss, next step begun, halves"))
-def test_beginning_the_next_step_early_changes_nothing_but_round_off(which, monkeypatch):
+def test_beginning_the_next_step_early_changes_nothing_but_round_off(which, monkeypatch, forget):
     """Nor does it take more evaluations than the start from a finished step, but for one in ten."""
     system, kernel = KERNELS[which]()
+    forget()
     monkeypatch.setattr(gauss, "SHORT", 0)
     _, plain = KERNELS[which]()
     runs = [
@@ -422,11 +423,13 @@ def test_a_kernel_is_built_once_and_goes_with_its_system():
 
 
 @pytest.mark.parametrize("lanes", (4, 2, 1))
-def test_shorter_vectors_give_the_same_motion(lanes, monkeypatch):
+def test_shorter_vectors_give_the_same_motion(lanes, monkeypatch, forget):
     """The code for machines with AVX2, NEON or SSE, or without vectors, runs here too."""
     for scene, q0 in ((double_pendulum, [1.2, -0.4]), (kepler, [0.8, 0.3])):
+        forget()
         wide = gauss_kernel(scene(), vi.gauss(6))
         with monkeypatch.context() as patch:
+            forget()
             patch.setattr(gauss, "vector_length", lambda: lanes)
             narrow = gauss_kernel(scene(), vi.gauss(6))
         one, other = (

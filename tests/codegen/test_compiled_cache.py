@@ -5,6 +5,7 @@ import os
 import stat
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 
@@ -12,7 +13,7 @@ import casadi as ca
 import pytest
 
 import varint as vi
-from varint.codegen import cache
+from varint.codegen import cache, processes
 from varint.integration import backend, compiled_loop
 
 pytestmark = pytest.mark.skipif(cache.compiler() is None, reason="no C compiler")
@@ -177,10 +178,10 @@ def _runs(number: int) -> bool:
 def test_both_ways_to_compile_give_the_compiler_the_same_words(home, monkeypatch):
     """Else a kernel would have other digits compiled at once than in the background."""
     monkeypatch.setattr(cache, "newer_functions", lambda: False)
-    monkeypatch.setattr(cache.tempfile, "tempdir", str(home.parent))
+    monkeypatch.setattr(tempfile, "tempdir", str(home.parent))
     said = []
-    monkeypatch.setattr(cache, "start", lambda line, place: said.append(line))
-    monkeypatch.setattr(cache, "run", lambda line, *_: (said.append(line), (1, ""))[1])
+    monkeypatch.setattr(processes, "start", lambda line, place: said.append(line))
+    monkeypatch.setattr(processes, "run", lambda line, *_: (said.append(line), (1, ""))[1])
     monkeypatch.setattr(cache, "_AT_WORK", [])
     cache.begin_compilation(SOURCE)
     with pytest.raises(cache.CompileError):

@@ -29,7 +29,9 @@ def driven():
     return vi.System(q, v, kinetic - potential, force=force, control=u, params=c, t=t)
 
 
-def rows(system, rule, monkeypatch, steps=60, u=None, **how):
+def rows(rule, monkeypatch, forget, steps=60, u=None, **how):
+    forget()
+    system = driven()
     for name, value in how.items():
         monkeypatch.setattr(solution, name, value)
     kernel = compiled(newton_source.__wrapped__(system, rule))
@@ -50,16 +52,16 @@ def rows(system, rule, monkeypatch, steps=60, u=None, **how):
 @pytest.mark.parametrize("by_directions", (10**9, 0))
 @pytest.mark.parametrize("rule", (vi.gauss(2), vi.gauss(4), vi.lobatto(3)), ids=str)
 def test_a_loop_over_the_nodes_gives_what_the_written_out_equations_give(
-    rule, by_directions, monkeypatch
+    rule, by_directions, monkeypatch, forget
 ):
-    system, u = driven(), np.random.default_rng(0).uniform(-1, 1, (60, 1))
-    written = rows(system, rule, monkeypatch, u=u, LOOPED=10**9)
-    looped = rows(system, rule, monkeypatch, u=u, LOOPED=0, BY_DIRECTIONS=by_directions)
+    u = np.random.default_rng(0).uniform(-1, 1, (60, 1))
+    written = rows(rule, monkeypatch, forget, u=u, LOOPED=10**9)
+    looped = rows(rule, monkeypatch, forget, u=u, LOOPED=0, BY_DIRECTIONS=by_directions)
     assert np.abs(looped - written).max() < 1e-12
 
 
 @needs_compiler
-def test_code_does_not_grow_with_the_number_of_nodes(monkeypatch):
+def test_code_does_not_grow_with_the_number_of_nodes(monkeypatch, forget):
     """But for the tables of the rule and the sizes of the unknowns, one number each."""
     emitted = []
     monkeypatch.setattr(solution, "LOOPED", 0)

@@ -67,31 +67,32 @@ def test_functions_of_a_small_scene_are_left_whole(monkeypatch):
     assert all(f.largest == f.length and "V m[" not in f.source for f in functions.values())
 
 
-def motion(system, rule, start):
-    """Another system of the same scene, so that it is compiled anew."""
+def motion(system, rule, start, forget):
+    """Another system of the same scene, compiled anew."""
+    forget()
     return vi.simulate(system(), rule, **start, h=0.01, steps=40, backend="compiled").q
 
 
 @needs_compiler
 @pytest.mark.parametrize("part", (7, 50))
 @pytest.mark.parametrize("rule", (vi.gauss(2), vi.lobatto(2), vi.lobatto(3)), ids=str)
-def test_parts_give_what_the_whole_gives(rule, part, monkeypatch):
+def test_parts_give_what_the_whole_gives(rule, part, monkeypatch, forget):
     """Sines and cosines together, inputs, outputs and numbers in every part."""
     start = {"q0": [0.4, -0.3], "v0": [0.2, 0.1]}
-    whole = motion(lambda: arm(2), rule, start)
+    whole = motion(lambda: arm(2), rule, start, forget)
     monkeypatch.setattr(emit, "LARGEST", 0)
     monkeypatch.setattr(parts, "PART", part)
-    assert np.abs(motion(lambda: arm(2), rule, start) - whole).max() < 1e-13
+    assert np.abs(motion(lambda: arm(2), rule, start, forget) - whole).max() < 1e-13
 
 
 @needs_compiler
-def test_parts_of_a_linkage_give_what_the_whole_gives(monkeypatch):
+def test_parts_of_a_linkage_give_what_the_whole_gives(monkeypatch, forget):
     model = vi.models.four_bar(loops=3)
     start = {"q0": model.q0, "v0": model.v0}
-    whole = motion(lambda: vi.models.four_bar(loops=3).system, vi.lobatto(2), start)
+    whole = motion(lambda: vi.models.four_bar(loops=3).system, vi.lobatto(2), start, forget)
     monkeypatch.setattr(emit, "LARGEST", 0)
     monkeypatch.setattr(parts, "PART", 30)
-    split = motion(lambda: vi.models.four_bar(loops=3).system, vi.lobatto(2), start)
+    split = motion(lambda: vi.models.four_bar(loops=3).system, vi.lobatto(2), start, forget)
     assert np.abs(split - whole).max() < 1e-11
 
 
@@ -106,7 +107,7 @@ def test_values_take_little_room_between_parts():
     assert max(len(part.body) for part in found) <= parts.PART + 2
 
 
-def test_a_scene_that_was_found_too_large_is_not_examined_again(monkeypatch):
+def test_a_scene_that_was_found_too_large_is_not_examined_again(monkeypatch, forget):
     examined = []
     graph = source._graph
     monkeypatch.setattr(source, "MOST_OPERATIONS", 10)

@@ -43,12 +43,15 @@ def wait_for(system: vi.System, rule: vi.Rule, scheme=BY_STAGES) -> None:
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_a_run_that_shifts_up_on_its_way_has_the_bytes_of_all_others(scene, monkeypatch, tmp_path):
+def test_a_run_that_shifts_up_on_its_way_has_the_bytes_of_all_others(
+    scene, monkeypatch, tmp_path, forget
+):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     make, q0, v0, rule = SCENES[scene]
     start = {"q0": q0, "v0": v0, **RUN, "h": 0.01}
     low = vi.simulate(make(), rule, **start, backend="native")
     high = vi.simulate(make(), rule, **start, backend="compiled")
+    forget()  # else the new scene would begin in the high gear
     system, used = make(), []
     compiled_run, kernel_after = compiled_loop.compiled_run, gears.kernel_after
 
@@ -73,7 +76,7 @@ def test_a_run_that_shifts_up_on_its_way_has_the_bytes_of_all_others(scene, monk
             assert motion.stats[name] == shifted.stats[name]
 
 
-def test_many_short_runs_shift_up_like_a_long_one(monkeypatch, tmp_path):
+def test_many_short_runs_shift_up_like_a_long_one(monkeypatch, tmp_path, forget):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(gears, "compiling_seconds", lambda system, rule: 0.01)
     system, rule = henon_heiles(), vi.gauss(6)
@@ -88,7 +91,7 @@ def test_many_short_runs_shift_up_like_a_long_one(monkeypatch, tmp_path):
     assert first.q.tobytes() == last.q.tobytes()
 
 
-def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path):
+def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path, forget):
     """A compiler that fails, a cache that is full: the run goes on as it began."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(gears, "compiling_seconds", lambda system, rule: 1e-6)

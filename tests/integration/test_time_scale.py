@@ -210,8 +210,10 @@ def test_time_scales_that_are_none_are_refused():
     run = dict(q0=1.0, v0=0.0)
     with pytest.raises(vi.InputError, match="positive"):
         vi.simulate(free, time_scale=-q, h=0.1, duration=1.0, **run)
-    with pytest.raises(vi.InputError, match="too close to zero"):
+    with pytest.raises(vi.ConvergenceError, match="too close to zero") as told:
         vi.simulate(free, time_scale=0.5 + q, h=0.1, duration=20.0, **run)
+    reached = told.value.trajectory
+    assert reached.t[-1] == told.value.time and np.abs(reached[:50].energy - 0.5).max() < 1e-4
     with pytest.raises(vi.InputError, match="not on"):
         vi.simulate(free, time_scale=1 + v**2, h=0.1, duration=1.0, **run)
     with pytest.raises(vi.InputError, match="unknown symbols"):

@@ -166,3 +166,20 @@ def test_the_iteration_contracts_in_long_chains():
     motion = vi.simulate(system, vi.gauss(2), q0=q0, v0=v0, h=h, steps=20, backend="native")
     assert "Gauss" in motion.stats["backend"]
     assert motion.stats["iterations"] <= 20 * 20
+
+
+@pytest.mark.long
+def test_a_chain_of_a_hundred_links_is_solved():
+    """Two rules and steps agree, energy is kept to round-off, and evaluations are few."""
+    links = 100
+    system = spatial_chain(links).system()
+    start = dict(q0=0.3 * np.cos(np.arange(links)), v0=0.05 * np.sin(np.arange(links)))
+    runs = [
+        vi.simulate(system, rule, **start, h=h, duration=0.02, backend="native")
+        for rule, h in ((vi.gauss(4), 1e-4), (vi.gauss(6), 2e-4))
+    ]
+    assert abs(runs[0].q[-1] - runs[1].q[-1]).max() <= 1e-9
+    for motion in runs:
+        assert "Gauss" in motion.stats["backend"]
+        assert np.ptp(motion.energy) <= 1e-13 * abs(motion.energy[0])
+        assert motion.stats["iterations"] <= 10 * motion.stats["steps"]

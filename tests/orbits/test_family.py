@@ -1,5 +1,7 @@
 """Families of orbits against closed forms; folds and branch points where they belong."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -7,6 +9,9 @@ from orbit_scenes import duffing, pendulum
 
 import varint as vi
 from varint import orbits
+from varint.numerics.archive import read_archive, write_archive
+from varint.orbits.bifurcations import Bifurcation
+from varint.orbits.continuation import Curve, Direction
 
 
 def duffing_period(energy):
@@ -110,7 +115,7 @@ def test_halo_orbits_branch_off_the_planar_family(lyapunov):
 
 
 @pytest.mark.long
-def test_a_bouncing_weight_begins_to_swing_at_a_period_doubling():
+def test_a_bouncing_weight_begins_to_swing_at_a_period_doubling(tmp_path):
     model = vi.models.spring_pendulum()
     system = model.system
     k = dict(k=36.0)  # bouncing more than twice as fast as swinging
@@ -123,6 +128,11 @@ def test_a_bouncing_weight_begins_to_swing_at_a_period_doubling():
     assert np.abs(doublings[0].orbit.floquet.multipliers + 1).max() < 1e-3
     assert found[0].floquet.stable and not found[-1].floquet.stable
     swinging = doublings[0].branch()
+    found.save(tmp_path / "found.npz")
+    [again] = [
+        x for x in vi.load(tmp_path / "found.npz").bifurcations if x.kind == doublings[0].kind
+    ]
+    assert again.branch().period == pytest.approx(swinging.period, rel=1e-12)
     assert swinging.period == pytest.approx(2 * doublings[0].orbit.period, rel=1e-2)
     assert np.abs(swinging.motion.q[:, 0]).max() > 1e-3
     assert np.abs(bounce.motion.q[:, 0]).max() < 1e-12
@@ -133,15 +143,38 @@ def test_families_are_saved_and_loaded(backbone, tmp_path):
     again = vi.load(tmp_path / "backbone.npz")
     assert (again.periods == backbone.periods).all() and again.along == "energy"
     assert (again[3].motion.q == backbone[3].motion.q).all()
+    assert again.bifurcations == () and len(again) == len(backbone)
     backbone[-1].save(tmp_path / "one.npz")
     one = vi.load(tmp_path / "one.npz")
     assert one.period == backbone[-1].period and one.integrals == backbone[-1].integrals
     assert str(one) == str(backbone[-1])
 
 
-def test_torn_files_are_refused(backbone, tmp_path):
-    from varint.numerics.archive import read_archive, write_archive
+def test_what_was_met_is_saved_with_a_family(backbone, tmp_path):
+    curve, orbit = Curve("energy", None, None, 0.0), backbone[4]
+    tangent = Direction(0.1 * orbit.at.x, -0.3, 0.0)
+    met = Bifurcation("branch point", orbit, orbit.energy, tangent, curve)
+    replace(backbone, bifurcations=(met,)).save(tmp_path / "family.npz")
+    found = vi.load(tmp_path / "family.npz")
+    [one] = found.bifurcations
+    assert len(found) == len(backbone)
+    assert (one.kind, one.value, repr(one.curve)) == (met.kind, met.value, repr(met.curve))
+    assert (one.tangent.x == tangent.x).all() and one.tangent.period == -0.3
+    assert (one.orbit.at.x == orbit.at.x).all() and repr(one) == repr(met)
+    header, arrays = read_archive(tmp_path / "family.npz", "orbit")
+    wrong = header["met"][0]
+    for torn in (
+        dict(met=header["met"] * 99),
+        dict(met=[wrong | {"curve": wrong["curve"] | {"index": 7}}]),
+        dict(met=[wrong | {"value": "much"}]),
+    ):
+        with (tmp_path / "torn.npz").open("wb") as file:
+            write_archive(file, header | torn, arrays, compress=True)
+        with pytest.raises(vi.InputError):
+            vi.load(tmp_path / "torn.npz")
 
+
+def test_torn_files_are_refused(backbone, tmp_path):
     backbone[0].save(tmp_path / "one.npz")
     header, arrays = read_archive(tmp_path / "one.npz", "orbit")
     for change in (

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from orbit_scenes import double_pendulum_held, pendulum, springs
+from references import entries
 
 import varint as vi
 from varint import orbits
@@ -78,7 +79,16 @@ def test_the_figure_eight_closes_to_thirteen_digits():
         model.system, (model.q0, model.v0), period=vi.models.FIGURE_EIGHT_PERIOD
     )
     assert eight.residual < 1e-13 and eight.error_estimate < 1e-13
-    # the published start (Chenciner & Montgomery; Simó) is that near
+    published = entries("orbits")["figure-eight"]["reference"]
+    x1, v3 = np.array(published["x1"]), np.array(published["v3"])
+    start = np.concatenate([x1, -x1, [0, 0]]), np.concatenate([-v3 / 2, -v3 / 2, v3])
+    refined = orbits.periodic(model.system, start, period=published["period"], energy=eight.energy)
+    assert refined.residual < 1e-13 and refined.error_estimate < 1e-13
+    assert refined.period == pytest.approx(published["period"], abs=1e-8)
+    assert np.abs(refined.q0 - start[0]).max() < 2e-8
+    assert np.abs(refined.v0 - start[1]).max() < 2e-8
+    # the start of the model has more digits of the same orbit
+    assert refined.period == pytest.approx(eight.period, abs=1e-12)
     assert np.abs(eight.q0 - model.q0).max() < 1e-13
     assert np.abs(eight.v0 - model.v0).max() < 1e-13
     third = eight.motion.at(eight.period / 3)  # choreography: each body takes the next one's place

@@ -24,7 +24,14 @@ CLOSE = {
 # data that come as packages, and their fits take some ten seconds
 PLANS = {"six_axis_arm", "crane_and_leap", "control_films"}
 # of many scenes, each of them arranged anew, or of many searches
-MANY = {"charged_particle", "figure_eight", "halo_orbits", "pendulum_paths", "rotating_frame"}
+MANY = {
+    "arenstorf",
+    "charged_particle",
+    "figure_eight",
+    "halo_orbits",
+    "pendulum_paths",
+    "rotating_frame",
+}
 DATA = {"exoplanets": "radvel", "solar_system_masses": "skyfield-data"}
 
 

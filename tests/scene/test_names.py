@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import casadi as ca
+import numpy as np
 import pytest
 
 import varint as vi
@@ -49,3 +50,21 @@ def test_time_may_have_another_name_and_leave_its_own():
     q, v = vi.coordinates("t")
     s = ca.SX.sym("s")
     assert vi.System(q, v, v**2 / 2 - s * q, t=s).names == ("t",)
+
+
+def test_a_name_stands_for_its_symbol_wherever_an_expression_is_asked_for():
+    system = vi.models.cart_pole().system
+    motion = vi.simulate(
+        system, vi.gauss(2), q0=[0.1, 0.2], v0=[0.3, 0.4], h=0.05, steps=20, u=[1.0]
+    )
+    n = len(system.names)
+    for i, name in enumerate(system.names):
+        assert np.array_equal(motion[name], motion.q[:, i])
+        assert np.array_equal(motion[f"{name}_dot"], motion.v[:, i])
+        assert np.array_equal(motion.value(name), motion.q[:, i])
+    [control] = system.control_names
+    assert (motion[control] == 1.0).all() and np.array_equal(motion["t"], motion.t)
+    figure = motion.plot(system.names[0], system.names[n - 1])
+    assert [len(axes.lines) for axes in figure.axes] == [1, 1]
+    with pytest.raises(vi.InputError, match="is 'angle', no symbol's name; known: "):
+        motion["angle"]

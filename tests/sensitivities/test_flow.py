@@ -114,7 +114,5 @@ def test_what_has_no_flow_is_refused_in_words():
     for nodes in ([], [3, 2], [11], [0.5]):
         with pytest.raises(vi.InputError, match="nodes"):
             vi.flow(system, h=0.1, steps=10, nodes=nodes)
-    with pytest.raises(vi.InputError, match="contacts"):
-        vi.flow(vi.models.bouncing_ball().system, h=0.1, steps=10)
     with pytest.raises(vi.InputError, match="backend"):
         vi.flow(system, h=0.1, steps=10, backend="fast")

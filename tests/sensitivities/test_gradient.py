@@ -4,6 +4,10 @@ order, and nodes that were left out cost memory of the square root of their numb
 
 from __future__ import annotations
 
+import weakref
+from functools import cache
+from time import monotonic
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,7 +15,10 @@ from scenes import double_pendulum, driven_damped, pendulum, slopes
 from test_tangents import differences, driven_cart, named, run_of, spring, swinging
 
 import varint as vi
-import varint.sensitivities.pieces as pieces_module
+from varint.sensitivities import checkpoints
+from varint.sensitivities.checkpoints import schedule
+from varint.sensitivities.loops import is_built, sweeper
+from varint.sensitivities.start import as_text
 
 KINDS = [
     (pendulum, vi.composition("blanes-moan4")),
@@ -43,14 +50,16 @@ def test_the_adjoint_is_the_tangents_transpose(scene, rule):
 
 
 @pytest.mark.parametrize("rule", [vi.gauss(3), vi.composition("kahan-li6")], ids=str)
-def test_compiled_and_interpreted_gradients_agree(rule):
+def test_compiled_and_native_gradients_are_the_same_and_interpreted_ones_agree(rule):
     system, _ = spring()
     motion = vi.simulate(system, rule, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=30)
     loss = ca.sumsqr(system.q) + system.v[0] ** 2 * system.c[0]
-    one, other = (
+    one, data, other = (
         vi.gradient(motion, loss, system.q[0], nodes=system.v[1] ** 2, backend=backend)
-        for backend in ("compiled", "interpreted")
+        for backend in ("compiled", "native", "interpreted")
     )
+    assert repr(data) == repr(one)
+    assert all(np.array_equal(getattr(data, name), getattr(one, name)) for name in ("q0", "v0"))
     assert one.value == pytest.approx(other.value, rel=1e-13)
     for name in ("q0", "v0", "p0", "h", "t0"):
         assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-11, atol=1e-12)
@@ -133,37 +142,88 @@ def test_with_momenta_held_at_the_start_parameters_act_on_the_motion_alone():
     assert free.params["m"] - held.params["m"] == pytest.approx(held.p0 @ [0.2, 0.5])
 
 
-def test_a_gradient_with_nodes_left_out_holds_twice_the_root_of_their_number(monkeypatch):
-    monkeypatch.setattr(pieces_module, "SHORTEST_RUN", 1)  # as of a million steps and more
+@pytest.mark.skipif(not is_built(), reason="installed without a compiler")
+def test_loops_of_the_native_core_give_way_to_compiled_ones_of_the_same_digits():
     system, _ = spring()
-    given = dict(q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.02, steps=2500)
-    few = vi.simulate(system, vi.composition("verlet"), **given, save_every=50)
-    largest = max(len(piece.x) for piece in pieces_module.pieces(few, backwards=True))
-    assert len(few) + largest <= 2 * 50 + 2
-    found = vi.gradient(few, system.q[0] ** 2, system.v[0])
-    every = vi.simulate(system, vi.composition("verlet"), **given)
-    whole = vi.gradient(every, system.q[0] ** 2, system.v[0])
-    for name in ("value", "q0", "v0", "h"):
-        assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-8)
+    rule = vi.composition("kahan-li6")  # of which the compiled loops were made above
+    motion = vi.simulate(system, rule, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=200)
+    loss = ca.sumsqr(system.q) + system.v[0] ** 2 * system.c[0]
+    by = sweeper(system, rule, 10**6, "auto", as_text(system, loss))
+    (kernel,) = by.kernels
+    gears = kernel.adjoints.args[0]
+    first = vi.gradient(motion, loss)
+    while gears.high is None and gears.seconds < gears.expected:
+        again = vi.gradient(motion, loss)
+        gears.seconds += gears.expected / 8
+    assert gears.work is not None or gears.high is not None
+    deadline = monotonic() + 60
+    while gears.work is not None and monotonic() < deadline:
+        again = vi.gradient(motion, loss)
+    assert gears.high is not None
+    again = vi.gradient(motion, loss)
+    assert np.array_equal(first.q0, again.q0) and repr(first) == repr(again)
 
 
-def test_a_gradient_of_a_run_whose_ends_alone_were_kept_holds_no_more(monkeypatch):
-    monkeypatch.setattr(pieces_module, "SHORTEST_RUN", 1)
+def fewest_advances(pieces: int, states: int) -> int:
+    """By dynamic programming: advance m pieces and store, take the others back, then these."""
+
+    @cache
+    def best(count: int, left: int) -> int:
+        if count == 1 or not left:
+            return count * (count - 1) // 2
+        return min(m + best(count - m, left - 1) + best(m, left) for m in range(1, count))
+
+    return best(pieces, states)
+
+
+@pytest.mark.parametrize("pieces", [1, 2, 3, 7, 16, 40])
+@pytest.mark.parametrize("states", [0, 1, 2, 3, 6])
+def test_no_schedule_of_checkpoints_takes_fewer_steps(pieces, states):
+    stored, taken, advances, most = {0}, [], 0, 0
+    for act, at, to in schedule(pieces, states):
+        assert at in stored
+        if act == "drop":
+            stored.remove(at)
+            continue
+        advances += to - at
+        if act == "store":
+            stored.add(to)
+        else:
+            taken.append(to)
+        most = max(most, len(stored) - 1)
+    assert taken == list(range(pieces))[::-1]
+    assert most <= states and stored == {0}
+    assert advances == fewest_advances(pieces, states)
+
+
+@pytest.mark.parametrize("every", [40, 1600], ids=["every 40th", "the ends alone"])
+@pytest.mark.parametrize("states", [80, 12], ids=["twice the root", "few"])
+def test_a_gradient_with_nodes_left_out_holds_no_more_states_than_asked(every, states, monkeypatch):
     system, _ = spring()
+    held = {"now": 0, "most": 0}
+
+    def counted(made, size):
+        def build(*given):
+            found = made(*given)
+            count = size(found)
+            held["now"] += count
+            held["most"] = max(held["most"], held["now"])
+            weakref.finalize(keeper(found), lambda: held.update(now=held["now"] - count))
+            return found
+
+        return build
+
+    def keeper(found):  # what lives as long as the numbers do
+        return found.q if isinstance(found, vi.Trajectory) else found.x
+
+    advanced, again = checkpoints._advanced, checkpoints.piece_again
+    monkeypatch.setattr(checkpoints, "_advanced", counted(advanced, lambda x: 1))
+    monkeypatch.setattr(checkpoints, "piece_again", counted(again, lambda x: len(x.x)))
     given = dict(q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.02, steps=1600)
-    held: list[int] = []
-    thinned = pieces_module._thinned_between
-    monkeypatch.setattr(
-        pieces_module,
-        "_thinned_between",
-        lambda *x: held.append(len(found := thinned(*x))) or found,
-    )
-    ends = vi.simulate(system, vi.gauss(2), **given, save_every=1600)
-    largest = max(len(piece.x) for piece in pieces_module.pieces(ends, backwards=True))
-    assert len(ends) == 2 and held == [41]
-    assert held[0] + largest <= 2 * 40 + 2
-    every = vi.simulate(system, vi.gauss(2), **given)
-    found, whole = (vi.gradient(x, system.q[0] ** 2, system.v[0]) for x in (ends, every))
+    ends = vi.simulate(system, vi.gauss(2), **given, save_every=every)
+    found = vi.gradient(ends, system.q[0] ** 2, system.v[0], states=states)
+    assert held["most"] <= states and (every == 40 or held["most"] > states / 2)
+    whole = vi.gradient(vi.simulate(system, vi.gauss(2), **given), system.q[0] ** 2, system.v[0])
     for name in ("value", "q0", "v0", "h"):
         assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-8)
 
@@ -179,6 +239,7 @@ def test_losses_that_make_no_sense_are_refused_in_words():
         (dict(weights=np.ones(5)), "nodes="),
         (dict(nodes=q, weights=np.ones(4)), r"\(5, 2\)"),
         (dict(loss=q[0], held="q0"), "'v0' or 'p0'"),
+        (dict(loss=q[0], states=3), "whole number from 5"),
         (dict(loss=q[0], backend="fast"), "backend"),
     ):
         with pytest.raises(vi.InputError, match=words):

@@ -38,12 +38,13 @@ def loss_of(flow: ca.Function, x: list[ca.MX]) -> ca.MX:
     return ca.sum1(ca.sum2(ca.sin(q) * w[0])) + ca.sum1(ca.sum2(v**2 * w[1]))
 
 
+@pytest.mark.parametrize("backend", ["native", "interpreted"])
 @pytest.mark.parametrize(
     ("scene", "rule"), SCENES, ids=["explicit", "gauss", "cart", "lobatto", "constrained"]
 )
-def test_the_hessian_is_what_differences_of_the_gradient_come_to(scene, rule):
+def test_the_hessian_is_what_differences_of_the_gradient_come_to(scene, rule, backend):
     system = scene()
-    flow = vi.flow(system, rule, h=0.1, steps=3, nodes=[1, 3])
+    flow = vi.flow(system, rule, h=0.1, steps=3, nodes=[1, 3], backend=backend)
     x = [ca.MX.sym(f"x{i}", *flow.size_in(i)) for i in range(4)]
     loss, z = loss_of(flow, x), ca.vertcat(*map(ca.vec, x))
     slope = ca.Function("slope", x, [ca.gradient(loss, z)])

@@ -4,6 +4,8 @@ function theorem, of whole runs by differences, by closed forms, and symplectic.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,7 +13,10 @@ from scenes import double_pendulum, driven_damped, pendulum
 from scipy.special import ellipe, ellipk
 
 import varint as vi
+from varint.codegen import cache
 from varint.numerics.arrays import call
+from varint.sensitivities import steps_at_once
+from varint.sensitivities.loops import is_built, sweeper
 
 
 def spring() -> tuple[vi.System, vi.Parameters]:
@@ -270,13 +275,15 @@ def test_the_pendulums_transition_matrix_after_a_period_by_elliptic_integrals():
 
 
 @pytest.mark.parametrize("rule", [vi.gauss(4), vi.composition("blanes-moan4")], ids=str)
-def test_compiled_and_interpreted_tangents_agree(rule):
+def test_compiled_and_native_tangents_are_the_same_and_interpreted_ones_agree(rule):
     system, _ = spring()
     motion = vi.simulate(system, rule, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=40)
     wrt = ["q0", "v0", "t0", "h", "m", "k", "rest"]
-    one, other = (
-        vi.sensitivity(motion, wrt, backend=backend) for backend in ("compiled", "interpreted")
+    one, data, other = (
+        vi.sensitivity(motion, wrt, backend=backend)
+        for backend in ("compiled", "native", "interpreted")
     )
+    assert np.array_equal(one, data)
     assert np.abs(one - other).max() < 1e-12 * np.abs(other).max()
 
 
@@ -284,8 +291,47 @@ def test_a_stiff_scene_is_differentiated_by_factors_where_the_stages_do_not_cont
     q, v = vi.coordinates("x", "y")
     stiff = vi.System(q, v, ca.sumsqr(v) / 2 - 1e4 * (ca.sumsqr(q) - 1) ** 2 - q[1])
     motion = vi.simulate(stiff, vi.gauss(3), q0=[1.0, 0.0], v0=[0.0, 1.0], h=0.05, steps=20)
-    one, other = (vi.sensitivity(motion, backend=x) for x in ("compiled", "interpreted"))
-    assert np.abs(one - other).max() < 1e-10 * np.abs(other).max()
+    data, other = (vi.sensitivity(motion, backend=x) for x in ("native", "interpreted"))
+    assert np.abs(data - other).max() < 1e-10 * np.abs(other).max()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("scene", "rule"), KINDS + HELD, ids=named)
+def test_derivatives_are_the_same_bytes_with_the_scene_as_data_and_compiled(scene, rule):
+    motion = run_of(scene, rule, steps=12)
+    s, wrt = motion.system, ["q0", "v0", *motion.system.defaults, "t0", "h"]
+    loss = ca.sumsqr(s.q) + ca.sumsqr(s.v)
+    both = ("native", "compiled")
+    one, other = (vi.sensitivity(motion, wrt, backend=x) for x in both)
+    assert np.array_equal(one, other)
+    one, other = (vi.gradient(motion, loss, s.q[0], backend=x) for x in both)
+    assert repr(one) == repr(other)
+    for name in ("value", "q0", "v0", "h", "t0"):
+        assert np.array_equal(getattr(one, name), getattr(other, name))
+    flows = [vi.flow(s, rule, h=motion.h, steps=3, backend=x) for x in both]
+    x = [ca.MX.sym(f"x{i}", *flows[0].size_in(i)) for i in range(4)]
+    given = motion.q[0], motion.v[0], motion.c, np.zeros(flows[0].size_in(3))
+    hessians = []
+    for flow in flows:
+        value = ca.sum1(ca.vertcat(*flow(*x)))
+        of_both = ca.hessian(value, ca.vertcat(*x[:3]))[0]
+        hessians.append(np.array(ca.Function("hessian", x, [of_both])(*given)))
+    assert np.abs(hessians[0]).max() > 0
+    assert np.array_equal(*hessians)
+
+
+@pytest.mark.skipif(not is_built(), reason="installed without a compiler")
+def test_long_sweeps_need_no_compiler(monkeypatch, recwarn):
+    """The native core takes them: far less than CasADi's own loops, with nothing compiled."""
+    monkeypatch.setattr(cache, "library", lambda *_: pytest.fail("something was compiled"))
+    system, _ = spring()
+    motion = vi.simulate(system, vi.gauss(4), q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=1000)
+    by = sweeper(system, motion.rule, 1000, "auto")
+    assert by.native and by.kernels
+    of_end = motion.transition_matrix()
+    found = vi.gradient(motion, terminal_loss=system.q[1], held="p0")
+    assert np.abs(of_end[1] - np.concatenate([found.q0, found.p0])).max() < 1e-9
+    assert not recwarn
 
 
 def test_nodes_that_were_left_out_are_computed_once_more():
@@ -328,6 +374,36 @@ def test_redundant_constraints_have_the_tangents_of_those_that_are_independent()
     along = tangent_space(once, 0)
     one, two = (x.transition_matrix() @ along for x in (once, twice))
     assert np.abs(one - two).max() < 1e-11 * np.abs(one).max()
+
+
+@pytest.mark.parametrize("backend", ["native", "interpreted"])
+def test_a_derivative_that_cannot_be_taken_is_told_by_its_step_and_cause(backend):
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(k=2.0)
+    system = vi.System(q, v, v**2 / 2 - c.k * q**2 / 2, params=c)
+    motion = vi.simulate(system, vi.midpoint(), q0=0.4, v0=0.2, h=0.5, steps=9)
+    singular = np.array([-16.0])  # 1 + h² k / 4 = 0
+    with pytest.raises(vi.ConvergenceError, match="no regular derivative") as found:
+        vi.sensitivity(replace(motion, c=singular), ["p0"], backend=backend)
+    assert found.value.step == 0
+    motion = run_of(pendulum, vi.midpoint(), steps=9)
+    lost = motion.q.copy()
+    lost[4] = np.nan
+    with pytest.raises(vi.ConvergenceError, match="not finite") as found:
+        vi.sensitivity(replace(motion, q=lost), backend=backend)
+    assert found.value.step == 3
+
+
+def test_what_ends_an_evaluation_for_another_reason_is_not_called_a_grazing(monkeypatch):
+    system, _ = spring()
+    motion = vi.simulate(system, vi.gauss(2), q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=4)
+
+    def interrupted(*_):
+        raise RuntimeError("Error in Function::call\nno more threads")
+
+    monkeypatch.setattr(steps_at_once, "over_columns", interrupted)
+    with pytest.raises(vi.ConvergenceError, match=r"step 0.*no more threads"):
+        vi.sensitivity(motion, backend="interpreted")
 
 
 def test_what_cannot_be_differentiated_is_refused_in_words():

@@ -190,6 +190,14 @@ def test_the_pendulum_is_that_of_the_book():
     assert not found.cyclic and not found.constraints and found.effective_potential is None
 
 
+def test_a_scene_has_its_equations_and_all_of_them_go_to_sympy_under_their_headings():
+    scene = vi.models.pendulum().system
+    assert scene.equations is vi.equations(scene)
+    derived = scene.equations.sympy()
+    assert list(derived) == [heading for heading, _ in scene.equations.sections]
+    assert derived["Euler–Lagrange equations"] == [scene.equations.euler_lagrange[0].sympy()]
+
+
 def test_the_double_pendulum_is_that_of_the_book():
     """Landau & Lifshitz, Mechanics, §5, problem 1."""
     _, found = derived("double_pendulum")

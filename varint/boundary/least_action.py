@@ -20,6 +20,7 @@ from varint.boundary.result import conjugate_ends, path_of
 from varint.boundary.search import Search, along_its_way, on_its_steps
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.errors import InputError, SolverError
+from varint.integration.to_tolerance import DEFAULT_TOL
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
@@ -75,7 +76,8 @@ def least_action(
     tol : float, optional
         Error wanted of q and p at the nodes, relative to the range of each coordinate and to the
         largest momentum: steps are then divided where the path needs it (`Trajectory.sizes`), and
-        the rule is `gauss(6)` where none is given and there are no constraints.
+        the rule is `gauss(6)` where none is given and there are no constraints. Without `steps`,
+        where no action is minimised, it is 1e-9.
     t0 : float
         Start time.
     guess : array (k, n) or Trajectory, optional
@@ -149,6 +151,8 @@ def solutions(
             f"bounds must be a list of (lower, expression, upper), got {type(bounds).__name__}"
         )
     minimise = bool(bounds) or (isinstance(duration, Free) and given["energy"] is None)
+    if steps is None and tol is None and not minimise:
+        tol = DEFAULT_TOL
     if rule is None and not system.structure.constraints and (minimise or tol is not None):
         rule = gauss(2 if tol is None else 6)  # a composition has no path between its nodes
     problem, nodes, (time, *window) = boundary_value_problem(
@@ -219,7 +223,7 @@ def _steps(steps: int | None, tol: float | None, minimise: bool) -> int:
     """Number of steps, or of those that refinement begins with."""
     if tol is None:
         if steps is None:
-            raise InputError("give steps, the number of steps, or tol, the error that is allowed")
+            raise InputError("give steps, the number of steps of the path whose action is least")
         return steps
     if not isinstance(tol, (int, float)) or not LEAST_TOL <= tol <= MOST_TOL:
         raise InputError(

@@ -32,6 +32,10 @@ def _status_names() -> list[str]:
 
 Status = IntEnum("Status", _status_names(), start=0)  # type: ignore[misc]  # how a run ended
 DONE, NOT_CONVERGED, NOT_FINITE = Status
+LATELY, MOST_NOTED = (
+    int(re.search(rf"#define {name} +(\d+)", c_source("run.h"))[1])  # type: ignore[index]
+    for name in ("LATELY", "MOST_NOTED")
+)
 
 
 class RunArguments(Structure):
@@ -52,6 +56,7 @@ class RunArguments(Structure):
         ("carry", c_void_p),
         ("stats", c_void_p),
         ("scene", c_void_p),
+        ("notes", c_void_p),
     ]
 
 
@@ -86,9 +91,7 @@ class RunStats(Structure):
         ("residual", c_double),
         ("failed", c_double),
         ("contraction", c_double),
-        ("nearest", c_double),
-        ("farthest", c_double),
-        ("shrunk", c_double),
+        ("noted", c_double),
     ]
 
 

@@ -16,18 +16,18 @@ import os
 import platform
 import shutil
 import stat
-import subprocess
 import sys
-import tempfile
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from time import time
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from varint.codegen.built import newer_functions
-from varint.codegen.processes import end, run, start
 from varint.errors import VarintError
+
+if TYPE_CHECKING:
+    import subprocess
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math")
 # products and sums are fused as the source says, or wherever the compiler finds them
@@ -190,6 +190,11 @@ def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation |
         finished(work)
     if len(_AT_WORK) >= MOST_AT_WORK:
         return None
+    # these take as long to import as all else of a first run in the low gear
+    import tempfile
+
+    from varint.codegen.processes import start
+
     folder, key = cache_folder(), _key(source, contraction)
     try:
         place = Path(tempfile.mkdtemp(prefix="varint-"))
@@ -218,6 +223,8 @@ def finished(work: Compilation) -> bool:
 @atexit.register
 def _end_work() -> None:
     while _AT_WORK:
+        from varint.codegen.processes import end
+
         work = _AT_WORK.pop()
         end(work.process)
         shutil.rmtree(work.place, ignore_errors=True)
@@ -270,6 +277,11 @@ def _file_name(key: str, content: bytes) -> str:
 
 def _compile(source: str, folder: Path, key: str, contraction: str) -> ctypes.CDLL:
     """Compile outside the cache folder: what is interrupted leaves nothing in it."""
+    import subprocess
+    import tempfile
+
+    from varint.codegen.processes import run
+
     command = compiler()
     assert command is not None
     with tempfile.TemporaryDirectory(prefix="varint-", ignore_cleanup_errors=True) as name:
@@ -304,6 +316,8 @@ def _store(content: bytes, folder: Path, key: str) -> Path:
         with suppress(FileNotFoundError):  # another process has just moved it into place
             if time() - old.stat().st_mtime > ABANDONED:
                 old.unlink()
+    import tempfile
+
     number, name = tempfile.mkstemp(dir=folder, prefix=PART)
     try:
         with os.fdopen(number, "wb") as file:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from ctypes import c_char_p, c_int, c_int64, c_void_p
 from functools import cache, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from varint.codegen.arguments import c_source
 from varint.codegen.built import built_library
@@ -51,17 +51,42 @@ def explicit_loop() -> Loop:
     return _loop("explicit_core.c", "{name}_explicit_{level}", {})
 
 
+@cache
+def sweep_entries() -> tuple[Callable, ...]:
+    """Tangents and adjoints of c/sweep.c; raises CompileError as `gauss_loop` does."""
+    return _entries("sweep_core.c", ("tangents", "adjoints"), "{name}_sweep_{level}", {})
+
+
+@cache
+def curvature_entry() -> Callable:
+    """c/curvature.c; raises CompileError as `gauss_loop` does."""
+    return _entries("sweep_core.c", ("curvatures",), "{name}_sweep_{level}", {})[0]
+
+
+@lru_cache(maxsize=32)
+def stage_sweep_entries(lanes: int, vectors: int) -> tuple[Callable, ...]:
+    """Tangents and adjoints of c/sweep_gauss.c for vectors of so many lanes, so many of them for
+    the stages of a coordinate; raises CompileError as `gauss_loop` does.
+    """
+    names = f"{{name}}_stages_{{level}}_{lanes}_{vectors}"
+    shape = {"LANES": lanes, "VECTORS": vectors}
+    return _entries("sweep_gauss_core.c", ("tangents", "adjoints"), names, shape)
+
+
 def _loop(file: str, names: str, defines: dict[str, int]) -> Loop:
-    level, built = _LEVELS[vector_length()], built_library()
-    if built is None or not hasattr(built, names.format(name="run", level=level)):
-        text = "".join(f"#define {key} {x}\n" for key, x in ({"LEVEL": level} | defines).items())
-        with notice("compiling a loop for scenes as data (once; it is kept)"):
-            built = library(text + c_source(file), AS_WRITTEN)
-    run, parts, size = (
-        getattr(built, names.format(name=name, level=level))
-        for name in ("run", "parts", "carry_size")
-    )
+    run, parts, size = _entries(file, ("run", "parts", "carry_size"), names, defines)
     for entry in (run, parts):
         entry.argtypes, entry.restype = [c_char_p], c_int
     size.argtypes, size.restype = [c_void_p], c_int64
     return Loop(run, parts, size)
+
+
+def _entries(
+    file: str, wanted: tuple[str, ...], names: str, defines: dict[str, int]
+) -> tuple[Any, ...]:
+    level, built = _LEVELS[vector_length()], built_library()
+    if built is None or not hasattr(built, names.format(name=wanted[0], level=level)):
+        text = "".join(f"#define {key} {x}\n" for key, x in ({"LEVEL": level} | defines).items())
+        with notice("compiling a loop for scenes as data (once; it is kept)"):
+            built = library(text + c_source(file), AS_WRITTEN)
+    return tuple(getattr(built, names.format(name=name, level=level)) for name in wanted)

@@ -64,6 +64,7 @@ def explicit_source(system: System, rule: Rule) -> Source:
     )
 
 
+@kernel_per_system
 def explicit_functions(system: System, rule: Rule) -> dict[str, Routine]:
     """The forces "rhs" and the "velocity"; raises NotCompilable."""
     if not system.structure.explicit or not rule.kicks:

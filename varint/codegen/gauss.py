@@ -14,7 +14,7 @@ from varint.codegen.source import Routine, Source, compiled, emitted, halved, ro
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia, known_velocity
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 FEW = 6  # so many coordinates stay in registers
 # vector operations of an evaluation up to which latency decides its time, not their number
@@ -151,7 +151,7 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
     )
 
 
-@per_system
+@per_scene
 def gauss_scheme(system: System, stages: int, form: int | None = None) -> Scheme:
     """What the Gauss method with so many stages needs of a scene; raises NotCompilable."""
     form = gauss_form(system) if form is None else form

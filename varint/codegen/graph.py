@@ -11,7 +11,7 @@ import casadi as ca
 
 from varint.errors import VarintError
 from varint.numerics.operations import operations_of
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 Built = TypeVar("Built")
 
@@ -25,7 +25,7 @@ class NotCompilable(VarintError):
 
 
 def kernel_per_system(build: Callable[..., Built]) -> Callable[..., Built]:
-    """`per_system` that remembers refusals too: what was found too large is not examined again."""
+    """`per_scene` that remembers refusals too: what was found too large is not examined again."""
 
     @wraps(build)
     def tried(system: System, *key: Any) -> tuple[Built | None, str]:
@@ -34,7 +34,7 @@ def kernel_per_system(build: Callable[..., Built]) -> Callable[..., Built]:
         except NotCompilable as refusal:
             return None, str(refusal)
 
-    found = per_system(tried)
+    found = per_scene(tried)
 
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from ctypes import addressof, c_char
 from dataclasses import dataclass
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import (
     DONE,
+    LATELY,
+    MOST_NOTED,
     PartsArguments,
     RunArguments,
     RunStats,
@@ -44,6 +47,8 @@ class Kernel:
         Address of the scene's operations where they are data; 0 where they are compiled.
     block : array or None
         The memory there.
+    rows : int
+        Constraint rows whose folds the loop notes.
     """
 
     about: str
@@ -57,6 +62,12 @@ class Kernel:
     opening: Callable[..., np.ndarray] | None = None
     scene: int = 0
     block: np.ndarray | None = None
+    rows: int = 0
+
+    @property
+    def note(self) -> tuple[int, int]:
+        """Nodes of a note of a fold, and numbers of each of them; (0, 0) where none is made."""
+        return (LATELY, 2 + 2 * self.n + self.rows) if self.rows else (0, 0)
 
 
 class LoopResult(NamedTuple):
@@ -68,7 +79,7 @@ class LoopResult(NamedTuple):
         q, p, v at the start and at every `save_every`-th node after it, up to where the run ended.
     status : int
         DONE, NOT_CONVERGED or NOT_FINITE; a failed run ends at node ``steps``, whose step was not
-        possible.
+        possible. One that is DONE may have ended early, to tell of folds.
     steps, iterations, most_iterations : int
         Steps done, right-hand sides of all stages, and most of them in one step (0 for explicit
         methods).
@@ -80,13 +91,14 @@ class LoopResult(NamedTuple):
     contraction : float
         Slowest ratio of two changes seen: near 1 the iteration hardly contracts and Newton's method
         is better.
-    independence : tuple or None
-        Smallest and largest pivot of the constraint rows at the saved nodes, and the least length
-        of a row there by its largest; None where they are not looked at.
+    notes : array (notes, 1 + LATELY · numbers of a node)
+        What was noted of folds; see c/folds.h.
     last : array (3n,)
         q, p, v of the node where the run ended, saved or not.
     carry : array
         Hand it to the next call to go on as if the run had not stopped.
+    seconds : float
+        Spent in the loop, whatever had to be built before.
     """
 
     rows: np.ndarray
@@ -97,9 +109,10 @@ class LoopResult(NamedTuple):
     residual: float
     failed: float
     contraction: float
-    independence: tuple[float, float, float] | None
+    notes: np.ndarray
     last: np.ndarray
     carry: np.ndarray
+    seconds: float
 
 
 def run_loop(
@@ -149,7 +162,11 @@ def run_loop(
     last = stats + _STATS
     rows = last + 3 * n
     kept = rows + 3 * n * (steps // save_every + 1)
-    block = np.empty(kept + kernel.carry_size)  # one block, so that its address is asked for once
+    noted = kept + kernel.carry_size
+    nodes, size = kernel.note
+    note = 1 + nodes * size
+    # one block, so that its address is asked for once
+    block = np.empty(noted + (MOST_NOTED * note if nodes else 0))
     block[:n] = q0
     block[n : 2 * n] = p0
     if many:
@@ -162,10 +179,11 @@ def run_loop(
             told = kernel.opening(q0[None], p0[None], used, *at, c)
             block[kept + 1 : kept + 1 + told.size] = told[0]
     else:
-        block[kept:] = carry
+        block[kept:noted] = carry
     address = _address(block)
     controls = 0 if u is None else _address(u)
     results = (address + 8 * place for place in (rows, kept, stats))
+    began = perf_counter()
     status = kernel.entry(
         _ARGUMENTS.pack(
             steps,
@@ -180,16 +198,18 @@ def run_loop(
             controls,
             *results,
             kernel.scene,
+            address + 8 * noted if nodes else 0,
         )
     )
-    _, done, iterations, largest, *told, near, far, shrunk = block[stats:last].tolist()
+    seconds = perf_counter() - began
+    _, done, iterations, largest, *told, written = block[stats:last].tolist()
     end = kept if status == DONE else rows + 3 * n * (int(done) // save_every + 1)
     table = block[rows:end].reshape(-1, 3, n)
     counts = int(done), int(iterations), int(largest)
-    looked = (near, far, shrunk) if far else None
     residual, failed, contraction = told
-    ends = block[last:rows], block[kept:]
-    return LoopResult(table, status, *counts, residual, failed, contraction, looked, *ends)
+    notes = block[noted : noted + int(written) * note].reshape(-1, note)
+    ends = block[last:rows], block[kept:noted]
+    return LoopResult(table, status, *counts, residual, failed, contraction, notes, *ends, seconds)
 
 
 def take_parts(

@@ -6,11 +6,14 @@ They give the same bytes as the compiled kernels of the same schemes in two to f
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
-from varint.codegen.block import block_of, start_of
+from varint.codegen.arguments import c_source
+from varint.codegen.block import Member, block_of, start_of
 from varint.codegen.core import Loop, explicit_loop, gauss_loop
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
 from varint.codegen.gauss import gauss_scheme
@@ -90,3 +93,31 @@ def kernel_on(heads: tuple[str, int, int, int, int], loop: Loop, block: np.ndarr
     """The kernel that begins with these fields and runs a loop on a scene."""
     at = start_of(block)
     return Kernel(*heads, loop.run, loop.parts, loop.carry_size(at), None, at, block)
+
+
+def members_by_name(
+    file: str,
+    numbers: Mapping[str, float],
+    places: Mapping[str, np.ndarray],
+    tables: Mapping[str, np.ndarray],
+    tapes: Mapping[str, Tape],
+) -> list[Member]:
+    """The members of the structure Scene of a C file, in the order of its lists; functions that
+    are not there do nothing.
+    """
+    names = _member_names(file)
+    return [
+        *(int(numbers[name]) for name in names["COUNTS"]),
+        *(float(numbers[name]) for name in names["LIMITS"]),
+        *(places[name].astype(np.int32) for name in names["PLACES"]),
+        *(tables[name].astype(float) for name in names["TABLES"]),
+        *(tapes.get(name, NOTHING_TO_DO) for name in names["FUNCTIONS"]),
+    ]
+
+
+@cache
+def _member_names(file: str) -> dict[str, list[str]]:
+    """The lists of members in a C file, kind by kind."""
+    text = c_source(file).replace("\\\n", "")
+    found = re.findall(r"#define (\w+)\(DO\) (.*)", text)
+    return {kind: re.findall(r"DO\((\w+)\)", names) for kind, names in found}

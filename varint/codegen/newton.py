@@ -21,40 +21,36 @@ from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
 from varint.codegen.solution import Functions, Solution, solution_of
-from varint.codegen.source import Source, compiled, emit_functions, source_of
+from varint.codegen.source import Routine, Source, compiled, emitted, routines, source_of
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
 from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.kick_drift import kick_function
-from varint.discrete.legendre import velocity_function
-from varint.discrete.row_independence import folds, pivot_and_lengths
+from varint.discrete.legendre import HALVINGS, legendre_expressions, velocity_function
+from varint.discrete.row_independence import FOLDED, VANISHED, folds, pivot_and_lengths
 from varint.discrete.scales import SMALLEST, scale_function
 from varint.discrete.shake_equations import eliminates_path, shake_equations
 from varint.discrete.shake_equations import hidden_functions as multiplier_parts
 from varint.discrete.tolerances import LAST_CORRECTION, LAST_LINEAR_CORRECTION, RESIDUAL_LIMIT
 from varint.numerics.arrays import over_columns
-from varint.numerics.limits import STEP_ITERATIONS
+from varint.numerics.limits import LEGENDRE_ITERATIONS, STEP_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
 # steps that start values are continued from, by degree; else 1: more amplifies round-off
-HISTORY = {
-    1: 3,
-    2: 2,
-    3: 2,
-}
+HISTORY = {1: 3, 2: 2, 3: 2}
 # the functions that c/newton.c calls, where the scene needs them
 CALLED = (
     "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
-    "checked", "independence",
+    "affine", "driven", "legendre", "independence", "lengths",
 )  # fmt: skip
 NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
 
 @kernel_per_system
 def newton_kernel(system: System, rule: Rule) -> Kernel:
-    """The compiled loop of Newton's method for any rule and scene whose momentum is linear in the
-    velocities.
+    """The compiled loop of Newton's method for any rule with control points; with constraints, for
+    scenes whose momentum is linear in the velocities.
 
     Parameters
     ----------
@@ -70,8 +66,8 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
     Raises
     ------
     NotCompilable
-        If the scene has contacts, or its momentum is not linear in the velocities, or it is too
-        large.
+        If the scene has contacts, or constraints and a momentum that is not linear in the
+        velocities, or it is too large.
     CompileError
         If there is no compiler or no safe cache folder.
     """
@@ -83,20 +79,27 @@ def newton_source(system: System, rule: Rule) -> Source:
     """The C source of `newton_kernel`."""
     x = newton_scheme(system, rule)
     data = "".join(c_table("int", name, map(str, t.tolist())) for name, t in x.places.items())
-    data += "".join(
-        c_table("double", name, map(float.hex, t.tolist())) for name, t in x.tables.items()
-    )
+    numbers = {name: map(float.hex, t.tolist()) for name, t in x.tables.items()}
+    data += "".join(c_table("double", name, table) for name, table in numbers.items())
     return source_of(
         x.about,
         system,
         len(rule.nodes),
-        emit_functions(x.constants, x.functions),
+        emitted(newton_routines(system, rule)),
         {"LANES": 1, **{f"{name.upper()}_W": 0 for name in x.idle}, **x.counts, **x.limits},
         data,
         *(("nodes.c", "newton.c") if x.by_nodes else ("newton.c",)),
         opening=x.opening,
+        rows=x.rows,
         contraction=AS_WRITTEN,
     )
+
+
+@kernel_per_system
+def newton_routines(system: System, rule: Rule) -> dict[str, Routine]:
+    """The scheme's functions, arranged once for both gears."""
+    x = newton_scheme(system, rule)
+    return routines(x.constants, x.functions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +135,23 @@ class Scheme:
     by_nodes: bool
     opening: Callable[..., np.ndarray]
 
+    @property
+    def rows(self) -> int:
+        """Constraint rows whose folds are noted."""
+        return self.counts["WATCHED"] * self.counts["VELOCITY_ROWS"]
+
 
 @kernel_per_system
 def newton_scheme(system: System, rule: Rule) -> Scheme:
     """What Newton's method needs of a scene and a rule; raises NotCompilable."""
     s = system.structure
-    if s.contacts or s.degenerate or not s.quadratic_kinetic or not rule.points:
+    held = bool(s.constraints or s.nonholonomic)
+    if s.contacts or s.degenerate or not rule.points or (held and not s.quadratic_kinetic):
         raise NotCompilable(
             "the compiled Newton method needs a rule with control points, and a scene without "
-            "contacts, quadratic in "
+            "contacts, with constraints quadratic in "
             'velocities; use backend="interpreted"'
         )
-    held = bool(s.constraints or s.nonholonomic)
     eliminates = held and eliminates_path(system, rule)
     if eliminates:
         e = shake_equations(system)
@@ -154,11 +162,15 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
     projection = _projection(system, e, eliminates) if held else None
     if projection:
         functions |= projection.functions
-    if not projection or not projection.speed:
+    if not s.quadratic_kinetic:
+        functions["legendre"] = legendre_expressions(system)
+    elif not projection or not projection.speed:
         p = ca.SX.sym("p", s.n)
         functions["speed"] = [system.q, p, system.t], [velocity(system, p)]
     if folds(system):
-        functions["independence"] = [system.q, system.t], list(pivot_and_lengths(system))
+        pivot, lengths = pivot_and_lengths(system)
+        functions["independence"] = [system.q, system.t], [pivot]
+        functions["lengths"] = [system.q, system.t], [lengths**2]
     if eliminates:
         functions["kick"] = (
             [e.q, e.t, system.control],
@@ -184,6 +196,8 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             "LAST_CORRECTION": LAST_LINEAR_CORRECTION if solve.linear else LAST_CORRECTION,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
             "SMALLEST": SMALLEST,
+            "FOLDED": FOLDED,
+            "VANISHED": VANISHED,
         },
         _places(solve, projection),
         _tables(rule, solve),
@@ -232,6 +246,7 @@ def _counts(
 ) -> dict[str, int]:
     s, degree = system.structure, rule.degree
     size = 0 if solve.closed else solve.band.size
+    with_map = size + 2 * s.n * (2 * s.n + solve.band.order.size + 1) if solve.map else size
     order = projection.band if projection else NO_BAND
     hidden_size = order.size if projection else 0
     counts = {
@@ -249,6 +264,7 @@ def _counts(
         "CLOSED": int(solve.closed),
         "LINEAR": int(solve.linear),
         "MAP": int(solve.map),
+        "STEADY": int(solve.steady),
         "KICKED": int(eliminates),
         "HELD": int(projection is not None),
         "WATCHED": int(folds(system)),
@@ -263,8 +279,11 @@ def _counts(
         "HIDDEN_NONZEROS": len(order.places),
         "HIDDEN_SPEED": int(projection is not None and projection.speed),
         "HIDDEN_SIZE": hidden_size,
-        "MATRIX_SIZE": max(size, hidden_size),
+        "MATRIX_SIZE": max(with_map, hidden_size),
         "MOST_ITERATIONS": STEP_ITERATIONS,
+        "LEGENDRE_ITERATIONS": LEGENDRE_ITERATIONS,
+        "HALVINGS": HALVINGS,
+        "INVERTED": int(not s.quadratic_kinetic),
     }
     if solve.tables:
         counts["COUPLED"] = len(solve.tables["COUPLED_ROW"])

@@ -28,7 +28,8 @@ Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
 @dataclass(frozen=True, eq=False)
 class Solution:
     """How the unknowns are found: the functions for it, the order of the band, what makes it
-    simpler; tables of the rule where the equations are a loop over its nodes.
+    simpler (`steady`: of a map, that it is the same at all times); tables of the rule where the
+    equations are a loop over its nodes.
     """
 
     functions: Functions
@@ -36,6 +37,7 @@ class Solution:
     closed: bool
     linear: bool
     map: bool
+    steady: bool = False
     tables: dict[str, np.ndarray] = field(default_factory=dict)
 
 
@@ -90,7 +92,7 @@ def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
         "COUPLED_COLUMN": columns,
     }
     band_of_blocks = replace(order, places=np.concatenate(blocks))
-    return Solution(functions, band_of_blocks, False, False, False, tables)
+    return Solution(functions, band_of_blocks, False, False, False, tables=tables)
 
 
 def _written_out(e: Equations, linear: bool) -> Solution:
@@ -99,10 +101,7 @@ def _written_out(e: Equations, linear: bool) -> Solution:
     linear = linear and not ca.depends_on(matrix, ca.vertcat(e.y, e.q, e.p, e.t, e.u))
     unordered = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
     if linear and e.y.numel() <= MAPPED:
-        moved, remains = _map(e, left, matrix)
-        start = [e.q, e.p, e.t, e.u]
-        functions: Functions = {"finish": (start, moved), "checked": (start, [remains])}
-        return Solution(functions, unordered, True, True, True)
+        return _map(e, left, matrix)
     after = {
         "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
         "units": ([], [e.y_size]),
@@ -123,19 +122,20 @@ def _written_out(e: Equations, linear: bool) -> Solution:
     )
 
 
-def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-    """Increment of q and gain of p as constant matrices times (q, p), and what time and controls
-    add; the residual that the unknowns of this map leave.
-    """
-    start, n = ca.vertcat(e.q, e.p), e.q.numel()
-    zeros = ca.SX.zeros(e.y.shape)
-    dense = ca.densify(matrix)
-    inverse = ca.inv(dense)
-    # its orthogonal factors lose digits where the equations are of different sizes: Newton's
-    # iteration for an inverse (Schulz 1933) brings them back
-    inverse += ca.mtimes(inverse, ca.DM.eye(e.y.numel()) - ca.mtimes(dense, inverse))
-    y = -ca.mtimes(inverse, ca.substitute(left, e.y, zeros))
-    after = ca.substitute(ca.vertcat(e.increment, e.gain), e.y, y)
-    slope = ca.substitute(ca.jacobian(after, start), start, ca.SX.zeros(start.shape))
-    moved = ca.mtimes(slope, start) + ca.substitute(after, start, ca.SX.zeros(start.shape))
-    return [moved[:n], moved[n:]], ca.substitute(e.remains, e.y, y)
+def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> Solution:
+    """The parts of the affine map that a step of a linear scene is; see c/map.h."""
+    start, still = ca.vertcat(e.q, e.p), [e.y, e.q, e.p]
+    zeros = [ca.SX.zeros(x.shape) for x in still]
+    after = ca.vertcat(e.increment, e.gain)
+    slopes = [ca.jacobian(left, start), ca.jacobian(after, e.y), ca.jacobian(after, start)]
+    # e.y, q and p are zero where these are constant; symbols that stay have no say
+    parts = ca.substitute([ca.vec(ca.densify(x)) for x in slopes], still, zeros)
+    offset = ca.vertcat(*ca.substitute([left, after], still, zeros))
+    functions: Functions = {
+        "slope": ([], [matrix.nz[:]]),
+        "affine": ([], [ca.vertcat(*parts)]),
+        "driven": ([e.t, e.u], [offset]),
+        "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
+    }
+    steady = not ca.depends_on(offset, ca.vertcat(e.t, e.u))
+    return Solution(functions, band(matrix.sparsity()), False, True, True, steady)

@@ -52,6 +52,7 @@ def source_of(
     data: str,
     *loop: str,
     opening: Callable[..., np.ndarray] | None = None,
+    rows: int = 0,
     contraction: str = WHEREVER,
 ) -> Source:
     """The loop (C files) around the emitted functions, the right-hand side first."""
@@ -71,6 +72,7 @@ def source_of(
         nodes,
         next(iter(functions.values())).operations,
         opening=opening,
+        rows=rows,
     )
     return Source(source, contraction, kernel)
 

@@ -8,12 +8,11 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.algebra import graph_of
-from varint.codegen.arguments import c_table
-from varint.codegen.emit import Emitted, emit_graph
 from varint.codegen.gauss import gauss_form, lanes_for
-from varint.codegen.graph import NotCompilable, kernel_per_system
+from varint.codegen.graph import NotCompilable, fused, kernel_per_system
 from varint.codegen.mechanics import force, velocity
-from varint.codegen.sweep import LEAST_SPEED, SweepKernel, compiled_sweep
+from varint.codegen.source import Routine
+from varint.codegen.sweep import LEAST_SPEED, SweepKernel, SweepScheme, compiled_sweep
 from varint.codegen.tableau import gauss_tableau
 from varint.discrete.legendre import full_inertia
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
@@ -54,10 +53,24 @@ def stage_sweep_kernel(system: System, rule: Rule, density: str | None = None) -
     CompileError
         If there is no compiler or no safe cache folder.
     """
+    return compiled_sweep(
+        stage_sweep_scheme(system, rule, density), shape_for(len(rule.nodes)), "sweep_gauss.c"
+    )
+
+
+def shape_for(stages: int) -> dict[str, int]:
+    """Numbers in a vector, and vectors for so many stages."""
+    lanes, padded = lanes_for(stages)
+    return {"LANES": lanes, "STRIDE": padded // lanes}
+
+
+@kernel_per_system
+def stage_sweep_scheme(system: System, rule: Rule, density: str | None = None) -> SweepScheme:
+    """Of c/sweep_gauss.c; raises NotCompilable."""
     if not has_stage_sweep(system, rule):
         raise NotCompilable("the stages' iteration needs a Gauss rule and a regular scene")
     s, stages = system, len(rule.nodes)
-    lanes, padded = lanes_for(stages)
+    _, padded = lanes_for(stages)
     p = ca.SX.sym("p", s.structure.n)
     speed = velocity(s, p)
     rates = ca.densify(ca.vertcat(speed, ca.substitute(force(s), s.v, speed)))
@@ -71,42 +84,30 @@ def stage_sweep_kernel(system: System, rule: Rule, density: str | None = None) -
         "momentum": ([s.q, s.v, s.t], [s.momentum]),
         "pull": ([*inputs, m], [ca.gradient(ca.dot(m, rates), outside)]),
     }
+    expressions["density"] = inputs, [ca.SX(0, 1)] * 3
     if density is not None:
         loss = ca.Function.deserialize(density)(s.q, speed, s.t, s.control, s.c)
         of_loss = [ca.densify(ca.gradient(loss, x)) for x in (state, outside)]
         expressions["density"] = inputs, [loss, *of_loss]
     expressions |= _products(slope.sparsity(), s.structure.n)
-    defines = {
-        "LANES": lanes,
-        "STAGES": stages,
-        "STRIDE": padded // lanes,
-        "N": s.structure.n,
-        "NU": s.control.numel(),
-        "C": s.c.numel(),
-        "NJ": slope.nnz(),
-        "FE": by_outside.nnz(),
-        "WINDOW": WINDOW,
-        "LOSS": int(density is not None),
-        "MOST_ITERATIONS": FIXED_POINT_ITERATIONS,
-        "ROUNDED": CLOSE,
-        "LEAST_SPEED": LEAST_SPEED,
-        "DENSITY_W": 0,
-    }
-    fe_rows, fe_columns = by_outside.sparsity().get_triplet()
-    integers = {
-        "FE_ROW": np.array(fe_rows, dtype=int),
-        "FE_COLUMN": np.array(fe_columns, dtype=int),
-    }
-    tables = "".join(c_table("int", name, map(str, x.tolist())) for name, x in integers.items())
-    tables += "".join(
-        c_table("double", name, map(float.hex, x.ravel().tolist()))
-        for name, x in _stage_tables(stages, padded).items()
+    rows, columns = by_outside.sparsity().get_triplet()
+    return SweepScheme(
+        {name: _routine(name, [*x, s.c], outputs) for name, (x, outputs) in expressions.items()},
+        {
+            "STAGES": stages,
+            "N": s.structure.n,
+            "NU": s.control.numel(),
+            "C": s.c.numel(),
+            "NJ": slope.nnz(),
+            "FE": by_outside.nnz(),
+            "WINDOW": WINDOW,
+            "LOSS": int(density is not None),
+            "MOST_ITERATIONS": FIXED_POINT_ITERATIONS,
+        },
+        {"ROUNDED": CLOSE, "LEAST_SPEED": LEAST_SPEED},
+        {"FE_ROW": np.array(rows, dtype=int), "FE_COLUMN": np.array(columns, dtype=int)},
+        _stage_tables(stages, padded),
     )
-    functions = {
-        name: _emitted(name, [*given, s.c], outputs)
-        for name, (given, outputs) in expressions.items()
-    }
-    return compiled_sweep(functions, defines, tables, "sweep_gauss.c")
 
 
 def _products(pattern: ca.Sparsity, n: int) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
@@ -121,9 +122,9 @@ def _products(pattern: ca.Sparsity, n: int) -> dict[str, tuple[list[ca.SX], list
     return found
 
 
-def _emitted(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> Emitted:
-    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
-    return emit_graph(name, graph_of(f, len(inputs) - 1), len(inputs) - 1)
+def _routine(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> Routine:
+    f, last = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs])), len(inputs) - 1
+    return Routine(fused(graph_of(f, last), last), last)
 
 
 def _stage_tables(stages: int, padded: int) -> dict[str, np.ndarray]:

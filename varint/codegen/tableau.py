@@ -117,13 +117,7 @@ def _diagonals(matrix: np.ndarray, lanes: int) -> np.ndarray:
 
 
 def _times(x: Matrix, y: Matrix) -> Matrix:
-    return [
-        [
-            sum((p * q for p, q in zip(row, column, strict=True)), Decimal(0))
-            for column in zip(*y, strict=True)
-        ]
-        for row in x
-    ]
+    return (np.array(x, dtype=object) @ np.array(y, dtype=object)).tolist()
 
 
 def _over(m: Matrix, b: list[Decimal]) -> Matrix:
@@ -160,14 +154,14 @@ def _legendre_values(x: Decimal, degree: int) -> list[Decimal]:
 def _solved(matrix: Matrix, right: Matrix) -> Matrix:
     """matrix⁻¹ right by Gauss–Jordan elimination; the matrix is positive definite."""
     n = len(matrix)
-    rows = [[*a, *b] for a, b in zip(matrix, right, strict=True)]
+    rows = [np.array([*a, *b], dtype=object) for a, b in zip(matrix, right, strict=True)]
     for k in range(n):
-        rows[k] = [x / rows[k][k] for x in rows[k]]
+        rows[k] = rows[k] / rows[k][k]
         for i in range(n):
             if i != k:
                 factor = rows[i][k]
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [row[n:] for row in rows]
+                rows[i] = rows[i] - factor * rows[k]
+    return [row[n:].tolist() for row in rows]
 
 
 def _on_grid(x: Decimal, bits: int) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from varint.errors import InputError
 from varint.numerics.arrays import call, over_columns
 from varint.numerics.limits import TANGENT_ITERATIONS
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene, per_system
 
 # equilibrated entries are of size 1; a singular matrix shows in the step's residual, never as a
 # CasADi dump
@@ -43,6 +43,7 @@ def with_active_rows(system: System, rows: tuple[int, ...], active: tuple[int, .
         params=s.params,
         t=s.t,
         kinetics=s.kinetics,
+        rays=s.rays,
     )
 
 
@@ -53,14 +54,14 @@ def velocity_rows(system: System) -> ca.SX:
     return ca.densify(ca.vertcat(hidden, ca.mtimes(s.nonholonomic, s.v)))
 
 
-@per_system
+@per_scene
 def rows_function(system: System) -> ca.Function:
     """(q, v, t, c) → (W v + w, W)."""
     s, rows = system, velocity_rows(system)
     return ca.Function("velocity_rows", [s.q, s.v, s.t, s.c], [rows, ca.jacobian(rows, s.v)])
 
 
-@per_system
+@per_scene
 def hidden_functions(system: System) -> tuple[ca.Function, ca.Function]:
     """(q, p, t, c) → matrix, right side and scales of M v + Wᵀμ = p − ∂L/∂v(v = 0), W v = −w;
     (q, t, c, μ) → Wᵀμ.
@@ -79,7 +80,7 @@ def hidden_functions(system: System) -> tuple[ca.Function, ca.Function]:
     return kkt, ca.Function("pull", [s.q, s.t, s.c, mu], [ca.densify(ca.mtimes(slope.T, mu))])
 
 
-@per_system
+@per_scene
 def tangent_function(system: System) -> ca.Function:
     """(q, p, t, c) → (v, Δp): the velocity on the manifold that belongs to p, and the Δp = −Wᵀμ
     that makes p fit it.
@@ -114,7 +115,7 @@ def tangent_function(system: System) -> ca.Function:
     return ca.Function("tangent", [q, p, t, c], [v, -reaction(q, t, c, mu)])
 
 
-@per_system
+@per_scene
 def multiplier_function(system: System) -> ca.Function:
     """(q, v, u, t, c) → (λ, dv/dt): physical multipliers and accelerations, from the twice
     differentiated constraint.
@@ -190,7 +191,7 @@ class ActiveSet:
         return with_active_rows(system, self.rows, self.contacts)
 
 
-@per_system
+@per_scene
 def position_rows_function(system: System) -> ca.Function:
     """(q, t, c) → (g and gaps, their slopes ∂/∂q), dense."""
     s = system
@@ -207,7 +208,7 @@ def position_rows(
     return g, slope.reshape(len(q), -1).T
 
 
-@per_system
+@per_scene
 def every_row_function(system: System) -> ca.Function:
     """(q, v, t, c) → W v + w and W of constraints, non-holonomic rows and contacts, in this
     order.

@@ -7,13 +7,13 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import call, is_definite
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 # smallest eigenvalue of the mass matrix, scaled to a unit diagonal, of a direction with inertia
 SINGULAR = 1e-13
 
 
-@per_system
+@per_scene
 def mass_function(system: System) -> ca.Function:
     """(q, v, t, c) → ∂²L/∂v², dense."""
     s = system
@@ -66,6 +66,13 @@ def check_inertia(system: System, mass: np.ndarray, rows: np.ndarray | None = No
     part = np.abs(vectors[:, np.abs(values).argmin()] @ free)
     weak = [name for name, x in zip(system.names, part, strict=True) if x > 0.1 * part.max()]
     massless = [name for name, row in zip(system.names, mass, strict=True) if not row.any()]
+    here = [name for name in massless if _varies(system, name)]
+    if rows is None and here:
+        raise InputError(
+            f"the mass of {here} is zero at the start, though not everywhere: the coordinates are "
+            "singular there, as spherical ones are at the poles; start beside that place, or use "
+            "other coordinates"
+        )
     if rows is None and massless:
         raise InputError(
             f"the mass of {massless} is zero at the start: what has no mass is a test particle, "
@@ -83,3 +90,9 @@ def check_inertia(system: System, mass: np.ndarray, rows: np.ndarray | None = No
         f"of) {weak} may move but has no inertia; add its kinetic energy, or a constraint that "
         "holds it"
     )
+
+
+def _varies(system: System, name: str) -> bool:
+    """Whether a coordinate's own entry of the mass matrix depends on where the scene is."""
+    i = system.names.index(name)
+    return ca.depends_on(system.mass_matrix[i, i], ca.vertcat(system.q, system.v, system.t))

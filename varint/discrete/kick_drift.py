@@ -8,10 +8,10 @@ import casadi as ca
 
 from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import mass_solve
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 
-@per_system
+@per_scene
 def kick_function(system: System) -> ca.Function:
     """(q, u, t, c) → ∂L/∂q + F, which velocities do not enter."""
     s = system
@@ -21,7 +21,7 @@ def kick_function(system: System) -> ca.Function:
     )
 
 
-@per_system
+@per_scene
 def drift_function(system: System) -> ca.Function:
     """(p, c) → v = M⁻¹ (p − ∂L/∂v(v = 0))."""
     s = system

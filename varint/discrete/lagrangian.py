@@ -21,7 +21,7 @@ import casadi as ca
 
 from varint.discrete.suitability import require_discretisable
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene, per_system
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Interval:
         return self.rows[:, :-1]
 
 
-@per_system
+@per_scene
 def point_function(system: System) -> ca.Function:
     """(q, v, u, t, c) → (L, ∂L/∂v, ∂L/∂q, F), the mechanics at one point of a path."""
     s = system
@@ -94,7 +94,7 @@ def point_function(system: System) -> ca.Function:
     return ca.Function("point", [s.q, s.v, s.control, s.t, s.c], outputs, {"cse": True})
 
 
-@per_system
+@per_scene
 def energy_function(system: System) -> ca.Function:
     """(q, v, t, c) → H."""
     return ca.Function(
@@ -105,7 +105,7 @@ def energy_function(system: System) -> ca.Function:
     )
 
 
-@per_system
+@per_scene
 def constraint_function(system: System) -> ca.Function:
     """(q, t, c) → (g, G) with G = ∂g/∂q of the holonomic constraints."""
     s = system

@@ -5,14 +5,14 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.numerics.limits import LEGENDRE_ITERATIONS
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
 FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
 HALVINGS = 12  # of a Newton step that would leave the domain of L or make the residual grow
 
 
-@per_system
+@per_scene
 def velocity_function(system: System) -> ca.Function:
     """(q, p, t, c) → v, the inverse Legendre transform p = ∂L/∂v(q, v, t).
 
@@ -117,6 +117,13 @@ def mass_solve(mass: ca.SX, rhs: ca.SX) -> ca.SX:
     return ca.ldl_solve(rhs, d, lt, order)
 
 
+def legendre_expressions(system: System) -> tuple[list[ca.SX], list[ca.SX]]:
+    """(v, q, p, t) and ∂L/∂v − p there, with Newton's correction M⁻¹ (∂L/∂v − p)."""
+    s, p = system, ca.SX.sym("p", system.v.numel())
+    missing = s.momentum - p
+    return [s.v, s.q, p, s.t], [missing, mass_solve(s.mass_matrix, missing)]
+
+
 def _damped_newton(system: System) -> ca.Function:
     """(v, q, p, t, c) → v after one Newton step for ∂L/∂v(v) = p, halved until the residual
     shrinks.
@@ -126,14 +133,12 @@ def _damped_newton(system: System) -> ca.Function:
     shrinks the residual and v stays.
     """
     s = system
-    p = ca.SX.sym("p", s.v.numel())
-    residual = ca.Function("residual", [s.v, s.q, p, s.t, s.c], [s.momentum - p, s.mass_matrix])
-    left, mass = residual(s.v, s.q, p, s.t, s.c)
-    correction = mass_solve(mass, left)
+    (_, _, p, _), (left, correction) = legendre_expressions(system)
+    residual = ca.Function("residual", [s.v, s.q, p, s.t, s.c], [left])
     best, size = s.v, ca.sumsqr(left)
     for k in reversed(range(HALVINGS)):
         trial = s.v - correction / 2**k
-        trial_size = ca.sumsqr(residual(trial, s.q, p, s.t, s.c)[0])
+        trial_size = ca.sumsqr(residual(trial, s.q, p, s.t, s.c))
         better = trial_size < size
         best, size = ca.if_else(better, trial, best), ca.if_else(better, trial_size, size)
     return ca.Function("damped_newton", [s.v, s.q, p, s.t, s.c], [best], {"cse": True})

@@ -5,10 +5,16 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.discrete.constraints import velocity_rows
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
+
+# of the largest distance of a row from the others during the run: nearer ones have energies off by
+# 1e-6 to 10 of the kinetic energy, those that are farther none (four-bar linkages, all rules)
+FOLDED = 1e-6
+# of the row's gradient at the node before: where a constraint's curve crosses itself or ends
+VANISHED = 1e-6
 
 
-@per_system
+@per_scene
 def folds(system: System) -> bool:
     """Whether the rank of the constraint rows may depend on where the scene is."""
     s = system
@@ -32,7 +38,7 @@ def pivot_and_lengths(system: System) -> tuple[ca.SX, ca.SX]:
     return ca.mmin(ca.densify(pivots)), size
 
 
-@per_system
+@per_scene
 def pivot_function(system: System) -> ca.Function:
     """(q, t, c) → the smallest pivot and the rows' lengths."""
     s = system

@@ -11,7 +11,7 @@ from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import velocity_function
 from varint.discrete.term_sizes import term_sizes
 from varint.numerics.arrays import call
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
 # The same in a step that is differentiated: rows of sizes that differ more cost digits of the
@@ -25,7 +25,7 @@ UNKNOWN = 1e-100
 ROUNDED = 1e-3
 
 
-@per_system
+@per_scene
 def scale_function(system: System, smallest: float = SMALLEST) -> ca.Function:
     """(q, p, u, t, h, c) → typical sizes of velocities and momenta, (2n,), from one look at the
     start of a step.
@@ -66,7 +66,7 @@ def scale_function(system: System, smallest: float = SMALLEST) -> ca.Function:
     return ca.Function("scale", [q, p, u, t, h, c], [ca.vertcat(*sizes)], options)
 
 
-@per_system
+@per_scene
 def _turns(system: System) -> ca.Function:
     """(q, v, u, t, h, c, a, M) → by how much less than h a a step changes the velocity where it
     lasts for longer than the force goes on to push: max(1, hω), ω² = |M⁻¹ ∂F/∂q a| / |a|.
@@ -83,7 +83,7 @@ def _turns(system: System) -> ca.Function:
     return ca.Function("turns", [*inputs[:4], h, s.c, a, mass], [bounded], {"cse": True})
 
 
-@per_system
+@per_scene
 def _along_function(system: System) -> ca.Function:
     """(q, v, t, c) → change of ∂L/∂v in time at fixed v."""
     s = system
@@ -91,7 +91,7 @@ def _along_function(system: System) -> ca.Function:
     return ca.Function("along", [s.q, s.v, s.t, s.c], [ca.densify(change)], {"cse": True})
 
 
-@per_system
+@per_scene
 def _parts_functions(system: System) -> tuple[ca.Function, ca.Function]:
     """(q, v, u, t, c) → ∂L/∂v; ∂L/∂q + F."""
     inputs = [system.q, system.v, system.control, system.t, system.c]
@@ -125,7 +125,7 @@ def rounding_sizes(
     return np.where(np.isfinite(sizes), sizes, 0.0)
 
 
-@per_system
+@per_scene
 def inertia_function(system: System) -> ca.Function:
     """(q, p, t, c) → what compares p with v in each coordinate, (n,): the mass, and |p|/|v|
     where there is none.

@@ -13,13 +13,14 @@ from varint.discrete.constraints import rows_function
 from varint.discrete.equations import Equations
 from varint.discrete.kick_drift import drift_function
 from varint.discrete.lagrangian import constraint_function
+from varint.numerics.arrays import is_definite
 from varint.rules.rule import Rule, lobatto
 from varint.scene.system import System, per_system
 
 
 def eliminates_path(system: System, rule: Rule) -> bool:
-    """Can q1 be eliminated? Trapezoidal rule, L = ½vᵀMv − V(q, t) with constant regular M,
-    forces free of v.
+    """Can q1 be eliminated? Trapezoidal rule, L = ½vᵀMv − V(q, t) with constant definite M (else
+    G M⁻¹Gᵀ may be singular where the whole is not, as of a tangent lift), forces free of v.
     """
     s = system.structure
     plain = (
@@ -36,7 +37,7 @@ def eliminates_path(system: System, rule: Rule) -> bool:
     if not _stays_sparse(system):
         return False
     mass = ca.Function("mass", [system.c], [ca.densify(system.mass_matrix)])(system.default_vector)
-    return bool(np.linalg.matrix_rank(np.asarray(mass)) == s.n)
+    return is_definite(np.asarray(mass))
 
 
 @per_system

@@ -41,7 +41,7 @@ def trajectory_figure(motion: Trajectory, *expressions: Any) -> Figure:
     Parameters
     ----------
     motion : Trajectory
-    *expressions : SX or dict of str to SX
+    *expressions : SX, str or dict of str to these
         Drawn over time instead, one panel each; a dictionary names the axes.
 
     Returns

@@ -7,11 +7,11 @@ from typing import Any
 
 from varint.errors import InputError
 from varint.estimation.measurement import Experiment, Measurement
+from varint.estimation.noise import fit_with_noise
 from varint.estimation.outcome import fit_of
 from varint.estimation.problem import estimation
 from varint.estimation.residuals import shooter
 from varint.estimation.result import Fit
-from varint.estimation.search import best_fit
 from varint.integration.plan import plan
 from varint.rules.rule import Rule
 from varint.scene.parameters import ParameterValues
@@ -42,7 +42,9 @@ def fit(
     shooting): motions on which no single run could be started come out. Where the data show all
     coordinates, Hamilton's principle along the measured motion gives a start of its own, by linear
     least squares for parameters that stand linearly in L and F; guesses far off do no harm then.
-    Masses and moments of inertia stay positive.
+    Masses and moments of inertia stay positive. Noise levels that are not known
+    (``Measurement(…, jitter=vi.free(…))``) are estimated with the motion, by restricted maximum
+    likelihood.
 
     Parameters
     ----------
@@ -87,7 +89,8 @@ def fit(
     Notes
     -----
     Bock, Recent advances in parameter identification techniques for ODE, 1983 (multiple shooting,
-    Gauss–Newton); Nocedal & Wright, Numerical Optimization, chapters 10 and 18.
+    Gauss–Newton); Nocedal & Wright, Numerical Optimization, chapters 10 and 18; Patterson &
+    Thompson, Biometrika 58 (1971) 545 (noise levels by restricted likelihood).
 
     Examples
     --------
@@ -109,7 +112,7 @@ def fit(
     if huber is not None and not (isinstance(huber, (int, float)) and huber > 0):
         raise InputError(f"huber must be a positive number of standard deviations, got {huber!r}")
     p = estimation(system, rule, experiments, unknown, h, params, segments, priors)
-    made = fit_of(best_fit(shooter(p, backend), huber))
+    made = fit_of(*fit_with_noise(shooter(p, backend), huber))
     for sentence in made.unidentifiable:
         warnings.warn(sentence, stacklevel=2)
     return made

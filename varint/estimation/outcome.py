@@ -8,18 +8,21 @@ import numpy as np
 
 from varint.errors import SolverError
 from varint.estimation.information import information
+from varint.estimation.noise import level_sigma
 from varint.estimation.problem import Estimation, Motion
+from varint.estimation.ray_rows import ray_row_count
 from varint.estimation.residuals import parameters_at, start_of
 from varint.estimation.result import Fit
 from varint.estimation.search import Minimum, sizes
 from varint.estimation.unidentified import in_words
 from varint.integration.simulate import simulate
 from varint.results.trajectory import Trajectory
+from varint.scene.free import Free
 from varint.scene.system import parameters_by_name
 
 
-def fit_of(minimum: Minimum) -> Fit:
-    """What a fit found, with its spread.
+def fit_of(minimum: Minimum, levels: dict[int, Free]) -> Fit:
+    """What a fit found, with its spread; `levels` are the measurements whose noise was unknown.
 
     Raises
     ------
@@ -53,12 +56,22 @@ def fit_of(minimum: Minimum) -> Fit:
         _residuals_by_measurement(p, found.r),
         in_words(p, told.open, size, z),
         float(found.r @ found.r),
-        len(found.r) - (p.many - len(told.open)),
+        len(found.r) - (p.many - len(told.open) - ray_row_count(p)),
         solved.converged,
         solved.steps,
         tuple(p.names[i] for i in np.flatnonzero(held[: p.many])),
+        _by_motion(p, level_sigma(minimum, levels)),
         minimum,
     )
+
+
+def _by_motion(p: Estimation, spreads: dict[int, float]) -> tuple[tuple[float, ...], ...]:
+    """What belongs to measurements by their places among all, NaN for the others."""
+    rows, at = [], 0
+    for motion in p.motions:
+        rows.append(tuple(spreads.get(at + i, np.nan) for i in range(len(motion.data))))
+        at += len(motion.data)
+    return tuple(rows)
 
 
 def _residuals_by_measurement(p: Estimation, r: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:

@@ -14,6 +14,7 @@ from varint.errors import ConvergenceError
 from varint.estimation.begin import begun
 from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
+from varint.estimation.ray_rows import ray_rows
 from varint.estimation.sensors import observed, seen_by
 from varint.estimation.single_steps import single_steps
 from varint.integration.backend import kernel_for
@@ -21,9 +22,11 @@ from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import call
 from varint.rules.polynomials import lagrange_values
 from varint.scene.system import System
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
 from varint.sensitivities.start import momentum_function, momentum_slopes
-from varint.sensitivities.sweeps import Directions, Sweeper, forwards, sweeper
+from varint.sensitivities.steps_at_once import Directions, Sweeper
+from varint.sensitivities.sweeps import forwards
 
 LOOKED_AT = 10  # nodes of a segment at which the kinetic energy must be positive
 ITERATIONS = 10  # that a fit is expected to take, each a run with its derivatives
@@ -126,8 +129,9 @@ def residuals(shoot: Shooter, z: np.ndarray) -> Residuals:
     prior[np.arange(len(which)), which] = 1 / p.prior[:, 2]
     r = [*(x[0] for x in parts), (z[which] - p.prior[:, 1]) / p.prior[:, 2]]
     of_r = [*(x[1] for x in parts), prior]
-    d, of_d = (np.concatenate([x[i] for x in parts]) for i in (2, 3))
-    signal = float(np.sqrt(sum(np.nansum((m.values / m.sigma) ** 2) for m in measured)))
+    rays = ray_rows(p, [start_of(p, m, e, z) for e, m in enumerate(p.motions)])
+    d, of_d = (np.concatenate([*(x[i] for x in parts), rays[i - 2]]) for i in (2, 3))
+    signal = float(np.sqrt(sum(np.nansum((m.values / m.spread) ** 2) for m in measured)))
     nodes = tuple(x[4] for x in parts)
     return Residuals(np.concatenate(r), np.concatenate(of_r), d, of_d, nodes, signal)
 
@@ -299,6 +303,6 @@ def _measured(
         slope = of_x @ of_seen[rows]
         slope[:, :, :many] += of_c[:, :, p.theta]
         there = np.isfinite(m.values)
-        r.append(((value - m.values) / m.sigma)[there])
-        of_r.append((slope / m.sigma[:, :, None])[there])
+        r.append(((value - m.values) / m.spread)[there])
+        of_r.append((slope / m.spread[:, :, None])[there])
     return np.concatenate(r), np.concatenate(of_r)

@@ -57,6 +57,9 @@ class Fit:
         Gauss–Newton steps.
     at_bounds : tuple of str
         What bounds hold.
+    jitter_sigma : tuple of tuple of float
+        Standard deviation of every estimated noise level, which stands in `data`; NaN where the
+        level was given, infinite where it came out as zero.
     origin : Minimum
         The solver's own numbers, from which profiles start.
     """
@@ -76,6 +79,7 @@ class Fit:
     converged: bool
     steps: int
     at_bounds: tuple[str, ...]
+    jitter_sigma: tuple[tuple[float, ...], ...]
     origin: Minimum
 
     def __repr__(self) -> str:
@@ -205,6 +209,12 @@ class Fit:
                     continue
                 what = "white" if abs(white) <= 2 else "NOT white: neighbours go together"
                 lines.append(f"residuals of {m.expression}: {what} ({white:+.1f})")
+        for data, spreads in zip(self.data, self.jitter_sigma, strict=True):
+            lines += [
+                f"noise of {m.expression}: {m.level:.6g} ± {s:.2g}"
+                for m, s in zip(data, spreads, strict=True)
+                if not np.isnan(s)
+            ]
         lines += [f"at a bound: {name}" for name in self.at_bounds]
         lines += [f"open: {sentence}" for sentence in self.unidentifiable]
         return "\n".join(lines)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 
@@ -31,11 +30,11 @@ from varint.integration.gears import (
 )
 from varint.integration.interpreted_loop import interpreted_blocks
 from varint.integration.problem import InitialValueProblem
-from varint.integration.state import NodeBlock, RunState
+from varint.integration.state import NodeBlock, Passed, RunState
 from varint.numerics.progress import notice
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
-from varint.scene.system import System
+from varint.scene.system import System, per_scene
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
 STEPS_IN_BLOCK = 2_000_000
@@ -65,6 +64,7 @@ def native_kernel(system: System, rule: Rule) -> Kernel:
     return scheme_of(system, rule).native(system, rule)
 
 
+@per_scene
 def scheme_of(system: System, rule: Rule) -> Scheme:
     """Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss
     rules, which beats Newton's method by far except for the midpoint rule in few coordinates
@@ -115,7 +115,7 @@ def compiled_blocks(
     most = _first_piece(kernel, piloted)
     while k < problem.steps:
         steps, every = next_piece(k, problem.steps, problem.save_every, most)
-        u, began = problem.controls(k, steps) if kernel.controls else None, perf_counter()
+        u = problem.controls(k, steps) if kernel.controls else None
         part = compiled_run(
             kernel,
             q,
@@ -130,15 +130,14 @@ def compiled_blocks(
             carry=carry,
             level=problem.level,
         )
-        seconds = perf_counter() - began
-        per_step = max(seconds / max(part.steps, 1), 1e-12)
+        per_step = max(part.seconds / max(part.steps, 1), 1e-12)
         poor = piloted and k == problem.first and part.iterations > POOR * steps
         rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
         # a composition has no other way; where an iteration fails or overflows Newton's method or
         # the interpreted loop may not
         goes_on = part.status != DONE and not explicit
-        if goes_on:
+        if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:
             wanted = max(wanted, good + 1)
@@ -159,8 +158,8 @@ def compiled_blocks(
             failed,
             iterations=part.iterations,
             after=after_it,
-            independence=part.independence,
             v=rows[:, 2],
+            passed=_passed(kernel, part),
         )
         if part.status == NOT_CONVERGED and kernel.opening and part.steps:
             # once more from there, with sizes looked up anew
@@ -178,9 +177,21 @@ def compiled_blocks(
             return
         carry = part.carry
         if gears:
-            kernel = kernel_after(gears, seconds, per_step * (problem.steps - k))
+            kernel = kernel_after(gears, part.seconds, per_step * (problem.steps - k))
             kernel = _above_rounding(system, kernel) if cautious else kernel
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+
+
+def _passed(kernel: Kernel, part: LoopResult) -> Passed | None:
+    """The last nodes of a part of a run of a scene that may fold, and what was noted."""
+    nodes, size = kernel.note
+    if not nodes:
+        return None
+    lately = part.carry[-nodes * size :].reshape(nodes, size)
+    lately = lately[np.argsort(lately[:, 0])]
+    lately = lately[lately[:, 0] >= 0]
+    k, _, q, p, _ = np.split(lately, np.cumsum([1, 1, kernel.n, kernel.n]), axis=1)
+    return Passed(k[:, 0].astype(int), q, p, part.notes)
 
 
 def _first_piece(kernel: Kernel, piloted: bool) -> int:
@@ -200,7 +211,6 @@ def run_at_once(
     steps, every = problem.steps, problem.save_every
     if steps % every or steps > _first_piece(kernel, piloted):
         return None
-    began = perf_counter()
     found = compiled_run(
         kernel,
         problem.q0,
@@ -214,7 +224,7 @@ def run_at_once(
         level=problem.level,
     )
     if gears := gears_with(system, rule, scheme, kernel):
-        kernel_after(gears, perf_counter() - began, 0.0)
+        kernel_after(gears, found.seconds, 0.0)
     if found.status != DONE or (piloted and found.iterations > POOR * steps):
         return None
     return found

@@ -14,7 +14,7 @@ from varint.discrete.lagrangian import point_function
 from varint.discrete.shake_equations import eliminates_path, hidden_functions, shake_equations
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 PATIENCE = 0.2  # seconds that Ctrl-C, the progress bar and checkpoints wait
 MOST_STEPS = 10_000
@@ -43,7 +43,7 @@ NEWTON = 12  # and in all that Newton's method needs without constraints, or wit
 ENTRY = 4  # statements for an entry of a matrix that is written out
 
 
-@per_system
+@per_scene
 def steps_at_once(system: System, rule: Rule) -> int:
     """Steps of a block at most, a power of ten: what takes about `PATIENCE`."""
     most, cost = MOST_STEPS, interpreted_seconds(system, rule)
@@ -79,7 +79,7 @@ def interpreted_run_seconds(system: System, rule: Rule, steps: int) -> float:
     return built + rolled + share * once * steps
 
 
-@per_system
+@per_scene
 def compiling_seconds(system: System, rule: Rule) -> float:
     """An estimate of the time that generating and compiling the loop takes, from the sizes of the
     expressions.
@@ -121,10 +121,11 @@ def _statements(system: System, rule: Rule) -> int:
 def _by_right_sides(system: System, rule: Rule) -> bool:
     """Whether the compiled loop needs no derivatives of a step's equations, or constant ones."""
     s, stages = system.structure, len(rule.nodes)
-    return s.linear or bool(rule.kicks and s.explicit) or rule == gauss(min(stages, MOST_STAGES))
+    by_stages = s.quadratic_kinetic and rule == gauss(min(stages, MOST_STAGES))
+    return s.linear or bool(rule.kicks and s.explicit) or by_stages
 
 
-@per_system
+@per_scene
 def interpreted_seconds(system: System, rule: Rule) -> float:
     """An estimate of an interpreted step's time, right to a factor of two or too long."""
     s = system.structure
@@ -149,7 +150,7 @@ def _factorisation(system: System) -> int:
     return int(((1 + filled) ** 2).sum())
 
 
-@per_system
+@per_scene
 def _coupling(system: System) -> ca.Sparsity:
     """Which coordinates the equations of motion couple."""
     s = system

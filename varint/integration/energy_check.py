@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from varint.integration.work_bound import (
 )
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 SAMPLES = 10  # nodes that are looked at
 # more of them from so many steps on, beside which they cost next to nothing
@@ -117,10 +118,12 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
     """
     if len(motion) < 2:
         return None
-    h, i = np.array((motion.h,)), nodes_looked_at(len(motion) - 1)
-    q, p, t = motion.q[i], motion.p[i], motion.t[i]
+    i: np.ndarray | slice = slice(None)  # of few all, without a copy
+    if len(motion) > SAMPLES:
+        i = nodes_looked_at(len(motion) - 1)
+    h, q, p, t = np.array((motion.h,)), motion.q[i], motion.p[i], motion.t[i]
     if motion.system.structure.degenerate:
-        energy, moving = exchanged_energies(motion, i)
+        energy, moving = exchanged_energies(motion, np.arange(len(motion))[i])
         kicked = np.zeros_like(moving)
     else:
         if motion.active_set is None:
@@ -129,12 +132,13 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
             found = over_columns(
                 _energy_function(motion.system), q, motion[i].v, t[:, None], motion.c, h
             )
-        energy, moving, kicked = (x[:, 0] for x in found)
+        energy, moving, kicked = (x.reshape(-1) for x in found)
     if motion.events and motion.system.structure.contacts:
         energy = energy - given_by_impacts(motion, t)
-    change = np.abs(energy - energy[0])
+    if _is_quiet(energy, NOTHING * _largest(energy)):
+        return None
     quiet = NOTHING * max(_largest(energy), _largest(kicked[:1]), GROSS * _largest(moving))
-    if change.max() <= quiet:
+    if _is_quiet(energy, quiet):
         return None
     astray = np.flatnonzero(_off_balance(motion, i, energy, moving, kicked, quiet))
     if not len(astray):
@@ -146,7 +150,7 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
 @np.errstate(all="ignore")  # what is not finite is looked at
 def _off_balance(
     motion: Trajectory,
-    i: np.ndarray,
+    i: np.ndarray | slice,
     energy: np.ndarray,
     moving: np.ndarray,
     kicked: np.ndarray,
@@ -159,22 +163,30 @@ def _off_balance(
     usual = max(GROSS * np.median(moving), quiet)
     conserved = keeps_energy(motion.system)
     if (change <= min(largest, usual)).all():
-        return np.zeros(len(i), dtype=bool)
-    given = np.zeros(len(i)) if conserved else work_bound(motion)[i]
+        return np.zeros(len(energy), dtype=bool)
+    given = np.zeros(len(energy)) if conserved else work_bound(motion)[i]
     known = conserved or not (np.diff(motion.k) > 1).any()
     if not known:  # what forces did between the nodes
-        half = slice((len(i) + 1) // 2)  # a scene may begin at rest, with nothing that acts
+        half = slice((len(energy) + 1) // 2)  # a scene may begin at rest, with nothing that acts
         sizes = (_largest(x[half]) for x in (energy, moving, kicked))
         largest = max(largest, HUGE * max(sizes))
-    if known and len(i) >= SAMPLES and np.median(change - given) > usual:
+    if known and len(energy) >= SAMPLES and np.median(change - given) > usual:
         largest = min(largest, usual)  # off for good: a start at full speed hides it else
     return ~(change <= largest + given)
 
 
+def _is_quiet(energy: np.ndarray, quiet: float) -> bool:
+    """Whether no change since the start is above this."""
+    first, *others = energy.tolist()
+    return all(abs(x - first) <= quiet for x in others)
+
+
 def _largest(x: np.ndarray) -> float:
     """The largest size among the numbers."""
-    size = float(np.abs(x).max())
-    return size if np.isfinite(size) else float(np.abs(x[np.isfinite(x)]).max(initial=0.0))
+    sizes = [abs(size) for size in x.tolist()]  # a hundred at most: faster than an array
+    if not math.isfinite(sum(sizes)):
+        sizes = [size for size in sizes if math.isfinite(size)]
+    return max(sizes, default=0.0)
 
 
 @cache
@@ -193,7 +205,7 @@ def nodes_looked_at(last: int) -> np.ndarray:
     return (_places(count) * last).astype(int)
 
 
-@per_system
+@per_scene
 def _energy_function(system: System) -> ca.Function:
     """(q, v, t, c, h) → H, p·v, and what a step from rest makes of p·v."""
     s, h = system, ca.SX.sym("h")
@@ -205,7 +217,7 @@ def _energy_function(system: System) -> ca.Function:
     )
 
 
-@per_system
+@per_scene
 def _energy_of_momentum(system: System) -> ca.Function:
     """(q, p, t, c, h) → the same."""
     n, velocity = system.structure.n, velocity_function(system)

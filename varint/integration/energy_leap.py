@@ -69,8 +69,9 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     """
     system = motion.system
     s = system.structure
-    other = s.contacts or s.nonholonomic or s.degenerate
-    if not (folds(system) and keeps_energy(system)) or other:
+    if not s.constraints or s.contacts or s.nonholonomic or s.degenerate:
+        return None
+    if not (folds(system) and keeps_energy(system)):
         return None
     if motion.active_set is not None or len(motion) <= FEW:
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from random import Random
 from typing import Any
 
 import casadi as ca
@@ -11,6 +12,7 @@ import numpy as np
 from varint.errors import InputError
 from varint.integration.start import start_function
 from varint.numerics.arrays import call
+from varint.numerics.places import normal_numbers
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import finite_array
 from varint.scene.system import System, per_system
@@ -87,7 +89,7 @@ def angles(system: System) -> tuple[bool, ...]:
     s = system
     parts = ca.vertcat(s.lagrangian, s.force, s.constraint, s.contact, ca.vec(s.nonholonomic))
     f = ca.Function("parts", [s.q, s.v, s.control, s.t, s.c], [ca.densify(parts)])
-    rng = np.random.default_rng(6)
+    random = Random(6)
     n = s.structure.n
     found = []
     for i in range(n):
@@ -97,8 +99,8 @@ def angles(system: System) -> tuple[bool, ...]:
         shift = 2 * np.pi * np.eye(n)[i]
         same = True
         for _ in range(PLACES):
-            q, v = rng.normal(size=n), rng.normal(size=n)
-            u = rng.normal(size=s.structure.controls)
+            q, v = normal_numbers(random, n), normal_numbers(random, n)
+            u = normal_numbers(random, s.structure.controls)
             before, after = (
                 np.array(f(x, v, u, 0.3, s.default_vector)).ravel() for x in (q, q + shift)
             )

@@ -15,7 +15,7 @@ from varint.errors import ConvergenceError
 from varint.integration.energy_check import energy_jump, undefined_at
 from varint.numerics.arrays import is_definite, over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 LOOKED_AT = 20  # nodes before the failure
 STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
@@ -62,13 +62,13 @@ def failure(
     )
 
 
-def refusal(motion: Trajectory, step: int, why: str) -> ConvergenceError:
-    """The error of a step that cannot be done, whatever its size."""
+def refusal(motion: Trajectory, step: int, time: float, why: str) -> ConvergenceError:
+    """The error of a step that cannot be done, whatever its size, which begins at that time."""
     return ConvergenceError(
-        f"the step after t = {motion.t[-1]:g} (step {step}) cannot be done: {why}. "
+        f"the step after t = {time:g} (step {step}) cannot be done: {why}. "
         f"Error.trajectory has the {len(motion)} nodes before it",
         step=step,
-        time=float(motion.t[-1]),
+        time=time,
         residual=float("nan"),
         trajectory=motion,
         cause=why,
@@ -232,7 +232,7 @@ def _local(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     return mass, stiffness
 
 
-@per_system
+@per_scene
 def _local_function(system: System) -> ca.Function:
     s = system
     generalised_force = ca.gradient(s.lagrangian, s.q) + ca.substitute(

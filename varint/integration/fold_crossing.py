@@ -1,10 +1,13 @@
-"""Steps over a fold one of whose own nodes lies on it: the saved nodes do not show it.
+"""Steps over a fold one of whose own nodes lies on it: its ends do not show it.
 
 There the motion beyond depends on round-off. It is told by going the same way in other steps: over
 a fold that no node meets both agree as well as elsewhere.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,31 +18,43 @@ from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
+if TYPE_CHECKING:
+    from varint.codegen.kernel import Kernel
+
 # of a step: its first part when it is taken in two, whose nodes are none of the rules' own; both
 # ways have to lead elsewhere, for the one may meet the fold itself
 PARTS = 0.55, 0.37
-LEAP = 100.0  # times the difference of the two ways in intervals nearby
+LEAP = 100.0  # times the difference of the two ways in steps nearby
 # of the way and of the momenta: less is round-off that a fold makes larger
 LEAST = 1e-7
-APART = 2  # intervals between one over a fold and those that it is compared with
-MOST_STEPS = 100  # in an interval that is gone through again
-KEPT = 4  # nodes before a block that tell of folds at its beginning
+OVER, BESIDE = 2, (0, 4)  # first nodes, in a window, of the step over a fold and of those beside it
+WIDE = 2 * OVER + 2  # nodes of a window: LATELY of c/run.h
 
-# coordinates, momenta, step counts, and distances of a constraint row from the others, at nodes
-Nodes = tuple[np.ndarray, ...]
+# (q, p, u, t, h) of many steps, each of its own size → q and p at their ends
+Steps = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
-def joined(before: Nodes | None, nodes: Nodes) -> Nodes:
-    """Nodes after those kept from before, where these are as far apart."""
-    if before is None:
-        return nodes
-    both = tuple(np.concatenate(x) for x in zip(before, nodes, strict=True))
-    return both if len(np.unique(np.diff(both[2]))) <= 1 else nodes
+class Windows(NamedTuple):
+    """Nodes around steps over folds (windows, WIDE, …): two steps before each of them to two behind
+    it.
+
+    Their steps' numbers k (−1: there is no such node), q, p, and the distance of a constraint row
+    from the others (−1: not known).
+    """
+
+    k: np.ndarray
+    q: np.ndarray
+    p: np.ndarray
+    far: np.ndarray
+
+    def at(self, which: np.ndarray | slice) -> Windows:
+        """Some of them."""
+        return Windows(*(x[which] for x in self))
 
 
 def crossed_folds(far: np.ndarray) -> np.ndarray:
-    """Numbers j of the intervals between nodes j and j + 1 in which the distance of a constraint
-    row from the others comes to zero, continued in a straight line from either side: beyond a fold
+    """Numbers j of the steps between nodes j and j + 1 in which the distance of a constraint row
+    from the others comes to zero, continued in a straight line from either side: beyond a fold
     that a node has met the line may be another one.
     """
     change = np.diff(far)
@@ -49,68 +64,86 @@ def crossed_folds(far: np.ndarray) -> np.ndarray:
     return np.flatnonzero(over)
 
 
+def windows_around(steps: np.ndarray, nodes: Windows) -> Windows:
+    """The windows around some steps between successive nodes (nodes, …)."""
+    which = steps[:, None] + np.arange(-OVER, OVER + 2)
+    there = (which >= 0) & (which < len(nodes.k))
+    found = nodes.at(np.where(there, which, 0))
+    return found._replace(
+        k=np.where(there, found.k, -1),
+        far=np.where(there, found.far, -1.0),
+    )
+
+
+def steps_of(system: System, rule: Rule, kernel: Kernel | None, c: np.ndarray) -> Steps:
+    """By the compiled loop of a run, where there is one and it can."""
+
+    def interpreted(
+        q: np.ndarray, p: np.ndarray, u: np.ndarray, t: np.ndarray, h: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        found = over_columns(step_function(system, rule), q, p, u, c, t[:, None], h[:, None])
+        return found[0], found[1]
+
+    def compiled(
+        q: np.ndarray, p: np.ndarray, u: np.ndarray, t: np.ndarray, h: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        from varint.codegen.kernel import take_parts
+
+        assert kernel is not None
+        rows, good = take_parts(kernel, q, p, c, t=t, h=h, u=u)
+        ends = rows[:, 0].copy(), rows[:, 1].copy()
+        if not good.all():
+            bad = np.flatnonzero(~good)
+            for kept, new in zip(
+                ends, interpreted(q[bad], p[bad], u[bad], t[bad], h[bad]), strict=True
+            ):
+                kept[bad] = new
+        return ends
+
+    return interpreted if kernel is None else compiled
+
+
 @np.errstate(all="ignore")  # what is not finite is told elsewhere
-def leaps_over_folds(
-    system: System, rule: Rule, problem: InitialValueProblem, nodes: Nodes
+def are_leaps(
+    steps: Steps, rule: Rule, problem: InitialValueProblem, windows: Windows
 ) -> np.ndarray:
-    """Of the intervals in which a fold is crossed those whose end is another one when it is reached
-    by other steps.
+    """Which of the steps over folds end elsewhere when they are taken in two parts, far more so
+    than those beside them.
     """
-    over, steps = crossed_folds(nodes[3]), np.unique(np.diff(nodes[2]))
-    if len(steps) != 1 or steps[0] > MOST_STEPS:
-        return over[:0]
+    leaps = np.ones(len(windows.k), dtype=bool)
     for part in PARTS:
-        over = over[_differ(system, rule, problem, nodes, over, part)]
-    return over
+        some = np.flatnonzero(leaps)
+        leaps[some] = _differ(steps, rule, problem, windows.at(some), part)
+    return leaps
 
 
 def _differ(
-    system: System,
-    rule: Rule,
-    problem: InitialValueProblem,
-    nodes: Nodes,
-    over: np.ndarray,
-    part: float,
+    steps: Steps, rule: Rule, problem: InitialValueProblem, windows: Windows, part: float
 ) -> np.ndarray:
-    """Which of these intervals end elsewhere when each step is taken in two parts, far more so than
-    those nearby.
-    """
-    beside = np.stack([over - APART, over + APART])
-    known = (beside >= 0) & (beside < len(nodes[0]) - 1)
-    looked, place = np.unique(
-        np.concatenate([over, *np.where(known, beside, over)]), return_inverse=True
+    begin = np.array([OVER, *BESIDE])
+    k, q, p = windows.k, windows.q, windows.p
+    known = (k[:, begin] >= 0) & (k[:, begin + 1] >= 0)
+    rows, columns = np.nonzero(known)
+    begins, ends = (rows, begin[columns]), (rows, begin[columns] + 1)
+    if not len(rows):
+        return np.zeros(len(k), dtype=bool)
+    at = q[begins].copy(), p[begins].copy()
+    for first, size in ((0.0, part), (part, 1 - part)):
+        t = problem.t0 + problem.h * (k[begins] + first)
+        u = _controls(rule, problem, k[begins].astype(int), first, size)
+        at = steps(*at, u, t, np.full(len(t), problem.h * size))
+    apart = [np.abs(new - x[ends]).max(axis=1) for new, x in zip(at, (q, p), strict=True)]
+    way = np.zeros(known.shape)
+    way[known] = np.abs(q[ends] - q[begins]).max(axis=1)
+    usual_way = way.sum(axis=1) / known.sum(axis=1)
+    momenta = np.where(k >= 0, np.abs(p).max(axis=2), 0.0).max(axis=1)
+    found = np.zeros(known.shape)
+    found[known] = np.maximum(
+        apart[0] / np.maximum(way, usual_way[:, None])[known], apart[1] / momenta[rows]
     )
-    found = _differences(system, rule, problem, nodes, looked, part)
-    apart, *others = found[place].reshape(3, -1)
-    usual = np.where(known, others, 0).max(axis=0)
-    return known.any(axis=0) & (apart > np.maximum(LEAP * usual, LEAST))
-
-
-def _differences(
-    system: System,
-    rule: Rule,
-    problem: InitialValueProblem,
-    nodes: Nodes,
-    begin: np.ndarray,
-    part: float,
-) -> np.ndarray:
-    """How far from the next node each of these leads in steps of two parts each, of the way between
-    them and of the momenta.
-    """
-    q, p, k, _ = nodes
-    if not len(begin):
-        return np.zeros(0)
-    step, at = step_function(system, rule), [q[begin], p[begin]]
-    for i in range(int(k[1] - k[0])):
-        for first, size in ((0.0, part), (part, 1 - part)):
-            t = problem.t0 + problem.h * (k[begin] + i + first)
-            u = _controls(rule, problem, k[begin] + i, first, size)
-            h = np.array([problem.h * size])
-            at = over_columns(step, *at, u, problem.c, t[:, None], h)[:2]
-    apart = [np.abs(new - x[begin + 1]).max(axis=1) for new, x in zip(at, (q, p), strict=True)]
-    way = np.abs(q[begin + 1] - q[begin]).max(axis=1)
-    momenta = np.abs(p).max()
-    return np.maximum(apart[0] / np.maximum(way, way.mean()), apart[1] / momenta)
+    return known[:, 1:].any(axis=1) & (
+        found[:, 0] > np.maximum(LEAP * found[:, 1:].max(axis=1), LEAST)
+    )
 
 
 def _controls(

@@ -3,92 +3,177 @@
 A linkage that folds passes through a configuration in which its rows are dependent. A step over it
 goes on as before. A node on it does not: there positions are known to the square root of round-off
 alone, the multipliers have no bound, and the run would go on with any energy, on any branch. So it
-is with a node within a step, or with one that is not saved (`fold_crossing`).
+is with a node within a step (`fold_crossing`). Every step is looked at, saved or not: by compiled
+loops themselves, which note folds, or here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from varint.discrete.constraints import velocity_rows
-from varint.discrete.row_independence import pivot_function
+from varint.discrete.row_independence import FOLDED, VANISHED, pivot_function
 from varint.errors import StepRefused
-from varint.integration.fold_crossing import KEPT, Nodes, joined, leaps_over_folds
+from varint.integration.fold_crossing import (
+    OVER,
+    WIDE,
+    Windows,
+    are_leaps,
+    crossed_folds,
+    steps_of,
+    windows_around,
+)
 from varint.integration.problem import InitialValueProblem
 from varint.integration.row_watch import BlocksFrom
-from varint.integration.state import NodeBlock, RunState
+from varint.integration.state import NodeBlock, Passed, RunState
+from varint.integration.steppers.stepper import state_layout
 from varint.numerics.arrays import call, over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
-# of the largest distance of a row from the others during the run: nearer ones have energies off by
-# 1e-6 to 10 of the kinetic energy, those that are farther none (four-bar linkages, all rules)
-ON_FOLD = 1e-6
-# of the row's gradient at the node before: where a constraint's curve crosses itself or ends
-VANISHED = 1e-6
-MARGIN = (
-    10.0  # times this: farther nodes that a compiled loop has looked at are not looked at again
-)
-CROSSED = 0.2  # of the largest distance of a row: where no node is nearer no fold is crossed
-FEW = 10  # nodes that are always looked at
+if TYPE_CHECKING:
+    from varint.codegen.kernel import Kernel
+
+KEPT = 5  # nodes before a block that tell of folds at its beginning
 SAMPLES = 33  # between two nodes, or of a motion
 NEARER = 0.2  # of the usual smallest singular value: a fold is near
 TIED = 0.1  # of the largest part in the dependence: rows that are named
+ON_FOLD = 1  # the kind of a note of c/folds.h, which is a window
+
+# steps over folds, and the number and place of a node on one
+Found = tuple[Windows, tuple[int, np.ndarray] | None]
 
 
 def with_folds_watched(
-    blocks_from: BlocksFrom, scene: System, rule: Rule, problem: InitialValueProblem
+    blocks_from: BlocksFrom,
+    scene: System,
+    rule: Rule,
+    problem: InitialValueProblem,
+    kernel: Kernel | None,
 ) -> BlocksFrom:
-    """The blocks of a run, up to the first node at which the constraint rows lose their rank, or
-    between which a fold was met by a node that is not saved.
+    """The blocks of a run, up to the first node, saved or not, at which the constraint rows lose
+    their rank, or the first step of which a node within does.
 
     Raises
     ------
     StepRefused
         While the blocks come: a node lies on a fold.
     """
+    steps = steps_of(scene, rule, kernel, problem.c)
+
+    def look(windows: Windows, lost: tuple[int, np.ndarray] | None) -> tuple[int, str] | None:
+        """The step after which nodes are no good, and why."""
+        some = windows if lost is None else windows.at(windows.k[:, OVER + 1] < lost[0])
+        if len(some.k):
+            leaps = np.flatnonzero(are_leaps(steps, rule, problem, some))
+            if len(leaps):
+                first = some.at(leaps[:1])
+                return int(first.k[0, OVER]), _why_beyond(problem, first)
+        return lost and (lost[0] - 1, _why(scene, problem, lost[1], lost[0]))
 
     def watched(at: RunState | None) -> Iterator[NodeBlock]:
-        q, k = (problem.q0, problem.first) if at is None else (at.x[: len(problem.q0)], at.k)
-        far, size = _independence(
-            scene, problem, np.stack([problem.q0, q]), np.array([problem.first, k])
-        )
-        most, before = far.max(), size[1:]
-        recent: Nodes | None = None
+        recent, most = _seen(scene, problem, _start(problem, at)), 0.0
         for block in blocks_from(at):
-            told = block.independence if block.good > FEW else None
-            if told is not None and _are_far(told, most):
-                most, last = max(most, told[1] ** 0.5), slice(block.good - 1, block.good)
-                before = _independence(scene, problem, block.q[last], block.k[last])[1]
-                recent = None
-            elif block.good:
-                nodes = tuple(x[: block.good] for x in (block.q, block.p, block.k))
-                far, size = _independence(scene, problem, nodes[0], nodes[2])
-                largest = np.maximum.accumulate(np.maximum(far, most))
-                sizes = np.concatenate([before, size])
-                folded = far < ON_FOLD * largest
-                vanished = (sizes[1:] < VANISHED * sizes[:-1]).any(axis=1)
-                lost = np.flatnonzero(folded | vanished)
-                if len(lost):
-                    yield from _up_to(block, int(lost[0]))
-                    node = int(lost[0])
-                    raise StepRefused(_why(scene, problem, block.q[node], int(block.k[node])))
-                known = 0 if recent is None else len(recent[0])
-                recent = joined(recent, (*nodes, far))
-                leaps = leaps_over_folds(scene, rule, problem, recent)
-                if len(leaps):
-                    j = int(leaps[0])
-                    yield from _up_to(block, max(j + 1 - known, 0))
-                    raise StepRefused(_why_beyond(problem, tuple(x[j : j + 2] for x in recent)))
-                most, before = largest[-1], size[-1:]
-                recent = tuple(x[-KEPT:] for x in recent)
+            passed = block.passed
+            if passed is None or not len(passed.k):
+                yield block
+                continue
+            if passed.notes is None:
+                seen = _joined(recent, _seen(scene, problem, passed))
+                found = _noted(seen, len(seen.nodes.k) - len(passed.k), most)
+                most = float(np.fmax.reduce(seen.nodes.far, initial=most))
+            else:
+                seen, found = _seen(scene, problem, passed), _as_noted(passed, scene)
+            wrong = look(*found)
+            if wrong:
+                yield from _up_to(block, int((block.k[: block.good] <= wrong[0]).sum()))
+                raise StepRefused(wrong[1], wrong[0])
+            recent = seen.last(KEPT)
             yield block
+        if wrong := look(_behind(recent), None):
+            raise StepRefused(wrong[1], wrong[0])
 
     return watched
+
+
+class _Seen(NamedTuple):
+    """Successive nodes (nodes, …), and the lengths of the rows there."""
+
+    nodes: Windows
+    size: np.ndarray
+
+    def last(self, count: int) -> _Seen:
+        """The last of them."""
+        return _Seen(self.nodes.at(slice(-count, None)), self.size[-count:])
+
+
+def _start(problem: InitialValueProblem, at: RunState | None) -> Passed:
+    """The node from which a run goes on."""
+    if at is None:
+        return Passed(np.array([problem.first]), problem.q0[None], problem.p0[None])
+    n = len(problem.q0)
+    layout = state_layout(n)
+    q, p = (at.x[:n], at.x[n:]) if len(at.x) == 2 * n else (at.x[layout.q], at.x[layout.p])
+    return Passed(np.array([at.k]), q[None].copy(), p[None].copy())
+
+
+def _seen(scene: System, problem: InitialValueProblem, passed: Passed) -> _Seen:
+    """Nodes with the smallest distance of a row from those before it, of rows scaled to length
+    one, and the rows' lengths.
+    """
+    t = problem.t0 + problem.h * passed.k[:, None]
+    q = np.ascontiguousarray(passed.q)
+    pivot, size = over_columns(pivot_function(scene), q, t, problem.c)
+    far = np.sqrt(np.maximum(pivot[:, 0], 0))
+    return _Seen(Windows(passed.k, passed.q, passed.p, far), size)
+
+
+def _joined(before: _Seen, after: _Seen) -> _Seen:
+    """Nodes after those kept from before, where they follow on them."""
+    if before.nodes.k[-1] + 1 != after.nodes.k[0]:
+        return after
+    nodes = Windows(*(np.concatenate(x) for x in zip(before.nodes, after.nodes, strict=True)))
+    return _Seen(nodes, np.concatenate([before.size, after.size]))
+
+
+def _noted(seen: _Seen, known: int, most: float) -> Found:
+    """The steps over folds that the nodes beyond the first `known` ones show, and the first of
+    these nodes that lies on a fold.
+    """
+    nodes, size = seen
+    largest = np.maximum(np.fmax.accumulate(nodes.far), most)
+    lost = ~(nodes.far >= FOLDED * largest)
+    lost[1:] |= (size[1:] < VANISHED * size[:-1]).any(axis=1)
+    lost[:known] = False
+    over = crossed_folds(nodes.far)
+    over = over[(over + OVER + 1 >= known) & (over + OVER + 1 < len(nodes.k))]
+    first = np.flatnonzero(lost)[:1]
+    at = (int(nodes.k[first[0]]), nodes.q[first[0]]) if len(first) else None
+    return windows_around(over, nodes), at
+
+
+def _as_noted(passed: Passed, scene: System) -> Found:
+    """The same from the notes of a compiled loop, see c/folds.h."""
+    n, notes = scene.structure.n, passed.notes
+    assert notes is not None
+    nodes = notes[:, 1:].reshape(len(notes), WIDE, notes.shape[1] // WIDE)
+    k, pivot, q, p, _ = np.split(nodes, [1, 2, 2 + n, 2 + 2 * n], axis=2)
+    far = np.where(pivot < 0, -1.0, np.sqrt(np.abs(pivot)))
+    windows = Windows(k[..., 0].astype(int), q, p, far[..., 0])
+    lost = np.flatnonzero(notes[:, 0] == ON_FOLD)
+    at = (int(windows.k[lost[0], -1]), windows.q[lost[0], -1].copy()) if len(lost) else None
+    return windows.at(notes[:, 0] != ON_FOLD), at
+
+
+def _behind(recent: _Seen) -> Windows:
+    """Windows of steps over folds at the very end of a run, which have no nodes behind them."""
+    over = crossed_folds(recent.nodes.far)
+    return windows_around(over[over + OVER + 1 >= len(recent.nodes.k)], recent.nodes)
 
 
 def _up_to(block: NodeBlock, good: int) -> Iterator[NodeBlock]:
@@ -104,25 +189,7 @@ def _up_to(block: NodeBlock, good: int) -> Iterator[NodeBlock]:
         )
 
 
-def _are_far(told: tuple[float, float, float], most: float) -> bool:
-    """Whether what the compiled loop has seen of its nodes tells that none is near a fold."""
-    nearest, farthest, shrunk = told
-    near = CROSSED * max(most, farthest**0.5)
-    return nearest > near**2 and shrunk > MARGIN * VANISHED
-
-
-def _independence(
-    scene: System, problem: InitialValueProblem, q: np.ndarray, k: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """At each node: the smallest distance of a row from those before it, of rows scaled to length
-    one, and the rows' lengths.
-    """
-    t = problem.t0 + problem.h * k[:, None]
-    pivot, size = over_columns(pivot_function(scene), np.ascontiguousarray(q), t, problem.c)
-    return np.sqrt(np.maximum(pivot[:, 0], 0)), size
-
-
-@per_system
+@per_scene
 def _rows_function(system: System) -> ca.Function:
     """(q, t, c) → the gradients of all rows."""
     s = system
@@ -156,17 +223,18 @@ def _directions(motion: Trajectory, q: np.ndarray, t: np.ndarray) -> tuple[np.nd
     return left, values
 
 
-def _why_beyond(problem: InitialValueProblem, ends: Nodes) -> str:
+def _why_beyond(problem: InitialValueProblem, first: Windows) -> str:
     """Between which nodes the motion is not determined, and what to do."""
-    q, _, k, far = ends
+    ends = slice(OVER, OVER + 2)
+    k, q, far = first.k[0, ends], first.q[0, ends], first.far[0, ends]
     begin, end = (problem.t0 + problem.h * k).tolist()
-    where = ", ".join(f"{x:.6g}" for x in q[np.argmin(far)])
+    nearest = int(np.argmin(np.where(far >= 0, far, np.inf)))
+    where = ", ".join(f"{x:.6g}" for x in q[nearest])
     return (
         f"between t = {begin:.6g} and t = {end:.6g} (steps {k[0]} to {k[1]}) the motion goes over "
         f"a fold near q = [{where}], where the gradients of constraint rows are dependent, and a "
-        "node of a step, one within it or one that is not saved, lies on it: other steps lead "
-        "elsewhere, and neither the branch nor the energy of the motion beyond is determined; "
-        "change h or the start a little"
+        "node within the step lies on it: other steps lead elsewhere, and neither the branch nor "
+        "the energy of the motion beyond is determined; change h or the start a little"
     )
 
 

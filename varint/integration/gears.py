@@ -20,7 +20,7 @@ from varint.codegen.native import native_explicit, native_gauss
 from varint.codegen.source import Source
 from varint.integration.cost import compiling_seconds
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 # of the compiler's predicted time: what must have been spent, or be ahead, before the source is
 # written and looked for in the cache, and before the compiler is started
@@ -75,7 +75,7 @@ class Gears:
     stuck: bool = False
 
 
-@per_system
+@per_scene
 def gears_of(system: System, rule: Rule, scheme: Scheme) -> Gears | None:
     """The gears of a rule, or None where the scene has none: its operations are too many, or there
     is neither a loop that was built with the package nor a compiler.
@@ -87,7 +87,7 @@ def gears_of(system: System, rule: Rule, scheme: Scheme) -> Gears | None:
     return Gears(system, rule, scheme, replace(low))  # not that of backend="native"
 
 
-@per_system
+@per_scene
 def high_gear(system: System, rule: Rule, scheme: Scheme) -> list[Kernel]:
     """The compiled loop, once there is one."""
     return []

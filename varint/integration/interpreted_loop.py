@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 
+from varint.discrete.row_independence import folds
 from varint.discrete.scales import (
     SMALLEST,
     UNKNOWN,
@@ -19,11 +20,11 @@ from varint.integration.careful_step import careful_step
 from varint.integration.cost import steps_at_once
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
-from varint.integration.state import NodeBlock, RunState
+from varint.integration.state import NodeBlock, Passed, RunState
 from varint.integration.steppers.stepper import ITERATIONS, RESIDUAL, state_layout
 from varint.numerics.arrays import call, over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
 STEP_BY_STEP = 0  # instead of the nodes of the next block: single steps up to the next saved node
@@ -32,7 +33,7 @@ NESTED = {"base": 6}
 LARGE_STATE = 300  # numbers; CasADi takes long to build a long loop over a large state
 
 
-@per_system
+@per_scene
 def rollout(system: System, rule: Rule, nodes: int, every: int) -> ca.Function:
     """(x, u, t, h, c, scale) → states at `nodes` nodes, `every` steps apart."""
     stepper = plan(system, rule).build(system, rule)
@@ -89,7 +90,7 @@ def start_states(
     return RunState(x, scale, inertia, 0, largest_block(x[0]))
 
 
-@per_system
+@per_scene
 def beginning_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, typical, t, h, c) → x, typical sizes, and the inertia between them."""
     start, n = plan(system, rule).build(system, rule).start, system.structure.n
@@ -120,20 +121,23 @@ def interpreted_blocks(
         count, every = next_block(at.k, problem.steps, problem.save_every, at.largest, most)
         if at.largest == STEP_BY_STEP:
             count = every = 1
-        total = count * every
+        total, whole = count * every, folds(system)
         times = problem.t0 + problem.h * np.arange(at.k, at.k + total)
-        function = rollout(system, rule, count, every)
+        function = rollout(system, rule, *((total, 1) if whole else (count, every)))
         given = at.x, problem.controls(at.k, total), times, h, problem.c, at.scale
-        states = call(function, *given)[0].reshape(count, -1)
+        states = call(function, *given)[0].reshape(total if whole else count, -1)
+        all_states, states = states, states[every - 1 :: every] if whole else states
         good = int(count_good_nodes(states))
         if not good and total == 1 and fresh and (careful := careful_step(system, rule)):
-            states = call(careful, *given)[0].reshape(1, -1)
+            all_states = states = call(careful, *given)[0].reshape(1, -1)
             good = int(count_good_nodes(states))
         worst = float(states[good - 1, RESIDUAL]) if good else 0.0
         after = advance(at, states[:good], problem.h, every)
         counts = iterations_at(at.x, states[:good])
         failed = 0.0 if good == count else residual_of(states[good])
         k = at.k + every * np.arange(1, count + 1)
+        steps = all_states[: good * every]
+        passed = Passed(at.k + np.arange(1, len(steps) + 1), steps[:, layout.q], steps[:, layout.p])
         again = good < count and (good > 0 or count * every > 1 or not fresh)
         if again:
             k, count, fresh, failed = k[:good], good, every == 1, 0.0
@@ -152,7 +156,16 @@ def interpreted_blocks(
         q, p = states[:good, layout.q], states[:good, layout.p]
         total = int(counts[-1]) if good else 0
         yield NodeBlock(
-            k, q, p, worst, len(q), failed, iterations=total, after=after, counts=counts
+            k,
+            q,
+            p,
+            worst,
+            len(q),
+            failed,
+            iterations=total,
+            after=after,
+            counts=counts,
+            passed=passed if whole else None,
         )
         if good < count:
             return

@@ -17,7 +17,7 @@ from varint.integration.steppers.stepper import Stepper
 from varint.integration.steppers.uniform_field import UNIFORM_FIELD
 from varint.notation.html import table
 from varint.rules.rule import Rule, composition, gauss, lobatto
-from varint.scene.system import System, per_system, require_system
+from varint.scene.system import System, per_scene, require_system
 
 # The first that applies runs: the cheapest correct one. A new stepper is one file and one entry.
 METHODS = (UNIFORM_FIELD, EXPLICIT, RATTLE, CONSTRAINED, LINEAR, IMPLICIT)
@@ -108,7 +108,7 @@ def plan(system: System, rule: Rule | None = None) -> Plan:
     return _plan(system, rule)
 
 
-@per_system
+@per_scene
 def _plan(system: System, rule: Rule | None) -> Plan:
     rule = default_rule(system) if rule is None else rule
     require_steppable(system, rule)

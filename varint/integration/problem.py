@@ -13,6 +13,7 @@ from varint.numerics.limits import MOST_STEPS, check_memory
 from varint.rules.rule import Rule
 from varint.scene.inputs import number, positive_integer, vector
 from varint.scene.parameters import ParameterValues
+from varint.scene.rays import start_on_rays
 from varint.scene.system import System, parameter_values
 
 if TYPE_CHECKING:
@@ -63,6 +64,9 @@ def initial_value_problem(
     t0 = number("t0", start.t0)
     c = parameter_values(system, start.params)
     q = vector("q0", start.q0, n, system.names)
+    if system.rays:
+        v0 = None if v0 is None else vector("v0", v0, n, system.names)
+        q, v0 = start_on_rays(system.rays, q, v0)
     u = controls(system, rule, u, count)
     p = start_momentum_of(system, q, v0, p0, t0, c, u[0, 0])
     active_set = None

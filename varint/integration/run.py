@@ -90,7 +90,7 @@ def start_run(
         kernel = kernel_for(scene, chosen.rule, problem, backend)
         blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
         if folds(scene):
-            blocks_from = with_folds_watched(blocks_from, scene, chosen.rule, problem)
+            blocks_from = with_folds_watched(blocks_from, scene, chosen.rule, problem, kernel)
         if scene is not system:
             blocks_from = watch_rows(blocks_from, system, chosen.rule, problem)
         remedy = partial(subdivide_failed_step, scene, chosen.rule, problem, kernel)
@@ -205,7 +205,10 @@ def collect(
         from varint.integration.failures import refusal
 
         last = next(block for block in reversed(nodes) if block.after or len(block.k))
-        raise refusal(so_far(), _next_step(last), str(error)) from None
+        motion, step = so_far(), error.step
+        if step is None:  # that after the last node
+            raise refusal(motion, _next_step(last), float(motion.t[-1]), str(error)) from None
+        raise refusal(motion, step, problem.t0 + problem.h * step, str(error)) from None
     except KeyboardInterrupt:
         interrupted = True
     motion = so_far()

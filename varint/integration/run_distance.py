@@ -8,6 +8,8 @@ import numpy as np
 
 from varint.results.trajectory import Trajectory
 
+LOOKS = 65  # nodes at which runs without common ones are compared
+
 
 def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
     """Largest difference of two runs with so many steps at the nodes of both, by the scales."""
@@ -19,6 +21,14 @@ def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np
     (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
     _, i, j = np.intersect1d(k1, k2, return_indices=True)
     return float((np.abs(q1[i] - q2[j]) / scales).max())
+
+
+def distance_between_nodes(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
+    """Largest difference at some nodes of the first run, where the other one need not have any."""
+    some = np.unique(np.linspace(0, len(one) - 1, LOOKS).astype(int))
+    t, q = one.t[some], one.q[some]
+    both = abs(t - t[0]) <= abs(other.t[-1] - t[0])
+    return float((np.abs(q[both] - other.at(t[both]).q) / scales).max())
 
 
 def _equally_spaced(motion: Trajectory) -> bool:

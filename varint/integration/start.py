@@ -25,7 +25,7 @@ from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
 from varint.numerics.arrays import call, finite
 from varint.scene.inputs import vector
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too
@@ -71,7 +71,7 @@ def put_on_manifold(
     return p + change, active_set
 
 
-@per_system
+@per_scene
 def start_function(system: System) -> ca.Function:
     """(q, v, u, t, c) → (p, M, ∂L/∂q + F, L) at the start."""
     s = system
@@ -130,7 +130,7 @@ def _check_first_order(
     )
 
 
-@per_system
+@per_scene
 def _regular_at(system: System) -> set[bytes]:
     """Parameter values for which a constant mass matrix has been found regular."""
     return set()

@@ -32,6 +32,17 @@ class RunState(NamedTuple):
     events: int = 0
 
 
+class Passed(NamedTuple):
+    """Nodes that a block has passed, saved or not, for the watch of folds: all of its steps, or the
+    last few of a compiled loop, with what that has noted (`LoopResult.notes`).
+    """
+
+    k: np.ndarray
+    q: np.ndarray
+    p: np.ndarray
+    notes: np.ndarray | None = None
+
+
 class NodeBlock(NamedTuple):
     """Some saved nodes: step counts k, coordinates, momenta.
 
@@ -39,9 +50,8 @@ class NodeBlock(NamedTuple):
     the next one. Scenes with contacts also say when the nodes are (`t`), what holds from there on
     (`active_set`) and what happened before them. `iterations` are those of Newton's method, or of
     the stages, in the solved steps; `counts` the sums up to each node, where runs may be cut. The
-    run goes on from `after`, where it can be taken up again. `independence` is what a compiled loop
-    says of the constraint rows at the nodes: smallest and largest pivot, and how much a row shrank;
-    `v` its velocities.
+    run goes on from `after`, where it can be taken up again. `v` are the velocities, where a
+    compiled loop has them; `passed` is told of scenes with constraints that may fold.
     """
 
     k: np.ndarray
@@ -56,5 +66,5 @@ class NodeBlock(NamedTuple):
     iterations: int = 0
     after: RunState | None = None
     counts: np.ndarray | None = None
-    independence: tuple[float, float, float] | None = None
     v: np.ndarray | None = None
+    passed: Passed | None = None

@@ -9,7 +9,7 @@ from varint.discrete.scales import BALANCED, scale_function
 from varint.integration.plan import plan
 from varint.integration.steppers.stepper import state_parts
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 
 def step_function(system: System, rule: Rule | None = None) -> ca.Function:
@@ -49,7 +49,7 @@ def step_function(system: System, rule: Rule | None = None) -> ca.Function:
     return _step_function(system, plan(system, rule).rule)
 
 
-@per_system
+@per_scene
 def _step_function(system: System, rule: Rule) -> ca.Function:
     counting = counting_step_function(system, rule)
     inputs = counting.mx_in()
@@ -59,7 +59,7 @@ def _step_function(system: System, rule: Rule) -> ca.Function:
     )
 
 
-@per_system
+@per_scene
 def counting_step_function(system: System, rule: Rule) -> ca.Function:
     """`step_function` with one more output: the iterations of the step."""
     stepper, n, r = plan(system, rule).build(system, rule), system.structure.n, len(rule.nodes)
@@ -80,7 +80,7 @@ def _typical(u: ca.MX) -> ca.MX:
     return ca.sum2(ca.fabs(u)) / max(u.shape[1], 1)
 
 
-@per_system
+@per_scene
 def path_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, params, t, h) → increments Q_j − q0, and reactions, at the control points of
     the step.
@@ -106,7 +106,7 @@ def path_function(system: System, rule: Rule) -> ca.Function:
     return ca.Function("path", inputs, [increments, ca.densify(reactions)])
 
 
-@per_system
+@per_scene
 def action_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
     one = interval(system, rule)

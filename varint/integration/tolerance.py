@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -41,7 +42,7 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run import collect, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
-from varint.integration.second_looks import Trial, luck, transient
+from varint.integration.second_looks import Trial, has_steps, luck, transient
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
     STALLED,
@@ -50,6 +51,7 @@ from varint.integration.two_runs import (
     run_twice,
     shows_its_error,
 )
+from varint.integration.walls import Failure, no_way_on, require_way_on
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -63,6 +65,8 @@ CAUTION = 0.75  # of the order that was seen is counted on
 SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
+CERTAIN = 2  # times, where there were digits already and nothing jumps
+ENOUGH = 2**20  # steps over forces that jump, where more would not do
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
@@ -108,6 +112,8 @@ def choose_steps(
     ------
     InputError
         If tol is out of range, or no number of steps leads through the whole duration.
+    ConvergenceError
+        If the motion ends before, whatever the steps.
     """
     if not LEAST_TOL <= tol <= MOST_TOL:
         raise InputError(
@@ -124,16 +130,25 @@ def choose_steps(
         by_stages = runs_by_stages(system, gauss(8), backend)
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
-    def trial(chosen: Rule, steps: int, part: int = 1, wanted: float = tol) -> Trajectory | None:
+    failures: list[Failure] = []  # since the last run that ended well
+
+    def trial(
+        chosen: Rule, steps: int, part: int = 1, wanted: float = tol, beyond: float = 0.0
+    ) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
         problem = problem._replace(
-            level=iteration_level(wanted, steps), steps=max(problem.steps // part, 1)
+            h=problem.h * (1 + beyond / steps),
+            level=iteration_level(wanted, steps),
+            steps=max(problem.steps // part, 1),
         )
         try:
             run = start_run(system, plan(system, chosen), problem, began, backend=backend)
-            return collect(run, stop=stop, progress=False)
-        except ConvergenceError:
+            motion = collect(run, stop=stop, progress=False)
+        except ConvergenceError as error:
+            failures.append((steps, error))
             return None
+        failures.clear()
+        return motion
 
     first = 2 ** max(3, math.ceil(math.log2(max(radians / RADIANS, 1.0))))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
@@ -142,8 +157,9 @@ def choose_steps(
             found = _from_two_runs(system, own, tol, radians, trial, scale, stop is not None)
             if found:
                 return found
-        few = start.steps * first
-        return _refine(system, own, start, tol, radians, trial, few, scale, stop is not None)
+        failures.clear()
+        few, ends_early = start.steps * first, stop is not None
+        return _refine(system, own, start, tol, radians, trial, failures, few, scale, ends_early)
 
 
 def _from_two_runs(
@@ -177,6 +193,7 @@ def _refine(
     tol: float,
     radians: float,
     trial: Trial,
+    failures: Sequence[Failure],
     steps: int,
     scale: Any,
     ends_early: bool,
@@ -189,6 +206,7 @@ def _refine(
     while steps <= most:
         motion, runs = trial(rule, steps), runs + 1
         if motion is None or not np.isfinite(motion.q).all():
+            require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
             before, apart, order, steps = None, math.inf, None, 2 * steps
             continue
         if before is None:
@@ -209,7 +227,8 @@ def _refine(
         if stalls and rounded == apart > tol:  # from now on it wanders
             best = best and replace(best, estimate=max(best.estimate, apart))
             break
-        if stalls == PATIENCE:
+        sure = best is not None and apart < NO_DIGITS and not has_steps(system)
+        if stalls == (CERTAIN if sure else PATIENCE):
             break
         if order is not None and apart < NO_DIGITS:
             counted = ratio ** (-CAUTION * order)
@@ -227,6 +246,9 @@ def _refine(
                 best = found
             if found.estimate <= tol:
                 return found
+            hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
+            if hopeless and steps >= ENOUGH and has_steps(system):
+                break
             more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
             steps = (
                 steps * math.ceil(4 * more) // 4 if 1 < more < 2 and steps % 4 == 0 else 2 * steps
@@ -237,10 +259,12 @@ def _refine(
         best = Choice(rule, *before, apart, runs, False)  # no digit is certain: it says so
     if best is not None:
         return replace(best, reached=False, runs=runs)
+    if failures:
+        raise no_way_on(failures, has_steps(system))
     raise InputError(
         f"no number of steps up to {most:.0g} by {rule} leads through the duration "
-        f"{start.h * start.steps:g}: the motion is not defined all the way; take a shorter "
-        "duration, or give h to see where it ends"
+        f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
+        "to see where it ends"
     )
 
 

@@ -158,6 +158,8 @@ def with_velocities(motion: Trajectory, nodes: Sequence[NodeBlock]) -> Trajector
     """The motion of these blocks, its velocities those of the compiled loop where all are known
     from there.
     """
+    if motion.system.rays:  # lengths that the loop has no part in are not those of the nodes
+        return motion
     if motion.active_set is None and all(b.v is not None for b in nodes if b.good > 1):
         assert motion.origin is not None
         velocity, parts = velocity_function(motion.system), []

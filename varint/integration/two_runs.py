@@ -51,13 +51,15 @@ Apart = Callable[[Trajectory, int, Trajectory, int], float]  # two runs and thei
 
 class Course(NamedTuple):
     """How a motion is run with so many steps and two runs are compared; how far its fastest small
-    motions turn; where the rule's order is sure for all steps that resolve them (linear scenes).
+    motions turn; where the rule's order is sure for all steps that resolve them (linear scenes);
+    how often steps are added before it is given up.
     """
 
     trial: Trial
     apart: Apart
     radians: float
     linear: bool = False
+    attempts: int = ATTEMPTS
 
 
 class Proved(NamedTuple):
@@ -93,7 +95,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     steps, runs = _by_a_part(course, _in_fours(first), rough, p)
     coarse: Trajectory | None = None
     expected = before = math.inf
-    for _ in range(ATTEMPTS):
+    for _ in range(course.attempts):
         if coarse is None:
             motion, runs = course.trial(steps, rough, 1), runs + 1
             swing = energy_errors(motion)

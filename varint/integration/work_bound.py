@@ -11,7 +11,7 @@ import numpy as np
 
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene
 
 # times the work of forces on the nodes: the quadrature is a rough one
 MISSED = 2.0
@@ -27,7 +27,7 @@ def keeps_energy(system: System) -> bool:
     return s.autonomous and not s.forced
 
 
-@per_system
+@per_scene
 def moves_constraints(system: System) -> bool:
     """Whether what holds the motion may do work."""
     return ca.depends_on(ca.vertcat(system.constraint, system.contact), system.t)
@@ -66,7 +66,7 @@ def summed_work(power: np.ndarray, t: np.ndarray) -> np.ndarray:
     return MISSED * np.concatenate([none, np.cumsum(gained, axis=-1)], axis=-1)
 
 
-@per_system
+@per_scene
 def _power_function(system: System) -> ca.Function:
     """(q, v, u, t, c) → F·v − ∂L/∂t."""
     s = system

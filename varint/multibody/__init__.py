@@ -4,6 +4,7 @@
 ``model.frame(name)`` gives places and velocities as expressions for costs, constraints and plots.
 """
 
+from varint.multibody.attitude import rotation_covariance
 from varint.multibody.data import (
     WORLD,
     Actuator,
@@ -66,6 +67,7 @@ __all__ = [
     "quaternion_matrix",
     "quaternion_rate",
     "roll_pitch_yaw",
+    "rotation_covariance",
     "skeleton",
     "start_values",
 ]

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from varint.discrete.legendre import mass_solve
 from varint.multibody.elementary import for_each_link
 from varint.multibody.inertia import (
     NO_MOMENTUM,
@@ -25,10 +26,16 @@ from varint.multibody.inertia import (
     rigid,
     together,
 )
-from varint.multibody.kinematics import STILL, Motions, Twist, coordinates_of, moved, relative_twist
+from varint.multibody.kinematics import (
+    STILL,
+    Motions,
+    Twist,
+    body_rates,
+    coordinates_of,
+    moved,
+    relative_twist,
+)
 from varint.multibody.tree import GROUND, Link, Tree
-
-HINGES = ("revolute", "prismatic")  # motions that one number describes
 
 
 class _Drive(NamedTuple):
@@ -39,8 +46,8 @@ class _Drive(NamedTuple):
 
 
 class _Given(NamedTuple):
-    """What a joint gives way by: the column U of inertia, its pivot D, and p − S·b; then what its
-    parent feels, I − U Uᵀ/D and b + U (p − S·b)/D, about the link's origin.
+    """What a joint of one coordinate gives way by: the column U of inertia, its pivot D, and
+    p − S·b; then what its parent feels, I − U Uᵀ/D and b + U (p − S·b)/D, about the link's origin.
     """
 
     spin: ca.SX
@@ -54,53 +61,107 @@ class _Given(NamedTuple):
     push_left: ca.SX
 
 
-def has_only_hinges(tree: Tree) -> bool:
-    """Whether every link moves by one number of its own."""
-    return all(link.motion in HINGES for link in tree.links)
+class _Wholly(NamedTuple):
+    """The same of a joint that gives way in all three directions, of turning or of moving: its rate
+    ``rate − x − K y`` in a parent with that part x of its twist and the other part y.
+    """
+
+    rate: ca.SX
+    K: ca.SX
+    J: ca.SX
+    H: ca.SX
+    M: ca.SX
+    spin_left: ca.SX
+    push_left: ca.SX
 
 
 def velocity_of_momentum(
-    tree: Tree, motions: Motions, momenta: Mapping[str, ca.SX], armatures: Mapping[str, Any]
+    tree: Tree,
+    motions: Motions,
+    momenta: Mapping[str, ca.SX],
+    armatures: Mapping[str, Any],
+    stretching: Mapping[str, Any],
 ) -> dict[str, ca.SX]:
     """Rates of every joint's coordinates with p = M(q) v.
 
     Parameters
     ----------
     tree : Tree
-        With links of one coordinate alone.
+        With joints that follow no other.
     motions : dict
         Coordinates of the joints by name; their rates are not looked at.
     momenta : dict
         p of the joints by name.
     armatures : dict
         Inertia of the joints' rotors by name.
+    stretching : dict
+        μ of the quaternions' lengths by name, see `stretching`.
     """
     links = tree.links
     inertias = [rigid(inertial) for inertial in tree.inertials]
     biases = [NO_MOMENTUM] * len(links)
-    given: list[_Given] = []
+    given: list[_Given | _Wholly] = []
     for i in reversed(range(len(links))):
         link = links[i]
         q, _ = coordinates_of(link, motions)
-        drive = _Drive(momenta[link.joint][link.first], ca.SX(armatures[link.joint]))
-        given.append(_given_way(link, q, inertias[i], biases[i], drive))
+        p = momenta[link.joint][link.first : link.first + link.size]
+        one: _Given | _Wholly
+        if link.size == 1:
+            drive = _Drive(p, ca.SX(armatures[link.joint]))
+            one = _given_way(link, q, inertias[i], biases[i], drive)
+        else:
+            p = spin_of(q, p) if link.motion == "spherical" else p
+            one = _given_way_wholly(link, q, inertias[i], biases[i], p)
+        given.append(one)
         if link.parent != GROUND:
-            inertia, rest = Inertia(*given[-1][4:7]), Momentum(*given[-1][7:])
-            inertias[link.parent] = together(inertias[link.parent], outward(link, q, inertia))
-            spin, push = carried(link, q, rest)
+            outer = outward(link, q, Inertia(one.J, one.H, one.M))
+            inertias[link.parent] = together(inertias[link.parent], outer)
+            spin, push = carried(link, q, Momentum(one.spin_left, one.push_left))
             before = biases[link.parent]
             biases[link.parent] = Momentum(before.spin + spin, before.push + push)
     twists: list[Twist] = []
     rates: dict[str, list[ca.SX]] = {}
-    for link, (spin, push, pivot, free, *_) in zip(links, given[::-1], strict=True):
+    for link, one in zip(links, given[::-1], strict=True):
         q, _ = coordinates_of(link, motions)
-        outer = STILL if link.parent == GROUND else twists[link.parent]
-        twist = moved(link, q, outer, STILL)
-        rate = (free - ca.dot(spin, twist.omega) - ca.dot(push, twist.v)) / pivot
-        own = relative_twist(link, q, rate)
+        p = momenta[link.joint][link.first : link.first + link.size]
+        outer_twist = STILL if link.parent == GROUND else twists[link.parent]
+        twist = moved(link, q, outer_twist, STILL)
+        if isinstance(one, _Given):
+            rate = (one.free - ca.dot(one.spin, twist.omega) - ca.dot(one.push, twist.v)) / (
+                one.pivot
+            )
+        else:
+            here, other = twist if link.motion == "spherical" else twist[::-1]
+            rate = one.rate - here - ca.mtimes(one.K, other)
+        if link.motion == "spherical":
+            own = Twist(rate, STILL.v)
+            rate = quaternion_rates(q, rate) + q * ca.dot(q, p) / stretching[link.joint]
+        else:
+            own = relative_twist(link, q, rate)
         twists.append(Twist(twist.omega + own.omega, twist.v + own.v))
         rates.setdefault(link.joint, []).append(rate)
     return {joint: ca.vertcat(*parts) for joint, parts in rates.items()}
+
+
+def spin_of(q: ca.SX, p: ca.SX) -> ca.SX:
+    """Angular momentum ½ Im(q̄ p) (3,) along the body's axes that the momentum of a quaternion is:
+    p = Eᵀ Π with ω = E q̇.
+    """
+    return ca.sumsqr(q) / 4 * body_rates(q, p)
+
+
+def quaternion_rates(q: ca.SX, omega: ca.SX) -> ca.SX:
+    """q̇ = ½ q (0, ω) of an angular velocity along the body's axes."""
+    (w, x, y, z), (a, b, c) = ca.vertsplit(q), ca.vertsplit(omega)
+    return (
+        ca.vertcat(
+            -x * a - y * b - z * c,
+            w * a + y * c - z * b,
+            w * b + z * a - x * c,
+            w * c + x * b - y * a,
+        )
+        / 2
+    )
 
 
 @for_each_link(Inertia, Momentum, _Drive, gives=_Given)
@@ -121,6 +182,24 @@ def _given_way(link: Link, q: ca.SX, own: Inertia, bias: Momentum, drive: _Drive
         bias.spin + spin * rate,
         bias.push + push * rate,
     )
+
+
+@for_each_link(Inertia, Momentum, ca.SX, gives=_Wholly)
+def _given_way_wholly(link: Link, q: ca.SX, own: Inertia, bias: Momentum, p: ca.SX) -> _Wholly:
+    """Of the pair (turning, moving) one gives way: its inertia is the pivot."""
+    none = ca.SX.zeros(3, 3)
+    if link.motion == "spherical":
+        pivot, across, free = own.J, own.H, p - bias.spin
+    else:
+        pivot, across, free = own.M, own.H.T, p - bias.push
+    solved = mass_solve(pivot, ca.horzcat(free, across))
+    rate, gain = solved[:, 0], solved[:, 1:]
+    carried_on = ca.mtimes(across.T, rate)
+    rest = ca.mtimes(across.T, gain)
+    rest = mirrored([[rest[i, j] for j in range(i, 3)] for i in range(3)])
+    if link.motion == "spherical":
+        return _Wholly(rate, gain, none, none, own.M - rest, p, bias.push + carried_on)
+    return _Wholly(rate, gain, own.J - rest, none, none, bias.spin + carried_on, p)
 
 
 def _without(a: ca.SX, x: ca.SX, y: ca.SX) -> ca.SX:

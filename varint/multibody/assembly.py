@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.errors import InputError
-from varint.multibody.articulated import has_only_hinges, velocity_of_momentum
+from varint.multibody.articulated import velocity_of_momentum
 from varint.multibody.data import Machine
 from varint.multibody.dynamics import armature_matrix, mass_matrix
 from varint.multibody.forces import generalised_force, spring_potential
@@ -13,6 +13,12 @@ from varint.multibody.kinematics import Motions
 from varint.multibody.lagrangian import gravity_potential, joint_energies, kinetic_energy
 from varint.multibody.loops import constraint_rows
 from varint.multibody.motion import motions_of
+from varint.multibody.stretching import (
+    rays_of,
+    stretching_energy,
+    stretching_inertias,
+    stretching_matrix,
+)
 from varint.multibody.tree import Tree, tree_of
 from varint.scene.kinetics import Kinetics
 from varint.scene.system import System
@@ -28,6 +34,7 @@ def assemble(machine: Machine) -> System:
         - gravity_potential(tree, motions, machine.gravity)
         - spring_potential(machine, tree, motions)
         + joint_energies(machine.joints, motions)
+        + stretching_energy(machine.joints, motions, stretching_inertias(machine, tree))
     )
     return System(
         machine.q,
@@ -38,20 +45,23 @@ def assemble(machine: Machine) -> System:
         control=ca.vertcat(ca.SX(0, 1), *(x.u for x in machine.actuators.values())),
         params=machine.params,
         kinetics=kinetics_of(machine, tree, motions),
+        rays=rays_of(machine),
     )
 
 
 def kinetics_of(machine: Machine, tree: Tree, motions: Motions) -> Kinetics:
     """Mass matrix by composite bodies; the inverse Legendre transform by articulated bodies where
-    every link moves by a coordinate of its own.
+    no joint follows another.
     """
     joints, v = list(machine.joints.values()), machine.v
+    stretching = stretching_inertias(machine, tree)
     matrix = mass_matrix(tree, motions, v) + armature_matrix(joints, motions, v)
-    if machine.couplings or not has_only_hinges(tree):
+    matrix += stretching_matrix(machine.joints, motions, stretching, v)
+    if machine.couplings:
         return Kinetics(matrix)
     momenta = {joint.name: ca.SX.sym(f"p_{joint.name}", joint.v.numel()) for joint in joints}
     armatures = {joint.name: joint.passive.armature for joint in joints}
-    rates = velocity_of_momentum(tree, motions, momenta, armatures)
+    rates = velocity_of_momentum(tree, motions, momenta, armatures, stretching)
     order = [joint.name for joint in joints if joint.v.numel()]
     return Kinetics(
         matrix,

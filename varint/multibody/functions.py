@@ -15,6 +15,7 @@ from varint.multibody.forces import dissipation, spring_potential
 from varint.multibody.kinematics import Motions
 from varint.multibody.lagrangian import joint_energies
 from varint.multibody.motion import motions_of
+from varint.multibody.stretching import stretching_energy, stretching_inertias
 from varint.multibody.tree import Tree, tree_of
 from varint.scene.parameters import parameter_vector
 
@@ -109,6 +110,7 @@ class Dynamics:
         """The same, with rotors, springs, dampers and friction."""
         m, motions = self.machine, self._motions
         stored = joint_energies(m.joints, motions) - spring_potential(m, self._tree, motions)
+        stored += stretching_energy(m.joints, motions, stretching_inertias(m, self._tree))
         momentum = ca.gradient(stored, m.v)
         rate = ca.jtimes(momentum, ca.vertcat(m.q, m.v), ca.vertcat(m.v, a))
         lost = ca.gradient(dissipation(m, self._tree, motions), m.v)

@@ -8,7 +8,7 @@ import casadi as ca
 
 from varint.multibody.elementary import for_each_link
 from varint.multibody.kinematics import shift, turned
-from varint.multibody.rotations import quaternion_matrix
+from varint.multibody.rotations import ray_matrix
 from varint.multibody.tree import Inertial, Link
 
 
@@ -59,7 +59,7 @@ def outward(link: Link, q: ca.SX, own: Inertia) -> Inertia:
         c, s = ca.cos(q), ca.sin(q)
         own = Inertia(_spun(own.J, c, s, True), _spun(own.H, c, s, False), _spun(own.M, c, s, True))
     elif link.motion == "spherical":
-        turn = ca.mtimes(turn, quaternion_matrix(q))
+        turn = ca.mtimes(turn, ray_matrix(q))
     own = Inertia(
         _congruent(turn, own.J), ca.mtimes(ca.mtimes(turn, own.H), turn.T), _congruent(turn, own.M)
     )

@@ -14,7 +14,7 @@ import casadi as ca
 from varint.multibody.data import Placement
 from varint.multibody.elementary import for_each_link
 from varint.multibody.quantities import compose
-from varint.multibody.rotations import quaternion_matrix
+from varint.multibody.rotations import ray_matrix
 from varint.multibody.tree import GROUND, Link
 
 # expressions of a joint's coordinates and of their rates
@@ -46,7 +46,7 @@ def turned_back(link: Link, q: ca.SX, x: ca.SX) -> ca.SX:
         c, s = ca.cos(q), ca.sin(q)
         return ca.vertcat(c * x[0] + s * x[1], c * x[1] - s * x[0], x[2])
     if link.motion == "spherical":
-        return ca.mtimes(quaternion_matrix(q).T, x)
+        return ca.mtimes(ray_matrix(q).T, x)
     return x
 
 
@@ -57,7 +57,7 @@ def turned(link: Link, q: ca.SX, x: ca.SX) -> ca.SX:
         c, s = ca.cos(q), ca.sin(q)
         x = ca.vertcat(c * x[0] - s * x[1], s * x[0] + c * x[1], x[2])
     elif link.motion == "spherical":
-        x = ca.mtimes(quaternion_matrix(q), x)
+        x = ca.mtimes(ray_matrix(q), x)
     return ca.mtimes(link.place.rotation, x)
 
 
@@ -83,9 +83,11 @@ def relative_twist(link: Link, q: ca.SX, v: ca.SX) -> Twist:
 
 
 def body_rates(q: ca.SX, v: ca.SX) -> ca.SX:
-    """Angular velocity ω = 2 Im(q̄ q̇) (3,) along the body's axes of a unit quaternion."""
+    """Angular velocity ω = 2 Im(q̄ q̇)/|q|² (3,) along the body's axes of a quaternion of any
+    length.
+    """
     (w, x, y, z), (a, b, c, d) = ca.vertsplit(q), ca.vertsplit(v)
-    return 2 * ca.vertcat(
+    return (2 / ca.sumsqr(q)) * ca.vertcat(
         w * b - x * a - y * d + z * c,
         w * c - y * a - z * b + x * d,
         w * d - z * a - x * c + y * b,
@@ -122,7 +124,7 @@ def places(links: Sequence[Link], motions: Motions) -> list[Placement]:
             x, y, z = ca.horzsplit(rotation)
             rotation = ca.horzcat(c * x + s * y, c * y - s * x, z)
         elif link.motion == "spherical":
-            rotation = ca.mtimes(rotation, quaternion_matrix(q))
+            rotation = ca.mtimes(rotation, ray_matrix(q))
         position = ca.SX(start.position) + ca.mtimes(rotation, shift(link, q))
         found.append(Placement(position, rotation))
     return found

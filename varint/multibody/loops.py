@@ -1,4 +1,4 @@
-"""What holds a machine together besides its tree: rows g(q) = 0 of loops and unit quaternions."""
+"""What holds a machine together besides its tree: rows g(q) = 0 of loops."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import casadi as ca
 from varint.errors import InputError
 from varint.multibody.data import Loop, Machine, Placement
 from varint.multibody.frames import fixed_frames
-from varint.multibody.joints import QUATERNION_AT
 from varint.multibody.kinematics import Motions
 from varint.multibody.tree import Tree
 
@@ -15,29 +14,19 @@ OPEN = 1e-9  # of a row that is the same for all coordinates: so far from zero i
 
 
 def constraint_rows(machine: Machine, tree: Tree, motions: Motions) -> ca.SX:
-    """Unit quaternions first, then the loops in the order in which they were made.
+    """The rows of the loops in the order in which they were made.
 
     Raises
     ------
     InputError
         If a loop is open whatever the coordinates are.
     """
-    rows = [unit_quaternions(machine)]
+    rows: list[ca.SX] = []
     loops = list(machine.loops.values())
     frames = fixed_frames(tree, motions, [end for loop in loops for end in (loop.a, loop.b)])
     for loop, (a, _), (b, _) in zip(loops, frames[::2], frames[1::2], strict=True):
         rows += [row for row in loop_rows(loop, a, b) if _holds(loop, row, machine)]
     return ca.vertcat(ca.SX(0, 1), *rows)
-
-
-def unit_quaternions(machine: Machine) -> ca.SX:
-    """|q|² − 1 of every joint that turns by a quaternion."""
-    norms = [
-        ca.sumsqr(joint.q[QUATERNION_AT[joint.kind] :]) - 1
-        for joint in machine.moving
-        if joint.kind in QUATERNION_AT
-    ]
-    return ca.vertcat(ca.SX(0, 1), *norms)
 
 
 def loop_rows(loop: Loop, a: Placement, b: Placement) -> list[ca.SX]:

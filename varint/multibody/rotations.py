@@ -64,11 +64,17 @@ def quaternion_matrix(q: Any) -> Any:
     return tidied(np.array(_quaternion_rows(*value / np.linalg.norm(value))))
 
 
-def _quaternion_rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
+def ray_matrix(q: ca.SX) -> ca.SX:
+    """Matrix (3, 3) of the rotation that a quaternion of any length but zero stands for."""
+    w, x, y, z = ca.vertsplit(q)
+    return ca.blockcat(_quaternion_rows(w, x, y, z, 2 / ca.sumsqr(q)))
+
+
+def _quaternion_rows(w: Any, x: Any, y: Any, z: Any, two: Any = 2) -> list[list[Any]]:
     return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        [1 - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
+        [two * (x * y + w * z), 1 - two * (x * x + z * z), two * (y * z - w * x)],
+        [two * (x * z - w * y), two * (y * z + w * x), 1 - two * (x * x + y * y)],
     ]
 
 

@@ -29,12 +29,14 @@ COPIED = 500  # numbers of a function's arguments and results that are worth a c
 
 def finite(*arrays: np.ndarray) -> bool:
     """Whether all numbers of these arrays (k,) are finite."""
-    return all(map(_finite, arrays))
-
-
-def _finite(x: np.ndarray) -> bool:
-    # one by one is faster
-    return all(map(math.isfinite, x.tolist())) if len(x) < FEW else bool(np.isfinite(x).all())
+    for x in arrays:
+        if len(x) >= FEW:
+            if not np.isfinite(x).all():
+                return False
+        # a sum is finite where its terms are, but for overflows; one by one is faster for few
+        elif not math.isfinite(sum(numbers := x.tolist())) and not all(map(math.isfinite, numbers)):
+            return False
+    return True
 
 
 def is_definite(matrix: np.ndarray) -> bool:

@@ -13,7 +13,7 @@ from varint.errors import InputError
 
 MOST_STEPS = 10**15  # years of the cheapest steps
 SHORTEST, LONGEST = 1e-150, 1e150  # of a step: its square must be a number, too
-TICK = 2 * np.finfo(float).eps  # of the time: steps this long come to different times
+TICK = 2 * float(np.finfo(float).eps)  # of the time: steps this long come to different times
 BYTES = 8  # of a number
 
 # Iterations after which a method gives up. Newton's methods that converge at all need some ten; the

@@ -79,18 +79,56 @@ def notice(what: str) -> Iterator[None]:
     if not _is_watched():
         yield
         return
+    with _lines(what):
+        yield
+
+
+@contextmanager
+def told(what: str) -> Iterator[None]:
+    """The same wherever standard error goes, a file, too: for searches whose length nobody can
+    foretell.
+    """
+    with _lines(what):
+        yield
+
+
+@contextmanager
+def told_beside(what: str, wanted: bool | None) -> Iterator[Callable[[Callable[[], str]], None]]:
+    """The same beside a bar, where nobody watches it, unless `wanted` is False: a function that
+    takes () → how far it is.
+    """
+    if wanted is not None or _is_watched():
+        yield _unheard
+        return
+    with _lines(what) as say:
+        yield say
+
+
+def _unheard(note: Callable[[], str]) -> None:
+    """The bar says it, or nobody wants to know."""
+
+
+@contextmanager
+def _lines(what: str) -> Iterator[Callable[[Callable[[], str]], None]]:
+    """Lines on standard error, the first after `SILENCE`, with the latest note."""
     began, done = perf_counter(), Event()
+    latest: list[Callable[[], str]] = []
 
     def tell() -> None:
         wait = SILENCE
         while not done.wait(wait):
-            print(f"{what}: {perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
+            note = f", {latest[0]()}" if latest else ""
+            seconds = f"{perf_counter() - began:.0f} s"
+            print(f"{what}: {seconds}{note}", file=sys.stderr, flush=True)
             wait = min(2 * wait, MOST_SILENT)
+
+    def say(note: Callable[[], str]) -> None:
+        latest[:] = [note]
 
     teller = Thread(target=tell, daemon=True)
     teller.start()
     try:
-        yield
+        yield say
     finally:
         done.set()
         teller.join()

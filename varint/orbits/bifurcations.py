@@ -28,6 +28,7 @@ from varint.orbits.continuation import (
     tangent_near,
     together,
 )
+from varint.orbits.correct import driven_period
 from varint.orbits.multipliers import ON_CIRCLE, ROUNDED
 from varint.orbits.orbit import Orbit
 from varint.orbits.reduction import reduce
@@ -113,10 +114,11 @@ class Bifurcation:
         across = _across(base, along, curve, by)
         start = base.at
         x = start.x + sign * length * across.x
-        c = start.c.copy()
+        c, period = start.c.copy(), start.period + sign * length * across.period
         if curve.index is not None:
             c[curve.index] += sign * length * across.parameter
-        trial = Iterate(x, start.period + sign * length * across.period, c)
+            period = driven_period(period, start.c, c, curve.index, curve.drive)
+        trial = Iterate(x, period, c)
         rows = together(
             arclength_row(start, across, sign * length, curve, by),
             held_rows(curve, base.shooting, by),
@@ -146,7 +148,8 @@ def repeated(orbit: Orbit, laps: int) -> Orbit:
     x = np.concatenate([orbit.at.x] * laps)
     for lap in range(laps):
         x[lap * s.segments : (lap + 1) * s.segments, :n] += lap * s.shift
-    shooting = replace(s, segments=laps * s.segments, shift=laps * s.shift)
+    parts = None if s.parts is None else np.tile(s.parts, laps) / laps
+    shooting = replace(s, segments=laps * s.segments, shift=laps * s.shift, parts=parts)
     at = orbit.at._replace(x=x, period=laps * orbit.period)
     return replace(orbit, shooting=shooting, at=at)
 

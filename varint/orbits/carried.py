@@ -16,8 +16,10 @@ from varint.numerics.progress import progress_bar
 from varint.orbits.tangent_lift import tangent_lift
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.pieces import Piece, all_nodes, pieces, scene_of
-from varint.sensitivities.sweeps import Directions, forwards, sweeper
+from varint.sensitivities.steps_at_once import Directions
+from varint.sensitivities.sweeps import forwards
 
 LONGEST_STRETCH = 8192  # steps
 MOST_NUMBERS = 4_000_000  # of the displacements of a stretch

@@ -13,10 +13,13 @@ from varint.orbits.correct import (
     Wanted,
     bordered,
     correct,
+    driven_period,
     energy_row,
+    no_row,
     period_row,
 )
 from varint.orbits.guess import kept
+from varint.orbits.mesh import EACH, WORTH, meshed, uneven
 from varint.orbits.orbit import Orbit
 from varint.orbits.periodic import orbit_of
 from varint.orbits.phase import Units, units_of
@@ -40,12 +43,16 @@ class Curve:
         "energy" or "period", held where a parameter is varied.
     value : float
         Its value.
+    drive : int
+        The power of the parameter that the period of a driven scene goes with: −1 of a driving
+        frequency, 1 of a driving period, 0 of others.
     """
 
     along: str
     index: int | None
     hold: str | None
     value: float
+    drive: int = 0
 
 
 class Direction(NamedTuple):
@@ -78,8 +85,12 @@ def product(a: Direction, b: Direction, by: Measures) -> float:
 
 
 def change(new: Iterate, old: Iterate, curve: Curve) -> Direction:
-    """What leads from one orbit to another."""
+    """What leads from one orbit to another, at all beginnings where they are the same ones, else
+    at the first.
+    """
     moved = 0.0 if curve.index is None else float(new.c[curve.index] - old.c[curve.index])
+    if new.x.shape != old.x.shape:
+        new, old = (one._replace(x=one.x[:1]) for one in (new, old))
     return Direction(new.x - old.x, new.period - old.period, moved)
 
 
@@ -169,7 +180,13 @@ def null_directions(
     """
     rows = held_rows(curve, shooting, by)
     wanted = Wanted(
-        shooting, by.units, by.period, by.parameter, curve.index, rows or (lambda a, b: [])
+        shooting,
+        by.units,
+        by.period,
+        by.parameter,
+        curve.index,
+        rows or (lambda a, b: []),
+        curve.drive,
     )
     matrix = bordered(wanted, at, linear).matrix
     m, d = linear.by_period.shape
@@ -240,6 +257,7 @@ def predicted(orbit: Orbit, tangent: Direction, length: float, curve: Curve) -> 
     period, c = orbit.period + length * tangent.period, orbit.at.c.copy()
     if curve.index is not None:
         c[curve.index] += length * tangent.parameter
+        period = driven_period(period, orbit.at.c, c, curve.index, curve.drive)
     return Iterate(kept(orbit.shooting, x, period, c), period, c)
 
 
@@ -268,7 +286,32 @@ def at_value(orbit: Orbit, start: Iterate, value: float, curve: Curve, by: Measu
 
 def corrected(shooting: Shooting, start: Iterate, rows: Rows, curve: Curve, by: Measures) -> Orbit:
     """The orbit that fulfils the rows, near a start, in units of its own motion."""
-    wanted = Wanted(shooting, by.units, by.period, by.parameter, curve.index, rows)
+    wanted = Wanted(shooting, by.units, by.period, by.parameter, curve.index, rows, curve.drive)
     orbit = orbit_of(wanted, correct(wanted, start, NEWTON_STEPS))
     nodes = np.concatenate([piece.x for piece in runs(shooting, orbit.at)])
     return replace(orbit, units=units_of(nodes))
+
+
+def remeshed(orbit: Orbit, curve: Curve, tol: float) -> Orbit | None:
+    """The same orbit in uneven segments made for it; None where they bring nothing."""
+    begin, period = orbit.shooting.beginnings, orbit.period
+    places = {float(part): i for i, part in enumerate(begin)}
+
+    def known(part: float) -> np.ndarray | None:
+        i = places.get(part)
+        return None if i is None else orbit.at.x[i]
+
+    mesh = uneven(orbit.shooting, orbit.at, known, tol)
+    if mesh is None or len(mesh.parts) * EACH > WORTH * orbit.steps:
+        return None
+    shooting, by = meshed(orbit.shooting, mesh), measures(orbit, curve)
+    start = Iterate(kept(shooting, mesh.x, period, orbit.at.c), period, orbit.at.c)
+    rows = held_rows(curve, shooting, by)
+    return corrected(shooting, start, no_row if rows is None else rows, curve, by)
+
+
+def same_way(new: Direction, old: Direction, by: Measures) -> Direction:
+    """A tangent of an orbit in other segments, turned the way of the one before."""
+    # the first state, the period and the parameter are what all segmentations have
+    first = [one._replace(x=one.x[:1]) for one in (new, old)]
+    return new if product(first[0], first[1], by) >= 0 else scaled(new, -1.0)

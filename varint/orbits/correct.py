@@ -30,6 +30,8 @@ HALVINGS = 10
 FINE = 1e-13  # in units: corrections that are round-off
 LOOSE = 1e-7  # of the change a correction makes: gaps no longer shrink, but are round-off by then
 CLOSED = 1e-9  # in units: gaps that round-off may leave, with the growth of a segment
+SETTLED = 1e-11  # in units: gaps this small close no further where corrections have stalled
+STALLED = 0.25  # of the correction before: Newton's converge quadratically until they are round-off
 FAR = 10.0  # in units: no correction is longer
 
 
@@ -77,6 +79,8 @@ class Wanted:
     rows : callable
         (iterate, linear or None) → what holds besides: energy, period, arclength. Without the
         linearisation only `missing` counts.
+    drive : int
+        The power of the free parameter that the period of a driven scene goes with, 0 if with none.
     """
 
     shooting: Shooting
@@ -85,6 +89,7 @@ class Wanted:
     parameter: float
     index: int | None
     rows: Rows
+    drive: int = 0
 
 
 class Corrected(NamedTuple):
@@ -105,6 +110,11 @@ def bordered(wanted: Wanted, at: Iterate, linear: Linear) -> Bordered:
     """
     m, d = linear.by_period.shape
     k, free = len(linear.gradients), wanted.shooting.autonomous
+    by_parameter = linear.by_parameter
+    if wanted.drive and wanted.index is not None:
+        by_parameter = by_parameter + linear.by_period * (
+            wanted.drive * at.period / at.c[wanted.index]
+        )
     rows = wanted.rows(at, linear)
     rows += [Row(phase, 0.0, 0.0, 0.0) for phase in np.moveaxis(linear.phases, 1, 0)]
     columns = m * d + 2
@@ -115,7 +125,7 @@ def bordered(wanted: Wanted, at: Iterate, linear: Linear) -> Bordered:
         matrix[here, here] += linear.maps[i]
         matrix[here, following * d : (following + 1) * d] -= np.eye(d)
         matrix[here, m * d] = linear.by_period[i] * wanted.period * free
-        matrix[here, m * d + 1] = linear.by_parameter[i] * wanted.parameter
+        matrix[here, m * d + 1] = by_parameter[i] * wanted.parameter
         right[here] = -linear.gaps[i]
     matrix[(m - 1) * d : m * d, columns:] = linear.gradients.T
     for i, row in enumerate(rows, start=m * d):
@@ -145,10 +155,21 @@ def moved(wanted: Wanted, at: Iterate, linear: Linear, change: np.ndarray) -> It
     period, c = at.period + change[m * d] * wanted.period * shooting.autonomous, at.c.copy()
     if wanted.index is not None:
         c[wanted.index] += change[m * d + 1] * wanted.parameter
-    times = shooting.t0 + np.arange(m) * period / m
+        period = driven_period(period, at.c, c, wanted.index, wanted.drive)
+    times = shooting.t0 + period * shooting.beginnings
     if np.isfinite(x).all():
         x = np.array([on_manifold(shooting.system, y, t, c) for y, t in zip(x, times, strict=True)])
     return Iterate(x, period, c)
+
+
+def driven_period(
+    period: float, old: np.ndarray, new: np.ndarray, index: int | None, drive: int
+) -> float:
+    """The period of a driven scene after its parameter has changed."""
+    if not drive or index is None:
+        return period
+    ratio = float(new[index] / old[index])
+    return period * ratio**drive if ratio > 0 else np.nan
 
 
 def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Corrected:
@@ -161,15 +182,17 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
     """
     shooting, units = wanted.shooting, wanted.units
     pieces = runs(shooting, at)
-    merit = _merit(wanted, at, gaps(shooting, at, pieces, units))
+    merit, before = _merit(wanted, at, gaps(shooting, at, pieces, units)), np.inf
     for count in range(most + 1):
         linear = linearise(shooting, at, pieces, units, wanted.index)
         if merit == 0.0:
             return Corrected(at, linear, merit, count)
         steps = corrections(bordered(wanted, at, linear))
         length = float(np.abs(steps[0]).max())
-        if length <= FINE or (count == most and merit <= CLOSED and length <= LOOSE):
+        over = count == most or (merit <= SETTLED and length > STALLED * before)
+        if length <= FINE or (over and merit <= CLOSED and length <= LOOSE):
             return Corrected(at, linear, merit, count)
+        before = length
         if not np.isfinite(length) or count == most:
             break
         trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]

@@ -11,7 +11,7 @@ import numpy as np
 
 from varint.errors import ConvergenceError, InputError
 from varint.notation.html import table
-from varint.numerics.progress import progress_bar
+from varint.numerics.progress import progress_bar, told_beside
 from varint.orbits.bifurcations import Bifurcation, Point, located, passing, point_of
 from varint.orbits.continuation import (
     Curve,
@@ -20,9 +20,14 @@ from varint.orbits.continuation import (
     predicted,
     product,
     quantity,
+    remeshed,
+    same_way,
     scaled,
     stepped,
 )
+from varint.orbits.drive import drive_of
+from varint.orbits.guess import MODERATE, PIECES
+from varint.orbits.mesh import EACH
 from varint.orbits.orbit import Orbit
 from varint.orbits.save import save_orbits, saved_orbit
 from varint.scene.inputs import number, positive_integer
@@ -38,6 +43,9 @@ BENT = 0.97  # cosine of the angle between tangents: a step round a sharper bend
 LOOSE = 2e-13  # in ranges: errors of the steps at which they are made shorter
 FINER, MOST_FINER = 1.1, 4.0  # times the steps: beyond what is needed, and at once
 FAST = 0.3  # of all that (1 ∓ ν)/2 can change by: more may hide two bifurcations
+MESHED = 1e-14  # in sizes of the coordinates: errors of the steps of new segments
+OUTGROWN = 1.6  # times the steps of a segment: then segments are made anew
+MOST_STEPS = 30_000  # of an orbit: more mean a collision ahead, and seconds an orbit
 HALVED = 0.5  # of the error before: what shorter steps must bring, or it is round-off
 
 
@@ -143,11 +151,11 @@ class Family:
         return family_figure(curve, across, self.periods, self.stable, marks, motions)
 
     def save(self, path: Any) -> None:
-        """Write all orbits to one compressed ``.npz`` file without pickle; `varint.load` reads it.
-        What was met is not written.
+        """Write all orbits, and what was met, to one compressed ``.npz`` file without pickle;
+        `varint.load` reads it.
         """
         words = {"along": self.along, "ended": self.ended}
-        save_orbits(path, "family", [saved_orbit(one) for one in self], words)
+        save_orbits(path, "family", [saved_orbit(one) for one in self], words, self.bifurcations)
 
 
 def parameter_index(orbit: Orbit, name: str) -> int:
@@ -184,7 +192,9 @@ def family(
         From `periodic`, `Bifurcation.branch`, or a mode by `NormalModes.orbit`: small amplitudes
         make a family of nonlinear normal modes.
     along : str
-        "energy" or "period" (the same curve), or a parameter, ``"mu"``, ``"mass[0]"``.
+        "energy" or "period" (the same curve), or a parameter, ``"mu"``, ``"mass[0]"``. Of a scene
+        that is driven the period goes with the parameter, where that is the frequency or the
+        period of the drive.
     to : float, optional
         Value at which it ends, with an orbit right there.
     increasing : bool
@@ -198,7 +208,8 @@ def family(
     bifurcations : bool
         Whether to look for them.
     progress : bool, optional
-        Show a progress bar. Default: in a terminal, for what takes longer than a second.
+        Show a progress bar. Default: in a terminal, for what takes longer than a second; elsewhere
+        a line on standard error after two seconds, and again at most every ten.
 
     Returns
     -------
@@ -235,8 +246,12 @@ def family(
     ahead = increasing if to is None else number("to", to) > value
     here = point_of(orbit, curve, None, 1.0 if ahead else -1.0)
     orbits, found, ended = [orbit], [], f"after {most} orbits"
-    with progress_bar(most, "orbit", progress) as move:
+    bar, told = progress_bar(most, "orbit", progress), told_beside("family of orbits", progress)
+    with bar as move, told as say:
         while len(orbits) < most:
+            if here.orbit.steps > MOST_STEPS:
+                ended = f"where an orbit takes more than {MOST_STEPS} steps: near a collision"
+                break
             made = _next(here, step, curve)
             if made is None:
                 ended = "where steps of any length fail: near a collision, or where orbits end"
@@ -255,12 +270,13 @@ def family(
                 found += located(here, following, length, curve)
             orbits.append(following.orbit)
             move(1, lambda: f"{along}={quantity(orbits[-1], curve):.6g}")
+            say(lambda: f"{len(orbits)} orbits, {along}={quantity(orbits[-1], curve):.6g}")
             if reached:
                 break
             if _is_back(orbits, following, length, curve):
                 ended = "where it began: the family is closed"
                 break
-            here = following
+            here = _in_new_segments(following, curve)
     return Family(tuple(orbits), along, tuple(found), ended)
 
 
@@ -277,7 +293,9 @@ def _curve(orbit: Orbit, along: Any, hold: str) -> Curve:
         raise InputError(f"hold must be 'period' or 'energy', got {hold!r}")
     index = parameter_index(orbit, along)
     held = hold if known else None
-    return Curve(along, index, held, orbit.period if hold == "period" else orbit.energy)
+    drive = 0 if orbit.shooting.autonomous else drive_of(orbit, along, index)
+    value = orbit.period if hold == "period" else orbit.energy
+    return Curve(along, index, held, value, drive)
 
 
 def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] | None:
@@ -308,6 +326,22 @@ def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] 
     return None
 
 
+def _in_new_segments(here: Point, curve: Curve) -> Point:
+    """The point in segments that are made for its orbit, where that saves most of its steps."""
+    orbit = here.orbit
+    fit = orbit.shooting.parts is not None and orbit.shooting.each <= OUTGROWN * EACH
+    if orbit.steps <= PIECES * MODERATE or fit:
+        return here
+    try:
+        made = remeshed(orbit, curve, MESHED)
+    except ConvergenceError:
+        return here
+    if made is None:
+        return here
+    found = point_of(made, curve, None, 1.0)
+    return found._replace(tangent=same_way(found.tangent, here.tangent, found.by))
+
+
 def _exactly(
     here: Point, beyond: Point, length: float, to: float, curve: Curve
 ) -> tuple[Point, float]:
@@ -323,7 +357,7 @@ def _exactly(
 
 def _is_back(orbits: list[Orbit], here: Point, length: float, curve: Curve) -> bool:
     """Whether the family has come back to its first orbit."""
-    if len(orbits) < 8 or orbits[0].at.x.shape != here.orbit.at.x.shape:
+    if len(orbits) < 8:
         return False
     away = change(here.orbit.at, orbits[0].at, curve)
     return product(away, away, here.by) < length**2 / 4

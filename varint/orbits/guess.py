@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from varint.errors import ConvergenceError, InputError
+from varint.orbits.mesh import meshed, uneven
 from varint.orbits.orbit import Orbit
 from varint.orbits.phase import Units, on_manifold, state_of, units_of
 from varint.orbits.shooting import Iterate, Shooting, linearise, runs
@@ -24,6 +25,7 @@ HOPELESS = 2**10  # steps with which a motion that can be run at all is run, how
 ROUND_OFF = 1e-10  # errors that no longer shrink are this small at most, or the steps too long
 STEEP, GENTLE = 300.0, 30.0  # growth of the tangent map in a period, and in a segment
 MOST_SEGMENTS = 32
+MODERATE = 64  # steps of a piece: where more are needed, uneven ones may be fewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +103,18 @@ def prepared(
 ) -> tuple[Shooting, Iterate, Units]:
     """Steps and segments for a guess, and the states at their beginnings."""
     given = steps is not None
-    steps = positive_integer("steps", steps) if given else enough_steps(shooting, guess, tol)
+    if given:
+        steps = positive_integer("steps", steps)
+    elif segments is None:
+        moderate = _steps(shooting, guess, tol, MODERATE)
+        if moderate is None:
+            mesh = uneven(shooting, *_known(guess), tol)
+            if mesh is not None:
+                made = meshed(shooting, mesh)
+                x = kept(made, mesh.x, guess.period, guess.c)
+                return made, Iterate(x, guess.period, guess.c), units_of(mesh.nodes)
+        steps = moderate
+    steps = enough_steps(shooting, guess, tol) if steps is None else steps
     once = replace(shooting, segments=1, each=steps)
     at = Iterate(guess.x[None], guess.period, guess.c)
     if guess.motion is None:
@@ -134,7 +147,7 @@ def prepared(
 
 def kept(shooting: Shooting, x: np.ndarray, period: float, c: np.ndarray) -> np.ndarray:
     """States along a period, put on the manifold of the constraints."""
-    times = shooting.t0 + np.arange(len(x)) * period / len(x)
+    times = shooting.t0 + period * shooting.beginnings
     system = shooting.system
     return np.array([on_manifold(system, y, t, c) for y, t in zip(x, times, strict=True)])
 
@@ -156,6 +169,20 @@ def _states(guess: Guess, count: int) -> np.ndarray:
     return np.hstack([found.q, found.p])
 
 
+def _known(guess: Guess) -> tuple[Iterate, Callable[[float], np.ndarray | None]]:
+    """The guess as an orbit of one segment, and the states of its motion, if it is one."""
+    at = Iterate(guess.x[None], guess.period, guess.c)
+    if guess.motion is None:
+        return at, lambda part: None
+    motion = guess.motion
+
+    def there(part: float) -> np.ndarray:
+        found = motion.at(guess.t0 + part * guess.period)
+        return np.concatenate([found.q, found.p])
+
+    return at, there
+
+
 def enough_steps(shooting: Shooting, guess: Guess, tol: float) -> int:
     """Steps of a period whose errors, from where pieces of it begin, are below `tol` ranges.
 
@@ -164,22 +191,33 @@ def enough_steps(shooting: Shooting, guess: Guess, tol: float) -> int:
     ConvergenceError
         If the motion cannot be run.
     """
-    each, before, tried = FEWEST, np.inf, 0
-    while each <= MOST:
+    found = _steps(shooting, guess, tol, MOST)
+    if found is not None:
+        return found
+    tried = HOPELESS if np.isinf(_step_error(shooting, guess, HOPELESS)) else MOST
+    before = _step_error(shooting, guess, tried)
+    raise ConvergenceError(
+        f"the guess cannot be run over its period with an error of {tol:g}: "
+        f"{PIECES * tried} steps leave {before:.1e}",
+        step=0,
+        time=guess.t0,
+        residual=before,
+        cause="a collision, a period that is much too long, or a tol below round-off",
+    )
+
+
+def _steps(shooting: Shooting, guess: Guess, tol: float, most: int) -> int | None:
+    """The same, if they are at most so many a piece."""
+    each, before = FEWEST, np.inf
+    while each <= most:
         error = _step_error(shooting, guess, each)
         if error <= tol or (before < ROUND_OFF and error > before / 4):
             break
-        tried, before = PIECES * each, error
-        each = 2 * each if each < HOPELESS or np.isfinite(error) else 2 * MOST
+        if each >= HOPELESS and not np.isfinite(error):
+            return None
+        before, each = error, 2 * each
     else:
-        raise ConvergenceError(
-            f"the guess cannot be run over its period with an error of {tol:g}: "
-            f"{tried} steps leave {before:.1e}",
-            step=0,
-            time=guess.t0,
-            residual=before,
-            cause="a collision, a period that is much too long, or a tol below round-off",
-        )
+        return None
     if 0 < error < tol:
         each = int(np.ceil(each * max((error / tol) ** (1 / shooting.rule.order), 0.5)))
     return PIECES * each

@@ -12,7 +12,8 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.notation.html import table
-from varint.orbits.reduction import reduce, signature, twists
+from varint.orbits.graded import graded_spectrum
+from varint.orbits.reduction import Reduced, reduce, signature, twists
 from varint.orbits.shooting import Linear
 from varint.scene.structure import Structure
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 ON_CIRCLE = 1e-7  # |μ| − 1 by the size of the map: what round-off leaves of a multiplier there
 TOGETHER = 1e-5  # multipliers this close count as one
+LARGE = 10.0  # norm of the map: beyond it small multipliers lose digits in it
 ROUNDED = 1e-12  # of the size of the map: the same where it is large
 
 
@@ -123,9 +125,7 @@ class Floquet:
                 (f"μ{i}", f"{text}   |μ| = {abs(mu):.10g}{angle}   {marks[krein]}".rstrip())
             )
         names = ", ".join(self.integrals) or "the flow alone"
-        rows.append(
-            (f"1 ({self.trivial} times)", f"{names}; {self.blocks} Jordan blocks of size 2")
-        )
+        rows.append((f"1 ({self.trivial} times)", f"{names}; {_counted(self.blocks)} of size 2"))
         return rows
 
     def __repr__(self) -> str:
@@ -144,6 +144,11 @@ class Floquet:
         return multipliers_figure(self.multipliers, self.signatures)
 
 
+def _counted(blocks: int) -> str:
+    """So many Jordan blocks."""
+    return "1 Jordan block" if blocks == 1 else f"{blocks or 'no'} Jordan blocks"
+
+
 def multipliers_of(linear: Linear, names: tuple[str, ...], structure: Structure) -> Floquet:
     """The multipliers of a closed chain of segments."""
     whole, form = linear.monodromy, linear.frames[0].form
@@ -151,7 +156,7 @@ def multipliers_of(linear: Linear, names: tuple[str, ...], structure: Structure)
     gradients, directions = linear.gradients, linear.phases[0]
     reduced = reduce(whole, form, gradients, directions)
     size = float(np.linalg.norm(whole, 2))
-    values, vectors = np.linalg.eig(reduced.matrix)
+    values, vectors = _spectrum(linear, reduced)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 9)))
     values, vectors = values[order].astype(complex), vectors[:, order].astype(complex)
     krein: tuple[int | None, ...] = (None,) * len(values)
@@ -161,6 +166,32 @@ def multipliers_of(linear: Linear, names: tuple[str, ...], structure: Structure)
     blocks = twists(whole, reduced, gradients, directions)
     trivial = len(whole) - len(values)
     return Floquet(values, trivial, blocks, krein, names, size, symplectic)
+
+
+def _spectrum(linear: Linear, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
+    """Multipliers on the reduced space with their vectors: of the product of the segments' maps
+    there, which is not multiplied out where multipliers differ by many orders.
+    """
+    if len(linear.maps) == 1 or np.linalg.norm(reduced.matrix) < LARGE:
+        return np.linalg.eig(reduced.matrix)
+    rows = [_unit(x) for x in linear.levels], [_unit(x) for x in linear.phases]
+    bases = [
+        reduce(np.eye(len(one.form)), one.form, gradients, along).basis
+        for one, gradients, along in zip(linear.frames, *rows, strict=True)
+    ]
+    if any(one.shape != reduced.basis.shape for one in bases):
+        return np.linalg.eig(reduced.matrix)
+    bases[0] = reduced.basis
+    ahead = [*bases[1:], bases[0]]
+    maps = [b.T @ one @ a for a, one, b in zip(bases, linear.maps, ahead, strict=True)]
+    return graded_spectrum(np.array(maps))
+
+
+def _unit(rows: np.ndarray) -> np.ndarray:
+    """Rows of length one."""
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    found: np.ndarray = rows / np.where(size > 0, size, 1.0)
+    return found
 
 
 def _krein(

@@ -74,7 +74,7 @@ class Orbit:
 
     @property
     def h(self) -> float:
-        """Size of a step."""
+        """Size of a step; the mean one where they differ."""
         return self.period / self.steps
 
     @property
@@ -120,7 +120,8 @@ class Orbit:
     def motion(self) -> Trajectory:
         """One period, with every step."""
         n = len(self.shooting.shift)
-        given: dict[str, Any] = dict(h=self.h, t0=self.t0, params=self.parameters)
+        step = float(self.period * self.shooting.sizes[0])
+        given: dict[str, Any] = dict(h=step, t0=self.t0, params=self.parameters)
         first = simulate(
             self.system,
             self.rule,
@@ -135,10 +136,16 @@ class Orbit:
         pieces = runs(self.shooting, self.at)
         x = np.concatenate([pieces[0].x[:1], *(piece.x[1:] for piece in pieces)])
         k = np.arange(len(x))
-        t = self.t0 + self.h * k
+        s = self.shooting
+        sizes = self.period * np.repeat(s.sizes, s.each)
+        inside = s.beginnings[:, None] + s.sizes[:, None] * np.arange(s.each)
+        t = self.t0 + self.period * np.append(inside.ravel(), 1.0)
         none = None if first.active_set is None else np.zeros(len(x), dtype=int)
         u = np.empty((self.steps, 1, 0))
-        return replace(first, t=t, q=x[:, :n], p=x[:, n:], k=k, u=u, active_set=none)
+        made = replace(first, t=t, q=x[:, :n], p=x[:, n:], k=k, u=u, active_set=none)
+        if self.shooting.parts is None:
+            return replace(made, t=self.t0 + self.h * k)
+        return replace(made, h=self.h, sizes=sizes)
 
     @cached_property
     def linear(self) -> Linear:
@@ -162,7 +169,7 @@ class Orbit:
         rows = [("period", f"{self.period:.15g} ± {self.period_error:.1e}")]
         rows += [(name, f"{x:.15g}") for name, x in self.integrals.items()]
         rows += [
-            ("steps", f"{self.steps} by {self.rule}, {self.shooting.segments} segments"),
+            ("steps", f"{self.steps} by {self.rule}, {_segments(self.shooting)}"),
             ("x(T) − x(0)", f"{self.residual:.1e} of its ranges"),
             ("error estimate", f"{self.error_estimate:.1e} of its ranges"),
         ]
@@ -189,3 +196,11 @@ class Orbit:
     def save(self, path: Any) -> None:
         """Write it to one compressed ``.npz`` file without pickle; `varint.load` reads it."""
         save_orbits(path, "orbit", [saved_orbit(self)])
+
+
+def _segments(shooting: Shooting) -> str:
+    """How a period is parted, in words."""
+    if shooting.parts is None:
+        return f"{shooting.segments} segments"
+    ratio = float(shooting.parts.max() / shooting.parts.min())
+    return f"{shooting.segments} segments, the longest {ratio:.4g} times the shortest"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import ConvergenceError, InputError
+from varint.numerics.progress import told
 from varint.orbits.correct import (
     Corrected,
     Wanted,
@@ -20,6 +22,7 @@ from varint.orbits.correct import (
     period_row,
 )
 from varint.orbits.guess import guess_of, prepared
+from varint.orbits.nearer import nearer
 from varint.orbits.orbit import Orbit
 from varint.orbits.phase import integrals
 from varint.orbits.shooting import (
@@ -40,6 +43,9 @@ WITHIN_REACH = {8: 1e-14, 4: 1e-9, 1: 1e-5}  # errors by the order of the rule
 ROUNDS = 3  # of refining the steps
 NEARLY = 1e-3  # in units: gaps that shorter steps may close
 CLOSED = 1e-12  # in units: what round-off may leave of x(T) − x(0)
+HELPS = 0.25  # of the error before: what more steps leave of it, unless it is round-off
+FAR = 0.5  # of its ranges: an orbit that begins this far from the guess
+MUCH = 1.5  # times the guessed period, or less by as much
 STILL = 1e-6  # of the guess's ranges: an orbit this small is an equilibrium
 
 
@@ -142,22 +148,45 @@ def periodic(
     if energy is not None and not known.energy:
         raise InputError("energy= is held, but the scene does not conserve it (time or forces)")
     shooting = Shooting(system, rule, 1, 1, first.t0, first.shift, known)
-    shooting, at, units = prepared(shooting, first, steps, segments, tol)
-    if energy is not None:
-        rows = energy_row(number("energy", energy), shooting, units.action / at.period, None, 1.0)
-    elif period is not None and known.energy:
-        rows = period_row(at.period, at.period)
-    else:
-        rows = no_row
-    return refined(Wanted(shooting, units, at.period, 1.0, None, rows), at, steps, tol)
+    held = None if energy is None else number("energy", energy)
+    with told("looking for a periodic orbit"):
+        shooting, at, units = prepared(shooting, first, steps, segments, tol)
+        if held is not None:
+            rows = energy_row(held, shooting, units.action / at.period, None, 1.0)
+        elif period is not None and known.energy:
+            rows = period_row(at.period, at.period)
+        else:
+            rows = no_row
+        found = refined(Wanted(shooting, units, at.period, 1.0, None, rows), at, steps, tol)
+    _warn_if_far(found, at)
+    return found
+
+
+def _warn_if_far(found: Orbit, guess: Iterate) -> None:
+    """Say so where the orbit is another one than the guess may have meant."""
+    scale = found.units.scale
+    away = float((np.abs(found.at.x[0] - guess.x[0]) / scale).max())
+    longer = found.period / guess.period
+    if away > FAR or not 1 / MUCH < longer < MUCH:
+        warnings.warn(
+            f"the orbit that was found begins {away:.2g} of its ranges from the guess, and its "
+            f"period is {longer:.3g} of the guessed one ({found.period:.6g} beside "
+            f"{guess.period:.6g}): Newton's method may have come to another orbit than was meant; "
+            "look at it, or start nearer, as from a motion that nearly closes",
+            stacklevel=3,
+        )
 
 
 def refined(wanted: Wanted, at: Iterate, steps: int | None, tol: float) -> Orbit:
-    """The corrected orbit; with more steps where they were too long for it."""
-    for trial in range(ROUNDS + 1):
+    """The corrected orbit; with more steps where they were too long for it, while they help."""
+    searched, before = False, np.inf
+    for trial in range(-1, ROUNDS + 1):
         try:
             orbit = orbit_of(wanted, correct(wanted, at))
         except ConvergenceError as error:
+            if not (searched or error.residual < NEARLY):
+                at, searched = nearer(wanted, at), True
+                continue
             if steps is not None or trial == ROUNDS or not error.residual < NEARLY:
                 raise
             more = 2.0  # with these steps it may not close, as where they turn a perihelion
@@ -165,6 +194,9 @@ def refined(wanted: Wanted, at: Iterate, steps: int | None, tol: float) -> Orbit
             fine = orbit.error_estimate <= 10 * tol and orbit.residual <= CLOSED
             if steps is not None or fine or trial == ROUNDS:
                 return orbit
+            if orbit.error_estimate > HELPS * before and orbit.residual <= CLOSED:
+                return orbit  # what is left is round-off
+            before = orbit.error_estimate
             at, wide = orbit.at, max(orbit.error_estimate / tol, 1.0)
             more = min(max(wide ** (1 / wanted.shooting.rule.order), 1.25), 2.0)
         each = int(np.ceil(wanted.shooting.each * more))

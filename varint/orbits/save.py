@@ -36,16 +36,21 @@ def saved_orbit(orbit: Any) -> Saved:
 
 
 def save_orbits(
-    path: Any, kind: str, orbits: Sequence[Saved], extra: Mapping | None = None
+    path: Any,
+    kind: str,
+    orbits: Sequence[Saved],
+    extra: Mapping | None = None,
+    met: Sequence[Any] = (),
 ) -> None:
-    """Write orbits of one scene and rule.
+    """Write orbits of one scene and rule, and bifurcations that were met among them.
 
     Raises
     ------
     InputError
         If the folder does not exist or cannot be written.
     """
-    first = orbits[0].shooting
+    first, count = orbits[0].shooting, len(orbits)
+    orbits = [*orbits, *(saved_orbit(one.orbit) for one in met)]
     header = {
         "format": FORMAT,
         "version": VERSION,
@@ -54,6 +59,9 @@ def save_orbits(
         "rule": plain(first.rule),
         "t0": first.t0,
         "extra": plain(dict(extra or {})),
+        "met": [
+            {"kind": one.kind, "value": float(one.value), "curve": plain(one.curve)} for one in met
+        ],
         "orbits": [
             {"segments": one.shooting.segments, "each": one.shooting.each} for one in orbits
         ],
@@ -63,6 +71,11 @@ def save_orbits(
         parts = [one.at.x.ravel(), [one.at.period], one.at.c, one.units.length]
         numbers = np.concatenate([*parts, [one.units.action], one.numbers])
         arrays[f"orbit_{i}"] = numbers
+        if one.shooting.parts is not None:
+            arrays[f"parts_{i}"] = one.shooting.parts
+    for i, one in enumerate(met, start=count):
+        along = one.tangent
+        arrays[f"tangent_{i}"] = np.append(along.x.ravel(), [along.period, along.parameter])
     path = file_path(path)
     write_atomically(path, lambda file: write_archive(file, header, arrays, compress=True))
 
@@ -96,9 +109,52 @@ def read_orbits(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> list[S
         at = Iterate(x.reshape(segments, 2 * n), float(period[0]), c)
         if known is None:
             known = integrals(system, c, at.x[0, :n], None)
-        shooting = Shooting(system, rule, segments, each, t0, shift, known)
+        shooting = Shooting(
+            system, rule, segments, each, t0, shift, known, _parts(arrays, i, segments)
+        )
         found.append(Saved(shooting, at, Units(length, float(action[0])), rest))
     return found
+
+
+class Met(NamedTuple):
+    """What a file holds of a bifurcation besides its orbit."""
+
+    kind: str
+    value: float
+    curve: dict[str, Any]
+    tangent: np.ndarray
+
+
+def read_met(
+    header: dict[str, Any], arrays: dict[str, np.ndarray], found: list[Saved]
+) -> list[Met]:
+    """The bifurcations of a file, whose orbits are its last ones, checked.
+
+    Raises
+    ------
+    InputError
+        If parts are missing or do not fit.
+    """
+    listed = header.get("met", [])
+    if not isinstance(listed, list) or len(listed) >= len(found):
+        raise InputError("the bifurcations it holds do not fit its orbits")
+    met, first = [], len(found) - len(listed)
+    for i, one in enumerate(listed, start=first):
+        tangent = _row(arrays, f"tangent_{i}", found[i].at.x.size + 2)
+        value = finite("value", field_of(one, "value", float))
+        curve = field_of(one, "curve", dict)
+        met.append(Met(field_of(one, "kind", str), value, curve, tangent))
+    return met
+
+
+def _parts(arrays: dict[str, np.ndarray], i: int, segments: int) -> np.ndarray | None:
+    """Durations of the segments of an orbit, in periods, where they differ."""
+    if f"parts_{i}" not in arrays:
+        return None
+    parts = _row(arrays, f"parts_{i}", segments)
+    if not (parts > 0).all() or abs(parts.sum() - 1) > 1e-9:
+        raise InputError(f"the segments of orbit {i} do not make up a period")
+    return parts
 
 
 def _row(arrays: dict[str, np.ndarray], name: str, size: int) -> np.ndarray:

@@ -25,8 +25,10 @@ from varint.orbits.phase import (
 )
 from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.system import System
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
-from varint.sensitivities.sweeps import Directions, carried, sweeper
+from varint.sensitivities.steps_at_once import Directions
+from varint.sensitivities.sweeps import carried
 
 CALLS = 100  # tangent maps that a search is expected to take, when it is decided what to compile
 STAGES, LOBATTO = 6, 5  # of the rules that orbits are found with: round-off in some 100 steps
@@ -47,6 +49,8 @@ class Shooting:
     shift : ndarray (n,)
         What the coordinates have gained after a period: whole turns of angles.
     integrals : Integrals
+    parts : ndarray (segments,) or None
+        Durations of the segments in periods, so that steps are shorter in some; None: all alike.
     """
 
     system: System
@@ -56,10 +60,25 @@ class Shooting:
     t0: float
     shift: np.ndarray
     integrals: Integrals
+    parts: np.ndarray | None = None
 
     @property
     def steps(self) -> int:
         return self.segments * self.each
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Steps of the segments, in periods, (segments,)."""
+        if self.parts is None:
+            return np.full(self.segments, 1.0 / self.steps)
+        return self.parts / self.each
+
+    @property
+    def beginnings(self) -> np.ndarray:
+        """Where segments begin, in periods, (segments,)."""
+        if self.parts is None:
+            return np.arange(self.segments) / self.segments
+        return np.concatenate([[0.0], np.cumsum(self.parts)[:-1]])
 
     @property
     def autonomous(self) -> bool:
@@ -90,6 +109,8 @@ class Linear(NamedTuple):
         Independent gradients of the integrals at the first beginning.
     phases : ndarray (M, k, d)
         Directions of the flow and the symmetries at each beginning.
+    levels : ndarray (M, k, d)
+        The gradients of the same combinations at each beginning.
     """
 
     frames: list[Frame]
@@ -99,6 +120,7 @@ class Linear(NamedTuple):
     gaps: np.ndarray
     gradients: np.ndarray
     phases: np.ndarray
+    levels: np.ndarray
 
     @property
     def monodromy(self) -> np.ndarray:
@@ -141,10 +163,11 @@ def runs(shooting: Shooting, at: Iterate) -> list[Piece]:
         If a step cannot be solved.
     """
     system, rule, n = shooting.system, shooting.rule, at.x.shape[1] // 2
-    h, each = at.period / shooting.steps, shooting.each
+    each, sizes = shooting.each, at.period * shooting.sizes
+    begin = shooting.t0 + at.period * shooting.beginnings
     found = []
     for i, x in enumerate(at.x):
-        t0 = shooting.t0 + i * each * h
+        h, t0 = float(sizes[i]), float(begin[i])
         held = np.empty((each, 1, 0))
         problem = InitialValueProblem(
             x[:n].copy(), x[n:].copy(), t0, h, each, 1, held, at.c, len(rule.nodes)
@@ -154,8 +177,8 @@ def runs(shooting: Shooting, at: Iterate) -> list[Piece]:
         t = t0 + h * np.arange(each + 1)
         v = velocities(system, nodes, t, at.c)
         controls = problem.controls(0, each)
-        sizes, kept = np.full(each, h), np.array([0, each])
-        found.append(Piece(0, 1, i * each, nodes, v, t[:-1], sizes, controls, kept))
+        steps, kept = np.full(each, h), np.array([0, each])
+        found.append(Piece(0, 1, 0, nodes, v, t[:-1], steps, controls, kept))
     return found
 
 
@@ -182,13 +205,12 @@ def linearise(
     """Tangent maps of all segments, by the run's own steps."""
     system, n = shooting.system, at.x.shape[1] // 2
     by = sweeper(system, shooting.rule, CALLS * shooting.steps, "auto")
-    times = shooting.t0 + np.arange(shooting.segments) * at.period / shooting.segments
+    times = shooting.t0 + at.period * shooting.beginnings
     frames = [frame(system, x, t, at.c, units) for x, t in zip(at.x, times, strict=True)]
     d = frames[0].into.shape[1]
     if any(one.into.shape[1] != d for one in frames):
         raise InputError("the rank of the constraints changes along the motion")
     outer = np.zeros((len(at.c) + 2, d + 2))
-    outer[-2, d] = 1.0 / shooting.steps
     if parameter is not None:
         outer[parameter, d + 1] = 1.0
     rows = []
@@ -196,6 +218,7 @@ def linearise(
         seed = np.zeros((2 * n, d + 2))
         seed[:, :d] = frames[i].into
         following = frames[(i + 1) % len(frames)]
+        outer[-2:, d] = shooting.sizes[i], shooting.beginnings[i]
         tangent = carried(by, piece, at.c, Directions(outer), seed)
         rows.append(following.onto @ tangent)
     whole = np.array(rows)
@@ -203,16 +226,17 @@ def linearise(
     onto = [frames[(i + 1) % len(frames)].onto for i in range(len(frames))]
     apart = np.array([a @ b for a, b in zip(onto, left, strict=True)])
     flow = np.roll(whole[:, :, d], 1, axis=0)  # ∂x/∂T at the end of a segment begins the next
-    gradients, phases = _conserved(shooting, at, frames, flow)
-    return Linear(
-        frames, whole[:, :, :d], whole[:, :, d], whole[:, :, d + 1], apart, gradients, phases
-    )
+    gradients, phases, levels = _conserved(shooting, at, frames, flow)
+    maps, by_period, by_parameter = whole[:, :, :d], whole[:, :, d], whole[:, :, d + 1]
+    return Linear(frames, maps, by_period, by_parameter, apart, gradients, phases, levels)
 
 
 def _conserved(
     shooting: Shooting, at: Iterate, frames: list[Frame], flow: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Independent gradients at the first beginning, and the directions that change nothing."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Independent gradients at the first beginning, the directions that change nothing, and the
+    gradients of the same combinations everywhere.
+    """
     found = [
         shooting.integrals.gradients(x, at.c) @ one.into
         for x, one in zip(at.x, frames, strict=True)
@@ -220,12 +244,12 @@ def _conserved(
     size = np.linalg.norm(found[0], axis=1)
     kept = size > VANISHING * size.max(initial=0.0)
     first, held = independent(found[0][kept]), shooting.system.structure.nonholonomic
+    # the same combinations everywhere: those that span the gradients at the first beginning
+    mix = np.linalg.lstsq(found[0][kept].T, first.T, rcond=1e-9)[0].T if len(first) else np.eye(0)
+    levels = np.array([mix @ g[kept] for g in found]).reshape(len(frames), *first.shape)
     if len(first) and not held:
-        # the same combinations everywhere: those that span the gradients at the first beginning
-        mix = np.linalg.lstsq(found[0][kept].T, first.T, rcond=1e-9)[0].T
         fields = [
-            hamiltonian_fields(one.form, mix @ g[kept])
-            for one, g in zip(frames, found, strict=True)
+            hamiltonian_fields(one.form, rows) for one, rows in zip(frames, levels, strict=True)
         ]
     else:
         fields = [np.zeros((0, one.into.shape[1])) for one in frames]
@@ -233,7 +257,7 @@ def _conserved(
         fields = [np.vstack(pair) for pair in zip(fields, flow[:, None], strict=True)]
     phases = np.array(fields)
     size = np.linalg.norm(phases, axis=(0, 2))
-    return first, phases / np.where(size > 0, size, 1.0)[None, :, None]
+    return first, phases / np.where(size > 0, size, 1.0)[None, :, None], levels
 
 
 def is_finite(at: Iterate) -> bool:

@@ -27,8 +27,7 @@ def tangent_lift(system: System) -> System:
     -------
     System
         Coordinates (q, δ), the same parameters, controls and time. Its mass matrix is indefinite,
-        and its energy is the change of the scene's. With constraints take `lobatto(3)` and more:
-        the elimination of multipliers that `lobatto(2)` makes needs definite masses.
+        and its energy is the change of the scene's.
 
     Raises
     ------

@@ -13,6 +13,7 @@ from varint.errors import InputError
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
+from varint.scene.rays import with_unit_rays
 from varint.scene.system import System
 
 ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
@@ -51,8 +52,8 @@ def states_at(
     states = [motion.q[node], motion.p[node], motion.k[node]]
     for _ in steps_ahead(motion, node, times - motion.t[node], states):
         continue
-    q, p, k = states
-    return q, p, k, None if motion.active_set is None else motion.active_set[node]
+    q, p = with_unit_rays(motion.system.rays, *states[:2])
+    return q, p, states[2], None if motion.active_set is None else motion.active_set[node]
 
 
 def require_within(motion: Trajectory, times: np.ndarray) -> float:

@@ -19,6 +19,7 @@ from varint.results.records import Costates, State
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import times_of
+from varint.scene.rays import make_nodes_unit
 from varint.scene.system import System, parameters_by_name
 
 if TYPE_CHECKING:
@@ -102,6 +103,9 @@ class Trajectory:
     sizes: np.ndarray | None = None
     origin: float | None = None
 
+    def __post_init__(self) -> None:
+        make_nodes_unit(self)
+
     phases = renamed_attribute("phases", "active_sets")
     phase = renamed_attribute("phase", "active_set")
 
@@ -109,8 +113,8 @@ class Trajectory:
         return len(self.t)
 
     def __repr__(self) -> str:
-        what = ", ".join(self.system.names[:4]) + (", …" if self.system.structure.n > 4 else "")
-        ends = f"t = {self.t[0]:g} … {self.t[-1]:g}"
+        names, ends = self.system.names, f"t = {self.t[0]:g} … {self.t[-1]:g}"
+        what = ", ".join(names[:4]) + (", …" if len(names) > 4 else "")
         return f"Trajectory({what}: {len(self)} nodes, {ends}, {self.rule})"
 
     def _repr_html_(self) -> str:
@@ -128,10 +132,12 @@ class Trajectory:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state | {"stats": MappingProxyType(state["stats"])})
 
-    def __getitem__(self, index: int | slice | np.ndarray | list) -> Any:
+    def __getitem__(self, index: int | slice | np.ndarray | list | str) -> Any:
         """`trajectory[i]` is the `State` at node i, `trajectory[a:b:c]` the trajectory of those
-        nodes.
+        nodes, `trajectory["theta"]` the values (N + 1,) of what has that name.
         """
+        if isinstance(index, str):
+            return self.value(index)
         if isinstance(index, (slice, np.ndarray, list)):
             if not len(self.t[index]):
                 raise InputError(f"no node of the {len(self)} is left in [{index}]")
@@ -144,9 +150,8 @@ class Trajectory:
                 active_set=None if self.active_set is None else self.active_set[index],
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
-                solution=None
-                if hasattr(self.solution, "costates")
-                else self.solution,  # it belongs to the whole
+                # controls belong to the whole
+                solution=None if hasattr(self.solution, "costates") else self.solution,
             )
             if "v" in self.__dict__:  # once known, known of every part
                 part.__dict__["v"] = self.v[index]
@@ -159,9 +164,8 @@ class Trajectory:
         v = np.empty_like(self.q)
         for nodes, active_set in self._active_sets():
             velocity = velocity_function(active_set.scene(self.system))
-            v[nodes] = over_columns(
-                velocity, self.q[nodes], self.p[nodes], self.t[nodes, None], self.c
-            )[0]
+            args = self.q[nodes], self.p[nodes], self.t[nodes, None], self.c
+            v[nodes] = over_columns(velocity, *args)[0]
         return v
 
     def _active_sets(self) -> list[tuple[Any, ActiveSet]]:
@@ -218,8 +222,9 @@ class Trajectory:
 
         Parameters
         ----------
-        expression : SX
-            Symbols are matched by name with the system's, so this works on loaded trajectories too.
+        expression : SX or str
+            Symbols are matched by name with the system's, so this works on loaded trajectories too;
+            a name alone stands for its symbol.
 
         Returns
         -------
@@ -455,7 +460,7 @@ class Trajectory:
         times = times_of(t)
         if not self.system.structure.controls:
             raise InputError("u_at(): the scene has no controls")
-        first, last = self.t[0], self.t[-1]
+        first, last = self.t[[0, -1]]
         slack = 1e-12 * max(abs(first), abs(last))
         if not ((times >= first - slack) & (times <= last + slack)).all():
             raise InputError(f"u_at() takes times from {first:g} to {last:g}, got {t!r}")
@@ -491,8 +496,8 @@ class Trajectory:
         return self.solution
 
     def plot(self, *expressions: Any) -> Figure:
-        """Figure of coordinates, phase portrait and energy; or of expressions over time, named
-        by a dictionary.
+        """Figure of coordinates, phase portrait and energy; or of expressions (or names of
+        coordinates, velocities, controls) over time, which a dictionary gives names.
         """
         from varint.drawing.figures import trajectory_figure
 

@@ -135,7 +135,7 @@ def _roots(coefficients: list[Fraction]) -> list[Decimal]:
     p = [Decimal(a.numerator) / Decimal(a.denominator) for a in coefficients]
     slope = derivative(p, 1)
     roots = []
-    for start in np.sort(np.polynomial.Polynomial([float(a) for a in coefficients]).roots().real):
+    for start in np.sort(np.roots([float(a) for a in reversed(coefficients)]).real):
         x = Decimal(float(start))
         for _ in range(6):  # each iteration doubles the digits: 12 → 50 takes three
             x -= value(p, x) / value(slope, x)

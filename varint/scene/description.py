@@ -39,6 +39,7 @@ class SystemRecord(NamedTuple):
     restitution: list[float]
     operations: list  # each a list, a name and what it takes
     expressions: dict[str, Output]
+    rays: list[list[int]] = []  # noqa: RUF012 - the default of a tuple's field, never changed
 
 
 def describe_expressions(
@@ -79,6 +80,7 @@ def description(system: Any) -> dict[str, Any]:
             ],
             system.restitution.tolist(),
             *describe_expressions(system, expressions),
+            [list(group) for group in system.rays],
         )
     )
 
@@ -113,6 +115,7 @@ def parts_of(data: Any) -> dict[str, Any]:
         "restitution": record.restitution,
         "params": params,
         "kinetics": kinetics,
+        "rays": record.rays,
     }
 
 

@@ -11,17 +11,21 @@ from varint.scene.system import System
 
 
 def in_own_symbols(expression: Any, system: System, what: str = "the expression") -> ca.SX:
-    """The expression in the system's own symbols, matched by name."""
+    """The expression in the system's own symbols, matched by name; or the symbol of that name."""
+    own = {
+        x.name(): x
+        for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))
+    }
+    if isinstance(expression, str):
+        if expression not in own:
+            raise InputError(f"{what} is {expression!r}, no symbol's name; known: {sorted(own)}")
+        return own[expression]
     if isinstance(expression, ca.MX):
         raise InputError(f"{what} is an MX; write it with the system's SX symbols")
     expression = parsed_or_refused(
         lambda: ca.SX(expression),
         lambda: f"{what} must be a CasADi SX expression, got {type(expression).__name__}",
     )
-    own = {
-        x.name(): x
-        for x in ca.vertsplit(ca.vertcat(system.q, system.v, system.t, system.control, system.c))
-    }
     used = ca.symvar(expression)
     unknown = sorted(x.name() for x in used if x.name() not in own)
     if unknown:

@@ -113,6 +113,7 @@ def massless_limit(system: System, masses: ca.SX) -> System:
         control=s.control if s.control.numel() else None,
         params=s.params,
         t=s.t,
+        rays=s.rays,
         **parts,
     )
 

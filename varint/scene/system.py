@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
+from varint.scene.alike import first_alike
 from varint.scene.description import description, parts_of
 from varint.scene.kinetics import Kinetics, check_kinetics
 from varint.scene.letters import lagrangian_latex
@@ -23,8 +24,12 @@ from varint.scene.parameters import (
     parameters_of,
     values_by_name,
 )
+from varint.scene.rays import Rays, checked_rays
 from varint.scene.structure import Structure, structure_of
 from varint.scene.validation import check_symbols, expression, restitution_of, symbols
+
+if TYPE_CHECKING:
+    from varint.typeset.equations import Equations
 
 
 def coordinates(*names: str) -> tuple[ca.SX, ca.SX]:
@@ -154,6 +159,10 @@ class System:
     kinetics : Kinetics, optional
         What the scene knows of its Lagrangian besides the expression: a mass matrix and an inverse
         Legendre transform that cost less than those derived from it. `varint.multibody` gives them.
+    rays : sequence of sequences of int, optional
+        Groups of coordinates of which only the ratio matters, as unit quaternions: L is unchanged
+        by q → λ q, v → λ v in each. No constraint holds their length; motions have unit vectors at
+        their nodes. `varint.multibody` gives them.
 
     Raises
     ------
@@ -186,6 +195,7 @@ class System:
     params: Parameters | None = None
     t: Any = None
     kinetics: Kinetics | None = None
+    rays: Rays = ()
 
     def __init__(
         self,
@@ -202,6 +212,7 @@ class System:
         params: Parameters | ParameterValues | None = None,
         t: ca.SX | None = None,
         kinetics: Kinetics | None = None,
+        rays: Sequence[Sequence[int]] = (),
     ):
         q, v = symbols("q", q), symbols("v", v)
         n = q.numel()
@@ -243,6 +254,7 @@ class System:
         }
         check_symbols(self.q, self.v, self.t, self.control, self.c, parts)
         object.__setattr__(self, "restitution", restitution_of(restitution, self.contact.numel()))
+        object.__setattr__(self, "rays", checked_rays(rays, self))
         if kinetics is not None:
             check_kinetics(self)
 
@@ -276,6 +288,8 @@ class System:
     @cached_property
     def structure(self) -> Structure:
         """What the scene has and lacks."""
+        if (first := first_alike(self)) is not self:
+            return first.structure
         return structure_of(
             self.q,
             self.v,
@@ -297,6 +311,13 @@ class System:
     def energy(self) -> ca.SX:
         """Energy H = v·∂L/∂v − L as an expression of q, v, t."""
         return ca.dot(self.v, self.momentum) - self.lagrangian
+
+    @property
+    def equations(self) -> Equations:
+        """Euler–Lagrange equations, momenta, energy … to be read, by `varint.equations`."""
+        from varint.typeset.equations import equations
+
+        return equations(self)
 
     @cached_property
     def mass_matrix(self) -> ca.SX:
@@ -349,14 +370,35 @@ def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
     build it once.
     """
 
+    return _remembering(build, "_built", lambda system: system)
+
+
+def per_scene(build: Callable[..., Built]) -> Callable[..., Built]:
+    """`per_system` of what holds none of the system's symbols: built once for all systems that are
+    made alike, whatever the values of their parameters.
+    """
+    return _remembering(build, "_built_for_alike", first_alike)
+
+
+def _remembering(
+    build: Callable[..., Built], place: str, whose: Callable[[System], System]
+) -> Callable[..., Built]:
+    """`build`, whose results lie at a place of the system that they are built for."""
+
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:
-        store = system.__dict__.get("_built") or system.__dict__.setdefault("_built", {})
         name = (build, *key)
+        try:  # of the time of a short run this is no small part
+            return system.__dict__[place][name]
+        except KeyError:
+            pass
+        owner = whose(system)
+        store = owner.__dict__.setdefault(place, {})
+        system.__dict__[place] = store
         if name not in store:
             with _BUILDING:
                 if name not in store:
-                    store[name] = build(system, *key)
+                    store[name] = build(owner, *key)
         return store[name]
 
     return remembered

@@ -14,9 +14,9 @@ from varint.results.dense_output import node_tolerance
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 from varint.sensitivities.course import Course, Leg
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.pieces import OFF_GRID
 from varint.sensitivities.steps_at_once import Sweeper
-from varint.sensitivities.sweeps import sweeper
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from varint.integration.trajectories import ABRUPT, Run, trajectory_of
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
+from varint.sensitivities.checkpoints import pieces_backwards
 from varint.sensitivities.grazing import require_no_touch
 from varint.sensitivities.pieces import (
     LONGEST_PIECE,
@@ -231,16 +232,47 @@ def _in_turn(events: list[Event]) -> tuple[Event, ...]:
     return tuple(found)
 
 
-def legs(course: Course, *, backwards: bool = False) -> Iterator[Leg]:
-    """The legs of a course in order, or from the last to the first."""
+def legs(course: Course) -> Iterator[Leg]:
+    """The legs of a course in order."""
     motion = course.motion
-    if not motion.system.structure.contacts:
-        yield from _grid_legs(motion, backwards)
+    if motion.system.structure.contacts:
+        yield from _legs_of_contacts(motion, _stretches(motion))
         return
-    events, ends = events_at_nodes(motion), _stretches(motion)
-    whole = _at_whole_steps(motion)
+    scene, last, whole = scene_of(motion), len(motion) - 1, ends_whole(motion)
+    yield from (Leg(scene, x) for x in pieces(motion, 0, last - (not whole)))
+    if not whole:
+        yield _part(motion, scene, None, last - 1, False, ())
+
+
+def legs_backwards(course: Course, states: int | None = None) -> Iterator[Leg]:
+    """The legs of a course from the last to the first, with so many states in memory where nodes
+    were left out; see `checkpoints`.
+
+    Raises
+    ------
+    InputError
+        If states are counted and the scene has contacts: its course has all nodes.
+    """
+    motion = course.motion
+    if motion.system.structure.contacts:
+        if states is not None:
+            raise InputError(
+                "states= is for runs without contacts; a run through contacts is differentiated "
+                "with all of its nodes"
+            )
+        yield from _legs_of_contacts(motion, _stretches(motion)[::-1])
+        return
+    scene, last, whole = scene_of(motion), len(motion) - 1, ends_whole(motion)
+    if not whole:
+        yield _part(motion, scene, None, last - 1, False, ())
+    # as they come: a piece that is held on to stands in memory beside the next one
+    yield from map(partial(Leg, scene), pieces_backwards(motion, 0, last - (not whole), states))
+
+
+def _legs_of_contacts(motion: Trajectory, stretches: list[tuple[int, int]]) -> Iterator[Leg]:
+    events, whole = events_at_nodes(motion), _at_whole_steps(motion)
     assert events is not None and motion.active_set is not None
-    for a, b in reversed(ends) if backwards else ends:
+    for a, b in stretches:
         held = motion.active_sets[motion.active_set[a]]
         scene = held.scene(motion.system)
         if b < 0:
@@ -248,14 +280,6 @@ def legs(course: Course, *, backwards: bool = False) -> Iterator[Leg]:
         else:
             first = int(motion.k[a] - motion.k[0])
             yield Leg(scene, piece_between(motion, scene, a, b, first), held)
-
-
-def _grid_legs(motion: Trajectory, backwards: bool) -> Iterator[Leg]:
-    scene, last = scene_of(motion), len(motion) - 1
-    whole = ends_whole(motion)
-    end = [] if whole else [_part(motion, scene, None, last - 1, False, ())]
-    steps = (Leg(scene, x) for x in pieces(motion, 0, last - (not whole), backwards=backwards))
-    yield from chain(end, steps) if backwards else chain(steps, end)
 
 
 def _stretches(motion: Trajectory) -> list[tuple[int, int]]:

@@ -83,7 +83,7 @@ def event_sensitivity(
         detachments do without.
     outputs : SX (o,), optional
         Expression of q, v, t and parameters. Default: q and v.
-    backend : {"auto", "compiled", "interpreted"}
+    backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
     Returns

@@ -9,6 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.errors import InputError
+from varint.sensitivities.contact_shot import ContactShot
 from varint.sensitivities.shot import Shot
 
 Arrays = list[np.ndarray]
@@ -63,11 +65,16 @@ class External(ca.Callback):
         return [ca.DM(x.reshape(shape, order="F")) for x, shape in zip(found, shapes, strict=True)]
 
     def has_jacobian(self) -> bool:
-        return self.jacobian_of is not None
+        return True
 
     def get_jacobian(self, name: str, inames: list, onames: list, opts: dict) -> ca.Function:
         jacobian, curved, count = self.jacobian_of, self.curved, len(self.inputs)
-        assert jacobian is not None
+        if jacobian is None:
+            raise InputError(
+                "a flow has no second derivatives through contacts, no third ones at all: take "
+                "Gauss–Newton from its Jacobian, or an approximation "
+                "(ipopt.hessian_approximation='limited-memory')"
+            )
         again = None if curved is None else lambda x: curved(x[:count])
         shapes = [(a[0] * a[1], b[0] * b[1]) for _, a in self.outputs for _, b in self.inputs]
         inputs = zip(inames, (shape for _, shape in (*self.inputs, *self.outputs)), strict=True)
@@ -92,7 +99,7 @@ def kept(made: External) -> External:
     return made
 
 
-def external(name: str, shot: Shot) -> ca.Function:
+def external(name: str, shot: Shot | ContactShot) -> ca.Function:
     """The run as a function (q0, v0, params, u) → q, v."""
     n, nodes = shot.system.structure.n, len(shot.nodes)
     inputs = list(zip(("q0", "v0", "params", "u"), shot.sizes, strict=True))
@@ -103,10 +110,13 @@ def external(name: str, shot: Shot) -> ca.Function:
         rows = np.split(shot.jacobian(given), 2)
         return [part[:, a:b] for part in rows for a, b in pairwise(ends)]
 
+    hessian = shot.hessian if isinstance(shot, Shot) else None
+
     def curved(given: Arrays) -> Arrays:
         """Derivatives of every block of the Jacobian, by inputs and values."""
+        assert hessian is not None
         unit = np.eye(2 * n * nodes).reshape(-1, 2, nodes, n)
-        tensors = np.split(np.array([shot.hessian(given, *one) for one in unit]), 2)
+        tensors = np.split(np.array([hessian(given, *one) for one in unit]), 2)
         blocks = []
         for part in tensors:
             for a, b in pairwise(ends):
@@ -121,7 +131,8 @@ def external(name: str, shot: Shot) -> ca.Function:
     def value(given: Arrays) -> Arrays:
         return [x.ravel() for x in shot.values(given)]
 
-    made = kept(External(name, inputs, outputs, value, jacobian, reverse, curved))
+    twice = None if hessian is None else curved
+    made = kept(External(name, inputs, outputs, value, jacobian, reverse, twice))
     symbols = [ca.MX.sym(x, *shape) for x, shape in inputs]
     # parameters that are left out are the defaults: see `Shot.run`
     options = {"default_in": [0.0, 0.0, np.nan, 0.0]}
@@ -131,7 +142,13 @@ def external(name: str, shot: Shot) -> ca.Function:
 
 
 def _pulled_back(
-    shot: Shot, nadj: int, name: str, inputs: Shapes, outputs: Shapes, inames: list, onames: list
+    shot: Shot | ContactShot,
+    nadj: int,
+    name: str,
+    inputs: Shapes,
+    outputs: Shapes,
+    inames: list,
+    onames: list,
 ) -> ca.Function:
     """(inputs, outputs, rows) → the rows times the Jacobian, `nadj` at once; its own Jacobian has
     the second derivatives of the run.
@@ -148,6 +165,7 @@ def _pulled_back(
         return [whole[:, a:b].ravel() for a, b in pairwise(ends)]
 
     def jacobian(given: Arrays) -> Arrays:
+        assert isinstance(shot, Shot)
         by_outputs = np.split(shot.jacobian(given[:count]), 2)
         curved = [shot.hessian(given[:count], a, b) for a, b in rows(given)]
         blocks = []
@@ -164,4 +182,5 @@ def _pulled_back(
     shapes = [shape for _, shape in (*inputs, *outputs)] + [wide(shape) for _, shape in outputs]
     given = list(zip(inames, shapes, strict=True))
     found = [(x, wide(shape)) for x, (_, shape) in zip(onames, inputs, strict=True)]
-    return kept(External(name, given, found, value, jacobian))
+    slopes = jacobian if isinstance(shot, Shot) else None
+    return kept(External(name, given, found, value, slopes))

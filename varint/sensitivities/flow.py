@@ -14,9 +14,10 @@ from varint.integration.problem import time_grid
 from varint.rules.rule import Rule
 from varint.scene.inputs import number
 from varint.scene.system import System, per_system, require_system
+from varint.sensitivities.contact_shot import ContactShot
 from varint.sensitivities.external import external
+from varint.sensitivities.loops import sweeper
 from varint.sensitivities.shot import Shot
-from varint.sensitivities.sweeps import sweeper
 
 CALLS = 20  # that a flow is expected to have, when it is decided whether to compile its loops
 
@@ -41,14 +42,15 @@ def flow(
     Parameters
     ----------
     system : System
-        Without contacts.
+        With contacts, too: impacts, stops and detachments come as they do from the start at hand,
+        and derivatives go through them (saltation matrices), the first ones alone.
     rule : Rule, optional
         Default: the scene's own.
     h, steps : float, int
     nodes : sequence of int, optional
         At which q and v are wanted, in rising order. Default: the last one.
     t0 : float
-    backend : {"auto", "compiled", "interpreted"}
+    backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
     Returns
@@ -56,15 +58,16 @@ def flow(
     Function
         Inputs ``q0 (n)``, ``v0 (n)``, ``params (C)`` in the order of ``system.c`` (left out: the
         defaults), ``u (k, steps)``, held over each step; outputs ``q (n, nodes)``, ``v (n,
-        nodes)``. Where a run cannot be finished they are NaN, from which solvers turn back. First
-        and second derivatives are exact. A Hessian costs the square of the number of inputs: of
-        many controls take Gauss–Newton from the Jacobian, or an approximation
+        nodes)``. Where a run cannot begin or be finished they are NaN, from which solvers turn
+        back, and so are derivatives where a contact is grazed. First and second derivatives are
+        exact; with contacts there are first ones. A Hessian costs the square of the number of
+        inputs: of many controls take Gauss–Newton from the Jacobian, or an approximation
         (``ipopt.hessian_approximation="limited-memory"``).
 
     Raises
     ------
     InputError
-        If the scene has contacts or a Lagrangian of first order, or a node is none of the run.
+        If the Lagrangian is of first order in the velocities, or a node is none of the run.
 
     Examples
     --------
@@ -79,10 +82,8 @@ def flow(
     5.905
     """
     require_system(system)
-    if system.structure.contacts or system.structure.degenerate:
-        raise InputError(
-            "flow takes scenes without contacts whose Lagrangian is regular in the velocities"
-        )
+    if system.structure.degenerate:
+        raise InputError("flow takes scenes whose Lagrangian is regular in the velocities")
     h, steps = time_grid(h, steps, None)
     wanted = (steps,) if nodes is None else tuple(nodes)
     whole = all(isinstance(k, (int, np.integer)) and 0 <= k <= steps for k in wanted)
@@ -102,5 +103,8 @@ def _flow(
     t0: float,
     backend: str,
 ) -> ca.Function:
+    if system.structure.contacts:
+        through = ContactShot(system, rule, h, steps, nodes, t0, backend)
+        return external("flow", through)
     by = sweeper(system, rule, CALLS * steps, backend)
     return external("flow", Shot(system, rule, h, steps, nodes, t0, by))

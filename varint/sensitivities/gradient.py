@@ -16,7 +16,7 @@ from varint.scene.inputs import finite_array
 from varint.scene.system import System, parameters_by_name, per_system
 from varint.sensitivities.carrier import Carrier, rows_of
 from varint.sensitivities.carry import Adjoint, carried_back
-from varint.sensitivities.course import course_of, ends_whole, legs, with_last
+from varint.sensitivities.course import course_of, ends_whole, legs_backwards
 from varint.sensitivities.rescaled import (
     inner_of,
     pulled_to_start,
@@ -89,6 +89,7 @@ def gradient(
     nodes: Any = None,
     weights: Any = None,
     held: str = "v0",
+    states: int | None = None,
     backend: str = "auto",
 ) -> Gradient:
     """Exact gradient of J = Σ_k h Σ_i b_i ℓ(q_i, v_i, u_i, t_i) + Σ_k w_k·ψ(q_k, v_k, t_k) + φ(q_N,
@@ -103,8 +104,7 @@ def gradient(
     ----------
     motion : Trajectory
         From `simulate`, its start among the nodes. Nodes that were left out (`save_every`) are
-        computed once more, piece by piece: with every √N-th of N steps kept, or with the ends
-        alone, 2√N states stand in memory at a time.
+        computed once more, piece by piece, from checkpoints.
     loss : SX, optional
         ℓ, an expression of q, v, t, u and parameters, summed with the rule's weights along the
         steps. Of explicit compositions the sum is taken at the kicks, with the mean of the
@@ -117,7 +117,11 @@ def gradient(
         w, of the nodes. Default: 1.
     held : {"v0", "p0"}
         What is held at the start while q0 and parameters vary.
-    backend : {"auto", "compiled", "interpreted"}
+    states : int, optional
+        States (q, p) that may stand in memory at a time where nodes were left out, beside those
+        kept; 2√N of N steps cost one run more, fewer some more by a binomial schedule. Default: 2√N
+        in pieces of no less than a thousand steps, which are quicker.
+    backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
     Returns
@@ -136,7 +140,7 @@ def gradient(
     Notes
     -----
     Hager, Runge–Kutta methods in optimal control and the transformed adjoint system, 2000; Griewank
-    & Walther, Evaluating Derivatives, 2008, chapter 12 (checkpoints).
+    & Walther, Evaluating Derivatives, 2008, chapter 12 (checkpoints), and Algorithm 799, 2000.
 
     Examples
     --------
@@ -157,7 +161,7 @@ def gradient(
     at_nodes = _at_nodes(motion, terminal_loss, nodes, weights)
     if density is None and terminal_loss is None and nodes is None:
         raise InputError("give loss, terminal_loss or nodes: there is nothing to differentiate")
-    found = _pulled_back(motion, Carrier(course, backend, density), at_nodes.x)
+    found = pulled_back(motion, Carrier(course, backend, density), at_nodes.x, states)
     n, many = motion.q.shape[1], len(c)
     at_start, outer = found.z[: 2 * n], found.z[2 * n + 1 :]
     outer[:many] += at_nodes.c
@@ -184,14 +188,17 @@ def gradient(
     )
 
 
-def _pulled_back(motion: Trajectory, carrier: Carrier, seeds: np.ndarray) -> Adjoint:
+def pulled_back(
+    motion: Trajectory, carrier: Carrier, seeds: np.ndarray, states: int | None = None
+) -> Adjoint:
     """The adjoint at the first node, from derivatives by (q, p, t) of the nodes (N + 1, 2n + 1)."""
     if motion.fictitious is not None:
         seeds = rescaled_seeds(motion, seeds)
     at = Adjoint(np.zeros(carrier.size), np.zeros(motion.u.shape))
-    for leg, first in with_last(legs(carrier.course, backwards=True)):
-        rows = rows_of(carrier, leg, first)
+    for leg in legs_backwards(carrier.course, states):
+        rows = rows_of(carrier, leg, not leg.piece.node and not leg.piece.first)
         at = carried_back(carrier, leg, seeds[rows.which], rows, at)
+        del leg  # before the next one is made
     if motion.fictitious is None:
         return at
     return replace(at, z=pulled_to_start(motion, at.z))

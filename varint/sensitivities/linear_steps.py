@@ -106,12 +106,7 @@ def unknowns(
     """The unknowns of a step whose ends are known, and their last relative correction."""
     if not s.y.numel():
         return ca.MX(0, 1), ca.MX(0)
-    n, table = s.q.numel(), path_guess(s.points)
-    mean = (x1[:n] - x[:n]) / h
-    path = [a * mean + b * v + d * v1 for a, b, d in table.tolist()]
-    others = s.y.numel() - n * len(path) - s.ends
-    ends = [v1, ca.MX.zeros(s.ends - n)] if s.ends else []
-    y = ca.vertcat(*path, ca.MX.zeros(others), *ends)
+    n, mean, y = s.q.numel(), (x1[: s.q.numel()] - x[: s.q.numel()]) / h, _guess(s, x, x1, v, v1, h)
     solve = _derivatives(s, ca.SX(0))["solve"]
     worst = ca.MX(0)
     fast = ca.norm_inf(mean) + ca.norm_inf(v) + ca.norm_inf(v1)
@@ -120,9 +115,36 @@ def unknowns(
         left, slope = solve(y, *arguments)
         change = ca.solve(slope, left, "csparse")
         y = y - change
-        moved = change[: n * len(path)]
+        moved = change[: n * len(s.points)]
         if not count:  # what forces alone would make of a body at rest, which may be held
             rows = range(moved.numel())
             far += ca.norm_inf(left[rows] / (ca.sum2(ca.fabs(slope[rows, rows])) + 1e-300))
         worst = ca.norm_inf(moved) / (fast + far + 1e-300)
     return y, worst
+
+
+def _guess(s: StepMap, x: ca.MX, x1: ca.MX, v: ca.MX, v1: ca.MX, h: ca.MX) -> ca.MX:
+    """The unknowns of a step as the path through both of its ends has them."""
+    n, table = s.q.numel(), path_guess(s.points)
+    mean = (x1[:n] - x[:n]) / h
+    path = [a * mean + b * v + d * v1 for a, b, d in table.tolist()]
+    others = s.y.numel() - n * len(path) - s.ends
+    ends = [v1, ca.MX.zeros(s.ends - n)] if s.ends else []
+    return ca.vertcat(*path, ca.MX.zeros(others), *ends)
+
+
+@per_system
+def equations_at_guess(system: System, rule: Rule) -> ca.Function:
+    """(x, x', v, v', t, h, u, c) → F and the nonzeros of F_y where Newton's method begins, of the
+    first part of a step: whether it is numbers that are missing or an inverse.
+    """
+    s, n = step_map(system, rule), system.structure.n
+    width = len(rule.nodes) * system.structure.controls
+    sizes = (2 * n, 2 * n, n, n, 1, 1, width, s.c.numel())
+    inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    x, x1, v, v1, t, h, u, c = inputs
+    y = _guess(s, x, x1, v, v1, h) if s.y.numel() else ca.MX(0, 1)
+    q, p = ca.vertsplit(x, n)
+    arguments = [q, p, t, u[: s.u.numel()], ca.MX(s.parts[0]), c, h]
+    left, slope = _derivatives(s, ca.SX(0))["solve"](y, *arguments)
+    return ca.Function("equations", inputs, [ca.densify(left), ca.densify(slope)])

@@ -4,7 +4,6 @@ that were.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 LONGEST_PIECE = 100_000  # steps: what stands in memory beside the run is bounded
 OFF_GRID = 1e-6  # of a step: what lies further from the end of one lies within it
-SHORTEST_RUN = 1_000  # steps that are run once more at a time, where fewer were left out
+SHORTEST_RUN = 1_000  # steps that are run once more at a time
 
 
 class Piece(NamedTuple):
@@ -82,41 +81,42 @@ def scene_of(motion: Trajectory) -> System:
     return sets[0].scene(motion.system)
 
 
-def pieces(
-    motion: Trajectory, first: int = 0, last: int | None = None, *, backwards: bool = False
-) -> Iterator[Piece]:
+def pieces(motion: Trajectory, first: int = 0, last: int | None = None) -> Iterator[Piece]:
     """The steps from the kept node `first` to the kept node `last`, piece by piece.
 
     Where nodes were left out (`save_every`) the steps between are taken once more from the kept
-    node before them, and where these are more than √N of N, first with every √ of theirs kept: at
-    most 2√N states stand in memory at a time, beside a kept node in √N or none (Griewank & Walther
-    2008, §12.3: two levels of checkpoints).
+    node before them.
     """
     last = len(motion) - 1 if last is None else last
-    most = max(SHORTEST_RUN, math.isqrt(int(motion.k[last] - motion.k[first])) + 1)
-    yield from _pieces(motion, first, last, int(motion.k[first]), most, backwards)
+    scene, begin = scene_of(motion), int(motion.k[first])
+    for a, b in cuts(motion, first, last, SHORTEST_RUN):
+        yield from _between(motion, scene, a, b, begin)
 
 
-def _pieces(
-    motion: Trajectory, first: int, last: int, begin: int, most: int, backwards: bool
-) -> Iterator[Piece]:
-    """`most` is the number of steps that are taken once more at a time, `begin` the first of the
-    run.
+def _between(motion: Trajectory, scene: System, a: int, b: int, begin: int) -> Iterator[Piece]:
+    """The steps between two kept nodes, in pieces where they are many."""
+    k0, k1 = int(motion.k[a]), int(motion.k[b])
+    if b > a + 1 or k1 - k0 <= SHORTEST_RUN:
+        yield piece_between(motion, scene, a, b, k0 - begin)
+        return
+    part = motion[a : a + 2]
+    n = motion.q.shape[1]
+    for k in range(k0, k1, SHORTEST_RUN):
+        end = min(k + SHORTEST_RUN, k1)
+        piece = piece_again(part, scene, 0, end, k - begin)
+        yield piece._replace(node=a, last=b)
+        at, q, p = np.array([end, k1]), part.q.copy(), part.p.copy()
+        q[0], p[0] = piece.x[-1, :n], piece.x[-1, n:]
+        part = replace(part, t=times_of(part, 0, at), q=q, p=p, k=at)
+
+
+def cuts(motion: Trajectory, first: int, last: int, again: int) -> Iterator[tuple[int, int]]:
+    """Kept nodes between which pieces lie; of what has to be run once more `again` steps at most
+    where nodes lie that close.
     """
-    ends, scene = list(_cuts(motion, first, last)), scene_of(motion)
-    for a, b in reversed(ends) if backwards else ends:
-        if b == a + 1 and motion.k[b] - motion.k[a] > most:
-            between = _thinned_between(motion, scene, a, b)
-            yield from _pieces(between, 0, len(between) - 1, begin, most, backwards)
-        else:
-            yield piece_between(motion, scene, a, b, int(motion.k[a]) - begin)
-
-
-def _cuts(motion: Trajectory, first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Kept nodes between which pieces lie."""
     k = motion.k
     whole = bool((np.diff(k[first : last + 1]) == 1).all())
-    longest = LONGEST_PIECE if whole else SHORTEST_RUN
+    longest = LONGEST_PIECE if whole else again
     while first < last:
         following = int(np.searchsorted(k, k[first] + longest, side="right")) - 1
         following = min(max(following, first + 1), last)
@@ -127,18 +127,38 @@ def _cuts(motion: Trajectory, first: int, last: int) -> Iterator[tuple[int, int]
 def piece_between(motion: Trajectory, scene: System, a: int, b: int, first: int) -> Piece:
     """The steps between two kept nodes at whole steps; `first` of them from the start."""
     k0, k1 = int(motion.k[a]), int(motion.k[b])
-    steps = np.arange(k0, k1)
     kept = motion.k[a : b + 1] - k0
     if len(kept) == k1 - k0 + 1:
         x = np.hstack([motion.q[a : b + 1], motion.p[a : b + 1]])
         v, t = motion.v[a : b + 1], motion.t[a:b]
     else:
         x, v, t = run_once_more(motion, scene, a, k0, k1)
+    return _piece(motion, (a, b, first), k0, (x, v, t), kept)
+
+
+def piece_again(motion: Trajectory, scene: System, a: int, k1: int, first: int) -> Piece:
+    """The steps from a kept node to step k1, all of them taken once more."""
+    k0 = int(motion.k[a])
+    found = run_once_more(motion, scene, a, k0, k1)
+    return _piece(motion, (a, a + 1, first), k0, found, np.array([0, k1 - k0]))
+
+
+def _piece(
+    motion: Trajectory,
+    about: tuple[int, int, int],
+    k0: int,
+    found: tuple[np.ndarray, np.ndarray, np.ndarray],
+    kept: np.ndarray,
+) -> Piece:
+    """From (q, p), v and times of the nodes; `about` are its nodes and its first step."""
+    x, v, t = found
+    k1 = k0 + len(t)
+    steps = np.arange(k0, k1)
     h = np.full(k1 - k0, motion.h) if motion.sizes is None else motion.sizes[k0:k1]
     u = step_controls(motion, steps, np.ones(len(steps)))
     nodes, controls = len(motion.rule.nodes), motion.system.structure.controls
     x, v, t, h = (np.ascontiguousarray(y, dtype=float) for y in (x, v, t, h))
-    return Piece(a, b, first, x, v, t, h, u.reshape(k1 - k0, nodes, controls), kept)
+    return Piece(*about, x, v, t, h, u.reshape(k1 - k0, nodes, controls), kept)
 
 
 def run_once_more(
@@ -147,9 +167,9 @@ def run_once_more(
     """All nodes from step k0 to step k1, by the same steps from the kept node: (q, p), v, and the
     times of the steps.
     """
-    problem, kernel = _again(motion, scene, a, k0, k1)
+    problem, kernel = problem_again(motion, scene, a, k0, k1)
     blocks = _blocks(scene, motion.rule, problem, kernel)
-    x, t = np.concatenate([part for part, _ in blocks]), _times(motion, a, np.arange(k0, k1 + 1))
+    x, t = np.concatenate([part for part, _ in blocks]), times_of(motion, a, np.arange(k0, k1 + 1))
     parts = [v for _, v in blocks[1:] if v is not None]
     if len(parts) < len(blocks) - 1:
         return x, velocities(scene, x, t, motion.c), t[:-1]
@@ -157,36 +177,12 @@ def run_once_more(
     return x, np.concatenate([begin, *parts]), t[:-1]
 
 
-def _thinned_between(motion: Trajectory, scene: System, a: int, b: int) -> Trajectory:
-    """The run between two kept nodes, with √s of its s steps kept."""
-    k0, k1 = motion.k[[a, b]].tolist()
-    every = math.isqrt(k1 - k0 - 1) + 1
-    problem, kernel = _again(motion, scene, a, k0, k1)
-    blocks = blocks_of(scene, motion.rule, problem._replace(save_every=every), kernel)
-    q, p, k = [motion.q[a : a + 1]], [motion.p[a : a + 1]], [motion.k[a : a + 1]]
-    for block in blocks:
-        for parts, x in ((q, block.q), (p, block.p), (k, block.k)):
-            parts.append(x[: block.good])
-        if block.good < len(block.k):
-            raise _cannot_go_on(problem, int(k[-1][-1]) if len(k[-1]) else k0)
-    steps = np.concatenate(k)
-    held = None if motion.active_set is None else np.full(len(steps), motion.active_set[a])
-    return replace(
-        motion,
-        t=_times(motion, a, steps),
-        q=np.concatenate(q),
-        p=np.concatenate(p),
-        k=steps,
-        active_set=held,
-    )
-
-
-def _times(motion: Trajectory, a: int, k: np.ndarray) -> np.ndarray:
+def times_of(motion: Trajectory, a: int, k: np.ndarray) -> np.ndarray:
     """Times of whole steps, counted from that of a kept node."""
     return float(motion.t[a] - motion.k[a] * motion.h) + motion.h * k
 
 
-def _again(
+def problem_again(
     motion: Trajectory, scene: System, a: int, k0: int, k1: int
 ) -> tuple[InitialValueProblem, Kernel | None]:
     """The problem of the steps from k0 to k1, and the loop that took them."""
@@ -245,11 +241,11 @@ def _blocks(
         if block.good < len(block.q):
             break
     if k < problem.steps:
-        raise _cannot_go_on(problem, k)
+        raise cannot_go_on(problem, k)
     return found
 
 
-def _cannot_go_on(problem: InitialValueProblem, k: int) -> ConvergenceError:
+def cannot_go_on(problem: InitialValueProblem, k: int) -> ConvergenceError:
     return ConvergenceError(
         f"step {k} of the run cannot be taken: try a smaller h",
         step=k,

@@ -12,9 +12,77 @@ import numpy as np
 
 from varint.discrete.legendre import velocity_function
 from varint.discrete.step_map import StepMap, step_map
+from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
 from varint.sensitivities.linear_steps import unknowns
+from varint.sensitivities.loops import curvature_loop
+from varint.sensitivities.pieces import Piece
+from varint.sensitivities.steps_at_once import Directions, Sweeper, adjoints_at_nodes
+from varint.sensitivities.sweeps import arguments, failed_step
+
+
+def curvature(
+    by: Sweeper,
+    piece: Piece,
+    c: np.ndarray,
+    seeds: np.ndarray,
+    tangent: np.ndarray,
+    directions: Directions,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Σ_k T_kᵀ ∂²(μ_{k+1}·x_{k+1}) T_k of the steps of a piece (m, m), and the adjoint at its first
+    node; from the derivatives by every node (S + 1, 2n) and the tangents there (S + 1, 2n, m).
+
+    Raises
+    ------
+    ConvergenceError
+        If a step's equations cannot be solved again or have no regular derivative.
+    """
+    loop, m = curvature_loop(by), tangent.shape[2]
+    if loop is None:
+        return _interpreted(by, piece, c, seeds, tangent, directions)
+    mu, found, failed = seeds[-1].copy(), np.zeros((m, m)), np.zeros(1)
+    told = arguments(piece, c, directions, seeds[:-1], failed)
+    along = np.ascontiguousarray(tangent)
+    if status := loop(told | dict(tangent=mu, along=along, hessian=found)):
+        raise failed_step(piece, failed, status)
+    return found + np.tril(found, -1).T, mu
+
+
+def _interpreted(
+    by: Sweeper,
+    piece: Piece,
+    c: np.ndarray,
+    seeds: np.ndarray,
+    tangent: np.ndarray,
+    directions: Directions,
+) -> tuple[np.ndarray, np.ndarray]:
+    mu = adjoints_at_nodes(by, piece, c, seeds)
+    x, v, count = piece.x, piece.v, len(piece.t)
+    ends = x[:-1], x[1:], v[:-1], v[1:], piece.t[:, None], piece.h[:, None]
+    u = piece.u.reshape(count, -1)
+    flat = over_columns(step_hessian(by.system, by.rule), *ends, u, c, mu[1:])[0]
+    constant = np.broadcast_to(directions.outer[: len(c)], (count, len(c), tangent.shape[2]))
+    of_u = _held_controls(piece, directions, tangent.shape[2])
+    return twice(flat, np.concatenate([tangent[:-1], constant, of_u], 1)), mu[0]
+
+
+def _held_controls(piece: Piece, directions: Directions, columns: int) -> np.ndarray:
+    """How the controls at the nodes of every step depend on those held over it, (S, nodes·k,
+    columns).
+    """
+    steps, nodes, k = piece.u.shape
+    of_u = np.zeros((steps, nodes, k, columns))
+    at = directions.controls + np.arange(steps * k).reshape(steps, 1, k)
+    np.put_along_axis(of_u, np.broadcast_to(at, (steps, nodes, k))[..., None], 1.0, 3)
+    return of_u.reshape(steps, nodes * k, columns)
+
+
+def twice(flat: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Σ Tᵀ H T of symmetric matrices, (N, rows²), and their columns T (N, rows, columns)."""
+    count, rows, columns = along.shape
+    turned = flat.reshape(count, rows, rows) @ along
+    return along.reshape(count * rows, columns).T @ turned.reshape(count * rows, columns)
 
 
 @per_system

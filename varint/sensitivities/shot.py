@@ -14,9 +14,9 @@ from varint.numerics.limits import check_memory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
-from varint.sensitivities.second_order import node_hessian, start_hessian, step_hessian
+from varint.sensitivities.second_order import curvature, node_hessian, start_hessian, twice
 from varint.sensitivities.start import momentum_function, momentum_slopes, output_slopes
-from varint.sensitivities.steps_at_once import Directions, Sweeper, adjoints_at_nodes
+from varint.sensitivities.steps_at_once import Directions, Sweeper
 from varint.sensitivities.sweeps import backwards, forwards
 
 
@@ -113,13 +113,17 @@ class Shot:
         """
         n, many = len(given[0]), len(given[2])
         of_q, of_v, of_c, _ = self._start(given)
-        controls, columns = given[3].size, sum(a * b for a, b in self.sizes)
+        columns = sum(a * b for a, b in self.sizes)
         outer, begin = np.zeros((many + 2, columns)), np.zeros((2 * n, columns))
         outer[:many, 2 * n : 2 * n + many] = np.eye(many)
         begin[:n, :n], begin[n:, :n], begin[n:, n : 2 * n] = np.eye(n), of_q, of_v
         begin[n:, 2 * n : 2 * n + many] = of_c
-        directions = Directions(outer, columns - controls if controls else -1, 1)
-        return forwards(self.by, piece, given[2], directions, begin), outer
+        return forwards(self.by, piece, given[2], self._directions(outer), begin), outer
+
+    def _directions(self, outer: np.ndarray) -> Directions:
+        """Of all inputs, the controls last."""
+        controls = self.sizes[3][0] * self.steps
+        return Directions(outer, outer.shape[1] - controls if controls else -1, 1)
 
     def hessian(self, given: list[np.ndarray], of_q: np.ndarray, of_v: np.ndarray) -> np.ndarray:
         """Second derivatives of Σ of_q·q + of_v·v over the nodes, (nodes, n) each, by all inputs.
@@ -136,33 +140,19 @@ class Shot:
         of_x, _ = self.slopes_at_nodes(piece, c)
         seeds = np.zeros((self.steps + 1, 2 * n))
         seeds[kept] = np.einsum("ko,kox->kx", weights, of_x)
-        mu = adjoints_at_nodes(self.by, piece, c, seeds)
-        x, v, t = piece.x, piece.v, piece.t[:, None]
-        ends = x[:-1], x[1:], v[:-1], v[1:], t, piece.h[:, None], piece.u.reshape(self.steps, -1)
-        flat = over_columns(step_hessian(self.system, self.rule), *ends, c, mu[1:])[0]
-        along = self._along_steps(tangent[:-1], outer[:many])
-        found = _twice(flat, along)
+        found, mu = curvature(self.by, piece, c, seeds, tangent, self._directions(outer))
+        x = piece.x
         t = self.t0 + self.h * np.array(kept, dtype=float)
         at = x[kept, :n], x[kept, n:], t[:, None], c, weights
         constant = np.broadcast_to(outer[:many], (len(kept), many, columns))
-        found += _twice(
+        found += twice(
             over_columns(node_hessian(self.system), *at)[0],
             np.concatenate([tangent[kept], constant], 1),
         )
-        begin = given[0], given[1], np.array([self.t0]), c, np.ascontiguousarray(mu[0, n:])
+        begin = given[0], given[1], np.array([self.t0]), c, np.ascontiguousarray(mu[n:])
         size = 2 * n + many
         found[:size, :size] += call(start_hessian(self.system), *begin)[0].reshape(size, size)
         return found
-
-    def _along_steps(self, tangent: np.ndarray, of_c: np.ndarray) -> np.ndarray:
-        """How (x, c, u) of every step depend on the inputs, (steps, 2n + C + nodes·k, columns)."""
-        steps, nodes, k = self.steps, len(self.rule.nodes), self.system.structure.controls
-        columns = tangent.shape[2]
-        constant = np.broadcast_to(of_c, (steps, *of_c.shape))
-        of_u = np.zeros((steps, nodes, k, columns))
-        at = columns - steps * k + np.arange(steps * k).reshape(steps, 1, k)
-        np.put_along_axis(of_u, np.broadcast_to(at, (steps, nodes, k))[..., None], 1.0, 3)
-        return np.concatenate([tangent, constant, of_u.reshape(steps, nodes * k, columns)], 1)
 
     def adjoint(self, given: list[np.ndarray], of_q: np.ndarray, of_v: np.ndarray) -> np.ndarray:
         """The gradient of Σ of_q·q + of_v·v over the nodes, (nodes, n) each, by all inputs."""
@@ -184,10 +174,3 @@ class Shot:
         q, v, c, _ = given
         flat = call(momentum_slopes(self.system), q, v, np.array([self.t0]), c)
         return [x.reshape(-1, len(q)).T for x in flat]
-
-
-def _twice(flat: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Σ Tᵀ H T of symmetric matrices, (N, rows²), and their columns T (N, rows, columns)."""
-    count, rows, columns = along.shape
-    turned = flat.reshape(count, rows, rows) @ along
-    return along.reshape(count * rows, columns).T @ turned.reshape(count * rows, columns)

@@ -15,7 +15,7 @@ from varint.errors import ConvergenceError
 from varint.numerics.arrays import blocks, over_columns
 from varint.rules.rule import Rule
 from varint.scene.system import System
-from varint.sensitivities.linear_steps import linear_step, lossy_step
+from varint.sensitivities.linear_steps import equations_at_guess, linear_step, lossy_step
 from varint.sensitivities.pieces import Piece
 
 if TYPE_CHECKING:
@@ -35,14 +35,17 @@ class Sweeper:
     density : str or None
         Running loss, the function (q, v, t, u, c) → ℓ, serialised.
     kernels : tuple of SweepKernel
-        Compiled loops, each there where the one before it fails; where there are none,
+        Loops in C, each there where the one before it fails; where there are none,
         `linear_step` or `lossy_step` is evaluated at many steps at once.
+    native : bool
+        Whether they are those for scenes as data.
     """
 
     system: System
     rule: Rule
     density: str | None
     kernels: tuple[SweepKernel, ...] = ()
+    native: bool = False
 
 
 class Directions(NamedTuple):
@@ -74,14 +77,18 @@ class Pulled(NamedTuple):
     loss: float
 
 
-def failure(step: int, time: float, what: str) -> ConvergenceError:
+NOT_REGULAR = (
+    "its equations have no regular derivative there (a grazing contact, dependent constraints)"
+)
+NOT_SOLVED = (
+    "its equations could not be solved once more: the nodes are not those of this rule, or h is "
+    "too large"
+)
+NO_NUMBERS = "its equations are not finite there (a division by zero, a root of a negative number)"
+
+
+def failure(step: int, time: float, why: str) -> ConvergenceError:
     """What is to be said of a step without a derivative."""
-    why = (
-        "its equations have no regular derivative there (a grazing contact, dependent constraints)"
-        if what == "regular"
-        else "its equations could not be solved once more: the nodes are not those of this rule, "
-        "or h is too large"
-    )
     return ConvergenceError(
         f"the derivative of step {step} at t={time:g} cannot be taken: {why}",
         step=step,
@@ -89,6 +96,16 @@ def failure(step: int, time: float, what: str) -> ConvergenceError:
         residual=float("nan"),
         cause=why,
     )
+
+
+def _told(error: RuntimeError) -> str:
+    """Why CasADi ended an evaluation."""
+    words = str(error).strip()
+    if "factorization failed" in words:
+        return NOT_REGULAR
+    if "not-a-number" in words:
+        return NO_NUMBERS
+    return f"CasADi ended its evaluation: {words.splitlines()[-1]}"
 
 
 def step_slopes(
@@ -112,18 +129,43 @@ def step_slopes(
     ConvergenceError
         If a step's equations cannot be solved again or have no regular derivative.
     """
-    function, count = interpreted(by), len(t)
+    count = len(t)
+    columns = x, after, v, v_after, t[:, None], h[:, None], u.reshape(count, -1)
     try:
-        found = over_columns(
-            function, x, after, v, v_after, t[:, None], h[:, None], u.reshape(count, -1), c
-        )
-    except RuntimeError as error:  # CasADi's factorisation of a singular matrix
-        raise failure(first, float(t[0]), "regular") from error
-    bad = np.flatnonzero(~(found[2][:, 0] <= LOOSE))
+        found = over_columns(interpreted(by), *columns, c)
+    except RuntimeError as error:
+        k, cause = _first_failure(by, columns, c, error)
+        raise failure(first + k, float(t[k]), _told(cause)) from cause
+    finite = np.isfinite(found[0].sum(1) + found[2][:, 0])
+    bad = np.flatnonzero(~(finite & (found[2][:, 0] <= LOOSE)))
     if len(bad):
-        raise failure(first + int(bad[0]), float(t[bad[0]]), "solved")
+        step = int(bad[0])
+        why = NOT_SOLVED if finite[step] else _not_finite(by, columns, c, step)
+        raise failure(first + step, float(t[step]), why)
     size = x.shape[1]
     return [found[0].reshape(count, size, size), found[1].reshape(count, -1, size), *found[2:]]
+
+
+def _not_finite(by: Sweeper, columns: tuple[np.ndarray, ...], c: np.ndarray, k: int) -> str:
+    """Why the derivative of a step has no numbers: a diagonal slope is divided by unasked."""
+    equations = equations_at_guess(by.system, by.rule)
+    begin = over_columns(equations, *(x[k : k + 1] for x in columns), c)
+    return NOT_REGULAR if all(np.isfinite(x).all() for x in begin) else NO_NUMBERS
+
+
+def _first_failure(
+    by: Sweeper, columns: tuple[np.ndarray, ...], c: np.ndarray, error: RuntimeError
+) -> tuple[int, RuntimeError]:
+    """The first of the steps whose evaluation fails, and its error, by bisection."""
+    low, high = 0, len(columns[0])
+    while high - low > 1:
+        middle = (low + high) // 2
+        try:
+            over_columns(interpreted(by), *(x[low:middle] for x in columns), c)
+            low = middle
+        except RuntimeError as of_first:
+            high, error = middle, of_first
+    return low, error
 
 
 def interpreted(by: Sweeper) -> ca.Function:

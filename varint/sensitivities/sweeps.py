@@ -1,21 +1,20 @@
-"""Tangents carried forwards and adjoints carried backwards over a piece of a run, by compiled loops
-or by CasADi's own.
+"""Tangents carried forwards and adjoints carried backwards over a piece of a run, by loops in C or
+by CasADi's own.
 """
 
 from __future__ import annotations
 
-import warnings
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
-from varint.errors import InputError
-from varint.integration.backend import BACKENDS
-from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
-from varint.sensitivities.linear_steps import operations
+from varint.errors import ConvergenceError
+from varint.sensitivities.loops import by_factors
 from varint.sensitivities.pieces import Piece
 from varint.sensitivities.steps_at_once import (
+    NO_NUMBERS,
+    NOT_REGULAR,
+    NOT_SOLVED,
     Directions,
     Pulled,
     Sweeper,
@@ -24,60 +23,7 @@ from varint.sensitivities.steps_at_once import (
     forwards_interpreted,
 )
 
-if TYPE_CHECKING:
-    from varint.codegen.sweep import SweepKernel
-
-INSTRUCTION = 8e-9  # seconds of CasADi's virtual machine for an operation
-CALL = 5e-5  # seconds of it for a step besides
-STARTING, STATEMENT = 0.25, 1e-4  # seconds to compile loops, and for a statement of them
-NOT_REGULAR = 2  # enum Sweep of c/sweep.h
-
-
-def sweeper(
-    system: System, rule: Rule, steps: int, backend: str, density: str | None = None
-) -> Sweeper:
-    """Compiled loops where the run is long enough to repay the compiler, or where asked for.
-
-    Raises
-    ------
-    InputError
-        If there is no such backend.
-    NotCompilable, CompileError
-        If ``"compiled"`` is asked for and impossible.
-    """
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
-    if backend == "compiled" or (backend == "auto" and _repays(system, rule, steps)):
-        from varint.codegen.cache import CompileError
-        from varint.codegen.graph import NotCompilable
-
-        try:
-            return Sweeper(system, rule, density, _kernels(system, rule, density))
-        except (CompileError, NotCompilable) as error:
-            if backend == "compiled":
-                raise
-            if isinstance(error, CompileError):
-                warnings.warn(f"{str(error).splitlines()[0]}; slower until then", stacklevel=4)
-    return Sweeper(system, rule, density)
-
-
-@per_system
-def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
-    """Where stages are iterated the factors of a step's equations are not built at once: only a
-    stiff scene needs them.
-    """
-    from varint.codegen.sweep import sweep_kernel
-    from varint.codegen.sweep_gauss import has_stage_sweep, stage_sweep_kernel
-
-    if has_stage_sweep(system, rule):
-        return (stage_sweep_kernel(system, rule, density),)
-    return (sweep_kernel(system, rule, density),)
-
-
-def _repays(system: System, rule: Rule, steps: int) -> bool:
-    """Whether the steps take CasADi longer than the compiler needs for their loops."""
-    turn, statements = operations(system, rule)
-    return steps * (CALL + INSTRUCTION * turn) > STARTING + STATEMENT * statements
+WHY = (NOT_SOLVED, NOT_REGULAR, NO_NUMBERS)  # enum Sweep of c/sweep.h, from 1 on
 
 
 def forwards(
@@ -147,45 +93,52 @@ def _compiled(
     """What a loop makes of copies of the arrays; where the stages' iteration fails, the loop that
     factorises.
     """
-    smooth = not piece.u.shape[2] and bool((piece.h == piece.h[0]).all())
     kernels, status = list(by.kernels), 0
     while kernels:
         given = {name: x if name == "out" and every else x.copy() for name, x in arrays.items()}
-        given = dict(outer=np.ascontiguousarray(directions.outer)) | given
         failed = np.zeros(1)
-        status = getattr(kernels.pop(0), loop)(
-            dict(
-                steps=len(piece.t),
-                first=piece.first,
-                columns=directions.outer.shape[1],
-                every=every,
-                outer_moves=int(directions.outer.any()),
-                control_column=directions.controls,
-                control_nodes=directions.nodes,
-                smooth=int(smooth),
-                x=piece.x,
-                v=piece.v,
-                t=piece.t,
-                h=piece.h,
-                c=np.ascontiguousarray(c),
-                u=np.ascontiguousarray(piece.u),
-                seeds=None if seeds is None else np.ascontiguousarray(seeds),
-                failed=failed,
-                **given,
-            )
-        )
+        loops = kernels.pop(0)
+        told = arguments(piece, c, directions, seeds, failed) | dict(every=every) | given
+        status = getattr(loops, loop)(told)
         if not status:
             return given
-        if not kernels and (other := _by_factors(by)) is not None:
+        if not kernels and (other := by_factors(by)) is not None:
             kernels = [other]
-            by = Sweeper(by.system, by.rule, by.density, (other,))
-    step, what = int(failed[0]), "regular" if status == NOT_REGULAR else "solved"
-    raise failure(piece.first + step, float(piece.t[step]), what)
+            by = replace(by, kernels=(other,))
+    raise failed_step(piece, failed, status)
 
 
-def _by_factors(by: Sweeper) -> SweepKernel | None:
-    """The loop that factorises the equations of a step, if it is not the one that failed."""
-    from varint.codegen.sweep import sweep_kernel
+def arguments(
+    piece: Piece,
+    c: np.ndarray,
+    directions: Directions,
+    seeds: np.ndarray | None,
+    failed: np.ndarray,
+) -> dict:
+    """What every loop over a piece is told, by the names in c/sweep.h."""
+    return dict(
+        steps=len(piece.t),
+        first=piece.first,
+        columns=directions.outer.shape[1],
+        outer=np.ascontiguousarray(directions.outer),
+        outer_moves=int(directions.outer.any()),
+        control_column=directions.controls,
+        control_nodes=directions.nodes,
+        smooth=int(not piece.u.shape[2] and bool((piece.h == piece.h[0]).all())),
+        x=piece.x,
+        v=piece.v,
+        t=piece.t,
+        h=piece.h,
+        c=np.ascontiguousarray(c),
+        u=np.ascontiguousarray(piece.u),
+        seeds=None if seeds is None else np.ascontiguousarray(seeds),
+        failed=failed,
+    )
 
-    kernel = sweep_kernel(by.system, by.rule, by.density)
-    return None if kernel in by.kernels else kernel
+
+def failed_step(piece: Piece, failed: np.ndarray, status: int) -> ConvergenceError:
+    """The error of the step at which a loop gave up."""
+    if status > len(WHY):
+        raise MemoryError("no memory for the derivatives of a run")
+    step = int(failed[0])
+    return failure(piece.first + step, float(piece.t[step]), WHY[status - 1])

@@ -64,7 +64,7 @@ def sensitivity(
         among them momenta are held at the start while others vary, else velocities.
     outputs : SX (o,), optional
         Expression of q, v, t and parameters. Default: q and v.
-    backend : {"auto", "compiled", "interpreted"}
+    backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
     Returns

@@ -95,7 +95,7 @@ class Symmetry:
         parts = zip(ca.vertsplit(ca.densify(self.xi)), self.system.names, strict=True)
         terms = _sum([(self.tau, "H"), *((part, f"p_{name}") for part, name in parts)])
         sign, gauge = _signed(-self.gauge)
-        return terms if self.gauge.is_zero() else f"{terms} {sign} {_plain(gauge)}"
+        return terms if self.gauge.is_zero() else f"{terms} {sign} {gauge}"
 
     @property
     def kept(self) -> str:
@@ -171,8 +171,8 @@ def _sum(terms: list[tuple[ca.SX, str]]) -> str:
     for factor, symbol in terms:
         if factor.is_zero():
             continue
-        sign, factor = _signed(factor)
-        texts.append((sign, symbol if factor.is_one() else f"{_plain(factor)} {symbol}"))
+        sign, text = _signed(factor)
+        texts.append((sign, symbol if text == "1" else f"{text} {symbol}"))
     text = " ".join(f"{sign} {term}" for sign, term in texts)
     return (
         text.removeprefix("+ ").replace("- ", "-", 1)
@@ -181,9 +181,13 @@ def _sum(terms: list[tuple[ca.SX, str]]) -> str:
     )
 
 
-def _signed(factor: ca.SX) -> tuple[str, ca.SX]:
-    """Sign and rest, whichever way reads shorter."""
-    return ("-", -factor) if len(str(-factor)) < len(str(factor)) else ("+", factor)
+def _signed(factor: ca.SX) -> tuple[str, str]:
+    """Sign and text of the rest, whichever way reads shorter."""
+    sign, rest = ("-", -factor) if len(str(-factor)) < len(str(factor)) else ("+", factor)
+    text = _plain(rest)
+    if negative := re.fullmatch(r"\(?-([^()+-]*)\)?", text):  # of a product with a negative number
+        return ("+" if sign == "-" else "-"), negative[1]
+    return sign, text
 
 
 def _plain(expression: ca.SX) -> str:

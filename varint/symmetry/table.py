@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from html import escape
 
 from varint.errors import InputError
 from varint.rules.rule import Rule
@@ -69,6 +68,8 @@ class Symmetries:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         head = "".join(
             f"<th>{x}</th>" for x in ("symmetry", "generator", "conserved quantity", "kept")
         )

@@ -101,6 +101,10 @@ class Equations(NamedTuple):
             ]
         return r"\begin{aligned} " + r" \\ ".join(rows) + r" \end{aligned}"
 
+    def sympy(self) -> dict[str, list[Any]]:
+        """SymPy's expressions and relations under the headings of the text, in `dynamicsymbols`."""
+        return {heading: [x.sympy() for x in formulas] for heading, formulas in self.sections}
+
     def _repr_latex_(self) -> str:
         return f"$$ {self.latex()} $$"
 
@@ -144,6 +148,8 @@ def equations(system: System) -> Equations:
     velocities, accelerations and momenta stand apart, and their coefficients are shortened by
     bounded work, so that some may be longer than in a book.
 
+    ``system.equations`` is the same.
+
     Examples
     --------
     >>> import casadi as ca
@@ -154,6 +160,8 @@ def equations(system: System) -> Equations:
     ...     q, v, c.m * c.ell**2 * v**2 / 2 + c.m * c.g * c.ell * ca.cos(q), params=c)
     >>> vi.equations(pendulum).euler_lagrange[0]
     θ̈ + (g/ℓ) sin(θ) = 0
+    >>> pendulum.equations.sympy()["Momenta"]
+    [ell**2*m*Derivative(theta(t), t)]
     """
     require_system(system)
     return _equations(system)

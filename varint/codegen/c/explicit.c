@@ -88,6 +88,6 @@ int run(const RunArguments *a) {
     COPY(carry + 2 + 4 * N, force);
     a->stats->status = status, a->stats->steps = (double)done;
     a->stats->iterations = a->stats->most_iterations = a->stats->residual = a->stats->failed = a->stats->contraction = 0;
-    a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
+    a->stats->noted = 0;
     return status;
 }

@@ -59,6 +59,7 @@
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
+#define SMALL_WORK 1e-9 /* of a change that no longer shrinks, beside the action of the step: round-off of large momenta */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
 
 #define APART static __attribute__((noinline))
@@ -149,8 +150,8 @@ typedef struct { V t[VECTORS], base[2 * MOST_N][VECTORS], p[MOST_N][VECTORS]; Un
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
 typedef struct {
-    double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, best[MOST_ROWS];
-    int checks, idle[MOST_ROWS];
+    double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, best[MOST_ROWS];
+    int checks, stalled, idle[MOST_ROWS];
 } Change;
 
 INLINE void copy_step(Step *to, const Step *from) {
@@ -346,9 +347,28 @@ INLINE V change_of(const V *fresh, const V *x) {
     return d;
 }
 
+#if HALVES
+/* Is what a change of the unknowns does, h V p and h F h V, next to nothing of the step's action h V p? In a long chain the
+   momenta are sums over all its links, and their round-off moves single links by far more than these links' own. */
+APART int small_work(const Step *s, const Unknowns fresh) {
+    V moved = splat(0.0), whole = splat(0.0);
+    for (int d = 0; d < N; d++)
+        for (int k = 0; k < VECTORS; k++) {
+            V way = v_fabs(fresh[d][k]), push = v_fabs(s->p[d][k]);
+            whole = v_fma(way, push, whole);
+            moved = v_fma(v_fabs(fresh[d][k] - s->x[d][k]), push, moved);
+            moved = v_fma(v_fabs(fresh[N + d][k] - s->x[N + d][k]), way, moved);
+        }
+    return lane(in_all_lanes(moved), 0) <= SMALL_WORK * lane(in_all_lanes(whole), 0);
+}
+#else
+#define small_work(s, fresh) 0
+#endif
+
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
    2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
-APART int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double level) {
+APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level) {
+    const V(*const x)[VECTORS] = s->x;
     int all = 1;
     for (int r = 0; r < ROWS; r++) {
         double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
@@ -359,6 +379,7 @@ APART int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double le
                       (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most));
         all &= settled;
     }
+    all |= BY_DEFECT && c->stalled > 1 && small_work(s, fresh);
     if (all)
         for (int r = 0; r < ROWS; r++) {
             double last = largest(change_of(fresh[r], x[r]));
@@ -370,7 +391,8 @@ APART int stagnates(const Unknowns fresh, const Unknowns x, Change *c, double le
 /* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
    level, or is there stagnation? Changes are relative to the size of their row. Where the start of the step has moved, the
    change says nothing about contraction. */
-INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double level, int moved) {
+INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level, int moved) {
+    const V(*const x)[VECTORS] = s->x;
     V worst = change_of(fresh[0], x[0]) * c->inverse[0];
     for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
     double now = largest(worst), before = c->now;
@@ -378,11 +400,13 @@ INLINE int settled(const Unknowns fresh, const Unknowns x, Change *c, double lev
     c->left = now * c->rate;
     if (moved) return done | (now * c->rate <= level);
     if (!c->checks++) {
-        c->first = now;
+        c->first = c->lowest = now, c->stalled = 0;
         for (int r = 0; r < ROWS; r++) c->best[r] = INFINITY, c->idle[r] = 0;
         done |= now * c->rate <= level; /* the rate of the last step */
     } else {
-        done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(fresh, x, c, level));
+        if (now < 0.5 * c->lowest) c->lowest = now, c->stalled = 0;
+        else c->stalled += 1;
+        done |= now * now <= level * before || (!(now < 0.5 * before) && stagnates(s, fresh, c, level));
         if (done) c->rate = now < 0.1 * before ? 0.1 : now < before ? now / before : 1.0, c->left = now * c->rate;
     }
     c->now = now;
@@ -493,7 +517,7 @@ INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
             for (int i = 0; i < ROWS; i++) sizes[i] = size_of(fresh[i]);
             row_sums(sizes, ROWS, size), set_scale(&r->change, size, 0);
         }
-        end = settled(fresh, r->now.x, &r->change, r->level, r->now.count == first_count);
+        end = settled(&r->now, fresh, &r->change, r->level, r->now.count == first_count);
     }
     memcpy(r->now.x, fresh, UNKNOWNS_SIZE);
     return end;
@@ -584,7 +608,7 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
     carry->rate = r->change.rate, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)r->iterations;
     a->stats->most_iterations = (double)r->most_iterations, a->stats->contraction = r->slowest;
-    a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
+    a->stats->noted = 0;
     a->stats->residual = r->residual, a->stats->failed = status ? r->change.now : 0;
 }
 

@@ -21,8 +21,9 @@ typedef __INT64_TYPE__ int64_t;
 #define INT64_MIN (-INT64_MAX - 1)
 #define INFINITY __builtin_inf()
 void *memcpy(void *, const void *, __SIZE_TYPE__), *memset(void *, int, __SIZE_TYPE__), *malloc(__SIZE_TYPE__);
-void *aligned_alloc(__SIZE_TYPE__, __SIZE_TYPE__);
+void *aligned_alloc(__SIZE_TYPE__, __SIZE_TYPE__), *calloc(__SIZE_TYPE__, __SIZE_TYPE__);
 void free(void *);
+int memcmp(const void *, const void *, __SIZE_TYPE__);
 double sqrt(double), fabs(double), copysign(double, double), fmin(double, double), fmax(double, double);
 double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), atan2(double, double);
 double sinh(double), cosh(double), tanh(double), asinh(double), acosh(double), atanh(double);

@@ -3,20 +3,24 @@
    Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
    nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
-   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and
-   `finish` is a constant affine map of q and p that needs no unknowns; `checked` is the residual that it leaves. KICKED: half kicks stand
+   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and a step
+   is a constant affine map of q and p, see map.h. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
-   velocities too where HIDDEN_SPEED is set. */
+   velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see legendre.h. */
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
-#define NEARLY 4    /* times the smallest reciprocal of a pivot: G M^-1 G' is as regular as elsewhere, and so are the rows G */
+
+/* Numbers of a node, of a note, and of what is carried along: the largest pivot and the last nodes; see folds.h. */
+#define NODE_SIZE (2 + 2 * N + VELOCITY_ROWS)
+#define NOTE_SIZE (1 + LATELY * NODE_SIZE)
+#define FOLDS_SIZE (WATCHED ? 1 + LATELY * NODE_SIZE : 0)
 
 /* What a run needs to go on as if it had not stopped, in this order; at a fresh start the caller fills scale and speed. */
 typedef struct {
-    double *started, *scale, *speed, *sizes, *h, *known, *age, *q, *p, *rest_q, *rest_p, *force, *seen, *y, *strongest;
-} State; /* 1, 2 N, N, SIZES + 1, 1, 1, 1, N, N, N, N, N, 2 N, HISTORY rows of Y numbers, 1 */
-#define CARRY_SIZE ((int64_t)(6 + 11 * N + SIZES + HISTORY * Y))
+    double *started, *scale, *speed, *sizes, *h, *known, *age, *q, *p, *rest_q, *rest_p, *force, *seen, *y, *strongest, *folds;
+} State; /* 1, 2 N, N, SIZES + 1, 1, 1, 1, N, N, N, N, N, 2 N, HISTORY rows of Y numbers, 1, FOLDS_SIZE */
+#define CARRY_SIZE ((int64_t)(6 + 10 * N + SIZES + HISTORY * Y + FOLDS_SIZE))
 #ifdef SCENE_AS_DATA
 int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
 #else
@@ -27,7 +31,7 @@ INLINE State state_in(double *at) {
     s.started = at, s.scale = s.started + 1, s.speed = s.scale + 2 * N, s.sizes = s.speed + N, s.h = s.sizes + SIZES + 1;
     s.known = s.h + 1, s.age = s.known + 1, s.q = s.age + 1, s.p = s.q + N, s.rest_q = s.p + N, s.rest_p = s.rest_q + N;
     s.force = s.rest_p + N, s.seen = s.force + N, s.y = s.seen + 2 * N;
-    s.strongest = s.y + HISTORY * Y;
+    s.strongest = s.y + HISTORY * Y, s.folds = s.strongest + 1;
     return s;
 }
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
@@ -50,23 +54,32 @@ INLINE State state_in(double *at) {
 #if !WATCHED
 #define independence NOT_NEEDED
 #define independence_prepare NOT_NEEDED
+#define lengths NOT_NEEDED
+#define lengths_prepare NOT_NEEDED
 #endif
-#if !LINEAR || MAP
+#if !LINEAR
 #define slope NOT_NEEDED
 #define slope_prepare NOT_NEEDED
 #endif
 #if MAP
-#define mapped finish
-#define finished NOT_NEEDED
 #define equations NOT_NEEDED
 #define equations_prepare NOT_NEEDED
 #define units NOT_NEEDED
 #define units_prepare NOT_NEEDED
 #else
+#define affine NOT_NEEDED
+#define affine_prepare NOT_NEEDED
+#define driven NOT_NEEDED
+#define driven_prepare NOT_NEEDED
+#endif
 #define finished finish
-#define mapped NOT_NEEDED
-#define checked NOT_NEEDED
-#define checked_prepare NOT_NEEDED
+#if INVERTED
+#define speed_of NOT_NEEDED
+#define speed_prepare NOT_NEEDED
+#else
+#define speed_of speed
+#define legendre NOT_NEEDED
+#define legendre_prepare NOT_NEEDED
 #endif
 #if CLOSED || LINEAR
 #define residual_of equations
@@ -87,11 +100,16 @@ INLINE State state_in(double *at) {
 #define HIDDEN_AT (SIZED_AT + SIZED_W)
 #define PULLED_AT (HIDDEN_AT + HIDDEN_W)
 #define SLOPE_AT (PULLED_AT + PULLED_W)
-#define CHECKED_AT (SLOPE_AT + SLOPE_W)
-#define INDEPENDENCE_AT (CHECKED_AT + CHECKED_W)
-#define ALL_W (INDEPENDENCE_AT + INDEPENDENCE_W + 1)
+#define AFFINE_AT (SLOPE_AT + SLOPE_W)
+#define DRIVEN_AT (AFFINE_AT + AFFINE_W)
+#define LEGENDRE_AT (DRIVEN_AT + DRIVEN_W)
+#define INDEPENDENCE_AT (LEGENDRE_AT + LEGENDRE_W)
+#define LENGTHS_AT (INDEPENDENCE_AT + INDEPENDENCE_W)
+#define ALL_W (LENGTHS_AT + LENGTHS_W + 1)
 
 #include "band.h"
+#include "map.h"
+#include "legendre.h"
 
 /* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
 LARGE void correct(const double *jacobian, double *matrix, double *b) {
@@ -134,8 +152,9 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
     return 0;
 }
 
-/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint; the reciprocal of
-   the smallest pivot on the way. */
+/* x: velocities and multipliers (or multipliers alone) that make the momentum p fit the hidden constraint. How weak its matrix
+   is: the reciprocal of the smallest pivot of G M^-1 G', or of the determinant of M and G together (of which zero or no number
+   may be left where there are hundreds of pivots: then it is not known). */
 LARGE double project(const double *q, const double *p, double t, const double *w, double *matrix, double *x) {
     double jacobian[HIDDEN_NONZEROS + 1], b[H + HIDDEN_REACH + 1];
     int pivots[H + 1];
@@ -146,12 +165,12 @@ LARGE double project(const double *q, const double *p, double t, const double *w
     factorise(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots);
     substitute(H, HIDDEN_BELOW, HIDDEN_REACH, matrix, pivots, b);
     for (int k = 0; k < H; k++) x[HIDDEN_PERM[k]] = b[k];
-    double most = 0;
+    double most = 0, all = 1;
     for (int k = 0; k < H; k++) {
         const double inverse = fabs(matrix[k * (HIDDEN_BELOW + HIDDEN_REACH + 1) + HIDDEN_BELOW]);
-        most = inverse > most || inverse != inverse ? inverse : most;
+        most = inverse > most || inverse != inverse ? inverse : most, all *= inverse;
     }
-    return most;
+    return KICKED ? most : all;
 }
 
 /* Start values of `rows` × `columns` unknowns of a step, from `offset` on: continued from `known` steps by the table. */
@@ -179,51 +198,49 @@ INLINE void guess(int known, double *const *y, const double *speed, double *next
     }
 }
 
+/* Where the momentum is not linear in v, row has a guess of v. */
 LARGE void save(double *row, const double *q, const double *p, double t, const double *w, double *matrix) {
     memcpy(row, q, N * sizeof(double)), memcpy(row + N, p, N * sizeof(double));
     if (HELD && HIDDEN_SPEED) {
         double x[H + 1];
         project(q, p, t, w, matrix, x);
-        speed(x, q, &t, w + SPEED_AT, row + 2 * N);
-    } else speed(q, p, &t, w + SPEED_AT, row + 2 * N);
+        speed_of(x, q, &t, w + SPEED_AT, row + 2 * N);
+    } else if (INVERTED) inverted(q, p, t, w + LEGENDRE_AT, row + 2 * N);
+    else speed_of(q, p, &t, w + SPEED_AT, row + 2 * N);
 }
 
-/* What the saved nodes have shown of the constraint rows: pivots and lengths. What is not a number stays. */
-typedef struct { double nearest, farthest, *least, *largest; } Rows; /* VELOCITY_ROWS lengths */
-
-LARGE void look(Rows *rows, const double *q, double t, const double *w) {
-    double pivot = 0, length[VELOCITY_ROWS + 1];
-    independence(q, &t, w + INDEPENDENCE_AT, &pivot, length);
-    rows->nearest = pivot < rows->nearest || pivot != pivot ? pivot : rows->nearest;
-    rows->farthest = pivot > rows->farthest ? pivot : rows->farthest;
-    for (int i = 0; i < VELOCITY_ROWS; i++) {
-        rows->least[i] = length[i] < rows->least[i] || length[i] != length[i] ? length[i] : rows->least[i];
-        rows->largest[i] = length[i] > rows->largest[i] ? length[i] : rows->largest[i];
-    }
+LARGE void save_afresh(double *row, const double *q, const double *p, double t, const double *w, double *matrix) {
+    if (INVERTED) ZEROS(row + 2 * N, N);
+    save(row, q, p, t, w, matrix);
 }
+
+#include "folds.h"
 
 /* What depends on parameters, step and sizes alone. */
 LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
-    finish_prepare(k, w + FINISH_AT), speed_prepare(k, w + SPEED_AT);
+    finish_prepare(k, w + FINISH_AT);
+    if (INVERTED) legendre_prepare(k, w + LEGENDRE_AT);
+    else speed_prepare(k, w + SPEED_AT);
     if (!MAP) {
         equations_prepare(k, w + EQUATIONS_AT), units_prepare(k, w + UNITS_AT);
         double size[Y];
         units(w + UNITS_AT, size);
         for (int i = 0; i < Y; i++) inverse[i] = 1 / size[PERM[i]];
-    } else checked_prepare(k, w + CHECKED_AT);
+    } else affine_prepare(k, w + AFFINE_AT), driven_prepare(k, w + DRIVEN_AT);
     if (KICKED) kick_prepare(k, w + KICK_AT);
     if (HELD) {
         sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT);
         pulled_prepare(k, w + PULLED_AT);
     }
-    if (WATCHED) independence_prepare(k, w + INDEPENDENCE_AT);
-    if (LINEAR && !MAP) {
+    if (WATCHED) independence_prepare(k, w + INDEPENDENCE_AT), lengths_prepare(k, w + LENGTHS_AT);
+    if (LINEAR) {
         double jacobian[NONZEROS + 1];
         slope_prepare(k, w + SLOPE_AT);
         slope(w + SLOPE_AT, jacobian);
         ZEROS(matrix, BAND_SIZE);
         for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
         factorise(Y, BELOW, REACH, matrix, pivots);
+        if (MAP) prepare_map(w, matrix, pivots);
     }
 }
 
@@ -280,11 +297,15 @@ int run(const RunArguments *a) {
     double *y[HISTORY + 1], unknowns[HISTORY + 1][Y]; /* y[0] is the step at hand, y[s] that of s steps ago */
     for (int s = 0; s <= HISTORY; s++) y[s] = unknowns[s];
     for (int s = 0; s < HISTORY; s++) COPY(y[s + 1], state.y + s * Y, Y);
-    save(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
-    double shortest[VELOCITY_ROWS + 1], longest[VELOCITY_ROWS + 1];
-    Rows held = {INFINITY, 0, shortest, longest};
-    for (int i = 0; i < VELOCITY_ROWS; i++) shortest[i] = INFINITY, longest[i] = 0;
-    if (WATCHED) look(&held, q, t0 + h * (double)first, w);
+    save_afresh(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
+    const int watched = WATCHED && a->notes;
+    const Folds folds = {state.folds, state.folds + 1};
+    int64_t noted = 0;
+    if (watched && !goes_on) {
+        *folds.farthest = 0;
+        for (int i = 0; i < LATELY; i++) folds.lately[i * NODE_SIZE] = -1;
+        watch(&folds, q, p, first, t0, h, 0, w);
+    }
 
     for (; done < steps; done++) {
         const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
@@ -302,10 +323,10 @@ int run(const RunArguments *a) {
         }
         int64_t count = 0;
         if (MAP) {
-            mapped(q, p, &t, u, w + FINISH_AT, increment, gain);
+            mapped(matrix, q, p, t, u, w, increment, gain);
             count = 1;
             if ((int64_t)*state.age % WINDOW == 0) {
-                checked(q, p, &t, u, w + CHECKED_AT, remains);
+                checked(matrix, pivots, q, p, t, u, w, remains);
                 left = largest_of(remains);
             }
         } else for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
@@ -319,7 +340,7 @@ int run(const RunArguments *a) {
             *state.known = known > 1;
             if (known == 1) {
                 double row[3 * N];
-                save(row, q, p, t, w, matrix), COPY(state.speed, row + 2 * N, N);
+                save_afresh(row, q, p, t, w, matrix), COPY(state.speed, row + 2 * N, N);
             }
         }
         iterations += count;
@@ -350,6 +371,8 @@ int run(const RunArguments *a) {
             seen[d] = v > seen[d] ? v : seen[d], seen[N + d] = m > seen[N + d] ? m : seen[N + d];
             q[d] = q1[d], p[d] = p1[d], state.rest_q[d] = rest_q[d], state.rest_p[d] = rest_p[d];
         }
+        if (INVERTED && unsaved + 1 == a->save_every)
+            for (int d = 0; d < N; d++) rows[2 * N + d] = increment[d] * per_h;
         if (KICKED) COPY(state.force, after, N);
         if (!MAP) {
             double *const oldest = y[HISTORY];
@@ -362,23 +385,24 @@ int run(const RunArguments *a) {
         u += NODES * NU;
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
-            const int regular = KICKED && weakness < NEARLY * *state.strongest;
-            if (WATCHED && (!regular || (int64_t)*state.age % RESIZED == 0)) look(&held, q, end, w);
+        }
+        if (watched) {
+            const int64_t at = first + done + 1;
+            const int regular = weakness < (KICKED ? VERY_NEARLY : NEARLY) * *state.strongest;
+            const int kind = watch(&folds, q, p, at, t0, h, regular, w);
+            if (kind >= 0) note(&folds, kind, at, a->notes + noted++ * NOTE_SIZE);
+            if (kind == ON_FOLD || noted == MOST_NOTED) {
+                done++;
+                break;
+            }
         }
     }
-    save(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
+    save_afresh(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
     *state.started = !status, *state.h = h;
     COPY(state.scale, scale, 2 * N), COPY(state.sizes, sizes, SIZES);
     for (int s = 0; s < HISTORY; s++) COPY(state.y + s * Y, y[s + 1], Y);
     free(matrix);
-    a->stats->nearest = a->stats->farthest = a->stats->shrunk = 0;
-    if (WATCHED) {
-        a->stats->nearest = held.nearest, a->stats->farthest = held.farthest, a->stats->shrunk = INFINITY;
-        for (int i = 0; i < VELOCITY_ROWS; i++) {
-            const double part = held.least[i] / held.largest[i];
-            a->stats->shrunk = part < a->stats->shrunk || part != part ? part : a->stats->shrunk;
-        }
-    }
+    a->stats->noted = (double)noted;
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)iterations;
     a->stats->most_iterations = (double)largest_count, a->stats->residual = worst, a->stats->failed = status ? left : 0, a->stats->contraction = 0;
     return status;

@@ -1,30 +1,23 @@
 /* A scene and the equations of its step as data, in place of the definitions and functions of generated source.
 
-   tape.h stands before this file. varint/codegen/newton_core.py has the same layout and reads the names here. */
+   tape.h stands before this file. varint/codegen/native_newton.py reads the names here. */
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
     DO(N) DO(NU) DO(NODES) DO(Y) DO(C) DO(SIZES) DO(HISTORY) DO(DEGREE) DO(PATH) DO(MULTIPLIERS) \
-    DO(ROWS) DO(CLOSED) DO(LINEAR) DO(MAP) DO(KICKED) DO(HELD) DO(WATCHED) DO(VELOCITY_ROWS) DO(BELOW) \
+    DO(ROWS) DO(CLOSED) DO(LINEAR) DO(MAP) DO(STEADY) DO(INVERTED) DO(KICKED) DO(HELD) DO(WATCHED) DO(VELOCITY_ROWS) DO(BELOW) \
     DO(REACH) DO(BAND_SIZE) DO(NONZEROS) DO(H) DO(HIDDEN_BELOW) DO(HIDDEN_REACH) DO(HIDDEN_NONZEROS) \
-    DO(HIDDEN_SPEED) DO(HIDDEN_SIZE) DO(MATRIX_SIZE) DO(MOST_ITERATIONS)
+    DO(HIDDEN_SPEED) DO(HIDDEN_SIZE) DO(MATRIX_SIZE) DO(MOST_ITERATIONS) DO(LEGENDRE_ITERATIONS) DO(HALVINGS)
 #define LIMITS(DO) \
-    DO(LAST_CORRECTION) DO(RESIDUAL_LIMIT) DO(SMALLEST)
+    DO(LAST_CORRECTION) DO(RESIDUAL_LIMIT) DO(SMALLEST) DO(FOLDED) DO(VANISHED)
 #define PLACES(DO) \
     DO(PERM) DO(AT) DO(HIDDEN_PERM) DO(HIDDEN_PLACES)
 #define TABLES(DO) \
     DO(POINTS) DO(AHEAD_VELOCITIES) DO(AHEAD_MULTIPLIERS) DO(AHEAD_ROWS)
 #define FUNCTIONS(DO) \
     DO(equations) DO(finish) DO(units) DO(speed) DO(kick) DO(sized) DO(hidden) DO(pulled) DO(slope) \
-    DO(checked) DO(independence)
+    DO(affine) DO(driven) DO(legendre) DO(independence) DO(lengths)
 
-#define COUNT(name) int64_t name##_;
-#define LIMIT(name) double name##_;
-#define PLACE(name) const int *name##_;
-#define TABLE(name) const double *name##_;
-#define FUNCTION(name) Tape name;
-typedef struct { COUNTS(COUNT) LIMITS(LIMIT) PLACES(PLACE) TABLES(TABLE) FUNCTIONS(FUNCTION) } Scene;
-static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec"))); /* of the run that is going on */
-
+#include "scene_members.h"
 #define N ((int)scene->N_)
 #define NU ((int)scene->NU_)
 #define NODES ((int)scene->NODES_)
@@ -39,6 +32,7 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define CLOSED ((int)scene->CLOSED_)
 #define LINEAR ((int)scene->LINEAR_)
 #define MAP ((int)scene->MAP_)
+#define STEADY ((int)scene->STEADY_)
 #define KICKED ((int)scene->KICKED_)
 #define HELD ((int)scene->HELD_)
 #define WATCHED ((int)scene->WATCHED_)
@@ -55,9 +49,14 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define HIDDEN_SIZE ((int)scene->HIDDEN_SIZE_)
 #define MATRIX_SIZE ((int)scene->MATRIX_SIZE_)
 #define MOST_ITERATIONS ((int)scene->MOST_ITERATIONS_)
+#define LEGENDRE_ITERATIONS ((int)scene->LEGENDRE_ITERATIONS_)
+#define HALVINGS ((int)scene->HALVINGS_)
+#define INVERTED ((int)scene->INVERTED_)
 #define LAST_CORRECTION scene->LAST_CORRECTION_
 #define RESIDUAL_LIMIT scene->RESIDUAL_LIMIT_
 #define SMALLEST scene->SMALLEST_
+#define FOLDED scene->FOLDED_
+#define VANISHED scene->VANISHED_
 #define PERM scene->PERM_
 #define AT scene->AT_
 #define HIDDEN_PERM scene->HIDDEN_PERM_
@@ -75,14 +74,12 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define HIDDEN_W scene->hidden.registers
 #define PULLED_W scene->pulled.registers
 #define SLOPE_W scene->slope.registers
-#define CHECKED_W scene->checked.registers
+#define AFFINE_W scene->affine.registers
+#define DRIVEN_W scene->driven.registers
+#define LEGENDRE_W scene->legendre.registers
 #define INDEPENDENCE_W scene->independence.registers
+#define LENGTHS_W scene->lengths.registers
 
-#define PREPARE(name) INLINE void name##_prepare(const double *c, double *w) { prepare_tape(&scene->name, c, w); }
-FUNCTIONS(PREPARE)
-#define ARGUMENTS(...) (const double *const[]){__VA_ARGS__}
-#define CALL(name, arguments, ...) evaluate_tape(&scene->name, arguments, (double *const[]){__VA_ARGS__}, 1, w)
-typedef const double *In;
 INLINE void residual_of(In y, In q, In p, In t, In u, In w, double *b) { CALL(equations, ARGUMENTS(y, q, p, t, u), b); }
 INLINE void residual_and_slope(In y, In q, In p, In t, In u, In w, double *b, double *jacobian) {
     CALL(equations, ARGUMENTS(y, q, p, t, u), b, jacobian);
@@ -90,15 +87,17 @@ INLINE void residual_and_slope(In y, In q, In p, In t, In u, In w, double *b, do
 INLINE void finished(In y, In q, In p, In t, In u, In w, double *increment, double *gain, double *remains) {
     CALL(finish, ARGUMENTS(y, q, p, t, u), increment, gain, remains);
 }
-INLINE void mapped(In q, In p, In t, In u, In w, double *increment, double *gain) {
-    CALL(finish, ARGUMENTS(q, p, t, u), increment, gain);
-}
 INLINE void units(In w, double *size) { CALL(units, 0, size); }
-INLINE void speed(In x, In q_or_p, In t, In w, double *v) { CALL(speed, ARGUMENTS(x, q_or_p, t), v); }
+INLINE void speed_of(In x, In q_or_p, In t, In w, double *v) { CALL(speed, ARGUMENTS(x, q_or_p, t), v); }
 INLINE void kick(In q, In t, In u, In w, double *force) { CALL(kick, ARGUMENTS(q, t, u), force); }
 INLINE void sized(In q, In t, In w, double *sizes) { CALL(sized, ARGUMENTS(q, t), sizes); }
 INLINE void hidden(In q, In p, In t, In w, double *b, double *jacobian) { CALL(hidden, ARGUMENTS(q, p, t), b, jacobian); }
 INLINE void pulled(In x, In q, In p, In t, In w, double *pull) { CALL(pulled, ARGUMENTS(x, q, p, t), pull); }
 INLINE void slope(In w, double *jacobian) { CALL(slope, 0, jacobian); }
-INLINE void checked(In q, In p, In t, In u, In w, double *remains) { CALL(checked, ARGUMENTS(q, p, t, u), remains); }
-INLINE void independence(In q, In t, In w, double *pivot, double *lengths) { CALL(independence, ARGUMENTS(q, t), pivot, lengths); }
+INLINE void affine(In w, double *parts) { CALL(affine, 0, parts); }
+INLINE void driven(In t, In u, In w, double *parts) { CALL(driven, ARGUMENTS(t, u), parts); }
+INLINE void legendre(In v, In q, In p, In t, In w, double *missing, double *correction) {
+    CALL(legendre, ARGUMENTS(v, q, p, t), missing, correction);
+}
+INLINE void independence(In q, In t, In w, double *pivot) { CALL(independence, ARGUMENTS(q, t), pivot); }
+INLINE void lengths(In q, In t, In w, double *squares) { CALL(lengths, ARGUMENTS(q, t), squares); }

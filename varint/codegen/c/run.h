@@ -3,11 +3,13 @@
    lanes.h stands before this file. varint/codegen/arguments.py has the same layouts and reads the names of Status here. */
 
 enum Status { DONE, NOT_CONVERGED, NOT_FINITE };
+#define LATELY 6      /* nodes of a note of a fold: of a step and of two steps before and behind it */
+#define MOST_NOTED 32 /* notes of a call, which ends with the last of them */
 
 /* What a run tells of itself; residual: the worst of its solved steps; failed: that of the step that was not; last: (q, p, v) of the node where it ended, saved or not. */
 typedef struct {
     double status, steps, iterations, most_iterations, residual, failed, contraction;
-    double nearest, farthest, shrunk; /* of the constraint rows at the saved nodes: pivots, a row's length to its largest */
+    double noted; /* notes of folds */
     double last[];
 } RunStats;
 
@@ -19,6 +21,7 @@ typedef struct {
     double *rows, *carry;                   /* (q, p, v) of every saved node; carry[0] = 0: a fresh start */
     RunStats *stats;
     const void *scene; /* its operations, where they are data and not in the source */
+    double *notes;     /* what is noted of folds (folds.h), up to MOST_NOTED; 0: they are not looked for */
 } RunArguments;
 
 /* Many motions of one scene, one in each lane. */

@@ -1,12 +1,12 @@
 /* Derivatives of a run from its nodes: tangents forwards, adjoints backwards, step by step.
 
    A step, or each of its PARTS, takes x = (q, p) to G(x, y, e) where F(x, y, e) = 0, e = (parameters, step, time, controls).
-   Defined before this file: N, NU (controls of a part at CONTROLS a node), PARTS with PART numbers each in PART_TABLE, Y (unknowns), the first
-   N POINTS of them mean velocities with start values from HERMITE, the last ENDS those of the end of the step, its velocity
-   first; C (parameters), E = C + 2 + NU; the band of F_y (PERM, AT, BELOW, REACH, BAND_SIZE) and the places of the nonzeros
-   of the derivatives (FY_ROW, FY_COLUMN, …). blocks(y, q, p, t, u, part, w, F, F_y, F_x, G_y, G_x); outside(…, F_e, G_e);
-   pull(…, mu, eta, w, G_e^T mu + F_e^T eta), and
-   without unknowns pull(…, mu, w, G_e^T mu, G_x^T mu), shorter than G_x; after(…, G) where there are parts; density(…, loss, its slopes) where LOSS. */
+   Defined before this file, by generated source or by sweep_scene.h: N, NU (controls of a part at CONTROLS a node), PARTS
+   with PART numbers each in PART_TABLE, Y (unknowns), the first N POINTS of them mean velocities with start values from
+   HERMITE, the last ENDS those of the end of the step, its velocity first; C (parameters), E = C + 2 + NU; the band of F_y
+   (PERM, AT, BELOW, REACH, BAND_SIZE) and the places of the nonzeros of the derivatives (FY_ROW, FY_COLUMN, …).
+   blocks(y, q, p, t, u, part, w, F, F_y, F_x, G_y, G_x); outside(…, F_e, G_e); pull(…, mu, eta, w, G_e^T mu + F_e^T eta, and
+   without unknowns G_x^T mu, shorter than G_x); after(…, G) where there are parts; density(…, loss, its slopes) where LOSS. */
 #include "band.h"
 #include "sweep.h"
 
@@ -15,41 +15,55 @@
 #define PULL_AT (OUTSIDE_AT + OUTSIDE_W)
 #define AFTER_AT (PULL_AT + PULL_W)
 #define DENSITY_AT (AFTER_AT + AFTER_W)
-#define ALL_W (DENSITY_AT + DENSITY_W + 1)
+#define SWEEP_W (DENSITY_AT + DENSITY_W)
 #define SHRINKS 0.1 /* corrections by kept factors do by at least so much; near round-off none does */
 
-/* Work space: the unknowns, derivatives of a part, the factors of F_y. */
+/* Work space: the unknowns, derivatives of a part, the factors of F_y, where every part begins. */
 typedef struct {
-    double y[ROOM(Y)], f[ROOM(Y)], fy[ROOM(FY)], fx[ROOM(FX)], gy[ROOM(GY)], gx[ROOM(GX)], fe[ROOM(FE)], ge[ROOM(GE)];
-    double row[ROOM(Y)], b[Y + REACH + 1], w[ALL_W], h, x[PARTS][2 * N];
-    int pivots[ROOM(Y)], prepared;
-    double matrix[BAND_SIZE + 1];
+    double *y, *f, *fy, *fx, *gy, *gx, *fe, *ge, *row, *b, *matrix, *x, *w, h;
+    double *factored; /* the F_y that the factors are of */
+    int *pivots, prepared, sound;
 } Work;
 
-static void prepare(Work *k, const double *c, double h) {
-    double constants[C + 1];
-    if (k->prepared && k->h == h) return;
-    memcpy(constants, c, C * sizeof(double)), constants[C] = h;
-    blocks_prepare(constants, k->w + BLOCKS_AT), outside_prepare(constants, k->w + OUTSIDE_AT);
-    pull_prepare(constants, k->w + PULL_AT);
-#if PARTS > 1
-    after_prepare(constants, k->w + AFTER_AT);
-#endif
-#if LOSS
-    density_prepare(constants, k->w + DENSITY_AT);
-#endif
-    k->h = h, k->prepared = 1;
+/* Room for `w` numbers of the functions; it is freed as it is. */
+static Work *work_space(int64_t w) {
+    const int64_t sizes[] = {ROOM(Y), ROOM(Y), ROOM(FY), ROOM(FX), ROOM(GY), ROOM(GX), ROOM(FE), ROOM(GE), ROOM(Y),
+                             Y + REACH + 1, BAND_SIZE + 1, PARTS * 2 * N, w + 1, ROOM(FY)};
+    int64_t all = ROOM(Y) + sizeof(Work) / sizeof(double) + 1;
+    for (int i = 0; i < 14; i++) all += sizes[i];
+    double *at = calloc(all, sizeof(double));
+    Work *const k = (Work *)at;
+    if (!k) return 0;
+    double **const places[] = {&k->y, &k->f, &k->fy, &k->fx, &k->gy, &k->gx, &k->fe, &k->ge, &k->row, &k->b, &k->matrix,
+                               &k->x, &k->w, &k->factored};
+    at += sizeof(Work) / sizeof(double) + 1;
+    for (int i = 0; i < 14; i++) *places[i] = at, at += sizes[i];
+    k->pivots = (int *)at;
+    return k;
 }
 
-#if Y
+/* Whether what is the same as long as the step has one size had to be computed; `constants` are it. */
+static int prepare(Work *k, const double *c, double h, double *constants) {
+    if (k->prepared && k->h == h) return 0;
+    memcpy(constants, c, C * sizeof(double)), constants[C] = h;
+    blocks_prepare(constants, k->w + BLOCKS_AT), outside_prepare(constants, k->w + OUTSIDE_AT);
+    pull_prepare(constants, k->w + PULL_AT), after_prepare(constants, k->w + AFTER_AT);
+    density_prepare(constants, k->w + DENSITY_AT);
+    k->h = h, k->prepared = 1;
+    return 1;
+}
+
+/* Those of a linear scene stay as they are from step to step. */
 static int factors(Work *k) {
+    if (k->sound && !memcmp(k->fy, k->factored, FY * sizeof(double))) return 1;
     for (int i = 0; i < Y; i++) k->row[i] = 0;
     for (int i = 0; i < FY; i++) k->row[FY_ROW[i]] = fmax(k->row[FY_ROW[i]], fabs(k->fy[i]));
     for (int i = 0; i < Y; i++) k->row[i] = 1 / k->row[i];
-    memset(k->matrix, 0, sizeof k->matrix);
+    memset(k->matrix, 0, BAND_SIZE * sizeof(double));
     for (int i = 0; i < FY; i++) k->matrix[AT[i]] = k->fy[i] * k->row[FY_ROW[i]];
     factorise(Y, BELOW, REACH, k->matrix, k->pivots);
-    return !unsound(k->matrix, BAND_SIZE);
+    memcpy(k->factored, k->fy, FY * sizeof(double));
+    return k->sound = !unsound(k->matrix, BAND_SIZE);
 }
 
 /* f := F_y^-1 f */
@@ -66,27 +80,30 @@ static void solve_transposed(Work *k, double *g) {
     substitute_transposed(Y, BELOW, REACH, k->matrix, k->pivots, k->b);
     for (int i = 0; i < Y; i++) g[PERM[i]] = k->b[i] * k->row[PERM[i]];
 }
-#endif
 
 /* The derivatives of a part at its solution, F_y factorised. The unknowns are found from both ends of the step by Newton's
    method, those that the ends do not tell from the neighbouring step's. Factors are kept while they make corrections shrink;
    `blocks` comes once more at the solution, where the derivatives are to be taken. */
 static int linearise(Work *k, const double *x, const double *x1, const double *v, const double *t, const double *u,
                      const double *part) {
-#if Y
+    if (!Y) { /* for tangents alone */
+        blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
+        return SWEPT;
+    }
     double size[ROOM(N)], most = 0, far = 0, before = INFINITY;
     const double *const v1 = v + N;
     for (int i = 0; i < N; i++) {
         const double mean = (x1[i] - x[i]) / k->h;
         size[i] = fabs(mean) + fabs(v[i]) + fabs(v1[i]), most = fmax(most, size[i]), far = fmax(far, fabs(x[i]));
         for (int j = 0; j < POINTS; j++)
-            k->y[j * N + i] = HERMITE[3 * j] * mean + HERMITE[3 * j + 1] * v[i] + HERMITE[3 * j + 2] * v1[i];
+            k->y[j * N + i] = v_fma(HERMITE[3 * j], mean, v_fma(HERMITE[3 * j + 1], v[i], HERMITE[3 * j + 2] * v1[i]));
     }
     far *= ROUNDABLE / fabs(k->h); /* the speed that no step can tell from rest, many times over */
     for (int i = 0; i < N; i++) size[i] = fmax(size[i], LEAST_SPEED * most) + far + 1e-300;
     if (ENDS) memcpy(k->y + Y - ENDS, v1, N * sizeof(double));
     for (int count = 0, fresh = 0; count < MOST_ITERATIONS; count++) {
         blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
+        if (unsound(k->fy, FY) || unsound(k->f, Y)) return NO_NUMBERS;
         if (!fresh && !factors(k)) return NOT_REGULAR;
         if (!count) { /* what forces alone would make of a body at rest, which may be held */
             double kick = 0;
@@ -107,11 +124,6 @@ static int linearise(Work *k, const double *x, const double *x1, const double *v
         fresh = worst < SHRINKS * before, before = worst;
     }
     return NOT_SOLVED;
-#else /* of tangents alone */
-    (void)x1, (void)v;
-    blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
-    return SWEPT;
-#endif
 }
 
 /* What changes outside, times its nonzeros, added to the rows of `target`. */
@@ -122,7 +134,7 @@ static void add_outside(const SweepArguments *a, int64_t step, int r, const doub
         double *const row = target + rows[i] * m;
         if (columns[i] < C + 2) {
             const double *const along = columns[i] == C + 1 ? dt : a->outer + columns[i] * m;
-            for (int64_t j = 0; j < m; j++) row[j] += nonzeros[i] * along[j];
+            for (int64_t j = 0; j < m; j++) row[j] = v_fma(nonzeros[i], along[j], row[j]);
         } else if (a->control_column >= 0) {
             const int place = columns[i] - (C + 2) + r * NU;
             const int64_t node = a->control_nodes == 1 ? 0 : place / CONTROLS;
@@ -136,24 +148,53 @@ static void add_product(const double *nonzeros, const int *rows, const int *colu
     for (int i = 0; i < count; i++) {
         const double *const from = x + columns[i] * m, value = nonzeros[i];
         double *const to = target + rows[i] * m;
-        for (int64_t j = 0; j < m; j++) to[j] += value * from[j];
+        for (int64_t j = 0; j < m; j++) to[j] = v_fma(value, from[j], to[j]);
     }
+}
+
+/* The columns of `right` (Y, m) := -F_y^-1 right */
+static void solve_columns(Work *k, int64_t m, double *right) {
+    for (int64_t j = 0; j < m; j++) {
+        for (int i = 0; i < Y; i++) k->f[i] = -right[i * m + j];
+        solve(k, k->f);
+        for (int i = 0; i < Y; i++) right[i * m + j] = k->f[i];
+    }
+}
+
+/* Where every part of step s begins. */
+static void begin_parts(Work *k, const SweepArguments *a, int64_t s) {
+    memcpy(k->x, a->x + s * 2 * N, 2 * N * sizeof(double));
+    for (int r = 0; r < PARTS - 1; r++) {
+        const double *const x = k->x + r * 2 * N;
+        after(k->y, x, x + N, a->t + s, a->u + (s * PARTS + r) * NU, PART_TABLE + r * PART, k->w + AFTER_AT, k->x + (r + 1) * 2 * N);
+    }
+}
+
+/* eta = -F_y^-T (G_y^T mu + eta) and `before` = G_x^T mu + F_x^T eta */
+static void pull_back(Work *k, const double *mu, double *eta, double *before) {
+    memset(before, 0, 2 * N * sizeof(double));
+    for (int i = 0; i < GY; i++) eta[GY_COLUMN[i]] = v_fma(k->gy[i], mu[GY_ROW[i]], eta[GY_COLUMN[i]]);
+    solve_transposed(k, eta);
+    for (int i = 0; i < Y; i++) eta[i] = -eta[i];
+    for (int i = 0; i < FX; i++) before[FX_COLUMN[i]] = v_fma(k->fx[i], eta[FX_ROW[i]], before[FX_COLUMN[i]]);
+    for (int i = 0; i < GX; i++) before[GX_COLUMN[i]] = v_fma(k->gx[i], mu[GX_ROW[i]], before[GX_COLUMN[i]]);
 }
 
 int tangents(const SweepArguments *a) {
     const int64_t m = a->columns;
     const int outer = a->outer_moves || a->control_column >= 0;
-    Work *k = calloc(1, sizeof(Work));
-    double *const next = malloc((2 * N + ROOM(Y)) * m * sizeof(double)), *const dt = malloc(m * sizeof(double));
+    BEGIN(a);
+    Work *k = work_space(SWEEP_W);
+    double constants[C + 1], *const next = malloc((2 * N + ROOM(Y)) * m * sizeof(double)), *const dt = malloc(m * sizeof(double));
     double *const dy = next + 2 * N * m, *out = a->out;
     int status = k && next && dt ? SWEPT : NO_MEMORY;
     if (!status && a->every) memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
     for (int64_t s = 0; s < a->steps && !status; s++) {
-        prepare(k, a->c, a->h[s]);
-        memcpy(k->x[0], a->x + s * 2 * N, 2 * N * sizeof(double));
+        prepare(k, a->c, a->h[s], constants);
+        memcpy(k->x, a->x + s * 2 * N, 2 * N * sizeof(double));
         for (int64_t j = 0; j < m; j++) dt[j] = a->outer[(C + 1) * m + j] + (double)(a->first + s) * a->outer[C * m + j];
         for (int r = 0; r < PARTS; r++) {
-            const double *const x = k->x[r], *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
+            const double *const x = k->x + r * 2 * N, *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
             if ((status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
             memset(next, 0, (2 * N + ROOM(Y)) * m * sizeof(double));
             if (outer) {
@@ -161,20 +202,14 @@ int tangents(const SweepArguments *a) {
                 add_outside(a, s, r, dt, k->fe, FE_ROW, FE_COLUMN, FE, dy);
                 add_outside(a, s, r, dt, k->ge, GE_ROW, GE_COLUMN, GE, next);
             }
-#if Y
-            add_product(k->fx, FX_ROW, FX_COLUMN, FX, a->tangent, m, dy);
-            for (int64_t j = 0; j < m; j++) {
-                for (int i = 0; i < Y; i++) k->f[i] = -dy[i * m + j];
-                solve(k, k->f);
-                for (int i = 0; i < Y; i++) dy[i * m + j] = k->f[i];
+            if (Y) {
+                add_product(k->fx, FX_ROW, FX_COLUMN, FX, a->tangent, m, dy);
+                solve_columns(k, m, dy);
+                add_product(k->gy, GY_ROW, GY_COLUMN, GY, dy, m, next);
             }
-            add_product(k->gy, GY_ROW, GY_COLUMN, GY, dy, m, next);
-#endif
             add_product(k->gx, GX_ROW, GX_COLUMN, GX, a->tangent, m, next);
             memcpy(a->tangent, next, 2 * N * m * sizeof(double));
-#if PARTS > 1
-            if (r < PARTS - 1) after(k->y, x, x + N, a->t + s, u, part, k->w + AFTER_AT, k->x[r + 1]);
-#endif
+            if (r < PARTS - 1) after(k->y, x, x + N, a->t + s, u, part, k->w + AFTER_AT, k->x + (r + 1) * 2 * N);
         }
         if (status) *a->failed = (double)s;
         else if (a->every && (s + 1) % a->every == 0) memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
@@ -184,46 +219,26 @@ int tangents(const SweepArguments *a) {
 }
 
 int adjoints(const SweepArguments *a) {
-    Work *k = calloc(1, sizeof(Work));
+    BEGIN(a);
+    Work *k = work_space(SWEEP_W);
     double *const mu = a->tangent;
     int status = k ? SWEPT : NO_MEMORY;
     for (int64_t s = a->steps - 1; s >= 0 && !status; s--) {
-        prepare(k, a->c, a->h[s]);
-        memcpy(k->x[0], a->x + s * 2 * N, 2 * N * sizeof(double));
-#if PARTS > 1
-        for (int r = 0; r < PARTS - 1; r++)
-            after(k->y, k->x[r], k->x[r] + N, a->t + s, a->u + (s * PARTS + r) * NU, PART_TABLE + r * PART, k->w + AFTER_AT,
-                  k->x[r + 1]);
-#endif
+        double constants[C + 1];
+        prepare(k, a->c, a->h[s], constants);
+        begin_parts(k, a, s);
         for (int r = PARTS - 1; r >= 0; r--) {
-            const double *const x = k->x[r], *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
-            double eta[ROOM(Y)], before[2 * N], outer[E];
+            const double *const x = k->x + r * 2 * N, *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
+            double eta[ROOM(Y)], before[2 * N], outer[E], value, of_x[2 * N], of_e[E];
             memset(eta, 0, sizeof eta);
-#if LOSS
-            double value, of_x[2 * N], of_e[E];
-#endif
-#if Y
-            if ((status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
-#endif
-#if LOSS
-            density(k->y, x, x + N, a->t + s, u, part, k->w + DENSITY_AT, &value, eta, of_x, of_e);
-            *a->loss += value;
-#endif
-#if Y
-            memset(before, 0, sizeof before);
-            for (int i = 0; i < GY; i++) eta[GY_COLUMN[i]] += k->gy[i] * mu[GY_ROW[i]];
-            solve_transposed(k, eta);
-            for (int i = 0; i < Y; i++) eta[i] = -eta[i];
-            for (int i = 0; i < FX; i++) before[FX_COLUMN[i]] += k->fx[i] * eta[FX_ROW[i]];
-            for (int i = 0; i < GX; i++) before[GX_COLUMN[i]] += k->gx[i] * mu[GX_ROW[i]];
-            pull(k->y, x, x + N, a->t + s, u, part, mu, eta, k->w + PULL_AT, outer);
-#else
-            pull(k->y, x, x + N, a->t + s, u, part, mu, k->w + PULL_AT, outer, before);
-#endif
-#if LOSS
-            for (int i = 0; i < 2 * N; i++) before[i] += of_x[i];
-            for (int i = 0; i < E; i++) outer[i] += of_e[i];
-#endif
+            if (Y && (status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
+            if (LOSS) density(k->y, x, x + N, a->t + s, u, part, k->w + DENSITY_AT, &value, eta, of_x, of_e), *a->loss += value;
+            if (Y) pull_back(k, mu, eta, before);
+            pull(k->y, x, x + N, a->t + s, u, part, mu, eta, k->w + PULL_AT, outer, before);
+            if (LOSS) {
+                for (int i = 0; i < 2 * N; i++) before[i] += of_x[i];
+                for (int i = 0; i < E; i++) outer[i] += of_e[i];
+            }
             for (int i = 0; i < C + 2; i++) a->outer[i] += outer[i];
             a->outer[C] += (double)(a->first + s) * outer[C + 1];
             for (int i = 0; i < NU; i++) {

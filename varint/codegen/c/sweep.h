@@ -2,7 +2,8 @@
 
 #define ROOM(count) ((count) + 1) /* no array of C has no elements */
 
-enum Sweep { SWEPT, NOT_SOLVED, NOT_REGULAR, NO_MEMORY };
+/* varint/sensitivities/sweeps.py has the same order */
+enum Sweep { SWEPT, NOT_SOLVED, NOT_REGULAR, NO_NUMBERS, NO_MEMORY };
 
 /* A run, or a piece of one: `steps` steps, the first of which is the step `first` of the run. */
 typedef struct {
@@ -14,4 +15,13 @@ typedef struct {
     double *out;     /* tangents: (1 + steps / every, 2N, columns), every > 0; adjoints: (steps, control_nodes, CONTROLS) */
     const double *seeds;   /* (steps, 2N), what the node at which each step begins adds to the adjoint, or none */
     double *loss, *failed; /* the density summed; the step that failed */
+    const double *along;   /* second derivatives: tangents at every node, (steps + 1, 2N, columns) */
+    double *hessian;       /* (columns, columns), added to */
+    const void *scene;     /* its operations, where they are data and not in the source */
 } SweepArguments;
+
+#ifdef SCENE_AS_DATA
+#define BEGIN(a) scene = (a)->scene
+#else
+#define BEGIN(a) (void)0
+#endif

@@ -4,13 +4,12 @@
    dX_i = dx + h sum_j a_ij (J_j dX_j + what changes outside), adjoints M_i = mu' + h sum_j (b_j - a_ij) J_j^T M_j, for
    b_j a_ji / b_i = b_j - a_ij: both by the iteration of the run itself, coordinates first, then momenta, with J of the stages
    taken once a step.
-   Defined before this file, besides what sweep.h needs: STAGES, STRIDE vectors of LANES for them, the columns COLUMN_A of a
-   and COLUMN_M of b_j - a_ij, STAGE_B and STAGE_C (lanes beyond the stages repeat the last, with weight 0), start values
-   from WINDOW nodes (GUESS_Q, GUESS_V for each place of the step among them), CONTINUED, which continues adjoints of a step
-   over the one before. slopes(q, p, t, u, w, f, J), NJ
-   nonzeros; their products turn_q(J, x, source, …), turn_p, the components of J x + source, and back_q, back_p of its transpose;
-  
-   outside(…, df/de); pull(…, m, w, m^T df/de); density(…, loss, its slopes by x and by e), e = (parameters, time, controls); momentum(q, v, t, w, p). */
+   Defined before this file, by generated source or by sweep_gauss_scene.h: STAGES, STRIDE vectors of LANES for them, the
+   columns COLUMN_A of a and COLUMN_M of b_j - a_ij, STAGE_B and STAGE_C (lanes beyond the stages repeat the last, with weight
+   0), start values from WINDOW nodes (GUESS_Q, GUESS_V for each place of the step among them), CONTINUED, which continues
+   adjoints of a step over the one before. slopes(q, p, t, u, w, f, J), NJ nonzeros; their products turn_q(J, x, source, …),
+   turn_p, the components of J x + source, and back_q, back_p of its transpose; outside(…, df/de); pull(…, m, w, m^T df/de);
+   density(…, loss, its slopes by x and by e), e = (parameters, time, controls); momentum(q, v, t, w, p). */
 #include "sweep.h"
 
 #define SLOPES_AT 0
@@ -18,31 +17,36 @@
 #define PULL_AT (OUTSIDE_AT + OUTSIDE_W)
 #define DENSITY_AT (PULL_AT + PULL_W)
 #define MOMENTUM_AT (DENSITY_AT + DENSITY_W)
-#define ALL_W (MOMENTUM_AT + MOMENTUM_W + 1)
-#define NO_W ((const double *)0) /* of functions without parameters */
+#define TURN_Q_AT (MOMENTUM_AT + MOMENTUM_W)
+#define TURN_P_AT (TURN_Q_AT + TURN_Q_W)
+#define BACK_Q_AT (TURN_P_AT + TURN_P_W)
+#define BACK_P_AT (BACK_Q_AT + BACK_Q_W)
+#define ALL_W ((BACK_P_AT + BACK_P_W + LANES - 1) / LANES * LANES) /* vectors begin behind it */
 #define OUT (C + 1 + NU)
 #define SETTLED 1e-16 /* of all changes by what they belong to */
 #define ALIKE 1e-13   /* changes below this that no longer shrink are round-off */
+#define COMPONENTS (2 * N)
+#define AT_BLOCK(x, b) ((x) + (b) * COMPONENTS) /* of the stages that vector b holds */
 
-typedef V Stages[STRIDE][2 * N], Columns[STAGES][STRIDE];
+/* Numbers of all stages, (STRIDE, 2 N) vectors: components of x = (q, p), or of its rates. */
+typedef V *Stages;
 
 typedef struct {
     Stages x, f, m, k, source;
-    V slope[STRIDE][ROOM(NJ)], fe[STRIDE][ROOM(FE)], t[STRIDE], u[STRIDE][ROOM(NU)];
-    V of_e[STRIDE][OUT];
-    Columns a, m_of; /* h a_ij, h (b_j - a_ij) */
-    double w[ALL_W], size[2 * N], met[2 * N], h; /* met: the adjoint where the step at hand begins, before what is added there */
+    V *slope, *fe, *t, *u, *of_e; /* (STRIDE, NJ), (STRIDE, FE), (STRIDE), (STRIDE, NU), (STRIDE, OUT) */
+    V *a, *m_of;                  /* h a_ij, h (b_j - a_ij), (STAGES, STRIDE) */
+    double *w, *size, *met, h;    /* met: the adjoint where the step at hand begins, before what is added there */
 } Work;
 
 INLINE V part(const double *x) { V y; memcpy(&y, x, sizeof y); return y; }
 
 /* out := base + sum_j column_j k_j, for the components from `first` to `end`. */
-INLINE void mix(const Columns columns, Stages k, const double *base, int first, int end, Stages out) {
+INLINE void mix(const V *columns, const V *k, const double *base, int first, int end, Stages out) {
     for (int d = first; d < end; d++)
         for (int b = 0; b < STRIDE; b++) {
             V s = splat(base ? base[d] : 0.0);
-            for (int j = 0; j < STAGES; j++) s += columns[j][b] * splat(lane(k[j / LANES][d], j % LANES));
-            out[b][d] = s;
+            for (int j = 0; j < STAGES; j++) s = v_fma(columns[j * STRIDE + b], splat(lane(AT_BLOCK(k, j / LANES)[d], j % LANES)), s);
+            AT_BLOCK(out, b)[d] = s;
         }
 }
 
@@ -54,17 +58,23 @@ static int iterate(Work *k, int transposed, double enough, const double *base, S
         double change = 0, all = 0;
         for (int half = 0; half < 2; half++) {
             const int first = half * N, end = first + N;
-            Stages next;
-            for (int b = 0; b < STRIDE; b++)
-                if (transposed) (half ? back_p : back_q)(k->slope[b], x[b], k->source[b] + first, NO_W, k->k[b] + first);
-                else (half ? turn_p : turn_q)(k->slope[b], x[b], k->source[b] + first, NO_W, k->k[b] + first);
+            V next[STRIDE * COMPONENTS];
+            for (int b = 0; b < STRIDE; b++) {
+                const V *const slope = k->slope + b * NJ, *const at = AT_BLOCK(x, b), *const source = AT_BLOCK(k->source, b) + first;
+                V *const rate = AT_BLOCK(k->k, b) + first;
+                if (transposed && half) back_p(slope, at, source, k->w + BACK_P_AT, rate);
+                else if (transposed) back_q(slope, at, source, k->w + BACK_Q_AT, rate);
+                else if (half) turn_p(slope, at, source, k->w + TURN_P_AT, rate);
+                else turn_q(slope, at, source, k->w + TURN_Q_AT, rate);
+            }
             mix(transposed ? k->m_of : k->a, k->k, base, first, end, next);
             for (int d = first; d < end; d++) {
                 const double unit = transposed ? k->size[d] : 1 / k->size[d];
                 V most = splat(0.0), largest_x = splat(0.0);
                 for (int b = 0; b < STRIDE; b++) {
-                    most = v_fmax(most, v_fabs(next[b][d] - x[b][d])), largest_x = v_fmax(largest_x, v_fabs(next[b][d]));
-                    x[b][d] = next[b][d];
+                    const V now = AT_BLOCK(next, b)[d];
+                    most = v_fmax(most, v_fabs(now - AT_BLOCK(x, b)[d])), largest_x = v_fmax(largest_x, v_fabs(now));
+                    AT_BLOCK(x, b)[d] = now;
                 }
                 const double moved = largest(most) * unit, size = largest(largest_x) * unit;
                 change = moved > change || moved != moved ? moved : change, all = size > all ? size : all;
@@ -91,27 +101,28 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
     const double *const x0 = a->x + s * 2 * N;
     for (int j = 0; j < STAGES && k->h != h; j++)
         for (int b = 0; b < STRIDE; b++) {
-            k->a[j][b] = h * part(COLUMN_A + (j * STRIDE + b) * LANES);
-            k->m_of[j][b] = h * part(COLUMN_M + (j * STRIDE + b) * LANES);
+            k->a[j * STRIDE + b] = h * part(COLUMN_A + (j * STRIDE + b) * LANES);
+            k->m_of[j * STRIDE + b] = h * part(COLUMN_M + (j * STRIDE + b) * LANES);
         }
     k->h = h;
     double most[2] = {0, 0}, before = INFINITY;
     for (int b = 0; b < STRIDE; b++) {
         V speed[N];
-        k->t[b] = splat(a->t[s]) + h * part(STAGE_C + b * LANES);
+        k->t[b] = v_fma(splat(h), part(STAGE_C + b * LANES), splat(a->t[s]));
         for (int d = 0; d < N; d++) {
             V path = splat(x0[d]), rise = splat(0.0);
             for (int i = 0; i < count; i++) { /* from q at the start on, so that differences lose no digits */
                 const double q = a->x[(from + i) * 2 * N + d] - x0[d], v = h * a->v[(from + i) * N + d];
                 const int at = (2 * i * STRIDE + b) * LANES, behind = at + STRIDE * LANES;
-                path += part(tq + at) * q + part(tq + behind) * v, rise += part(tv + at) * q + part(tv + behind) * v;
+                path = v_fma(part(tq + at), splat(q), v_fma(part(tq + behind), splat(v), path));
+                rise = v_fma(part(tv + at), splat(q), v_fma(part(tv + behind), splat(v), rise));
             }
-            k->x[b][d] = path, speed[d] = rise / h;
+            AT_BLOCK(k->x, b)[d] = path, speed[d] = rise / h;
         }
-        momentum(k->x[b], speed, &k->t[b], k->w + MOMENTUM_AT, k->x[b] + N);
+        momentum(AT_BLOCK(k->x, b), speed, k->t + b, k->w + MOMENTUM_AT, AT_BLOCK(k->x, b) + N);
         for (int i = 0; i < LANES; i++) {
             const int stage = b * LANES + i < STAGES ? b * LANES + i : STAGES - 1;
-            for (int d = 0; d < NU; d++) set_lane(&k->u[b][d], i, a->u[(s * STAGES + stage) * NU + d]);
+            for (int d = 0; d < NU; d++) set_lane(&k->u[b * NU + d], i, a->u[(s * STAGES + stage) * NU + d]);
         }
     }
     for (int d = 0; d < 2 * N; d++) {
@@ -120,14 +131,19 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
     }
     for (int d = 0; d < 2 * N; d++) k->size[d] = most[d / N] > 0 ? fmax(k->size[d], LEAST_SPEED * most[d / N]) : 1.0;
     for (int count = 0; count < MOST_ITERATIONS; count++) {
-        Stages left, rest;
+        V left[STRIDE * COMPONENTS], rest[STRIDE * COMPONENTS], none[N];
         double worst = 0;
-        for (int b = 0; b < STRIDE; b++)
-            slopes(k->x[b], k->x[b] + N, &k->t[b], k->u[b], k->w + SLOPES_AT, k->f[b], k->slope[b]);
+        for (int b = 0; b < STRIDE; b++) {
+            const V *const x = AT_BLOCK(k->x, b);
+            slopes(x, x + N, k->t + b, k->u + b * NU, k->w + SLOPES_AT, AT_BLOCK(k->f, b), k->slope + b * NJ);
+        }
         mix(k->a, k->f, x0, 0, 2 * N, left);
         for (int d = 0; d < 2 * N; d++) {
             V r = splat(0.0);
-            for (int b = 0; b < STRIDE; b++) left[b][d] -= k->x[b][d], r = v_fmax(r, v_fabs(left[b][d]));
+            for (int b = 0; b < STRIDE; b++) {
+                AT_BLOCK(left, b)[d] -= AT_BLOCK(k->x, b)[d];
+                r = v_fmax(r, v_fabs(AT_BLOCK(left, b)[d]));
+            }
             const double size = largest(r) / k->size[d];
             worst = size > worst || size != size ? size : worst;
         }
@@ -135,44 +151,54 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
         if (worst <= ROUNDED || (worst <= ALIKE && worst >= 0.5 * before)) return SWEPT; /* slopes and rates are the solution's */
         before = worst;
         /* the correction d = r + h A J d is r and e = h A (J r + J e) */
-        const V none[N] = {splat(0.0)};
-        memset(rest, 0, sizeof rest);
+        memset(rest, 0, sizeof rest), memset(none, 0, sizeof none);
         for (int b = 0; b < STRIDE; b++) {
-            turn_q(k->slope[b], left[b], none, NO_W, k->source[b]);
-            turn_p(k->slope[b], left[b], none, NO_W, k->source[b] + N);
+            turn_q(k->slope + b * NJ, AT_BLOCK(left, b), none, k->w + TURN_Q_AT, AT_BLOCK(k->source, b));
+            turn_p(k->slope + b * NJ, AT_BLOCK(left, b), none, k->w + TURN_P_AT, AT_BLOCK(k->source, b) + N);
         }
         const int status = iterate(k, 0, SETTLED, 0, rest);
         if (status) return status;
-        for (int b = 0; b < STRIDE; b++)
-            for (int d = 0; d < 2 * N; d++) k->x[b][d] += left[b][d] + rest[b][d];
+        for (int i = 0; i < STRIDE * COMPONENTS; i++) k->x[i] += left[i] + rest[i];
     }
     return NOT_SOLVED;
 }
 
 /* base + h sum_j b_j k_j */
-INLINE void finish(double h, Stages k, double *base) {
+INLINE void finish(double h, const V *k, double *base) {
     for (int d = 0; d < 2 * N; d++) {
         V s = splat(0.0);
-        for (int b = 0; b < STRIDE; b++) s += part(STAGE_B + b * LANES) * k[b][d];
+        for (int b = 0; b < STRIDE; b++) s = v_fma(part(STAGE_B + b * LANES), AT_BLOCK(k, b)[d], s);
         base[d] += h * sum(s);
     }
 }
 
 static Work *work_space(const SweepArguments *a) {
-    Work *k = 0;
-    if (posix_memalign((void **)&k, 64, sizeof(Work))) return 0;
-    memset(k, 0, sizeof(Work));
+    const int64_t stages = STRIDE * COMPONENTS, vectors[] = {stages, stages, stages, stages, stages, STRIDE * NJ + 1, STRIDE * FE + 1,
+                                                             STRIDE, STRIDE * NU + 1, STRIDE * OUT, STAGES * STRIDE, STAGES * STRIDE};
+    const int64_t head = (sizeof(Work) + 63) / 64 * 64;
+    int64_t all = head + (ALL_W + 4 * N) * sizeof(double);
+    for (int i = 0; i < 12; i++) all += vectors[i] * sizeof(V);
+    all = (all + 63) / 64 * 64;
+    char *const at = aligned_alloc(64, all);
+    Work *const k = (Work *)at;
+    if (!k) return 0;
+    memset(at, 0, all);
+    V **const places[] = {&k->x, &k->f, &k->m, &k->k, &k->source, &k->slope, &k->fe, &k->t, &k->u, &k->of_e, &k->a, &k->m_of};
+    k->w = (double *)(at + head); /* first, for functions as data have vectors there */
+    V *vector = (V *)(k->w + ALL_W);
+    for (int i = 0; i < 12; i++) *places[i] = vector, vector += vectors[i];
+    k->size = (double *)vector, k->met = k->size + 2 * N;
     slopes_prepare(a->c, k->w + SLOPES_AT), outside_prepare(a->c, k->w + OUTSIDE_AT), pull_prepare(a->c, k->w + PULL_AT);
-    momentum_prepare(a->c, k->w + MOMENTUM_AT);
-#if LOSS
-    density_prepare(a->c, k->w + DENSITY_AT);
-#endif
+    momentum_prepare(a->c, k->w + MOMENTUM_AT), density_prepare(a->c, k->w + DENSITY_AT);
+    turn_q_prepare(a->c, k->w + TURN_Q_AT), turn_p_prepare(a->c, k->w + TURN_P_AT);
+    back_q_prepare(a->c, k->w + BACK_Q_AT), back_p_prepare(a->c, k->w + BACK_P_AT);
     return k;
 }
 
 int tangents(const SweepArguments *a) {
     const int64_t m = a->columns;
     const int outer = a->outer_moves || a->control_column >= 0;
+    BEGIN(a);
     Work *k = work_space(a);
     double *out = a->out;
     int status = k ? SWEPT : NO_MEMORY;
@@ -180,17 +206,20 @@ int tangents(const SweepArguments *a) {
     for (int64_t s = 0; s < a->steps && !status; s++) {
         const double h = a->h[s];
         if ((status = linearise(k, a, s, h))) { *a->failed = (double)s; break; }
-        for (int b = 0; b < STRIDE && outer; b++)
-            outside(k->x[b], k->x[b] + N, &k->t[b], k->u[b], k->w + OUTSIDE_AT, k->fe[b]);
-        memset(k->source, 0, sizeof k->source);
+        for (int b = 0; b < STRIDE && outer; b++) {
+            const V *const x = AT_BLOCK(k->x, b);
+            outside(x, x + N, k->t + b, k->u + b * NU, k->w + OUTSIDE_AT, k->fe + b * FE);
+        }
+        memset(k->source, 0, STRIDE * COMPONENTS * sizeof(V));
         for (int64_t j = 0; j < m && !status; j++) {
             double base[2 * N];
             for (int d = 0; d < 2 * N; d++) base[d] = a->tangent[d * m + j];
             if (outer) {
                 const double of_h = a->outer[C * m + j], of_t = a->outer[(C + 1) * m + j] + (double)(a->first + s) * of_h;
                 for (int b = 0; b < STRIDE; b++) {
-                    for (int d = 0; d < 2 * N; d++) k->source[b][d] = k->f[b][d] * (of_h / h);
-                    const V time = splat(of_t) + of_h * part(STAGE_C + b * LANES);
+                    V *const source = AT_BLOCK(k->source, b);
+                    for (int d = 0; d < 2 * N; d++) source[d] = AT_BLOCK(k->f, b)[d] * (of_h / h);
+                    const V time = v_fma(splat(of_h), part(STAGE_C + b * LANES), splat(of_t));
                     for (int e = 0; e < FE; e++) {
                         V along = splat(0.0);
                         const int column = FE_COLUMN[e];
@@ -202,12 +231,12 @@ int tangents(const SweepArguments *a) {
                                 const int64_t at = a->control_column + ((a->first + s) * a->control_nodes + node) * NU + column - C - 1;
                                 if (b * LANES + i < STAGES && at == j) set_lane(&along, i, 1.0);
                             }
-                        k->source[b][FE_ROW[e]] += k->fe[b][e] * along;
+                        source[FE_ROW[e]] = v_fma(k->fe[b * FE + e], along, source[FE_ROW[e]]);
                     }
                 }
             }
             for (int b = 0; b < STRIDE; b++)
-                for (int d = 0; d < 2 * N; d++) k->m[b][d] = splat(base[d]);
+                for (int d = 0; d < 2 * N; d++) AT_BLOCK(k->m, b)[d] = splat(base[d]);
             if ((status = iterate(k, 0, 0, base, k->m))) { *a->failed = (double)s; break; }
             finish(h, k->k, base);
             for (int d = 0; d < 2 * N; d++) a->tangent[d * m + j] = base[d];
@@ -221,17 +250,19 @@ int tangents(const SweepArguments *a) {
 
 /* Adjoints of the stages to begin with: those of the step behind continued, from the adjoint between. */
 INLINE void begin(Work *k, const double *mu, int known) {
-    Stages next;
+    V next[STRIDE * COMPONENTS];
     for (int b = 0; b < STRIDE; b++)
         for (int d = 0; d < 2 * N; d++) {
-            next[b][d] = splat(mu[d]);
+            V s = splat(mu[d]);
             for (int j = 0; j < STAGES && known; j++)
-                next[b][d] += part(CONTINUED + (j * STRIDE + b) * LANES) * splat(lane(k->m[j / LANES][d], j % LANES) - k->met[d]);
+                s = v_fma(part(CONTINUED + (j * STRIDE + b) * LANES), splat(lane(AT_BLOCK(k->m, j / LANES)[d], j % LANES) - k->met[d]), s);
+            AT_BLOCK(next, b)[d] = s;
         }
     memcpy(k->m, next, sizeof next);
 }
 
 int adjoints(const SweepArguments *a) {
+    BEGIN(a);
     int known = 0;
     Work *k = work_space(a);
     double *const mu = a->tangent;
@@ -240,29 +271,27 @@ int adjoints(const SweepArguments *a) {
         const double h = a->h[s];
         double of_h = 0, of_t = 0;
         if ((status = linearise(k, a, s, h))) { *a->failed = (double)s; break; }
-        memset(k->source, 0, sizeof k->source);
-#if LOSS
-        for (int b = 0; b < STRIDE; b++) {
+        memset(k->source, 0, STRIDE * COMPONENTS * sizeof(V));
+        for (int b = 0; b < STRIDE && LOSS; b++) {
             V value;
-            density(k->x[b], k->x[b] + N, &k->t[b], k->u[b], k->w + DENSITY_AT, &value, k->source[b], k->of_e[b]);
+            const V *const x = AT_BLOCK(k->x, b);
+            density(x, x + N, k->t + b, k->u + b * NU, k->w + DENSITY_AT, &value, AT_BLOCK(k->source, b), k->of_e + b * OUT);
             const double loss = sum(part(STAGE_B + b * LANES) * value);
             *a->loss += h * loss, of_h += loss;
         }
-#endif
         begin(k, mu, known++ && h == a->h[s + 1]);
         if ((status = iterate(k, 1, 0, mu, k->m))) { *a->failed = (double)s; break; }
         finish(h, k->k, mu);
-        memcpy(k->met, mu, sizeof k->met);
+        memcpy(k->met, mu, 2 * N * sizeof(double));
         for (int b = 0; b < STRIDE; b++) {
             const V weight = part(STAGE_B + b * LANES);
+            const V *const x = AT_BLOCK(k->x, b), *const m = AT_BLOCK(k->m, b);
             V along = splat(0.0), pulled[OUT];
-            for (int d = 0; d < 2 * N; d++) along += k->m[b][d] * k->f[b][d];
+            for (int d = 0; d < 2 * N; d++) along = v_fma(m[d], AT_BLOCK(k->f, b)[d], along);
             of_h += sum(weight * along);
-            pull(k->x[b], k->x[b] + N, &k->t[b], k->u[b], k->m[b], k->w + PULL_AT, pulled);
+            pull(x, x + N, k->t + b, k->u + b * NU, m, k->w + PULL_AT, pulled);
             for (int e = 0; e < OUT; e++) {
-#if LOSS
-                pulled[e] += k->of_e[b][e];
-#endif
+                if (LOSS) pulled[e] += k->of_e[b * OUT + e];
                 pulled[e] *= h * weight;
             }
             for (int e = 0; e < C; e++) a->outer[e] += sum(pulled[e]);

@@ -20,7 +20,7 @@ from varint.integration.steppers.stepper import (
     zeros,
 )
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene, per_system
 
 MOST_UNKNOWNS = 12  # the inverse is full: beyond, a sparse solve in every step is cheaper
 
@@ -36,7 +36,7 @@ def is_linear(system: System, rule: Rule) -> bool:
     )
 
 
-@per_system
+@per_scene
 def constant_slope(system: System, rule: Rule) -> bool:
     """Does the Jacobian of the equations of a step depend on nothing but step size and
     parameters?
@@ -79,13 +79,25 @@ def _solution(e: Equations, inverse: ca.SX, carry: ca.SX) -> ca.SX:
 
 
 def _start(e: Equations) -> ca.Function:
-    slope = ca.Function("slope", [e.h, e.c], [ca.densify(ca.jacobian(e.left, e.y))])
+    slope = ca.densify(ca.jacobian(e.left, e.y))
+    # CasADi calls a matrix singular by the size of its numbers, which units decide
+    rows = ca.diag(1 / _largest(slope.T))
+    columns = ca.diag(1 / _largest(ca.mtimes(rows, slope)))
+    parts = [ca.mtimes([rows, slope, columns]), rows, columns]
+    scaled = ca.Function("slope", [e.h, e.c], [ca.densify(x) for x in parts])
     q, p, u, t, h, c = (
         ca.MX.sym(x, k.numel())
         for x, k in zip("qputhc", (e.q, e.p, e.u, e.t, e.h, e.c), strict=True)
     )
-    inverse = ca.solve(slope(h, c), ca.DM.eye(e.y.numel()))
+    matrix, by_rows, by_columns = scaled(h, c)
+    inverse = ca.mtimes([by_columns, ca.solve(matrix, ca.DM.eye(e.y.numel())), by_rows])
     return ca.Function("start", [q, p, u, t, h, c], [first_state(q, p, ca.vec(inverse))])
+
+
+def _largest(matrix: ca.SX) -> ca.SX:
+    """The size of the largest number of each column, 1 where all are zero."""
+    sizes = [ca.norm_inf(matrix[:, j]) for j in range(matrix.shape[1])]
+    return ca.vertcat(*(ca.if_else(x > 0, x, 1) for x in sizes))
 
 
 LINEAR = Method(

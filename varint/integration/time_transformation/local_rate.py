@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from functools import reduce
 from math import isfinite
 from operator import or_
+from random import Random
 
 import casadi as ca
 import numpy as np
@@ -27,6 +28,7 @@ import numpy as np
 from varint.discrete.legendre import mass_solve
 from varint.errors import VarintError
 from varint.numerics.operations import Operations, Output, expressions_of, operations_of
+from varint.numerics.places import normal_numbers, uniform_numbers
 from varint.scene.system import System, per_system
 
 # in expressions of the rate: a small one, a parameter of each run
@@ -236,25 +238,24 @@ def _of_term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> ca.SX |
     return _root(share**2 * ca.substitute(inner, s, form), system)
 
 
-def _parameters(system: System, rng: np.random.Generator) -> np.ndarray:
+def _parameters(system: System, random: Random) -> np.ndarray:
     """Values near the defaults: what holds for these by chance alone does not count."""
     c = np.asarray(system.default_vector)
-    return np.where(c == 0, 1.0, c) * rng.uniform(0.8, 1.25, c.shape)
+    return np.where(c == 0, 1.0, c) * uniform_numbers(random, 0.8, 1.25, len(c))
 
 
 def _rank(system: System, rank: ca.SX) -> int:
-    f, rng = ca.Function("rank", [system.c], [rank]), np.random.default_rng(2)
-    return round(float(f(_parameters(system, rng))))
+    f = ca.Function("rank", [system.c], [rank])
+    return round(float(f(_parameters(system, Random(2)))))
 
 
 def _power(system: System, value: ca.SX, first: ca.SX, second: ca.SX, s: ca.SX) -> float | None:
     """p where V = A sᵖ; None where it is no power."""
     # the factor of the term drops out
     f = ca.Function("ratio", [s, system.c], [1 + s * second / first, s * first / value])
-    rng = np.random.default_rng(3)
-    found = np.array(
-        [[float(x) for x in f(y, _parameters(system, rng))] for y in rng.uniform(0.5, 2, PLACES)]
-    )
+    random = Random(3)
+    places = uniform_numbers(random, 0.5, 2.0, PLACES)
+    found = np.array([[float(x) for x in f(y, _parameters(system, random))] for y in places])
     power = found[0, 0]
     if not (np.isfinite(found).all() and (np.abs(found - power) <= SAME * abs(power)).all()):
         return None
@@ -272,10 +273,10 @@ def _whole_number(x: float) -> bool:
 def _vanishes(system: System, used: ca.SX, parts: list[ca.SX]) -> bool:
     """Whether expressions of some q and c add up to nothing wherever they are looked at."""
     f = ca.Function("parts", [used, system.c], [ca.densify(x) for x in parts])
-    rng = np.random.default_rng(4)
+    random = Random(4)
     for _ in range(PLACES):
-        q = rng.normal(size=used.numel())
-        found = [float(x) for x in f.call([q, _parameters(system, rng)])]
+        q = normal_numbers(random, used.numel())
+        found = [float(x) for x in f.call([q, _parameters(system, random)])]
         if all(map(isfinite, found)) and abs(sum(found)) > SAME * max(map(abs, found)):
             return False
     return True

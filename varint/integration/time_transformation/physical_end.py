@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from varint.discrete.legendre import velocity_function
-from varint.errors import InputError
+from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import blocks_of
 from varint.integration.state import NodeBlock
 from varint.integration.time_transformation.physical_time import LOCATED, end_at
@@ -136,9 +136,11 @@ def require_level(scene: TransformedScene, run: Run, inner: Trajectory) -> None:
     pace = passed / (inner.t[1:] - inner.t[:-1])
     slowest = int(pace.argmin())
     if not pace[slowest] > 0:
-        raise InputError(
+        raise _lost(
             f"time does not go on after t = {q[slowest, n]:g}: time_scale must stay positive, and "
-            "h small enough for the motion where time_scale is large; take a smaller h"
+            "h small enough for the motion where time_scale is large; take a smaller h",
+            inner[: slowest + 1],
+            math.inf,
         )
     start, two = inner.c[-2], slice(slowest, slowest + 2)
     (energies,) = over_columns(_level_function(moving_system(run), scene), q[two], p[two], inner.c)
@@ -147,11 +149,19 @@ def require_level(scene: TransformedScene, run: Run, inner: Trajectory) -> None:
         here = _twice_kinetic(inner)
     for energy, clock in zip(energies[:, 0].tolist(), q[two, n].tolist(), strict=True):
         if not abs(energy - start) <= OFF_LEVEL * here:
-            raise InputError(
+            raise _lost(
                 f"the energy is {energy:g} at t = {clock:g} and was {start:g} at the start: "
                 "time_scale comes too close to zero there, or h is too large; choose another "
-                "time_scale or a smaller h"
+                "time_scale or a smaller h",
+                inner[: slowest + 1],
+                abs(energy - start) / here,
             )
+
+
+def _lost(why: str, before: Trajectory, residual: float) -> ConvergenceError:
+    """What ends a run whose clock or level is lost, with the nodes before it."""
+    step, time = int(before.k[-1]), float(before.q[-1, -1])
+    return ConvergenceError(why, step=step, time=time, residual=residual, trajectory=before)
 
 
 def _twice_kinetic(inner: Trajectory) -> float:

@@ -132,6 +132,7 @@ def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory
         run = run._replace(blocks=blocks_until(scene, run, total))
     try:
         inner = collect(run, stop=stop, watches=watches, progress=options.progress, on_failure=None)
+        require_level(scene, run, inner)
     except ConvergenceError as error:
         motion = in_physical_time(system, t0, error.trajectory)
         raise ConvergenceError(
@@ -141,7 +142,6 @@ def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory
             residual=error.residual,
             trajectory=motion,
         ) from None
-    require_level(scene, run, inner)
     if total is not None and abs(inner.q[-1, -1]) >= abs(total):
         inner = end_at_duration(run, inner, total)
     motion = in_physical_time(system, t0, inner)

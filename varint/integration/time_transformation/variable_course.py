@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from varint.errors import VarintError
+from varint.errors import ConvergenceError, VarintError
 from varint.integration.error_scale import error_scales
 from varint.integration.problem import InitialValueProblem, RunOptions, Start
 from varint.integration.rule_choice import (
@@ -27,6 +27,7 @@ from varint.integration.time_transformation.transformed_run import (
 )
 from varint.integration.tolerance import FLOOR, Choice
 from varint.integration.two_runs import Course, run_twice, shows_its_error
+from varint.integration.walls import Failure, require_way_on
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -34,6 +35,7 @@ from varint.scene.system import System
 # largest rate over the mean one: equal steps would be as many times as many, less what a step of
 # the rescaled scene costs more
 WORTH = 8.0
+ATTEMPTS = 16  # equal steps, which are left else, would be far more
 MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
 MOST_COORDINATES = 24  # beyond, finding the rate takes seconds
 
@@ -65,7 +67,7 @@ def choose_varying_steps(
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
         prepared = prepare(system, own, AUTO, start, asked)
-        course = _course(prepared, span, options.scale, prepared.stop is not None)
+        course = _course(prepared, span, total, options.scale, prepared.stop is not None)
         found = run_twice(own, course, steps_for(own, abs(span), tol), tol, FLOOR)
     return found and Choice(own, found.steps, found.motion, found.estimate, found.runs, True)
 
@@ -85,8 +87,9 @@ def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
     )
 
 
-def _course(prepared: Prepared, span: float, scale: Any, ends_early: bool) -> Course:
+def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_early: bool) -> Course:
     system = prepared.system
+    failures: list[Failure] = []  # since the last run that ended well
 
     def trial(steps: int, wanted: float, part: int) -> Trajectory | None:
         problem = prepared.problem._replace(
@@ -97,9 +100,15 @@ def _course(prepared: Prepared, span: float, scale: Any, ends_early: bool) -> Co
             assert prepared.total is not None
             ready = prepared._replace(total=prepared.total / part)
         try:
-            return run_prepared(ready, problem)
-        except VarintError:  # steps too large for the motion
+            motion = run_prepared(ready, problem)
+        except ConvergenceError as error:  # steps too large for the motion
+            failures.append((steps, error))
+            require_way_on(failures, total, varying=True)
             return None
+        except VarintError:
+            return None
+        failures.clear()
+        return motion
 
     def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
         scales = error_scales(system, other, scale)
@@ -115,4 +124,4 @@ def _course(prepared: Prepared, span: float, scale: Any, ends_early: bool) -> Co
             end = end + abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
         return float((np.vstack([off, end]) / scales).max())
 
-    return Course(trial, apart, abs(span))
+    return Course(trial, apart, abs(span), attempts=ATTEMPTS)

@@ -1,0 +1,62 @@
+"""Motions that end before their duration does are told of at once, with what was reached; near
+misses are followed through.
+"""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+
+
+def kepler() -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+
+
+def test_a_fall_into_the_centre_ends_when_it_gets_there():
+    """From rest at distance 1 it takes π/√8."""
+    with pytest.raises(
+        vi.ConvergenceError, match=r"the motion ends at t = 1\.1107.*collide"
+    ) as told:
+        vi.simulate(kepler(), q0=[1.0, 0.0], v0=[0.0, 0.0], duration=5.0)
+    reached = told.value.trajectory
+    assert reached.t[-1] == told.value.time == pytest.approx(np.pi / 8**0.5, abs=1e-6)
+    x = reached.q[:, 0]
+    before = (x * np.abs(reached.energy + 1))[x > 1e-3]  # beside the potential 1/x
+    assert len(before) > 100 and before.max() < 1e-11
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.13])
+def test_dry_friction_that_holds_a_body_is_named(friction):
+    q, v = vi.coordinates("x")
+    scene = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-friction * ca.sign(v))
+    with pytest.raises(vi.ConvergenceError, match=r"force of the scene jumps.*tanh") as told:
+        vi.simulate(scene, q0=1.0, v0=0.0, duration=20.0)
+    reached = told.value.trajectory
+    assert reached.t[-1] == told.value.time > np.pi and np.isfinite(reached.q).all()
+
+
+@pytest.mark.parametrize("e", [0.9999, 1 - 1e-8])
+@pytest.mark.parametrize("turns", [0.7, 1.0])
+def test_a_near_miss_is_followed_through_by_few_steps(e, turns):
+    """Half an orbit before and after pericentre; Kepler's equation has the place."""
+    motion = vi.simulate(
+        kepler(), q0=[1 + e, 0.0], v0=[0.0, ((1 - e) / (1 + e)) ** 0.5], duration=turns * 2 * np.pi
+    )
+    mean = (turns + 0.5) * 2 * np.pi
+    anomaly = mean
+    for _ in range(60):
+        anomaly -= (anomaly - e * np.sin(anomaly) - mean) / max(1 - e * np.cos(anomaly), 0.1)
+    exact = [e - np.cos(anomaly), -((1 - e**2) ** 0.5) * np.sin(anomaly)]
+    assert np.abs(motion.q[-1] - exact).max() < 1e-9
+    assert motion.stats["error_estimate"] <= 1e-9 and len(motion) < 10_000
+
+
+def test_a_pole_of_the_coordinates_is_not_taken_for_a_body_without_mass():
+    q, v = vi.coordinates("theta", "phi")
+    scene = vi.System(q, v, (v[0] ** 2 + ca.sin(q[0]) ** 2 * v[1] ** 2) / 2 + ca.cos(q[0]))
+    with pytest.raises(
+        vi.InputError, match=r"mass of \['phi'\].*singular there, as spherical ones"
+    ):
+        vi.simulate(scene, q0=[0.0, 0.0], v0=[1.0, 0.0], duration=1.0)

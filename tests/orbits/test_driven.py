@@ -1,0 +1,77 @@
+"""Families of driven scenes along the frequency of their drive: resonance curves with folds."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint import orbits
+
+FRICTION, DRIVE = 0.1, 0.4
+
+
+def duffing(wave) -> vi.System:
+    """x'' + 0.1 x' + x + x³ = 0.4 times a wave of a phase and its frequency."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    c = vi.Parameters(omega=0.5, friction=FRICTION, f=DRIVE)
+    force = -c.friction * v + c.f * wave(c.omega, t)
+    return vi.System(q, v, v**2 / 2 - q**2 / 2 - q**4 / 4, force=force, t=t, params=c)
+
+
+def harmonic_balance(omega: float, x: np.ndarray) -> np.ndarray:
+    """x at equal phases by all harmonics that they can hold, from a guess, by Newton's method."""
+    n = len(x)
+    k = 1j * np.fft.fftfreq(n, 1 / n)
+    slope = np.real(np.fft.ifft(k[:, None] * np.fft.fft(np.eye(n), axis=0), axis=0)) * omega
+    linear = slope @ slope + FRICTION * slope + np.eye(n)
+    drive = DRIVE * np.cos(2 * np.pi * np.arange(n) / n)
+    for _ in range(30):
+        x = x - np.linalg.solve(linear + np.diag(3 * x**2), linear @ x + x**3 - drive)
+    assert np.abs(linear @ x + x**3 - drive).max() < 1e-10
+    return x
+
+
+@pytest.fixture(scope="module")
+def resonance():
+    scene = duffing(lambda omega, t: ca.cos(omega * t))
+    slow = orbits.periodic(scene, ([0.4], [0.0]), period=4 * np.pi)
+    return orbits.family(slow, "omega", to=2.2, longest=0.3, most=200)
+
+
+def test_the_period_goes_with_the_frequency_of_the_drive():
+    scene = duffing(lambda omega, t: ca.cos(omega * t))
+    slow = orbits.periodic(scene, ([0.4], [0.0]), period=4 * np.pi)
+    short = orbits.family(slow, "omega", to=0.52, bifurcations=False)
+    assert short.periods == pytest.approx(2 * np.pi / short.parameter("omega"), rel=1e-14)
+    assert short.ended == "at omega=0.52" and short[-1].error_estimate < 1e-11
+    n = 64
+    phases = short[-1].motion.at(short[-1].period * np.arange(n) / n).q[:, 0]
+    assert np.abs(phases - harmonic_balance(0.52, np.round(phases, 2))).max() < 1e-11
+
+
+@pytest.mark.long
+def test_resonance_folds_over_as_harmonic_balance_says(resonance):
+    folds = [one for one in resonance.bifurcations if one.kind == "fold in omega"]
+    assert len(folds) == 2 and folds[0].value > folds[1].value
+    between = (resonance.values < folds[0].value) & (resonance.values > folds[1].value)
+    assert (~resonance.stable[between]).any()  # the middle branch
+    assert resonance.stable[0] and resonance.stable[-1]
+    # the peak of one harmonic: δ ω a = f on the backbone ω² = 1 + ¾ a²
+    top = max(np.abs(one.motion.q).max() for one in resonance)
+    d2 = FRICTION**2
+    peak = np.sqrt((np.sqrt(d2**2 + 3 * d2 * DRIVE**2) - d2) / (1.5 * d2))
+    assert top == pytest.approx(peak, rel=0.03)
+    for one in resonance[:: len(resonance) // 7]:
+        n, omega = 96, float(one.parameters["omega"])
+        phases = one.motion.at(one.period * np.arange(n) / n).q[:, 0]
+        exact = harmonic_balance(omega, np.round(phases, 3))
+        assert np.abs(phases - exact).max() < 1e-9
+
+
+def test_a_drive_that_does_not_follow_the_parameter_is_refused():
+    other = duffing(lambda omega, t: ca.cos(omega * t) + ca.cos(t / 2))
+    one = orbits.periodic(other, ([0.4], [0.0]), period=4 * np.pi)
+    with pytest.raises(vi.InputError, match="not periodic with the period"):
+        orbits.family(one, "omega", to=0.6)
+    along = orbits.family(one, "f", to=0.41)  # which moves no phase
+    assert (along.periods == one.period).all()

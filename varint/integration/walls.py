@@ -1,0 +1,80 @@
+"""Motions that end before their duration does, however short the steps: collisions, dry friction
+that holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from varint.errors import ConvergenceError
+
+# failures one after the other: by steps that follow the scene, by equal ones, and steps of the last
+VARYING, EQUAL, FEWEST = 6, 8, 2**18
+FEWEST_JUMPS = 2**16  # of forces that jump, which fail wherever a step happens to meet the jump
+TOGETHER = 1e-5  # of the duration: failures by steps that follow the scene are at one time
+CLOSE = 4.0  # steps within which equal ones fail there
+
+Failure = tuple[int, ConvergenceError]  # the steps of a run, and how it ended
+
+
+def require_way_on(
+    failures: Sequence[Failure], total: float, *, varying: bool = False, jumps: bool = False
+) -> None:
+    """Refuse to try shorter steps where more and more of them have all failed at one time.
+
+    Parameters
+    ----------
+    failures : sequence of (int, ConvergenceError)
+        Of runs that followed each other, each with more steps than the one before.
+    total : float
+        The duration.
+    varying : bool
+        Whether the steps follow the rate of the scene.
+    jumps : bool
+        Whether forces of the scene jump.
+
+    Raises
+    ------
+    ConvergenceError
+        With the nodes of the last run, or where a force jumps of the one that came farthest.
+    """
+    last = failures[-(VARYING if varying else EQUAL) :]
+    if len(last) < (VARYING if varying else EQUAL):
+        return
+    few, end = last[-1][0], last[-1][1]
+    if not varying and few < (FEWEST_JUMPS if jumps else FEWEST):
+        return
+    widths = [abs(total) * (TOGETHER if varying else CLOSE / steps) for steps, _ in last]
+    at_once = all(
+        abs(error.time - end.time) <= width for (_, error), width in zip(last, widths, strict=True)
+    )
+    if at_once or jumps:
+        raise no_way_on(failures, jumps)
+
+
+def no_way_on(failures: Sequence[Failure], jumps: bool) -> ConvergenceError:
+    """What to say of a motion that no run has followed to its end, with what was reached."""
+    most, end = failures[-1]
+    if jumps:
+        end = max((error for _, error in failures), key=_reached)
+    nodes = 0 if end.trajectory is None else len(end.trajectory)
+    why = (
+        "a force of the scene jumps, and where it holds a body, as dry friction does, there is no "
+        "step that solves the equations: make it smooth, for instance tanh(v / small) for sign(v)"
+        if jumps
+        else "bodies collide, coordinates grow without bound or the scene is singular there: end "
+        "the run before (duration=, until=), or describe the impact (contact=)"
+    )
+    return ConvergenceError(
+        f"the motion ends at t = {end.time:g}: no run of up to {most} steps leads farther. Likely: "
+        f"{why}. Error.trajectory has the {nodes} nodes before it",
+        step=end.step,
+        time=end.time,
+        residual=end.residual,
+        trajectory=end.trajectory,
+        cause=why,
+    )
+
+
+def _reached(error: ConvergenceError) -> float:
+    return 0.0 if error.trajectory is None else abs(error.trajectory.duration)
