@@ -188,3 +188,28 @@ def test_sizes_of_terms_bound_the_rounding_of_their_sum():
         sizes = term_sizes(function, at)
         assert (np.abs(value - np.array(exact, dtype=float)) <= 4e-16 * sizes).all()
         assert (sizes >= np.abs(value)).all() and (sizes < 1e3).all()
+
+
+def steep_friction(scale):
+    q, v = vi.coordinates("x")
+    return vi.System(q, v, v**2 / 2, force=-ca.tanh(v / scale)), [0.0], [1.0]
+
+
+def steep_friction_of_a_joint(scale):
+    q, v = vi.coordinates("x", "y")
+    turning = q[0] * v[1] - q[1] * v[0]
+    force = -3 * ca.tanh(turning / scale) * ca.vertcat(-q[1], q[0])
+    L = ca.sumsqr(v) / 2 - 9.81 * q[1]
+    return vi.System(q, v, L, force=force, constraint=ca.sumsqr(q) - 1), [1.0, 0.0], [0.0, 0.0]
+
+
+@pytest.mark.parametrize("rule", [vi.lobatto(3), vi.lobatto(4)], ids=str)
+@pytest.mark.parametrize("scale", [1e-3, 1e-4])
+@pytest.mark.parametrize("scene", [steep_friction, steep_friction_of_a_joint])
+def test_friction_with_a_steep_sign_brings_a_motion_to_rest(scene, scale, rule):
+    """Steps ten and a hundred times as long as the friction's own time where it turns round."""
+    system, q0, v0 = scene(scale)
+    motion = vi.simulate(system, rule, q0=q0, v0=v0, h=0.01, steps=300)
+    assert np.abs(motion.v[-50:]).max() < 0.01  # of a step of its deceleration
+    if scene is steep_friction:
+        assert motion.q[-1, 0] == pytest.approx(0.5, abs=1e-5)  # v²/2a

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.arguments import (
+    DONE,
     LATELY,
     MOST_NOTED,
     PartsArguments,

@@ -16,6 +16,7 @@ from varint.discrete.scales import (
     scale_function,
 )
 from varint.discrete.tolerances import RESIDUAL_LIMIT
+from varint.integration.careful_step import careful_step
 from varint.integration.cost import steps_at_once
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
@@ -108,7 +109,8 @@ def interpreted_blocks(
 
     A step that fails is tried once more from the velocity at its start, as the compiled loops do,
     with sizes looked up anew there: the last step's polynomial may lead too far, and the sizes of
-    former steps may have little to do with this one. What fails between two saved nodes is looked
+    former steps may have little to do with this one; then with corrections that are halved where
+    they lead too far (`careful_step`). What fails between two saved nodes is looked
     at step by step, and a block without one good node is one in which some step has no numbers.
     """
     layout = state_layout(system.structure.n)
@@ -122,10 +124,13 @@ def interpreted_blocks(
         total, whole = count * every, folds(system)
         times = problem.t0 + problem.h * np.arange(at.k, at.k + total)
         function = rollout(system, rule, *((total, 1) if whole else (count, every)))
-        rolled = call(function, at.x, problem.controls(at.k, total), times, h, problem.c, at.scale)
-        states = rolled[0].reshape(total if whole else count, -1)
+        given = at.x, problem.controls(at.k, total), times, h, problem.c, at.scale
+        states = call(function, *given)[0].reshape(total if whole else count, -1)
         all_states, states = states, states[every - 1 :: every] if whole else states
         good = int(count_good_nodes(states))
+        if not good and total == 1 and fresh and (careful := careful_step(system, rule)):
+            all_states = states = call(careful, *given)[0].reshape(1, -1)
+            good = int(count_good_nodes(states))
         worst = float(states[good - 1, RESIDUAL]) if good else 0.0
         after = advance(at, states[:good], problem.h, every)
         counts = iterations_at(at.x, states[:good])

@@ -17,7 +17,7 @@ from varint.discrete.equations import Equations
 from varint.discrete.lagrangian import Interval, constraint_function, interval
 from varint.discrete.legendre import velocity_function
 from varint.discrete.nonholonomic import half_reaction
-from varint.integration.steppers.newton import iterations, newton
+from varint.integration.steppers.newton import Root, iterations, newton
 from varint.integration.steppers.stepper import (
     Method,
     State,
@@ -34,7 +34,7 @@ from varint.scene.system import System, per_system
 
 
 @per_system
-def constrained_stepper(system: System, rule: Rule) -> Stepper:
+def constrained_stepper(system: System, rule: Rule, root: Root = newton) -> Stepper:
     """Stepper for scenes with constraints: z_j = (Q_j − q0)/h and the multipliers from (q0, p0).
 
     The momentum at the end is projected, which needs no unknowns of the step.
@@ -42,7 +42,7 @@ def constrained_stepper(system: System, rule: Rule) -> Stepper:
     e, n = constrained_equations(system, rule), system.structure.n
     arguments = [e.q, e.p, e.u, e.t, e.h, e.c, e.sizes]
     equations = ca.Function("constrained_step", [e.y, *arguments], [e.scaled], {"cse": True})
-    solve = newton("newton", equations)
+    solve = root("newton", equations)
 
     x = ca.MX.sym("x", state_size(n, e.y.numel()))
     u, t, h, c = (

@@ -7,7 +7,7 @@ import casadi as ca
 from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.lagrangian import Interval, interval
 from varint.discrete.legendre import velocity_function
-from varint.integration.steppers.newton import NEVER, iterations, newton
+from varint.integration.steppers.newton import NEVER, Root, iterations, newton
 from varint.integration.steppers.stepper import (
     Method,
     State,
@@ -22,7 +22,7 @@ from varint.scene.system import System, per_system
 
 
 @per_system
-def implicit_stepper(system: System, rule: Rule) -> Stepper:
+def implicit_stepper(system: System, rule: Rule, root: Root = newton) -> Stepper:
     """Stepper by the position–momentum form: given (q0, p0), solve for the mean velocities z_j =
     (Q_j − q0)/h.
 
@@ -34,7 +34,7 @@ def implicit_stepper(system: System, rule: Rule) -> Stepper:
     # scaled unknowns and rows, so that the iteration's end does not depend on the units
     arguments = [e.q, e.p, e.u, e.t, e.h, e.c, e.scale]
     equations = ca.Function("momentum_matching", [e.y, *arguments], [e.scaled], {"cse": True})
-    solve = newton("newton", equations, large=NEVER)
+    solve = root("newton", equations, large=NEVER)
     begin, finish = _begin(e), _finish(e, rule)
     x = ca.MX.sym("x", state_size(n, e.y.numel()))
     u, t, h, c, s = (

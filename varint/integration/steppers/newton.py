@@ -4,6 +4,8 @@ factorisation breaks down.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 
 from varint.discrete.tolerances import LAST_CORRECTION
@@ -17,6 +19,7 @@ from varint.numerics.limits import STEP_ITERATIONS
 LARGE = 120
 NEVER = 10**9
 FINITE = 1e300  # what is not a number is not below it
+SEARCH_ITERATIONS, NEAR = 200, 1e-8  # of corrections that may be halved, and where they end
 ROUNDS = 12  # unrolled; each that is not needed costs a copy
 # what one iteration adds to the counter among the unknowns: far below everything that is tested
 COUNT = 1e-30
@@ -48,6 +51,29 @@ def newton(name: str, equations: ca.Function, *, large: int = LARGE) -> ca.Funct
     either = ca.Function.if_else("either", keep, again)
     root = fast(*args)
     return ca.Function(name, args, [either(ca.fabs(ca.sum1(root)) < FINITE, root, *args)])
+
+
+def searching_newton(name: str, equations: ca.Function, *, large: int = LARGE) -> ca.Function:
+    """The same from start values that are too far for whole corrections: halved until the residual
+    shrinks, then `newton`. What it costs more is for steps that fail without.
+    """
+    y, *rest = equations.sx_in()
+    k = ca.SX.sym("k")
+    both = ca.Function("both", [ca.vertcat(y, k), *rest], [ca.vertcat(equations(y, *rest), k)])
+    options = {
+        "abstol": 0.0,
+        "abstolStep": NEAR,
+        "max_iter": SEARCH_ITERATIONS,
+        "line_search": True,
+        "error_on_fail": False,
+    }
+    search = ca.rootfinder("search", "newton", both, options)
+    args = [ca.MX.sym(f"a{i}", search.numel_in(i)) for i in range(search.n_in())]
+    close = newton("close", equations, large=large)
+    return ca.Function(name, args, [close(search(*args), *args[1:])])
+
+
+Root = Callable[..., ca.Function]  # `newton` and its kin
 
 
 def _by_normal_equations(equations: ca.Function) -> ca.Function:
