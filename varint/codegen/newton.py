@@ -17,7 +17,7 @@ import numpy as np
 from varint.codegen.arguments import c_table
 from varint.codegen.band import Band, band
 from varint.codegen.cache import AS_WRITTEN
-from varint.codegen.continuation import continuation_tables
+from varint.codegen.continuation import HISTORY, continuation_tables
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
@@ -38,8 +38,6 @@ from varint.numerics.limits import LEGENDRE_ITERATIONS, STEP_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-# steps that start values are continued from, by degree; else 1: more amplifies round-off
-HISTORY = {1: 3, 2: 2, 3: 2}
 # the functions that c/newton.c calls, where the scene needs them
 CALLED = (
     "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
