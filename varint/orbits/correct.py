@@ -197,14 +197,16 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
             break
         trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]
         best = min((_tried(wanted, at, linear, x) for x in trials), key=lambda x: x[0])
+        shortest = float(np.abs(steps[-1]).max())
+        rounded = merit <= SETTLED and shortest <= LOOSE  # then shorter steps say nothing
         for k in range(1, HALVINGS):
-            if best[0] < merit:
+            if best[0] < merit or rounded:
                 break
             best = _tried(wanted, at, linear, trials[0] / 2**k)
         if best[0] < merit:
             merit, at, pieces = best
         else:
-            if merit <= CLOSED and float(np.abs(steps[-1]).max()) <= LOOSE:
+            if merit <= CLOSED and shortest <= LOOSE:
                 return Corrected(at, linear, merit, count)
             break
     raise ConvergenceError(

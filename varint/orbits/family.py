@@ -300,27 +300,25 @@ def _curve(orbit: Orbit, along: Any, hold: str) -> Curve:
 
 def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] | None:
     """The next point, the arclength to it, and the next step; None where every step fails."""
-    base, last = here.orbit, np.inf
+    base, last, near = here.orbit, np.inf, None
     while step >= SHORTEST:
         try:
-            orbit = stepped(base, here.tangent, step, curve, here.by)
+            orbit = stepped(base, here.tangent, step, curve, here.by, near)
             point = point_of(orbit, curve, here.tangent, 1.0)
         except (ConvergenceError, np.linalg.LinAlgError):
-            step *= SHORTER
+            step, near = SHORTER * step, None
             continue
         size = np.sqrt(product(point.tangent, point.tangent, here.by))
         straight = product(scaled(point.tangent, 1 / size), here.tangent, here.by)
         leap = max((abs(x - here.tests[name]) for name, x in passing(point)), default=0.0)
         if (straight < BENT or leap > FAST) and step > FIRST / 30:
-            step *= SHORTER
+            step, near = SHORTER * step, None
             continue
         if LOOSE < orbit.error_estimate < HALVED * last:
             wanted = (orbit.error_estimate / LOOSE) ** (1 / orbit.rule.order)
             each = int(np.ceil(min(FINER * wanted, MOST_FINER) * base.shooting.each))
-            base, last = (
-                replace(base, shooting=replace(base.shooting, each=each)),
-                orbit.error_estimate,
-            )
+            base = replace(base, shooting=replace(base.shooting, each=each))
+            last, near = orbit.error_estimate, orbit.at
             continue
         return point, step, step * (LONGER if orbit.iterations <= QUICK else 1.0)
     return None
