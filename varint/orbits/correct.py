@@ -30,7 +30,7 @@ HALVINGS = 10
 FINE = 1e-13  # in units: corrections that are round-off
 LOOSE = 1e-7  # of the change a correction makes: gaps no longer shrink, but are round-off by then
 CLOSED = 1e-9  # in units: gaps that round-off may leave, with the growth of a segment
-SETTLED = 1e-11  # in units: gaps this small close no further where corrections have stalled
+SETTLED = 5e-14  # in units: gaps this small close no further where corrections have stalled
 STALLED = 0.25  # of the correction before: Newton's converge quadratically until they are round-off
 FAR = 10.0  # in units: no correction is longer
 
