@@ -46,7 +46,13 @@ def test_keplers_third_law_along_a_family():
     constant = found.periods / half_axis**1.5
     assert np.ptp(found.energies) > 0.1
     assert np.abs(constant / (2 * np.pi) - 1).max() < 1e-12
-    # by steps of its own choice from a narrower ellipse, whose perihelion coarse steps would turn
+
+
+@pytest.mark.long
+def test_keplers_third_law_by_steps_of_the_familys_own_choice():
+    """From a narrower ellipse, whose perihelion coarse steps would turn."""
+    model = vi.models.kepler()
+    k = float(model.system.defaults.get("k", 1.0))
     own = orbits.family(
         orbits.periodic(model.system, (model.q0, model.v0), period=2 * np.pi),
         to=-0.2,
