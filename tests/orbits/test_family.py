@@ -48,6 +48,20 @@ def test_keplers_third_law_along_a_family():
     assert np.abs(constant / (2 * np.pi) - 1).max() < 1e-12
 
 
+@pytest.mark.long
+def test_keplers_third_law_by_steps_of_the_familys_own_choice():
+    """From a narrower ellipse, whose perihelion coarse steps would turn."""
+    model = vi.models.kepler()
+    k = float(model.system.defaults.get("k", 1.0))
+    own = orbits.family(
+        orbits.periodic(model.system, (model.q0, model.v0), period=2 * np.pi),
+        to=-0.2,
+        bifurcations=False,
+    )
+    third = own.periods / (2 * np.pi * (-k / (2 * own.energies)) ** 1.5)
+    assert np.abs(third - 1).max() < 1e-12
+
+
 def test_a_parameter_is_varied_at_held_energy():
     first = orbits.periodic(pendulum(), ([1.5], [0.0]), period=7.4, energy=0.0)
     found = orbits.family(first, "length", hold="energy", to=3.0)

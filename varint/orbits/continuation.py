@@ -261,15 +261,23 @@ def predicted(orbit: Orbit, tangent: Direction, length: float, curve: Curve) -> 
     return Iterate(kept(orbit.shooting, x, period, c), period, c)
 
 
-def stepped(orbit: Orbit, tangent: Direction, length: float, curve: Curve, by: Measures) -> Orbit:
-    """The orbit at an arclength from another.
+def stepped(
+    orbit: Orbit,
+    tangent: Direction,
+    length: float,
+    curve: Curve,
+    by: Measures,
+    near: Iterate | None = None,
+) -> Orbit:
+    """The orbit at an arclength from another, from a step along the tangent or from `near`.
 
     Raises
     ------
     ConvergenceError
         If the corrections do not come to one.
     """
-    start, shooting = predicted(orbit, tangent, length, curve), orbit.shooting
+    shooting = orbit.shooting
+    start = predicted(orbit, tangent, length, curve) if near is None else near
     rows = together(
         arclength_row(orbit.at, tangent, length, curve, by), held_rows(curve, shooting, by)
     )

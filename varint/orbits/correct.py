@@ -30,7 +30,7 @@ HALVINGS = 10
 FINE = 1e-13  # in units: corrections that are round-off
 LOOSE = 1e-7  # of the change a correction makes: gaps no longer shrink, but are round-off by then
 CLOSED = 1e-9  # in units: gaps that round-off may leave, with the growth of a segment
-SETTLED = 1e-11  # in units: gaps this small close no further where corrections have stalled
+SETTLED = 5e-14  # in units: gaps this small close no further where corrections have stalled
 STALLED = 0.25  # of the correction before: Newton's converge quadratically until they are round-off
 FAR = 10.0  # in units: no correction is longer
 
@@ -197,14 +197,16 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
             break
         trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]
         best = min((_tried(wanted, at, linear, x) for x in trials), key=lambda x: x[0])
+        shortest = float(np.abs(steps[-1]).max())
+        rounded = merit <= SETTLED and shortest <= LOOSE  # then shorter steps say nothing
         for k in range(1, HALVINGS):
-            if best[0] < merit:
+            if best[0] < merit or rounded:
                 break
             best = _tried(wanted, at, linear, trials[0] / 2**k)
         if best[0] < merit:
             merit, at, pieces = best
         else:
-            if merit <= CLOSED and float(np.abs(steps[-1]).max()) <= LOOSE:
+            if merit <= CLOSED and shortest <= LOOSE:
                 return Corrected(at, linear, merit, count)
             break
     raise ConvergenceError(

@@ -40,7 +40,8 @@ FIRST, LONGEST, SHORTEST = 0.03, 0.15, 1e-7  # arclengths of steps, in ranges of
 LONGER, SHORTER = 1.5, 0.5
 QUICK = 5  # Newton steps: then the next step may be longer
 BENT = 0.97  # cosine of the angle between tangents: a step round a sharper bend is too long
-LOOSE = 2e-13  # in ranges: errors of the steps at which they are made shorter
+LOOSE = 2e-14  # in ranges: errors of the steps at which they are made shorter
+ROUNDED = 1e-13  # in ranges: errors that may be round-off
 FINER, MOST_FINER = 1.1, 4.0  # times the steps: beyond what is needed, and at once
 FAST = 0.3  # of all that (1 ∓ ν)/2 can change by: more may hide two bifurcations
 MESHED = 1e-14  # in sizes of the coordinates: errors of the steps of new segments
@@ -300,29 +301,33 @@ def _curve(orbit: Orbit, along: Any, hold: str) -> Curve:
 
 def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] | None:
     """The next point, the arclength to it, and the next step; None where every step fails."""
-    base, last = here.orbit, np.inf
+    base, last, near = here.orbit, np.inf, None
+    coarser: Point | None = None
     while step >= SHORTEST:
         try:
-            orbit = stepped(base, here.tangent, step, curve, here.by)
+            orbit = stepped(base, here.tangent, step, curve, here.by, near)
             point = point_of(orbit, curve, here.tangent, 1.0)
         except (ConvergenceError, np.linalg.LinAlgError):
-            step *= SHORTER
+            step, near, coarser = SHORTER * step, None, None
             continue
         size = np.sqrt(product(point.tangent, point.tangent, here.by))
         straight = product(scaled(point.tangent, 1 / size), here.tangent, here.by)
         leap = max((abs(x - here.tests[name]) for name, x in passing(point)), default=0.0)
         if (straight < BENT or leap > FAST) and step > FIRST / 30:
-            step *= SHORTER
+            step, near, coarser = SHORTER * step, None, None
             continue
-        if LOOSE < orbit.error_estimate < HALVED * last:
-            wanted = (orbit.error_estimate / LOOSE) ** (1 / orbit.rule.order)
+        # a gap that no correction closes is one of the steps, too, as where a perihelion turns
+        error = max(orbit.error_estimate, orbit.residual)
+        if coarser is not None and error > HALVED * last:
+            if last <= ROUNDED:
+                point = coarser  # more steps do not help
+        elif error > LOOSE:
+            wanted = (error / LOOSE) ** (1 / orbit.rule.order)
             each = int(np.ceil(min(FINER * wanted, MOST_FINER) * base.shooting.each))
-            base, last = (
-                replace(base, shooting=replace(base.shooting, each=each)),
-                orbit.error_estimate,
-            )
+            base = replace(base, shooting=replace(base.shooting, each=each))
+            last, near, coarser = error, orbit.at, point
             continue
-        return point, step, step * (LONGER if orbit.iterations <= QUICK else 1.0)
+        return point, step, step * (LONGER if point.orbit.iterations <= QUICK else 1.0)
     return None
 
 

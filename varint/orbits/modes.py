@@ -10,9 +10,10 @@ import numpy as np
 from varint.errors import InputError
 from varint.integration.simulate import simulate
 from varint.notation.html import table
+from varint.orbits.guess import guess_of
 from varint.orbits.orbit import Orbit
 from varint.orbits.oscillations import modes_at
-from varint.orbits.periodic import periodic
+from varint.orbits.periodic import Sought, orbit_near
 from varint.orbits.phase import (
     energy_at,
     state_of,
@@ -122,7 +123,8 @@ class NormalModes:
         x = state_of(self.system, q, v, 0.0, self.equilibrium.c)
         energy = energy_at(self.system, x, 0.0, self.equilibrium.c)
         long = float(self.periods[k])
-        return periodic(self.system, (q, v), rule, period=long, energy=energy, params=values)
+        near = guess_of(self.system, (q, v), long, values, 0.0, None)
+        return orbit_near(self.system, near, rule, Sought(long, energy))[0]
 
     def motion(self, k: int = 0, amplitude: float = 0.1, *, frames: int = FRAMES) -> Trajectory:
         """One period of a mode as a motion of the linear equations, with constraints put on their

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from varint.orbits.correct import (
     no_row,
     period_row,
 )
-from varint.orbits.guess import guess_of, prepared
+from varint.orbits.guess import Guess, guess_of, prepared
 from varint.orbits.nearer import nearer
 from varint.orbits.orbit import Orbit
 from varint.orbits.phase import integrals
@@ -44,7 +44,7 @@ ROUNDS = 3  # of refining the steps
 NEARLY = 1e-3  # in units: gaps that shorter steps may close
 CLOSED = 1e-12  # in units: what round-off may leave of x(T) − x(0)
 HELPS = 0.25  # of the error before: what more steps leave of it, unless it is round-off
-FAR = 0.5  # of its ranges: an orbit that begins this far from the guess
+FAR = 1.0  # of its ranges: an orbit that begins this far from the guess
 MUCH = 1.5  # times the guessed period, or less by as much
 STILL = 1e-6  # of the guess's ranges: an orbit this small is an equilibrium
 
@@ -136,14 +136,48 @@ def periodic(
     >>> round(orbit.period, 12)  # 4 K(sin 45°): released from the height of the pivot
     7.416298709205
     """
+    sought = Sought(period, energy, steps, segments, tol, symmetries)
+    first = _checked(system, guess, period, params, t0, turns)
+    found, at = orbit_near(system, first, rule, sought)
+    _warn_if_far(found, at)
+    return found
+
+
+class Sought(NamedTuple):
+    """What is held, and how it is looked for; see `periodic`."""
+
+    period: float | None
+    energy: float | None
+    steps: int | None = None
+    segments: int | None = None
+    tol: float | None = None
+    symmetries: Sequence[Symmetry] | None = None
+
+
+def _checked(
+    system: System,
+    guess: Any,
+    period: float | None,
+    params: ParameterValues | None,
+    t0: float,
+    turns: Mapping[str, int] | None,
+) -> Guess:
+    """The guess, of a scene that has orbits."""
     require_system(system)
     refuse_scene(system)
+    return guess_of(system, guess, period, params, number("t0", t0), turns)
+
+
+def orbit_near(
+    system: System, first: Guess, rule: Rule | None, sought: Sought
+) -> tuple[Orbit, Iterate]:
+    """The orbit, and the guess in its segments, wherever the orbit is."""
+    period, energy, steps, segments, tol, symmetries = sought
     rule = orbit_rule(system, rule)
     if tol is None:
         tol = next(x for order, x in WITHIN_REACH.items() if rule.order >= order)
     if not number("tol", tol) > 0:
         raise InputError(f"tol must be a positive number, got {tol!r}")
-    first = guess_of(system, guess, period, params, number("t0", t0), turns)
     known = integrals(system, first.c, first.x[: system.structure.n], symmetries)
     if energy is not None and not known.energy:
         raise InputError("energy= is held, but the scene does not conserve it (time or forces)")
@@ -158,12 +192,15 @@ def periodic(
         else:
             rows = no_row
         found = refined(Wanted(shooting, units, at.period, 1.0, None, rows), at, steps, tol)
-    _warn_if_far(found, at)
-    return found
+    return found, at
 
 
 def _warn_if_far(found: Orbit, guess: Iterate) -> None:
-    """Say so where the orbit is another one than the guess may have meant."""
+    """Say so where the orbit is another one than the guess may have meant; what answers a drive
+    begins where it must.
+    """
+    if not found.shooting.autonomous:
+        return
     scale = found.units.scale
     away = float((np.abs(found.at.x[0] - guess.x[0]) / scale).max())
     longer = found.period / guess.period
