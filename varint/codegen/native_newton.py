@@ -11,9 +11,16 @@ import numpy as np
 from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of
 from varint.codegen.core import newton_loop
+from varint.codegen.frozen import freezes
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import Kernel
-from varint.codegen.native import TOO_LARGE, kernel_on, tapes_of
+from varint.codegen.native import (
+    MOST_OF_LOOPS,
+    MOST_OPERATIONS,
+    TOO_LARGE,
+    kernel_on,
+    tapes_of,
+)
 from varint.codegen.newton import newton_scheme
 from varint.codegen.source import routines
 from varint.codegen.tape import NOTHING_TO_DO
@@ -28,7 +35,7 @@ def native_newton(system: System, rule: Rule) -> Kernel:
     if x.by_nodes:
         raise NotCompilable(TOO_LARGE)
     functions = routines(x.constants, x.functions)
-    tapes = tapes_of(functions)
+    tapes = tapes_of(functions, MOST_OF_LOOPS if freezes(system) else MOST_OPERATIONS)
     names = _names()
     members: list[Member] = [
         *(x.counts[name] for name in names["COUNTS"]),

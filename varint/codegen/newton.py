@@ -31,7 +31,7 @@ from varint.discrete.row_independence import folds, pivot_and_lengths
 from varint.discrete.scales import SMALLEST, scale_function
 from varint.discrete.shake_equations import eliminates_path, shake_equations
 from varint.discrete.shake_equations import hidden_functions as multiplier_parts
-from varint.discrete.tolerances import LAST_CORRECTION, LAST_LINEAR_CORRECTION, RESIDUAL_LIMIT
+from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.numerics.arrays import over_columns
 from varint.numerics.limits import STEP_ITERATIONS
 from varint.rules.rule import Rule
@@ -181,7 +181,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         [name for name in CALLED if name not in functions and name not in by_nodes],
         _counts(system, rule, e, solve, projection, eliminates),
         {
-            "LAST_CORRECTION": LAST_LINEAR_CORRECTION if solve.linear else LAST_CORRECTION,
+            "LAST_CORRECTION": solve.last_correction,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
             "SMALLEST": SMALLEST,
         },
