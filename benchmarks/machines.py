@@ -1,9 +1,12 @@
 """A step of machines made by varint.multibody: linear in the links? And a seven-axis arm beside
 MuJoCo.  python benchmarks/machines.py
 
-Trees and chains of equal links; `ratio` compares the cost of an evaluation and link with that of
-the first row. The arm: gauss(2) and gauss(4) beside MuJoCo's RK4 at equal steps, errors of the
-joint angles at the end against gauss(8) of a tenth of the step; MuJoCo where it is installed.
+Trees and chains of equal links by the native loop, whatever their size; `ratio` compares the cost
+of a step and link with that of the first row, `operations` are those of an evaluation, for a link:
+what is next to the ground or a tip is simpler, which ten links feel more. A humanoid: a floating
+base with forty hinges in five limbs. The arm: gauss(2) and gauss(4), compiled, beside MuJoCo's RK4
+at equal steps, errors of its angles at the end against gauss(8) of a tenth of the step; MuJoCo
+where it is installed.
 """
 
 from __future__ import annotations
@@ -16,8 +19,12 @@ from tools.record import save, table
 
 import varint as vi
 import varint.multibody as mb
+from varint.codegen.gauss import gauss_scheme
+from varint.codegen.graph import operations
 
 AXES, REPEATS = ((0, 1, 0), (1, 0, 0), (0, 0, 1)), 5
+HALVES = ("kick", "drift")  # what an evaluation calls
+RULE, H = vi.gauss(2), 2e-4  # so small that a chain of a hundred converges as one of ten
 STEPS = 2000  # of what is timed: what a call costs besides its steps is not seen
 MASS, COM, INERTIA = 1.0, (0.05, 0.02, -0.5), (0.1, 0.12, 0.05)
 
@@ -43,11 +50,17 @@ def best(run, steps: int) -> float:
     return min(times) / steps * 1e6
 
 
+def evaluation_size(system: vi.System) -> int:
+    """Operations of the right-hand side at a stage."""
+    functions = gauss_scheme(system, 2).functions
+    return sum(operations(f.graph, f.last)[0] for k, f in functions.items() if k in HALVES)
+
+
 def scaling() -> list[dict]:
     rows = []
     shapes = {
         "tree": ((10, 30, 100), lambda i: (i - 1) // 2 + 1 if i else 0),
-        "chain": ((10, 20, 30), lambda i: i),
+        "chain": ((10, 30, 100), lambda i: i),
     }
     for shape, (sizes, parent_of) in shapes.items():
         first = 0.0
@@ -55,18 +68,18 @@ def scaling() -> list[dict]:
             began = process_time()
             system = machine(links, parent_of).system()
             start = {"q0": 0.3 * np.cos(np.arange(links)), "v0": 0.05 * np.sin(np.arange(links))}
-            found, timed = {}, 10 * STEPS // links
+            found, timed = {}, 20 * STEPS // links
 
             def run(steps: int = timed, system=system, start=start, found=found) -> None:
                 found["motion"] = vi.simulate(
-                    system, vi.gauss(2), **start, h=2e-3, steps=steps, save_every=steps
+                    system, RULE, **start, h=H, steps=steps, save_every=steps, backend="native"
                 )
 
             run(5)
             built = process_time() - began
             step = best(run, timed)
             evaluations = found["motion"].stats["iterations"] / timed
-            each = step / evaluations / links
+            each = step / links
             first = first or each
             rows.append(
                 {
@@ -74,8 +87,52 @@ def scaling() -> list[dict]:
                     "set-up (s)": round(built, 2),
                     "step (µs)": round(step, 2),
                     "evaluations": round(evaluations, 1),
-                    "evaluation and link (µs)": round(each, 3),
+                    "operations": round(evaluation_size(system) / links),
+                    "step and link (µs)": round(each, 3),
                     "ratio": round(each / first, 2),
+                }
+            )
+    return rows
+
+
+def humanoid() -> list[dict]:
+    """A base that floats and turns freely, five limbs of eight hinges; every rule at one step."""
+    began = process_time()
+    world = mb.Model(gravity=(0, 0, -9.81))
+    world.free(world, world.body(10.0, (0, 0, 0.1), (1, 1, 0.5), "trunk"))
+    last = "trunk"
+    for i in range(40):
+        parent, at = ("trunk", (0, 0.1 * (i // 8), 0)) if i % 8 == 0 else (last, (0, 0, -0.15))
+        last = world.body(1.0, (0.02, 0.01, -0.08), (0.01, 0.012, 0.005), f"link{i}").name
+        world.revolute(parent, last, AXES[i % 3], at)
+    system, built = world.system(), process_time() - began
+    q0, v0 = mb.start_values(
+        world,
+        {f"link{i}": 0.3 * np.cos(i) for i in range(40)},
+        {"trunk": [0.1, 0.2, 0.3, 1, 2, 3]} | {f"link{i}": 0.5 * np.sin(i) for i in range(40)},
+    )
+    rows = []
+    for backend in ("native", "compiled"):
+        for rule in (vi.gauss(2), vi.gauss(4)):
+            found = {}
+
+            def run(steps: int = 500, rule=rule, backend=backend, found=found) -> None:
+                found["motion"] = vi.simulate(
+                    system, rule, q0=q0, v0=v0, h=2e-3, steps=steps, backend=backend
+                )
+
+            began = process_time()
+            run(5)
+            first = built + process_time() - began
+            step, motion = best(run, 500), found["motion"]
+            drift = np.ptp(motion.energy) / abs(motion.energy[0])
+            rows.append(
+                {
+                    "machine": f"humanoid of 40 hinges, {rule}, {backend}",
+                    "set-up (s)": round(first, 2),
+                    "step (µs)": round(step, 2),
+                    "evaluations": round(motion.stats["iterations"] / 500, 1),
+                    "energy drift": float(f"{drift:.1e}"),
                 }
             )
     return rows
@@ -112,7 +169,14 @@ def arm() -> list[dict]:
 
             def run(steps: int = STEPS, rule=rule, h=h, found=found) -> None:
                 found["motion"] = vi.simulate(
-                    system, rule, q0=q0, v0=v0, h=h, steps=steps, save_every=steps
+                    system,
+                    rule,
+                    q0=q0,
+                    v0=v0,
+                    h=h,
+                    steps=steps,
+                    save_every=steps,
+                    backend="compiled",
                 )
 
             step = best(run, STEPS)
@@ -145,7 +209,7 @@ def _row(tool: str, h: float, step: float, error: np.ndarray) -> dict:
 
 
 if __name__ == "__main__":
-    for name, measure in (("machines", scaling), ("arm", arm)):
+    for name, measure in (("machines", scaling), ("humanoid", humanoid), ("arm", arm)):
         measured = measure()
         table(measured)
         save(name, measured)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 
 import varint.multibody as mb
+from varint.models.linkages import ANDREWS
 from varint.multibody.rotations import frame_along
 
 AXES = ((0, 1, 0), (1, 0, 0), (0, 0, 1))
@@ -87,6 +90,41 @@ def slider_crank() -> mb.Model:
     world.revolute(crank, rod, (0, -1, 0), (0.15, 0, 0), name="psi")
     world.prismatic(world, slider, (1, 0, 0), name="x")
     world.loop("point", (rod, (0.3, 0, 0)), slider)
+    return world
+
+
+def andrews() -> mb.Model:
+    """Andrews' squeezing mechanism (IFToMM A03) in the plane x, y: seven bodies, three loops at one
+    point, a spring, and a motor on the crank; coordinates as in Hairer & Wanner II, VII.7.
+    """
+    n = SimpleNamespace(**ANDREWS)
+    world, at = mb.Model(gravity=(0, 0, 0)), (n.xa, n.ya, 0)
+    coms = {
+        "beta": (n.m1, n.ra, 0, n.i1),
+        "theta": (n.m2, -n.da, 0, n.i2),
+        "gamma": (n.m3, n.sa, n.sb, n.i3),
+        "phi": (n.m4, 0, n.ea - n.e, n.i4),
+        "delta": (n.m5, n.ta, n.tb, n.i5),
+        "omega": (n.m6, n.zf - n.fa, 0, n.i6),
+        "epsilon": (n.m7, n.ua, n.ub, n.i7),
+    }
+    for name, (mass, x, y, inertia) in coms.items():
+        world.body(mass, (x, y, 0), (0, 0, inertia), name)
+    for name, parent, place in (
+        ("beta", world, (0, 0, 0)),
+        ("theta", "beta", (n.rr, 0, 0)),
+        ("gamma", world, (n.xb, n.yb, 0)),
+        ("phi", "delta", (n.zt, 0, 0)),
+        ("delta", world, at),
+        ("omega", "epsilon", (0, -n.u, 0)),
+        ("epsilon", world, at),
+    ):
+        world.revolute(parent, name, (0, 0, 1), place)
+    tip = ("theta", (-n.d, 0, 0))
+    for end in (("gamma", (0, -n.ss, 0)), ("phi", (0, -n.e, 0)), ("omega", (n.zf, 0, 0))):
+        world.loop("point", end, tip)
+    world.spring(("gamma", (n.sd, -n.sc, 0)), ("world", (n.xc, n.yc, 0)), n.c0, n.l0)
+    world.motor("beta", "torque")
     return world
 
 

@@ -93,6 +93,11 @@ KNOWN = {
         "Links of a machine",
         "A step of `gauss(2)` of trees and chains of hinges in space, over the number of links.",
     ),
+    "humanoid": Benchmark(
+        "A humanoid",
+        "A base that floats and turns freely, with forty hinges: set-up and steps, native and "
+        "compiled.",
+    ),
     "arm": Benchmark(
         "An arm of seven axes",
         "Steps of `gauss(2)` and `gauss(4)` beside MuJoCo's RK4, and the error after a second.",

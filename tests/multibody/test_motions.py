@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from machines import bricard, flat_four_bar, jansen_legs, slider_crank
+from machines import andrews, bricard, flat_four_bar, jansen_legs, slider_crank
 from references import entries
 
 import varint as vi
@@ -90,6 +90,53 @@ def test_the_four_bar_of_iftomm_meets_its_reference():
     [theta, rate] = found["reference"]["state"][0][4:]
     assert abs(motion.q[-1, :3] - theta).max() <= 1e-12
     assert abs(motion.v[-1, :3] - rate).max() <= 1e-12
+
+
+def test_the_squeezer_is_that_of_its_equations():
+    """From bodies, joints, loops and a spring: L and the loops of the hand-written scene."""
+    made, hand = andrews().system(), vi.models.andrews_mechanism()
+    torque = hand.system.defaults["mom"]
+    terms = [
+        ca.Function("terms", [s.q, s.v, s.c], [s.lagrangian, s.constraint])
+        for s in (made, hand.system)
+    ]
+    random = np.random.default_rng(3)
+    for _ in range(3):
+        q, v = random.normal(size=(2, 7))
+        [lagrangian, rows], [other, theirs] = (
+            terms[0](q, v, []),
+            terms[1](q, v, hand.system.default_vector),
+        )
+        assert np.isclose(float(lagrangian), float(other) - torque * q[0], rtol=1e-13)
+        assert abs(np.array(rows - theirs)).max() <= 1e-15
+    force = ca.Function("F", [made.q, made.v, made.control], [made.force])
+    assert (np.array(force(q, v, torque)).ravel() == torque * np.eye(7)[0]).all()
+
+
+@pytest.mark.long
+def test_the_squeezer_of_iftomm_meets_its_reference():
+    found = entries("c")["C_andrews"]
+    system = andrews().system()
+    q0, v0 = vi.project(system, found["initial"]["q"], np.zeros(7))
+    u = [found["params"]["mom"]]
+    motion = vi.simulate(system, vi.lobatto(6), q0=q0, v0=v0, h=2e-5, duration=0.03, u=u)
+    state = np.array(found["reference"]["state"][3])
+    assert abs(motion.q[-1] - state[:7]).max() <= 1e-11
+    assert abs(motion.v[-1] - state[7:14]).max() <= 1e-11 * abs(state[7:14]).max()
+    gaps = ca.Function("g", [system.q], [system.constraint])
+    assert max(abs(np.array(gaps(q))).max() for q in motion.q[::50]) <= 1e-15
+
+
+def test_the_pendulum_of_iftomm_meets_its_reference():
+    """Benchmark A01, released level, from a hinge; the place of the bob and its velocity."""
+    found = entries("a")["A05_pendulum_cartesian_iftomm_A01"]
+    world = mb.Model(gravity=(0, -9.81, 0))
+    bob = world.body(1.0, (1, 0, 0), name="bob")
+    world.revolute(world, bob, (0, 0, 1))
+    end = world.frame((bob, (1, 0, 0)))
+    motion = vi.simulate(world.system(), vi.gauss(8), q0=np.pi, v0=0.0, h=0.02, duration=10.0)
+    state = np.hstack([motion.value(x)[-1, :2] for x in (end.position, end.velocity)])
+    assert abs(state - found["reference"]["state"][-1]).max() <= 1e-12
 
 
 def test_the_loop_of_bricard_turns_though_it_has_a_row_too_many():

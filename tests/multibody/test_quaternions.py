@@ -132,3 +132,24 @@ def test_tangents_are_rotation_vectors():
     before, after = (mb.quaternion_matrix(q[3:7] / np.linalg.norm(q[3:7])) for q in (q0, moved))
     skew = (before.T @ after - np.eye(3)) / step
     assert abs(np.array([skew[2, 1], skew[0, 2], skew[1, 0]]) - turn).max() <= 1e-6
+
+
+def test_an_attitude_is_reached_at_the_same_cost_by_coarse_steps_of_two_rules():
+    """The end is a direction of four numbers: no path pays for their length."""
+    world = mb.Model(gravity=(0, 0, 0))
+    world.spherical(world, world.body(1.0, inertia=(0.6, 0.75, 0.5), name="top"))
+    for axis, turn in zip("xyz", ([0, 1, 0], [-1, 0, 0], [0, 0, 1]), strict=True):
+        angle = 0.0 if axis == "z" else np.pi / 2
+        place = mb.placed((0, 0, 0), mb.axis_rotation(turn, angle))
+        world.thrust(("top", place), axis, kind="torque")
+    scene, (q0, v0) = world.system(), mb.start_values(world)
+    wanted = mb.start_values(world, {"top": [0.5, 0.4, -0.6, 0.3]})[0]
+    given = dict(duration=1.0, steps=8, cost=ca.sumsqr(scene.control))
+    ends = dict(start=dict(q=q0, v=v0), end=dict(q=2 * wanted, v=np.zeros(4)))
+    found = [
+        vi.optimal_control(scene, rule, **given, **ends) for rule in (vi.gauss(2), vi.lobatto(3))
+    ]
+    assert np.isclose(found[0].cost, found[1].cost, rtol=2e-3)
+    for path in found:
+        assert abs(path.q[-1] - wanted).max() <= 1e-8
+        assert abs(path.v[-1]).max() <= 1e-7

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.arguments import (
-    DONE,
     LATELY,
     MOST_NOTED,
     PartsArguments,

@@ -27,6 +27,7 @@ from varint.scene.system import System
 
 MOST_COORDINATES, MOST_CONTROLS, MOST_TAKEN = 128, 16, 4096  # MOST_N, … of c/scene.h
 MOST_OPERATIONS = 60_000  # of a scene: more are worth the compiler's time
+MOST_OF_LOOPS = 250_000  # of a large machine with loops, which takes the compiler minutes
 TOO_LARGE = "the scene is too large to be run as data; use backend='compiled'"
 
 
@@ -80,10 +81,10 @@ def native_explicit(system: System, rule: Rule) -> Kernel:
     return kernel_on((about(rule), n, controls, kicks, work), explicit_loop(), block)
 
 
-def tapes_of(functions: Mapping[str, Routine]) -> dict[str, Tape]:
+def tapes_of(functions: Mapping[str, Routine], most: int = MOST_OPERATIONS) -> dict[str, Tape]:
     """The functions as tapes; their square roots are those of the compiled kernel."""
     sizes = [operations(*f) for f in functions.values()]
-    if sum(size for size, _ in sizes) > MOST_OPERATIONS:
+    if sum(size for size, _ in sizes) > most:
         raise NotCompilable(TOO_LARGE)
     many = sum(roots for _, roots in sizes) > FEW_ROOTS
     return {name: tape_of(f.graph, f.last, many) for name, f in functions.items()}

@@ -6,9 +6,17 @@ from dataclasses import replace
 
 from varint.codegen.block import block_of
 from varint.codegen.core import newton_loop
+from varint.codegen.frozen import freezes
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import Kernel
-from varint.codegen.native import TOO_LARGE, kernel_on, members_by_name, tapes_of
+from varint.codegen.native import (
+    MOST_OF_LOOPS,
+    MOST_OPERATIONS,
+    TOO_LARGE,
+    kernel_on,
+    members_by_name,
+    tapes_of,
+)
 from varint.codegen.newton import newton_routines, newton_scheme
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -21,7 +29,7 @@ def native_newton(system: System, rule: Rule) -> Kernel:
     if x.by_nodes:
         raise NotCompilable(TOO_LARGE)
     functions = newton_routines(system, rule)
-    tapes = tapes_of(functions)
+    tapes = tapes_of(functions, MOST_OF_LOOPS if freezes(system) else MOST_OPERATIONS)
     members = members_by_name("newton_scene.h", x.counts | x.limits, x.places, x.tables, tapes)
     first = next(iter(functions.values()))
     heads = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)

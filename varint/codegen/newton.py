@@ -32,7 +32,7 @@ from varint.discrete.row_independence import FOLDED, VANISHED, folds, pivot_and_
 from varint.discrete.scales import SMALLEST, scale_function
 from varint.discrete.shake_equations import eliminates_path, shake_equations
 from varint.discrete.shake_equations import hidden_functions as multiplier_parts
-from varint.discrete.tolerances import LAST_CORRECTION, LAST_LINEAR_CORRECTION, RESIDUAL_LIMIT
+from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.numerics.arrays import over_columns
 from varint.numerics.limits import LEGENDRE_ITERATIONS, STEP_ITERATIONS
 from varint.rules.rule import Rule
@@ -192,7 +192,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         [name for name in CALLED if name not in functions and name not in by_nodes],
         _counts(system, rule, e, solve, projection, eliminates),
         {
-            "LAST_CORRECTION": LAST_LINEAR_CORRECTION if solve.linear else LAST_CORRECTION,
+            "LAST_CORRECTION": solve.last_correction,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
             "SMALLEST": SMALLEST,
             "FOLDED": FOLDED,

@@ -10,7 +10,13 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.band import Band, band
+from varint.codegen.frozen import freezes, frozen_slope
 from varint.discrete.equations import Equations
+from varint.discrete.tolerances import (
+    LAST_CORRECTION,
+    LAST_FROZEN_CORRECTION,
+    LAST_LINEAR_CORRECTION,
+)
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -29,7 +35,7 @@ Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
 class Solution:
     """How the unknowns are found: the functions for it, the order of the band, what makes it
     simpler (`steady`: of a map, that it is the same at all times); tables of the rule where the
-    equations are a loop over its nodes.
+    equations are a loop over its nodes; whether the matrix is not their derivative but near it.
     """
 
     functions: Functions
@@ -39,12 +45,25 @@ class Solution:
     map: bool
     steady: bool = False
     tables: dict[str, np.ndarray] = field(default_factory=dict)
+    frozen: bool = False
+
+    @property
+    def last_correction(self) -> float:
+        """Relative correction after which nothing is left to correct."""
+        if self.linear:
+            return LAST_LINEAR_CORRECTION
+        return LAST_FROZEN_CORRECTION if self.frozen else LAST_CORRECTION
 
 
 def solution_of(system: System, rule: Rule, e: Equations, held: bool) -> Solution:
     """The cheapest way to the unknowns of the equations; `held`: there are constraints."""
     at_nodes = None if held else _at_nodes(system, rule, e)
-    return at_nodes or _written_out(e, system.structure.linear and not held)
+    if at_nodes:
+        return at_nodes
+    if held and freezes(system):
+        found = _written_out(e, False, frozen_slope(system, rule, e))
+        return replace(found, frozen=True)
+    return _written_out(e, system.structure.linear and not held)
 
 
 def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
@@ -95,9 +114,9 @@ def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
     return Solution(functions, band_of_blocks, False, False, False, tables=tables)
 
 
-def _written_out(e: Equations, linear: bool) -> Solution:
+def _written_out(e: Equations, linear: bool, near: ca.SX | None = None) -> Solution:
     left = ca.densify(e.left / e.row_size)
-    matrix = ca.jacobian(left, e.y)
+    matrix = ca.jacobian(left, e.y) if near is None else near
     linear = linear and not ca.depends_on(matrix, ca.vertcat(e.y, e.q, e.p, e.t, e.u))
     unordered = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
     if linear and e.y.numel() <= MAPPED:

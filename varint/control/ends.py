@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.control.attitudes import with_free_lengths
 from varint.control.states import States
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.expressions import column, limits, triples
@@ -87,7 +88,7 @@ def end_conditions(
         rows.append(found)
         low.append(sides[0])
         high.append(sides[1])
-    return End(
+    made = End(
         **bounds_at(system, what, given, states),
         momenta=bound,
         rows=ca.vertcat(*rows),
@@ -95,6 +96,7 @@ def end_conditions(
         high=np.concatenate(high),
         periodic=_offset(given.get("periodic"), n, system.names),
     )
+    return with_free_lengths(system, made) if what == "end" else made
 
 
 VALUES = ("q", "v", "states")  # conditions that are bounds of unknowns

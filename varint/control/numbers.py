@@ -167,7 +167,7 @@ def _end(
     with.
     """
     system, states = phase.system, phase.states
-    plain = named <= set(VALUES)
+    plain = named <= set(VALUES) and not system.rays
     if plain:
         at = bounds_at(system, what, merged, states)
         found = replace(known, q=at["q"], v=at["v"], states=at["states"])

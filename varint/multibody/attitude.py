@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from varint.errors import InputError
-from varint.estimation.result import Fit
 from varint.multibody.joints import QUATERNION
 from varint.scene.rays import tangent_columns
+
+if TYPE_CHECKING:
+    from varint.estimation.result import Fit
 
 QUARTERS = 4.0  # B⁺ = 4 Bᵀ of δq = B δθ
 

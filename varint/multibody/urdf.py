@@ -1,27 +1,24 @@
-"""Robots from URDF files."""
+"""Robots from URDF files: links and joints."""
 
 from __future__ import annotations
 
 import os
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from varint.errors import InputError
-from varint.multibody.data import WORLD, Limits, Passive, Placement
-from varint.multibody.elements import Element, Unread, document, file_within, located
-from varint.multibody.mesh import Mesh, can_read
+from varint.multibody.data import WORLD, Limits, Passive
+from varint.multibody.elements import Element, Unread, document, located
 from varint.multibody.model import Model
-from varint.multibody.rotations import roll_pitch_yaw
-from varint.multibody.shapes import GREY, Shape
+from varint.multibody.shapes import Shape
+from varint.multibody.urdf_shapes import NONE, link_shapes, origin
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 # what controllers and pictures need, and the motion does not
 HARMLESS = ("calibration", "safety_controller", "collision", "material", "verbose", "contact")
-NONE = (0.0, 0.0, 0.0)
 
 
 def from_urdf(
@@ -106,7 +103,7 @@ def from_urdf(
         raise InputError(f"{links[WORLD].where}: only the root link may be called {WORLD!r}")
     for name, link in links.items():
         if name != WORLD:
-            _body(model, link, _shapes(link, colours, home, unread), unread)
+            _body(model, link, link_shapes(link, colours, home, unread), unread)
     if ground != WORLD:
         {"fixed": model.fixed, "free": model.free}[base](model, ground, name="base")
     elif base == "free":
@@ -188,15 +185,6 @@ def joint_ends(joint: Element) -> tuple[str, str]:
     return parent.text("link"), child.text("link")
 
 
-def origin(element: Element) -> Placement:
-    """The `<origin xyz rpy>` of an element."""
-    place = element.one("origin")
-    if place is None:
-        return Placement(np.zeros(3), np.eye(3))
-    angles = place.numbers("rpy", 3, NONE)
-    return Placement(place.numbers("xyz", 3, NONE), roll_pitch_yaw(*angles))
-
-
 def _body(model: Model, link: Element, shapes: tuple[Shape, ...], unread: Unread) -> None:
     mass, com, inertia = _inertial(link, unread)
     located(link, lambda: model.body(mass, com, inertia, link.text("name"), visuals=shapes))
@@ -276,79 +264,3 @@ def _limits(joint: Element, kind: str, unread: Unread) -> Limits:
     return Limits(
         -np.inf if free else lower, np.inf if free else upper, speed or np.inf, effort or np.inf
     )
-
-
-def _shapes(
-    link: Element, materials: dict[str, Element], folder: Path | None, unread: Unread
-) -> tuple[Shape, ...]:
-    """What is drawn of a link: its `<visual>`s, or its `<collision>`s where those are files that
-    cannot be read here.
-    """
-    shapes = _shapes_of(link.all("visual"), materials, folder, unread)
-    if all(shape.mesh is None or can_read(shape.mesh) for shape in shapes):
-        return shapes
-    return _shapes_of(link.all("collision"), materials, folder, unread)
-
-
-def _shapes_of(
-    visuals: Sequence[Element], materials: dict[str, Element], folder: Path | None, unread: Unread
-) -> tuple[Shape, ...]:
-    found = []
-    for visual in visuals:
-        geometry = visual.one("geometry")
-        if geometry is None:
-            raise InputError(f"{visual.where} needs a <geometry>")
-        shape = _shape(geometry, origin(visual), _colour(visual, materials), folder, unread)
-        found += [shape] if shape is not None else []
-    return tuple(found)
-
-
-def _colour(visual: Element, materials: dict[str, Element]) -> tuple[float, ...]:
-    material = visual.one("material")
-    colour = None if material is None else material.one("color")
-    if material is not None and colour is None:
-        known = materials.get(material.attributes.get("name", ""))
-        colour = None if known is None else known.one("color")
-    return GREY if colour is None else tuple(map(float, colour.numbers("rgba", 4, GREY)))
-
-
-def _shape(
-    geometry: Element,
-    place: Placement,
-    colour: tuple[float, ...],
-    folder: Path | None,
-    unread: Unread,
-) -> Shape | None:
-    unread.only(geometry, ("box", "cylinder", "sphere", "capsule", "mesh"), ())
-    for form in geometry:
-        if form.tag == "box":
-            size = tuple(map(float, form.numbers("size", 3, (1.0, 1.0, 1.0)) / 2))
-            return Shape("box", size, place, colour)
-        if form.tag in ("cylinder", "capsule"):
-            size = (form.number("radius"), form.number("length") / 2)
-            return Shape(form.tag, size, place, colour)
-        if form.tag == "sphere":
-            return Shape("sphere", (form.number("radius"),), place, colour)
-        if form.tag == "mesh":
-            x, y, z = form.numbers("scale", 3, (1.0, 1.0, 1.0))
-            path = mesh_file(form, folder, unread)
-            if path is None:
-                return None
-            mesh = Mesh(path, (float(x), float(y), float(z)))
-            return Shape("mesh", (), place, colour, mesh)
-    return None
-
-
-def mesh_file(element: Element, folder: Path | None, unread: Unread) -> Path | None:
-    """The file of a mesh within the folder; a drawing does without one that is not there."""
-    name = element.text("filename")
-    if name.startswith("package://"):
-        package, _, rest = name[len("package://") :].partition("/")
-        # the package's folder beneath ours, or ours itself
-        inside = folder is not None and (folder / package).is_dir()
-        name = f"{package}/{rest}" if inside else rest
-    try:
-        return file_within(folder, name, element)
-    except InputError:
-        unread.note(element, "", "not found in the folder, or outside it: not drawn")
-        return None

@@ -91,7 +91,7 @@ typedef V Unknowns[MOST_ROWS][VECTORS];
 /* What a run needs to go on as if it had not stopped: these numbers, and behind them y and its rest, 2 N each, what the
    scales remember, ROWS each, and the unknowns of the last two steps and of the one that is begun. */
 typedef struct {
-    double steps_known, expected, h, rate, low, count, tried, counts[2]; /* of the steps tried in either order */
+    double steps_known, expected, h, rate, work, low, count, tried, counts[2]; /* of the steps tried in either order */
     double numbers[];
 } Carry;
 #define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED))
@@ -150,7 +150,7 @@ typedef struct { V t[VECTORS], base[2 * MOST_N][VECTORS], p[MOST_N][VECTORS]; Un
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
 typedef struct {
-    double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, best[MOST_ROWS];
+    double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, work, best[MOST_ROWS];
     int checks, stalled, idle[MOST_ROWS];
 } Change;
 
@@ -348,9 +348,9 @@ INLINE V change_of(const V *fresh, const V *x) {
 }
 
 #if HALVES
-/* Is what a change of the unknowns does, h V p and h F h V, next to nothing of the step's action h V p? In a long chain the
-   momenta are sums over all its links, and their round-off moves single links by far more than these links' own. */
-APART int small_work(const Step *s, const Unknowns fresh) {
+/* What a change of the unknowns does, h V p and h F h V, as a part of the step's action h V p. In a long chain the momenta
+   are sums over all its links, and their round-off moves single links by far more than these links' own. */
+APART double work_of(const Step *s, const Unknowns fresh) {
     V moved = splat(0.0), whole = splat(0.0);
     for (int d = 0; d < N; d++)
         for (int k = 0; k < VECTORS; k++) {
@@ -359,10 +359,10 @@ APART int small_work(const Step *s, const Unknowns fresh) {
             moved = v_fma(v_fabs(fresh[d][k] - s->x[d][k]), push, moved);
             moved = v_fma(v_fabs(fresh[N + d][k] - s->x[N + d][k]), way, moved);
         }
-    return lane(in_all_lanes(moved), 0) <= SMALL_WORK * lane(in_all_lanes(whole), 0);
+    return lane(in_all_lanes(moved), 0) / (lane(in_all_lanes(whole), 0) + 1e-300);
 }
 #else
-#define small_work(s, fresh) 0
+#define work_of(s, fresh) INFINITY
 #endif
 
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
@@ -379,7 +379,10 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
                       (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most));
         all &= settled;
     }
-    all |= BY_DEFECT && c->stalled > 1 && small_work(s, fresh);
+    if (BY_DEFECT && !all && c->stalled > 1) {
+        const double work = work_of(s, fresh);
+        if (work <= SMALL_WORK) all = 1, c->work = work > c->work ? work : c->work;
+    }
     if (all)
         for (int r = 0; r < ROWS; r++) {
             double last = largest(change_of(fresh[r], x[r]));
@@ -396,7 +399,7 @@ INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level,
     V worst = change_of(fresh[0], x[0]) * c->inverse[0];
     for (int r = 1; r < ROWS; r++) worst = v_fmax(worst, change_of(fresh[r], x[r]) * c->inverse[r]);
     double now = largest(worst), before = c->now;
-    int done = now <= EPS;
+    int done = now <= EPS || (BY_DEFECT && c->work > 0 && work_of(s, fresh) <= 2 * c->work); /* as round-off was before */
     c->left = now * c->rate;
     if (moved) return done | (now * c->rate <= level);
     if (!c->checks++) {
@@ -465,7 +468,7 @@ APART void restore(Run *r, const RunArguments *a) {
     rhs_prepare(a->c, r->w);
     velocity_prepare(a->c, r->w + RHS_W), momentum_prepare(a->c, r->w + RHS_W + VELOCITY_W);
     for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
-    r->known = r->expected = r->iterations = r->most_iterations = 0;
+    r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
     r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
@@ -477,7 +480,7 @@ APART void restore(Run *r, const RunArguments *a) {
         memcpy(r->now.x, x + 2 * ROWS * PADDED, UNKNOWNS_SIZE), r->now.count = (int64_t)carry->count;
         for (int i = 0; i < ROWS; i++) r->change.scale[i] = 0, r->change.noise[i] = scales[ROWS + i];
         set_scale(&r->change, scales, 0);
-        r->change.rate = carry->rate, r->low = r->low ? r->low : (int64_t)carry->low;
+        r->change.rate = carry->rate, r->change.work = carry->work, r->low = r->low ? r->low : (int64_t)carry->low;
         r->tried = carry->tried, memcpy(r->counts, carry->counts, sizeof r->counts);
         r->seidel = LONGER * r->counts[1] <= r->counts[0];
     } else {
@@ -586,6 +589,7 @@ INLINE int accept(Run *r) {
         return 0;
     }
     for (int i = 0; i < ROWS; i++) c->noise[i] = fading(c->noise[i], KEPT_NOISE);
+    c->work = fading(c->work, KEPT_NOISE);
     set_scale(c, sums + ROWS, 0.9);
     r->slowest = c->rate > r->slowest ? c->rate : r->slowest;
     r->residual = c->left > r->residual ? c->left : r->residual;
@@ -605,7 +609,7 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
     memcpy(x + 2 * ROWS * PADDED, r->now.x, UNKNOWNS_SIZE), carry->count = (double)r->now.count;
     carry->tried = r->tried, memcpy(carry->counts, r->counts, sizeof r->counts);
     COPY(scales, r->change.scale, ROWS), COPY(scales + ROWS, r->change.noise, ROWS);
-    carry->rate = r->change.rate, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
+    carry->rate = r->change.rate, carry->work = r->change.work, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)r->iterations;
     a->stats->most_iterations = (double)r->most_iterations, a->stats->contraction = r->slowest;
     a->stats->noted = 0;

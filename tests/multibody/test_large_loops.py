@@ -1,0 +1,60 @@
+"""Large machines with loops: a matrix near the derivative, the same steps."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+import varint.multibody as mb
+from varint.codegen import frozen
+
+AXES = ((0, 1, 0), (1, 0, 0), (0, 0, 1))
+
+
+def ring(hinges: int) -> mb.Model:
+    """A floating trunk with two arms that hold each other."""
+    world, half = mb.Model(), hinges // 2
+    world.free(world, world.body(10.0, (0, 0, 0.1), (1, 1, 0.5), "trunk"))
+    last, hands = "trunk", []
+    for i in range(hinges):
+        begins = i % half == 0
+        parent = "trunk" if begins else last
+        at = (0, 0.2 * (i // half) - 0.1, 0) if begins else (0, 0, -0.15)
+        last = world.body(1.0, (0.02, 0.01, -0.08), (0.01, 0.012, 0.005), f"link{i}").name
+        world.revolute(parent, last, AXES[i % 3], at)
+        if i % half == half - 1:
+            hands.append((last, (0, 0.1 - 0.2 * (i // half), -0.15)))
+    world.loop("point", *hands)
+    return world
+
+
+@pytest.mark.long
+def test_the_frozen_inertia_leads_to_the_same_steps(monkeypatch):
+    """Beside Newton's method with the whole derivative, and in few iterations."""
+    runs = []
+    for large in (frozen.LARGE, 1000):
+        monkeypatch.setattr(frozen, "LARGE", large)
+        model = ring(6)
+        scene = model.system()
+        assert frozen.freezes(scene) == (large < 1000)
+        start = mb.start_values(model, {}, {"trunk": [0.1, 0.2, 0.3, 1, 2, 3]})
+        q0, v0 = vi.project(scene, *start)
+        runs.append(vi.simulate(scene, vi.lobatto(3), q0=q0, v0=v0, h=2e-3, steps=20))
+    assert abs(runs[0].q - runs[1].q).max() <= 1e-13
+    assert abs(runs[0].v - runs[1].v).max() <= 1e-11
+    assert runs[0].stats["iterations"] <= 8 * 20
+
+
+@pytest.mark.long
+def test_a_ring_of_twelve_hinges_that_floats_keeps_its_loop_and_energy():
+    model = ring(12)
+    scene = model.system()
+    start = mb.start_values(model, {}, {"trunk": [0.1, 0.2, 0.3, 1, 2, 3]})
+    q0, v0 = vi.project(scene, *start)
+    motion = vi.simulate(scene, q0=q0, v0=v0, h=2e-3, steps=100, backend="native")
+    gaps = ca.Function("g", [scene.q], [scene.constraint])
+    assert max(abs(np.array(gaps(q))).max() for q in motion.q) <= 1e-14
+    assert np.ptp(motion.energy) <= 1e-8 * abs(motion.energy[0])
+    assert abs(np.linalg.norm(motion.q[:, 3:7], axis=1) - 1).max() <= 1e-15
