@@ -315,7 +315,7 @@ def test_a_path_of_free_duration_knows_its_error():
         assert apart < path.stats["error_estimate"] < 1e-4
 
 
-def test_a_duration_alone_is_a_path_to_the_tolerance_of_a_simulation():
+def test_a_duration_alone_is_a_path_that_tells_its_error():
     q, v = vi.coordinates("x", "y")
     ball = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1])
     path = vi.least_action(ball, q_start=[0, 0], q_end=[1, 0], duration=1.0)

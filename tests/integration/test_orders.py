@@ -22,7 +22,7 @@ FLOOR = 1e-13
 TOLERANCE = 0.15
 # scene, start, duration, and the coarsest number of steps inside the asymptotic range by order
 SCENES = {
-    "pendulum": (pendulum, [2.0], [0.3], 8.0, {2: 80, 4: 40, 6: 32, 8: 24}),
+    "pendulum": (pendulum, [2.0], [0.3], 8.0, {2: 80, 4: 40, 6: 32, 8: 25}),
     "double pendulum": (
         double_pendulum,
         [0.5, -0.3],

@@ -21,7 +21,6 @@ from varint.boundary.search import Search, along_its_way, on_its_steps
 from varint.boundary.stationary import BoundaryValueProblem
 from varint.boundary.winding import other_way, with_ways_compared
 from varint.errors import InputError, SolverError
-from varint.integration.to_tolerance import DEFAULT_TOL
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
@@ -30,6 +29,7 @@ from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
 FIRST_STEPS = 16  # that refinement begins with
+USUAL_STEPS = 40  # where nothing is said
 
 
 def least_action(
@@ -73,12 +73,12 @@ def least_action(
         the duration as well (least time, where S is the time); with `energy`, no more than a guess
         and a check of the result.
     steps : int, optional
-        Number of steps; with `tol` the number to begin with.
+        Number of steps; with `tol` the number to begin with. Where neither is given and no action
+        is minimised, 40, and `gauss(6)` as with `tol`.
     tol : float, optional
         Error wanted of q and p at the nodes, relative to the range of each coordinate and to the
         largest momentum: steps are then divided where the path needs it (`Trajectory.sizes`), and
-        the rule is `gauss(6)` where none is given and there are no constraints. Without `steps`,
-        where no action is minimised, it is 1e-9.
+        the rule is `gauss(6)` where none is given and there are no constraints.
     t0 : float
         Start time.
     guess : array (k, n) or Trajectory, optional
@@ -158,10 +158,12 @@ def solutions(
             f"bounds must be a list of (lower, expression, upper), got {type(bounds).__name__}"
         )
     minimise = bool(bounds) or (isinstance(duration, Free) and given["energy"] is None)
-    if steps is None and tol is None and not minimise:
-        tol = DEFAULT_TOL
-    if rule is None and not system.structure.constraints and (minimise or tol is not None):
-        rule = gauss(2 if tol is None else 6)  # a composition has no path between its nodes
+    usual = steps is None and tol is None and not minimise
+    if usual:
+        steps = USUAL_STEPS
+    wanted = usual or tol is not None
+    if rule is None and not system.structure.constraints and (minimise or wanted):
+        rule = gauss(6 if wanted else 2)  # a composition has no path between its nodes
     problem, nodes, (time, *window) = boundary_value_problem(
         system, rule, duration=duration, steps=_steps(steps, tol, minimise), **given
     )
