@@ -47,4 +47,4 @@ def _key(system: Any) -> tuple[str | bytes, ...]:
         text = hashlib.sha256(text.encode()).digest()
     # which equations of a scene with constraints are solved is a question of ranks
     numbers = s.default_vector.tobytes() if s.constraint.numel() else b""
-    return text, s.restitution.tobytes(), numbers
+    return text, s.restitution.tobytes(), numbers, repr(s.rays)
