@@ -17,6 +17,7 @@ from varint.rules.rule import Rule
 from varint.scene.system import System, parameters_by_name
 from varint.sensitivities.carrier import Carrier
 from varint.sensitivities.course import course_of
+from varint.sensitivities.flow_inputs import kept_run, shapes_of_inputs
 from varint.sensitivities.gradient import pulled_back
 from varint.sensitivities.start import output_slopes, scenes_at, start_slopes
 from varint.sensitivities.tangents import Asked, changes, of_outputs
@@ -40,19 +41,16 @@ class ContactShot:
     @property
     def sizes(self) -> list[tuple[int, int]]:
         """Shapes of the inputs."""
-        n, s = self.system.structure.n, self.system
-        return [(n, 1), (n, 1), (s.c.numel(), 1), (s.structure.controls, self.steps)]
+        return shapes_of_inputs(self.system, self.steps)
 
     def run(self, given: list[np.ndarray]) -> Trajectory | None:
         """The run, with nodes at whole steps and at events."""
-        if np.isnan(given[2]).all():
-            given[2] = self.system.default_vector
-        key = b"".join(x.tobytes() for x in given)
-        if self.last is None or self.last[0] != key:
-            self.last = key, self._run(*given)
-        return self.last[1]
+        found: Trajectory | None = kept_run(self, given)
+        return found
 
-    def _run(self, q: np.ndarray, v: np.ndarray, c: np.ndarray, u: np.ndarray) -> Trajectory | None:
+    def begun(
+        self, q: np.ndarray, v: np.ndarray, c: np.ndarray, u: np.ndarray
+    ) -> Trajectory | None:
         if not all(np.isfinite(x).all() for x in (q, v, c, u)):
             return None
         try:

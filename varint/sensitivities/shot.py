@@ -13,6 +13,7 @@ from varint.numerics.arrays import call, over_columns
 from varint.numerics.limits import check_memory
 from varint.rules.rule import Rule
 from varint.scene.system import System
+from varint.sensitivities.flow_inputs import kept_run, shapes_of_inputs
 from varint.sensitivities.pieces import Piece, all_nodes, velocities
 from varint.sensitivities.second_order import curvature, node_hessian, start_hessian, twice
 from varint.sensitivities.start import momentum_function, momentum_slopes, output_slopes
@@ -38,19 +39,14 @@ class Shot:
     @property
     def sizes(self) -> list[tuple[int, int]]:
         """Shapes of the inputs."""
-        n, s = self.system.structure.n, self.system
-        return [(n, 1), (n, 1), (s.c.numel(), 1), (s.structure.controls, self.steps)]
+        return shapes_of_inputs(self.system, self.steps)
 
     def run(self, given: list[np.ndarray]) -> Piece | None:
         """All nodes of the run, or None where it cannot be finished."""
-        if np.isnan(given[2]).all():
-            given[2] = self.system.default_vector
-        key = b"".join(x.tobytes() for x in given)
-        if self.last is None or self.last[0] != key:
-            self.last = key, self._run(*given)
-        return self.last[1]
+        found: Piece | None = kept_run(self, given)
+        return found
 
-    def _run(self, q: np.ndarray, v: np.ndarray, c: np.ndarray, u: np.ndarray) -> Piece | None:
+    def begun(self, q: np.ndarray, v: np.ndarray, c: np.ndarray, u: np.ndarray) -> Piece | None:
         steps = self.steps
         if not all(np.isfinite(x).all() for x in (q, v, c, u)):
             return None
