@@ -388,10 +388,9 @@ def _remembering(
     @wraps(build)
     def remembered(system: System, *key: Any) -> Built:
         name = (build, *key)
-        try:  # of the time of a short run this is no small part
-            return system.__dict__[place][name]
-        except KeyError:
-            pass
+        known = system.__dict__.get(place)
+        if known is not None and name in known:  # of a short run's time this is no small part
+            return known[name]
         owner = whose(system)
         store = owner.__dict__.setdefault(place, {})
         system.__dict__[place] = store
