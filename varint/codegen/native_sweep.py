@@ -54,7 +54,7 @@ def native_sweep(system: System, rule: Rule, density: str | None = None) -> Swee
 
 @kernel_per_system
 def native_explicit_sweep(system: System, rule: Rule, density: str | None = None) -> SweepKernel:
-    """The loops of `explicit_sweep_kernel` with the scene as data; raises as `native_sweep` does."""
+    """The loops of `explicit_sweep_kernel` with the scene as data; raises as `native_sweep`."""
     block = _block("sweep_explicit_scene.h", explicit_sweep_scheme(system, rule, density))
     return SweepKernel(*(_on(block, entry) for entry in explicit_sweep_entries()))
 

@@ -1,4 +1,4 @@
-"""Loops that carry derivatives over the steps of an explicit rule, many steps at once in vectors."""
+"""Loops that carry derivatives over the steps of an explicit rule, many at once in vectors."""
 
 from __future__ import annotations
 
