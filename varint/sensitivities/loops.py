@@ -74,21 +74,31 @@ def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
     stiff scene needs them.
     """
     from varint.codegen.sweep import sweep_kernel
+    from varint.codegen.sweep_explicit import explicit_sweep_kernel, has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep, stage_sweep_kernel
 
     if has_stage_sweep(system, rule):
         return (stage_sweep_kernel(system, rule, density),)
+    if has_explicit_sweep(system, rule):
+        return (explicit_sweep_kernel(system, rule, density),)
     return (sweep_kernel(system, rule, density),)
 
 
 @per_system
 def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
     """`_kernels` with the scene as data."""
-    from varint.codegen.native_sweep import native_stage_sweep, native_sweep
+    from varint.codegen.native_sweep import (
+        native_explicit_sweep,
+        native_stage_sweep,
+        native_sweep,
+    )
+    from varint.codegen.sweep_explicit import has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep
 
     if has_stage_sweep(system, rule):
         return (native_stage_sweep(system, rule, density),)
+    if has_explicit_sweep(system, rule):
+        return (native_explicit_sweep(system, rule, density),)
     return (native_sweep(system, rule, density),)
 
 
