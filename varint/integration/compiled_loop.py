@@ -209,9 +209,41 @@ def run_at_once(
     scheme = newton() if kernel.opening else scheme_of(system, rule)
     piloted = scheme is BY_STAGES
     steps, every = problem.steps, problem.save_every
-    if steps % every or steps > _first_piece(kernel, piloted):
+    if steps % every or steps > _first_piece(kernel, False):
         return None
-    found = compiled_run(
+    first = next_piece(0, steps, every, _first_piece(kernel, piloted))[0]
+    if first % every:
+        return None
+    found = _piece(kernel, problem, 0, first)
+    gears = gears_with(system, rule, scheme, kernel)
+    if found.status != DONE or (piloted and found.iterations > POOR * first):
+        if gears:
+            kernel_after(gears, found.seconds, 0.0)
+        return None
+    if first < steps:
+        rest = _piece(kernel, problem, first, steps - first, found.carry)
+        if rest.status != DONE:
+            return None
+        found = rest._replace(
+            rows=np.concatenate([found.rows, rest.rows[1:]]),
+            iterations=found.iterations + rest.iterations,
+            residual=max(found.residual, rest.residual),
+            seconds=found.seconds + rest.seconds,
+        )
+    if gears:
+        kernel_after(gears, found.seconds, 0.0)
+    return found
+
+
+def _piece(
+    kernel: Kernel,
+    problem: InitialValueProblem,
+    first: int,
+    steps: int,
+    carry: np.ndarray | None = None,
+) -> LoopResult:
+    """Some steps of a run in one call of its loop."""
+    return compiled_run(
         kernel,
         problem.q0,
         problem.p0,
@@ -219,15 +251,12 @@ def run_at_once(
         t0=problem.t0,
         h=problem.h,
         steps=steps,
-        save_every=every,
-        u=problem.controls(0, steps) if kernel.controls else None,
+        save_every=problem.save_every,
+        u=problem.controls(first, steps) if kernel.controls else None,
+        first=first,
+        carry=carry,
         level=problem.level,
     )
-    if gears := gears_with(system, rule, scheme, kernel):
-        kernel_after(gears, found.seconds, 0.0)
-    if found.status != DONE or (piloted and found.iterations > POOR * steps):
-        return None
-    return found
 
 
 def _above_rounding(system: System, kernel: Kernel) -> Kernel:

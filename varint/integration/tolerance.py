@@ -40,7 +40,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     steps_for,
 )
-from varint.integration.run import collect, start_run, trajectory_of
+from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
 from varint.integration.second_looks import Trial, has_steps, luck, transient
 from varint.integration.trajectories import Run, first_node
@@ -142,8 +142,12 @@ def choose_steps(
             steps=max(problem.steps // part, 1),
         )
         try:
-            run = start_run(system, plan(system, chosen), problem, began, backend=backend)
-            motion = collect(run, stop=stop, progress=False)
+            way, motion = plan(system, chosen), None
+            if stop is None:
+                motion = short_run(system, way, problem, began, backend)
+            if motion is None:
+                run = start_run(system, way, problem, began, backend=backend)
+                motion = collect(run, stop=stop, progress=False)
         except ConvergenceError as error:
             failures.append((steps, error))
             return None

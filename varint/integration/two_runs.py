@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from varint.integration.energy_check import energies, keeps_energy
+from varint.integration.energy_check import energies_along, keeps_energy
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -142,8 +142,8 @@ def energy_errors(motion: Trajectory | None) -> np.ndarray:
         return np.full(len(QUANTILES), np.inf)
     some = slice(None, None, max(1, len(motion) // SAMPLES))
     if motion.active_set is None:
-        at = motion.q[None, some], motion.p[None, some], motion.t[some]
-        energy, moving, _ = (x[0] for x in energies(motion.system, *at, motion.c[None], motion.h))
+        at = motion.q[some], motion.p[some], motion.t[some]
+        energy, moving = energies_along(motion.system, *at, motion.c)
     else:
         few = motion[some]
         energy, moving = few.energy, np.abs((few.p * few.v).sum(axis=1))
