@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
+from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
-from varint.integration.failures import frequencies
 from varint.integration.hidden import missed_impulse
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
@@ -43,6 +43,7 @@ from varint.integration.rule_choice import (
 from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
 from varint.integration.second_looks import Trial, has_steps, luck, transient
+from varint.integration.small_motions import MOST_COORDINATES, frequencies, frequency_at_start
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
     STALLED,
@@ -52,6 +53,7 @@ from varint.integration.two_runs import (
     shows_its_error,
 )
 from varint.integration.walls import Failure, no_way_on, require_way_on
+from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -137,7 +139,7 @@ def choose_steps(
     ) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
         problem = problem._replace(
-            h=problem.h * (1 + beyond / steps),
+            h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
         )
@@ -300,9 +302,18 @@ def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> In
 
 def _radians(system: System, rule: Rule, start: InitialValueProblem) -> float:
     """How many radians the fastest small motion about the start turns in the duration."""
-    every_row = ActiveSet(tuple(range(system.structure.constraints)))
-    node = first_node(start)._replace(active_set=start.active_set or every_row)
-    rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
-    fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
-    turned = abs(start.h * start.steps) * fastest
+    s = system.structure
+    fastest: float | None
+    if s.degenerate or s.constraints or s.nonholonomic or s.contacts or system.rays:
+        every_row = ActiveSet(tuple(range(s.constraints)))
+        node = first_node(start)._replace(active_set=start.active_set or every_row)
+        rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
+        fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
+    elif s.n > MOST_COORDINATES:
+        fastest = 0.0
+    else:
+        velocity = velocity_function(system)
+        v = call(velocity, start.q0, start.p0, np.array((start.t0,)), start.c)[0]
+        fastest = frequency_at_start(system, start.q0, v, start.t0, start.c)
+    turned = abs(start.h * start.steps) * (fastest or 0.0)
     return min(float(turned), 1e6) if math.isfinite(turned) else 0.0
