@@ -44,24 +44,34 @@ class RowFunction(NamedTuple):
         apart in memory; of one row where it is the same at all points.
         """
         count = max([len(x) for x in arguments])
-        places, apart, held = [0] * MOST_ARGUMENTS, [0] * MOST_ARGUMENTS, [constants]
-        for i, x in enumerate(arguments):
+        places, apart = [], []
+        for x in arguments:
             if x.strides[-1] != x.itemsize and x.shape[-1] > 1:
-                x = np.ascontiguousarray(x)
-            held.append(x)
-            places[i] = x.__array_interface__["data"][0]
-            apart[i] = x.strides[0] // x.itemsize if len(x) > 1 else 0
-        found = [np.empty((count, width)) for width in self.widths]
-        rest = [0] * (MOST_ARGUMENTS - len(found))
-        results = [x.__array_interface__["data"][0] for x in found]
+                raise AssertionError("the numbers of a point must lie side by side")
+            places.append(x.__array_interface__["data"][0])
+            apart.append(x.strides[0] // x.itemsize if len(x) > 1 else 0)
+        none, rest = (
+            (0,) * (MOST_ARGUMENTS - len(places)),
+            (0,) * (MOST_ARGUMENTS - len(self.widths)),
+        )
+        block = np.empty(count * sum(self.widths))  # one address to ask for
+        address, ends, found = block.__array_interface__["data"][0], [], []
+        first = 0
+        for width in self.widths:
+            ends.append(address + 8 * first)
+            found.append(block[first : first + count * width].reshape(count, width))
+            first += count * width
+        where = constants.__array_interface__["data"][0]
         self.entry(
             _LAYOUT.pack(
                 count,
-                constants.__array_interface__["data"][0],
+                where,
                 self.at,
                 *places,
+                *none,
                 *apart,
-                *results,
+                *none,
+                *ends,
                 *rest,
                 *self.widths,
                 *rest,

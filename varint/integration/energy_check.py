@@ -115,11 +115,11 @@ def energies(
 def energies_along(
     system: System, q: np.ndarray, p: np.ndarray, t: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Energy and p·v at nodes (N, n)."""
+    """Energy and p·v at nodes (N, n) at their times (N,), or one time for all."""
     f = _energy_rows(system)
     if f is None:
-        function = _energy_of_momentum(system)
-        found = over_columns(function, q, p, t[:, None], c, np.zeros(1))
+        function, times = _energy_of_momentum(system), t if len(t) == 1 else t[:, None]
+        found = over_columns(function, q, p, times, c, np.zeros(1))
     else:
         found = f.values(c, q, p, t[:, None])
     return found[0][:, 0], found[1][:, 0]

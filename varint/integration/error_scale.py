@@ -56,7 +56,17 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
                 f"got {given!r}"
             )
         return np.broadcast_to(scales.ravel(), (n,)).copy()
-    high, low = motion.q.max(axis=0).tolist(), motion.q.min(axis=0).tolist()
+    v = np.zeros(n)
+    if not system.structure.quadratic_kinetic:
+        v = np.nan_to_num(motion[:1].v[0])
+    return scales_of_nodes(system, motion.q, v, motion.t[:1], motion.c)
+
+
+def scales_of_nodes(
+    system: System, q: np.ndarray, v: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> np.ndarray:
+    """`error_scales` of the nodes q (N, n), where the motion begins at t (1,) with v (n,)."""
+    high, low = q.max(axis=0).tolist(), q.min(axis=0).tolist()
     ranges = [
         top - bottom if not top - bottom <= RESTS * max(abs(top), abs(bottom)) else 0.0
         for top, bottom in zip(high, low, strict=True)
@@ -67,22 +77,16 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
         for i in members:
             sizes[i] = size
     sizes = [min(x, RADIAN) if turns else x for x, turns in zip(sizes, angles(system), strict=True)]
-    mass = np.abs(_inertia_of(system, motion)).tolist() if n > 1 else [1.0]
+    mass = [1.0]
+    if len(sizes) > 1:
+        mass = np.abs(call(_inertia_function(system), q[0], v, t, c)[0]).tolist()
     some = max([x for x in mass if x > 0], default=1.0)
     mass = [x if x > 0 else some for x in mass]
     moved = max([x * size**2 for x, size in zip(mass, sizes, strict=True)])
     for i, x in enumerate(mass):
         least = HARDLY * math.sqrt(moved / x)
-        sizes[i] = max(sizes[i], least) or max(abs(float(motion.q[0, i])), 1.0)
+        sizes[i] = max(sizes[i], least) or max(abs(float(q[0, i])), 1.0)
     return np.array(sizes)
-
-
-def _inertia_of(system: System, motion: Trajectory) -> np.ndarray:
-    """Diagonal of the mass matrix at the start."""
-    v = np.zeros(system.structure.n)
-    if not system.structure.quadratic_kinetic:
-        v = np.nan_to_num(motion[:1].v[0])
-    return call(_inertia_function(system), motion.q[0], v, motion.t[:1], motion.c)[0]
 
 
 @per_scene

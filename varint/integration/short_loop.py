@@ -17,8 +17,8 @@ from varint.scene.system import System
 def run_at_once(
     system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
 ) -> LoopResult | None:
-    """The compiled run in one call, where it is that short; None where it is not, or where another
-    loop would have to go on.
+    """The compiled run in one call, where it is that short; None where it is not, or where its
+    iteration contracts so poorly that another loop should go on.
     """
     scheme = newton() if kernel.opening else scheme_of(system, rule)
     piloted = scheme is BY_STAGES
@@ -30,14 +30,9 @@ def run_at_once(
         return None
     found = _piece(kernel, problem, 0, first)
     gears = gears_with(system, rule, scheme, kernel)
-    if found.status != DONE or (piloted and found.iterations > POOR * first):
-        if gears:
-            kernel_after(gears, found.seconds, 0.0)
-        return None
-    if first < steps:
+    poor = piloted and found.iterations > POOR * first
+    if found.status == DONE and first < steps and not poor:
         rest = _piece(kernel, problem, first, steps - first, found.carry)
-        if rest.status != DONE:
-            return None
         found = rest._replace(
             rows=np.concatenate([found.rows, rest.rows[1:]]),
             iterations=found.iterations + rest.iterations,
@@ -46,7 +41,7 @@ def run_at_once(
         )
     if gears:
         kernel_after(gears, found.seconds, 0.0)
-    return found
+    return None if poor else found
 
 
 def _piece(
