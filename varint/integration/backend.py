@@ -84,6 +84,14 @@ def _compiled_loop() -> ModuleType:
     return compiled_loop
 
 
+@cache
+def _short_loop() -> ModuleType:
+    """That of compiled loops in one call."""
+    from varint.integration import short_loop
+
+    return short_loop
+
+
 _SAID: set[str] = set()
 
 
@@ -112,7 +120,7 @@ def run_at_once(
     system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
 ) -> LoopResult | None:
     """A short run by one call of its compiled loop; None where it takes more than that."""
-    return _compiled_loop().run_at_once(system, rule, problem, kernel)
+    return _short_loop().run_at_once(system, rule, problem, kernel)
 
 
 def subdivide_failed_step(
