@@ -76,14 +76,13 @@ def start_run(
     kernel: Kernel | None = None
     blocks_from: BlocksFrom
     if system.structure.contacts:
-        if backend not in ("auto", "interpreted"):
-            raise InputError(
-                f"runs with contacts are interpreted; backend={backend!r} is not for them"
-            )
         from varint.integration.events.contact_loop import contact_run
         from varint.integration.events.subdivide import subdivide_contact_step
+        from varint.integration.flight_choice import flights_for
 
-        blocks_from = partial(contact_run, system, chosen.rule, problem)
+        flights = flights_for(system, chosen.rule, problem, backend)
+        kernel = flights and flights.kernel
+        blocks_from = partial(contact_run, system, chosen.rule, problem, flights=flights)
         remedy = partial(subdivide_contact_step, system, chosen.rule, problem)
     else:
         scene = active_scene(system, problem)
