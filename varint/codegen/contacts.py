@@ -59,6 +59,9 @@ class ContactArguments(Structure):
         ("t0", c_double),
         ("h", c_double),
         ("level", c_double),
+        ("held", c_int64),
+        ("rows_held", c_void_p),
+        ("holds", c_void_p),
         ("c", c_void_p),
         ("scale", c_void_p),
         ("state", c_void_p),
@@ -113,9 +116,15 @@ class Flight(NamedTuple):
 
 
 def contact_data(
-    n: int, restitution: np.ndarray, constants: ca.SX, expressions: Expressions, **numbers: float
+    n: int,
+    rows: int,
+    restitution: np.ndarray,
+    constants: ca.SX,
+    expressions: Expressions,
+    **numbers: float,
 ) -> ContactData:
-    """The contacts as data, from the functions and numbers that c/contacts_scene.h lists.
+    """The contacts as data, from the functions and numbers that c/contacts_scene.h lists; `rows`
+    are those of constraints and contacts.
 
     Raises
     ------
@@ -124,7 +133,7 @@ def contact_data(
     """
     if n > MOST_COORDINATES:
         raise NotCompilable(TOO_LARGE)
-    given = {"N": n, "CONTACTS": len(restitution), **numbers}
+    given = {"N": n, "ROWS": rows, "CONTACTS": len(restitution), **numbers}
     tables = {"RESTITUTION": restitution}
     tapes = tapes_of(routines(constants, expressions))
     block = block_of(members_by_name("contacts_scene.h", given, {}, tables, tapes))
@@ -142,6 +151,8 @@ def fly(
     kernel: Kernel,
     data: ContactData,
     state: np.ndarray,
+    held: tuple[int, ...],
+    holds: np.ndarray,
     scale: np.ndarray,
     c: np.ndarray,
     *,
@@ -157,9 +168,13 @@ def fly(
     Parameters
     ----------
     kernel : Kernel
-        By Newton's method, of the scene without contacts.
+        By Newton's method, of the scene with what holds and no other contacts.
     data : ContactData
     state : array
+    held : tuple of int
+        Rows of constraints and contacts that hold, in their order.
+    holds : array (contacts,) of bool
+        Which contacts are closed for now.
     scale : array (2n,)
         Typical sizes of velocities and momenta.
     c : array
@@ -176,6 +191,7 @@ def fly(
     state = state.copy()
     rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, 5 + 5 * n))
     stats = np.empty(4)
+    rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
     began = perf_counter()
     status = contacts_entry()(
@@ -192,7 +208,8 @@ def fly(
             t0,
             h,
             level,
-            *(x.ctypes.data for x in (c, scale, state, rows, hits, stats)),
+            len(held),
+            *(x.ctypes.data for x in (rows_held, closed, c, scale, state, rows, hits, stats)),
             data.scene,
         )
     )

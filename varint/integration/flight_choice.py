@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import casadi as ca
 import numpy as np
 
@@ -10,16 +12,24 @@ from varint.codegen.contacts import ContactData, contact_data
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.uniform import native_uniform
-from varint.discrete.constraints import ActiveSet
+from varint.discrete.constraints import ActiveSet, velocity_rows
 from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import InputError
-from varint.integration.backend import kernel_for, require_backend
+from varint.integration.backend import require_backend
 from varint.integration.events.contacts import NEAR
 from varint.integration.events.enclosures import gap_enclosure_function
 from varint.integration.events.flights import Flights
 from varint.integration.events.gaps import HALVINGS, MOST_LOOKS, NEWTON
-from varint.integration.events.impacts import FLAT, MOST_IMPACTS, RESTING, TOUCH, ZENO
+from varint.integration.events.impacts import (
+    FLAT,
+    MOST_IMPACTS,
+    PULL,
+    RESTING,
+    TOUCH,
+    ZENO,
+)
 from varint.integration.events.roots import LOCATED
+from varint.integration.gears import compiled_kernel, gears_of, kernel_now, newton
 from varint.integration.problem import InitialValueProblem
 from varint.integration.steppers.uniform_field import is_uniform
 from varint.numerics.limits import GAP_ITERATIONS
@@ -33,6 +43,7 @@ NUMBERS = {
     "MOST_IMPACTS": MOST_IMPACTS,
     "TOUCH": TOUCH,
     "RESTING": RESTING,
+    "PULL": PULL,
     "ZENO": ZENO,
     "LOCATED": LOCATED,
     "NEAR": NEAR,
@@ -43,12 +54,10 @@ NUMBERS = {
 
 
 def flies(system: System) -> bool:
-    """Whether bodies fly free between impacts: nothing else holds them, and impulses change
-    velocities by M⁻¹.
-    """
+    """Whether impulses change velocities by M⁻¹, and nothing is told from outside."""
     s = system.structure
-    held = s.constraints or s.nonholonomic or s.controls or system.rays
-    return bool(s.contacts and s.quadratic_kinetic and not s.degenerate and not held)
+    apart = s.controls or s.degenerate or system.rays
+    return bool(s.contacts and s.quadratic_kinetic and not apart)
 
 
 @kernel_per_system
@@ -56,9 +65,10 @@ def contacts_as_data(system: System) -> ContactData:
     """The gaps, their bounds along steps, and what an impact needs; raises NotCompilable."""
     s, n = system, system.structure.n
     gap = ca.densify(s.contact)
-    slope = ca.densify(ca.jacobian(gap, s.q))
-    rate = ca.densify(ca.mtimes(slope, s.v) + ca.jacobian(gap, s.t))
-    bend = ca.densify(ca.jtimes(rate, s.q, s.v) + ca.jacobian(rate, s.t))
+    rate = ca.densify(ca.jtimes(gap, s.q, s.v) + ca.jacobian(gap, s.t))
+    rows = ca.vertcat(velocity_rows(s), rate)  # W v + w of all that may hold
+    slope = ca.densify(ca.jacobian(rows, s.v))
+    bend = ca.densify(ca.jtimes(rows, s.q, s.v) + ca.jacobian(rows, s.t))
     carried = ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
     push = ca.densify(ca.gradient(s.lagrangian, s.q) + s.force - carried)
     ends = [ca.SX.sym(name, n) for name in ("q0", "v0", "q1", "v1")]
@@ -71,7 +81,8 @@ def contacts_as_data(system: System) -> ContactData:
         "bounds": (piece, [low, rate_low, rate_high, bend_low]),
         "blow": (state, blow),
     }
-    return contact_data(n, np.array(s.restitution, dtype=float), s.c, functions, **NUMBERS)
+    restitution = np.array(s.restitution, dtype=float)
+    return contact_data(n, rows.numel(), restitution, s.c, functions, **NUMBERS)
 
 
 def flights_for(
@@ -86,29 +97,46 @@ def flights_for(
     NotCompilable, CompileError
         If ``"compiled"`` or ``"native"`` is asked for and impossible.
     """
+    require_backend(backend)
     asked = backend in ("compiled", "native")
     if not (flies(system) and problem.h > 0):
         if asked:
             raise InputError(
-                "runs with contacts are interpreted where bodies are held, driven by controls, "
-                f"have momenta that are not linear in v, or go backwards; backend={backend!r} is "
-                "not for them"
+                "runs with contacts are interpreted where controls drive bodies, rays are "
+                "coordinates, or time runs backwards; "
+                f"backend={backend!r} is not for them"
             )
-        require_backend(backend)
+        return None
+    if backend == "interpreted":
         return None
     try:
-        kernel = _loop_of(ActiveSet(()).scene(system), rule, problem, backend)
-        return None if kernel is None else Flights(kernel, contacts_as_data(system))
+        begin = problem.active_set or ActiveSet(tuple(range(system.structure.constraints)))
+        if _loop_of(begin.scene(system), rule, backend) is None:
+            return None
+        return Flights(partial(_loop_in, system, rule, backend), contacts_as_data(system))
     except (NotCompilable, CompileError):
         if asked:
             raise
     return None
 
 
-def _loop_of(
-    system: System, rule: Rule, problem: InitialValueProblem, backend: str
-) -> Kernel | None:
-    """The loop of the scene that flies."""
-    if is_uniform(system) and backend in ("auto", "native", "compiled"):
+def _loop_in(system: System, rule: Rule, backend: str, active_set: ActiveSet) -> Kernel | None:
+    """The loop of the scene in an active set, where it has one."""
+    try:
+        return _loop_of(active_set.scene(system), rule, backend)
+    except (NotCompilable, CompileError):
+        return None
+
+
+def _loop_of(system: System, rule: Rule, backend: str) -> Kernel | None:
+    """Newton's method, whose rounding errors outlive impacts; nothing is solved in uniform
+    fields.
+    """
+    if is_uniform(system):
         return native_uniform(system)
-    return kernel_for(system, rule, problem, backend)
+    if backend == "native":
+        return newton().native(system, rule)
+    if backend == "compiled":
+        return compiled_kernel(system, rule, newton())
+    gears = gears_of(system, rule, newton())
+    return kernel_now(gears) if gears else None

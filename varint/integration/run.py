@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varint.discrete.constraints import ActiveSet
 from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
 from varint.integration.backend import (
@@ -81,7 +82,8 @@ def start_run(
         from varint.integration.flight_choice import flights_for
 
         flights = flights_for(system, chosen.rule, problem, backend)
-        kernel = flights and flights.kernel
+        begin = problem.active_set or ActiveSet(tuple(range(system.structure.constraints)))
+        kernel = flights and flights.loop_in(begin)
         blocks_from = partial(contact_run, system, chosen.rule, problem, flights=flights)
         remedy = partial(subdivide_contact_step, system, chosen.rule, problem)
     else:

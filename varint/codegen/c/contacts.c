@@ -1,14 +1,15 @@
 /* Bodies that fly between impacts: steps of a loop (run.h) as long as every gap certainly stays open, impacts located
    within a step by shorter steps of the same rule, and Newton's law of restitution there.
 
-   The same as varint/integration/events does in general, where nothing rests and one contact is hit at a time; the run ends
-   BESIDE where that is not so. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
+   The same as varint/integration/events does in general, where what holds goes on to do so and one contact is hit that none of
+   these feels; the run ends BESIDE where that is not so. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
    again unseen. */
 
 enum Ended { ENDED, FULL, BESIDE };
 #define MOST_STEPS 256 /* between two looks at the gaps */
 #define FEW_STEPS 16   /* after an impact */
 #define GRAZING 10     /* times ZENO: a flight so short is looked at by itself */
+#define REGULAR 1e-12  /* pivots of scaled equations */
 #define NUMBERS (5 * N) /* q, p, v and the rounding errors of q and p */
 #define POINT (1 + NUMBERS + 2 * CONTACTS)
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
@@ -21,6 +22,8 @@ typedef struct {
     int64_t last, save_every, most;         /* the last node of the grid; iterations of a step */
     int64_t room, hits, steps;              /* rows and hits that have room; steps after which the call ends */
     double t0, h, level;
+    int64_t held;                           /* rows that hold: constraints, and contacts that push */
+    const int64_t *rows_held, *holds;       /* which; of each contact whether it is closed for now */
     const double *c, *scale;                /* typical sizes of velocities and momenta */
     double *state;                          /* k, t, impacts in step k, steps of the next look; q, p, v, rests of q and p; carry */
     double *rows;                           /* t, k, q, p of every node */
@@ -38,6 +41,8 @@ typedef struct {
     const double *w;
     double *carry, *ends, *told, *close;    /* of shorter steps; told: RunStats */
     double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
+    double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
+    int *pivots;
     double iterations, residual, energy;
     int looks;
 } Work;
@@ -49,6 +54,8 @@ typedef struct {
 #define REST_OF(x) ((x) + 1 + 3 * N)
 #define GAP_OF(x) ((x) + 1 + NUMBERS)
 #define RATE_OF(x) ((x) + 1 + NUMBERS + CONTACTS)
+#define HELD_ROW(j) (x->slope + a->rows_held[j] * N)
+#define CONTACT_ROW(i) (x->slope + (ROWS - CONTACTS + (i)) * N)
 
 INLINE double sum_of(const double *x, const double *y, int count) {
     double s = 0;
@@ -122,7 +129,7 @@ static void view(Work *x, const double *point, double t) {
     for (int i = 0; i < CONTACTS; i++) {
         double along = 0, size = 0;
         for (int d = 0; d < N; d++) {
-            const double part = x->slope[i * N + d] * V_OF(point)[d];
+            const double part = CONTACT_ROW(i)[d] * V_OF(point)[d];
             along += part, size += fabs(part);
         }
         x->quick[i] = size + fabs(RATE_OF(point)[i] - along);
@@ -136,7 +143,7 @@ static void closeness(const Work *x, const double *q, const double *moved, doubl
     for (int i = 0; i < CONTACTS; i++) {
         close[i] = 0;
         for (int d = 0; d < N; d++)
-            close[i] += TOUCH * fabs(x->slope[i * N + d]) * fmax(fmax(fabs(q[d]), NEAR * far), moved[d]);
+            close[i] += TOUCH * fabs(CONTACT_ROW(i)[d]) * fmax(fmax(fabs(q[d]), NEAR * far), moved[d]);
     }
 }
 
@@ -216,11 +223,12 @@ static int first_impact(Work *x, const double *from, double t, const double *end
     double least[CONTACTS], instant[POINT];
     int found = NONE, clear = 1;
     least_gaps(x, from, end, t, least);
-    for (int i = 0; i < CONTACTS; i++) clear &= least[i] >= -x->close[i] && !is_closed(end, i, x->close[i]);
+    for (int i = 0; i < CONTACTS; i++)
+        clear &= x->a->holds[i] || (least[i] >= -x->close[i] && !is_closed(end, i, x->close[i]));
     if (clear) return NONE;
     x->looks = 0, view(x, from, t);
     for (int i = 0; i < CONTACTS; i++) {
-        if (least[i] >= -x->close[i] && !is_closed(end, i, x->close[i])) continue;
+        if (x->a->holds[i] || (least[i] >= -x->close[i] && !is_closed(end, i, x->close[i]))) continue;
         if (GAP_OF(from)[i] <= x->close[i] && fabs(RATE_OF(from)[i]) <= RESTING * x->quick[i]) return DOUBT;
         COPY(instant, end, POINT);
         const int closes = first_between(x, from, t, i, from, instant, fabs(end[0]) * SHORTEST, NONE);
@@ -230,50 +238,115 @@ static int first_impact(Work *x, const double *from, double t, const double *end
     return found;
 }
 
-/* M y = b for a symmetric positive definite M, scaled to a diagonal of ones; b becomes y. 0 where it is not definite. */
-static int solve_masses(const double *mass, double *b) {
-    double l[N * N], size[N];
-    for (int d = 0; d < N; d++) {
-        if (!(mass[d * N + d] > 0)) return 0;
-        size[d] = sqrt(mass[d * N + d]), b[d] /= size[d];
-    }
-    for (int j = 0; j < N; j++) {
-        for (int i = j; i < N; i++) {
-            double s = mass[j * N + i] / (size[i] * size[j]);
-            for (int k = 0; k < j; k++) s -= l[i * N + k] * l[j * N + k] * l[k * N + k];
-            l[i * N + j] = i == j ? s : s / l[j * N + j]; /* L D L' */
-        }
-        if (!(l[j * N + j] > 1e-12)) return 0;
-    }
+/* The equations M y - W' m = b, W y = c of all that holds, factorised; scaled as `_saddle` in impacts.py. 0 where they
+   are not regular. */
+static int factorise(Work *x) {
+    const ContactArguments *a = x->a;
+    const int held = (int)a->held, all = N + held;
+    double *const f = x->factors, *const size = x->size, largest = 0;
+    for (int d = 0; d < N; d++) size[d] = sqrt(fabs(x->mass[d * N + d])), largest = fmax(largest, size[d]);
+    for (int d = 0; d < N; d++) size[d] = size[d] > 0 ? size[d] : largest;
+    memset(f, 0, (size_t)(all * all) * sizeof(double));
     for (int i = 0; i < N; i++)
-        for (int k = 0; k < i; k++) b[i] -= l[i * N + k] * b[k];
-    for (int i = 0; i < N; i++) b[i] /= l[i * N + i];
-    for (int i = N - 1; i >= 0; i--)
-        for (int k = i + 1; k < N; k++) b[i] -= l[k * N + i] * b[k];
-    for (int d = 0; d < N; d++) b[d] /= size[d];
+        for (int j = 0; j < N; j++) f[i * all + j] = x->mass[j * N + i] / (size[i] * size[j]);
+    for (int j = 0; j < held; j++) {
+        const double *const row = HELD_ROW(j);
+        double square = 0;
+        for (int d = 0; d < N; d++) square += row[d] / size[d] * (row[d] / size[d]);
+        size[N + j] = square > 0 ? sqrt(square) : 1;
+        for (int d = 0; d < N; d++) f[(N + j) * all + d] = row[d] / size[d] / size[N + j], f[d * all + N + j] = -f[(N + j) * all + d];
+    }
+    for (int c = 0; c < all; c++) {
+        int best = c;
+        for (int r = c + 1; r < all; r++)
+            if (fabs(f[r * all + c]) > fabs(f[best * all + c])) best = r;
+        x->pivots[c] = best;
+        if (!(fabs(f[best * all + c]) > REGULAR)) return 0;
+        for (int j = 0; j < all && best != c; j++) {
+            const double y = f[c * all + j];
+            f[c * all + j] = f[best * all + j], f[best * all + j] = y;
+        }
+        for (int r = c + 1; r < all; r++) {
+            const double y = f[r * all + c] /= f[c * all + c];
+            for (int j = c + 1; j < all && y != 0; j++) f[r * all + j] -= y * f[c * all + j];
+        }
+    }
     return 1;
+}
+
+static void substitute(const Work *x, double *b) {
+    const int all = N + (int)x->a->held;
+    const double *const f = x->factors;
+    for (int i = 0; i < all; i++) b[i] /= x->size[i];
+    for (int i = 0; i < all; i++) {
+        const double y = b[x->pivots[i]];
+        b[x->pivots[i]] = b[i], b[i] = y;
+        for (int r = i + 1; r < all; r++) b[r] -= f[r * all + i] * y;
+    }
+    for (int i = all - 1; i >= 0; i--) {
+        for (int j = i + 1; j < all; j++) b[i] -= f[i * all + j] * b[j];
+        b[i] /= f[i * all + i];
+    }
+    for (int i = 0; i < all; i++) b[i] /= x->size[i];
+}
+
+/* Accelerations, and behind them the multipliers of what holds; after `view` and `factorise`. */
+static void accelerate(const Work *x, double *b) {
+    COPY(b, x->force, N);
+    for (int j = 0; j < x->a->held; j++) b[N + j] = -x->bend[x->a->rows_held[j]];
+    substitute(x, b);
+}
+
+/* Whether a contact that holds would pull. */
+static int pulls(const Work *x, const double *acceleration) {
+    const ContactArguments *a = x->a;
+    double most = 0, least = 0;
+    for (int j = 0; j < a->held; j++) {
+        const double push = acceleration[N + j];
+        most = fmax(most, fabs(push));
+        if (a->rows_held[j] >= ROWS - CONTACTS) least = fmin(least, push);
+    }
+    return !(least >= -PULL * most);
+}
+
+/* The same at an instant, where anything but constraints holds. */
+static int lets_go(Work *x, const double *point, double t) {
+    const ContactArguments *a = x->a;
+    double acceleration[N + a->held];
+    if (!a->held || a->rows_held[a->held - 1] < ROWS - CONTACTS) return 0;
+    view(x, point, t);
+    if (!factorise(x)) return 1;
+    accelerate(x, acceleration);
+    return pulls(x, acceleration);
 }
 
 /* The impact at an instant: the rate of the one contact that is hit turns from r to -e r. 0 where more touches, rests, or
    hardly moves afterwards. */
 static int bounce(Work *x, double *point, double t, double *hit) {
     const ContactArguments *a = x->a;
-    double close[CONTACTS], before[CONTACTS], y[N], acceleration[N];
+    double close[CONTACTS], before[CONTACTS], y[N + a->held], row[N], acceleration[N + a->held];
     int struck = -1;
     view(x, point, t);
     closeness(x, Q_OF(point), x->reach, close);
     for (int i = 0; i < CONTACTS; i++) {
         before[i] = x->quick[i];
-        if (GAP_OF(point)[i] > close[i] || RATE_OF(point)[i] > RESTING * x->quick[i]) continue;
+        if (a->holds[i] || GAP_OF(point)[i] > close[i] || RATE_OF(point)[i] > RESTING * x->quick[i]) continue;
         if (struck >= 0 || RATE_OF(point)[i] >= -RESTING * x->quick[i]) return 0;
         struck = i;
     }
     if (struck < 0 || !(RESTITUTION[struck] > 0)) return 0;
-    const double *const row = x->slope + struck * N, e = RESTITUTION[struck], rate = RATE_OF(point)[struck];
-    if (!(sqrt(sum_of(row, row, N)) > FLAT)) return 0;
-    COPY(y, row, N);
-    if (!solve_masses(x->mass, y)) return 0;
-    const double unit = sum_of(row, y, N), impulse = -(1 + e) * rate / unit;
+    const double e = RESTITUTION[struck], rate = RATE_OF(point)[struck];
+    COPY(row, CONTACT_ROW(struck), N), COPY(y, row, N);
+    const double length = sqrt(sum_of(row, row, N));
+    if (!(length > FLAT) || !factorise(x)) return 0;
+    for (int j = 0; j < a->held; j++) y[N + j] = 0;
+    substitute(x, y);
+    for (int j = 0; j < a->held; j++) { /* what holds takes its part of the blow; contacts may let go or hand it on */
+        const double *const held = HELD_ROW(j);
+        if (a->rows_held[j] >= ROWS - CONTACTS && fabs(y[N + j]) * sqrt(sum_of(held, held, N)) > PULL * length) return 0;
+        for (int d = 0; d < N; d++) row[d] += y[N + j] * held[d];
+    }
+    const double unit = sum_of(CONTACT_ROW(struck), y, N), impulse = -(1 + e) * rate / unit;
     double *const p = P_OF(point), *const rest_p = REST_OF(point) + N;
     const double rest = -(1 + e) * sum_of(y, rest_p, N) / unit; /* the rounding error of p is reflected, too */
     double *told = hit;
@@ -292,21 +365,23 @@ static int bounce(Work *x, double *point, double t, double *hit) {
     view(x, point, t);
     hit[3] = x->energy;
     for (int i = 0; i < CONTACTS; i++)
-        if (GAP_OF(point)[i] <= close[i] && RATE_OF(point)[i] <= RESTING * fmax(before[i], x->quick[i])) return 0;
-    COPY(acceleration, x->force, N);
-    if (!solve_masses(x->mass, acceleration)) return 0;
-    const double towards = -(x->bend[struck] + sum_of(x->slope + struck * N, acceleration, N));
+        if (!a->holds[i] && GAP_OF(point)[i] <= close[i] && RATE_OF(point)[i] <= RESTING * fmax(before[i], x->quick[i])) return 0;
+    if (!factorise(x)) return 0;
+    accelerate(x, acceleration);
+    if (pulls(x, acceleration)) return 0;
+    const double towards = -(x->bend[ROWS - CONTACTS + struck] + sum_of(CONTACT_ROW(struck), acceleration, N));
     return !(2 * RATE_OF(point)[struck] <= GRAZING * ZENO * fabs(a->h) * towards);
 }
 
 /* Steps until a gap closes as it would with accelerations that stay. */
-static double steps_ahead(const Work *x, const double *point) {
-    double acceleration[N], ahead = INFINITY;
-    COPY(acceleration, x->force, N);
-    if (!solve_masses(x->mass, acceleration)) return ahead;
+static double steps_ahead(Work *x, const double *point) {
+    double acceleration[N + x->a->held], ahead = INFINITY;
+    if (!factorise(x)) return ahead;
+    accelerate(x, acceleration);
     for (int i = 0; i < CONTACTS; i++) {
+        if (x->a->holds[i]) continue;
         const double gap = fmax(GAP_OF(point)[i], 0), rate = RATE_OF(point)[i];
-        const double bend = x->bend[i] + sum_of(x->slope + i * N, acceleration, N);
+        const double bend = x->bend[ROWS - CONTACTS + i] + sum_of(CONTACT_ROW(i), acceleration, N);
         const double inside = rate * rate - 2 * bend * gap;
         if (!(inside >= 0) || (rate >= 0 && bend >= 0)) continue;
         const double q = sqrt(inside), closes = rate < 0 ? 2 * gap / (q - rate) : -(rate + q) / bend;
@@ -325,7 +400,8 @@ INLINE void keep(double *row, double t, int64_t k, const double *q_and_p) {
 int contacts(const ContactArguments *a) {
     scene = a->scene;
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
-    const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, CONTACTS * N, N * N, N, CONTACTS, CONTACTS, N,
+    const int64_t all = N + a->held;
+    const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
                              5 * N * (MOST_STEPS + 1), ALL_W};
     double *part[sizeof sizes / sizeof *sizes];
     int64_t total = 0;
@@ -334,8 +410,10 @@ int contacts(const ContactArguments *a) {
     if (!memory) return BESIDE;
     total = 0;
     for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) part[i] = memory + total, total += sizes[i];
-    double *const rows = part[10], *const rests = rows + 3 * N * (MOST_STEPS + 1), *const w = part[11];
-    Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], 0, 0, 0, 0};
+    double *const rows = part[12], *const rests = rows + 3 * N * (MOST_STEPS + 1), *const w = part[13];
+    int pivots[all];
+    Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
+                 pivots, 0, 0, 0, 0};
     Work *const x = &work;
     double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;
@@ -368,6 +446,7 @@ int contacts(const ContactArguments *a) {
                 COPY(end + 1, rows + 3 * N * (passed + 1), 3 * N), COPY(REST_OF(end), rests + 2 * N * (passed + 1), 2 * N);
                 look(x, end, a->t0 + a->h * (double)(k + 1));
                 found = is_finite_point(end) ? first_impact(x, now, *t, end, at) : DOUBT;
+                if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
                 if (found) break;
                 k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
                 COPY(now + 1, end + 1, POINT - 1);
@@ -385,6 +464,7 @@ int contacts(const ContactArguments *a) {
             for (int d = 0; d < N; d++) moved[d] = fmax(x->reach[d], fabs(Q_OF(end)[d] - Q_OF(now)[d]));
             closeness(x, Q_OF(now), moved, x->close);
             found = first_impact(x, now, *t, end, at);
+            if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
             if (found == NONE) {
                 k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
                 COPY(now + 1, end + 1, POINT - 1);

@@ -2,18 +2,20 @@
 
    tape.h stands before this file. varint/codegen/contacts.py reads the names here. `gaps`: (q, v, t) to the gaps and their
    rates; `bounds`: (q, v at both ends, t, w) of a piece to lower bounds of the gaps and bounds of their rates and curvatures;
-   `blow`: (q, v, t) to the gradients W row by row, the mass matrix by columns, the force f = M a, d2 gap/dt2 - W a, energy. */
+   `blow`: (q, v, t) to the gradients W row by row, of constraints and then of contacts, the mass matrix by columns, the force
+   f = M a, what W a lacks of the second derivatives of the rows, and the energy. */
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
-    DO(N) DO(CONTACTS) DO(MOST_LOOKS) DO(NEWTON) DO(GAP_ITERATIONS) DO(MOST_IMPACTS)
+    DO(N) DO(ROWS) DO(CONTACTS) DO(MOST_LOOKS) DO(NEWTON) DO(GAP_ITERATIONS) DO(MOST_IMPACTS)
 #define LIMITS(DO) \
-    DO(TOUCH) DO(RESTING) DO(ZENO) DO(LOCATED) DO(NEAR) DO(FLAT) DO(RESIDUAL_LIMIT) DO(SHORTEST)
+    DO(TOUCH) DO(RESTING) DO(PULL) DO(ZENO) DO(LOCATED) DO(NEAR) DO(FLAT) DO(RESIDUAL_LIMIT) DO(SHORTEST)
 #define PLACES(DO)
 #define TABLES(DO) DO(RESTITUTION)
 #define FUNCTIONS(DO) DO(gaps) DO(bounds) DO(blow)
 
 #include "scene_members.h"
 #define N ((int)scene->N_)
+#define ROWS ((int)scene->ROWS_)
 #define CONTACTS ((int)scene->CONTACTS_)
 #define MOST_LOOKS ((int)scene->MOST_LOOKS_)
 #define SHORTEST scene->SHORTEST_
@@ -22,6 +24,7 @@
 #define MOST_IMPACTS ((int)scene->MOST_IMPACTS_)
 #define TOUCH scene->TOUCH_
 #define RESTING scene->RESTING_
+#define PULL scene->PULL_
 #define ZENO scene->ZENO_
 #define LOCATED scene->LOCATED_
 #define NEAR scene->NEAR_

@@ -84,21 +84,20 @@ def with_flights(
 ) -> Iterator[NodeBlock]:
     """The run, its flights in C; what is no clean impact or rests is as `every_node` has it."""
     while at is None or at.k < problem.steps:
-        if at is not None and at.active_set is not None and not at.active_set.holding:
+        if at is not None:
             for block in flight_blocks(system, rule, problem, flights, at):
                 yield block
                 at = block.after
-            assert at is not None
-            if at.k == problem.steps:
+            if at is None or at.k == problem.steps:
                 return
-        if at is not None and at.carry is not None:
-            at = _without_flight(system, rule, problem, at)
+            if at.carry is not None:
+                at = _without_flight(system, rule, problem, at)
         for block in every_node(system, rule, problem, at):
             yield block
             at = block.after
             if block.good < len(block.k):
                 return
-            if block.good and at is not None and at.active_set and not at.active_set.holding:
+            if block.good:
                 break
 
 

@@ -4,7 +4,7 @@ is more than that is left to the loop that knows all of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from varint.codegen.kernel import Kernel
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
 from varint.integration.compiled_loop import CAUTION, PATIENCE
+from varint.integration.events.contacts import first_contact
 from varint.integration.gears import gears_with, kernel_after, newton
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock, RunState
@@ -32,9 +33,11 @@ from varint.scene.system import System
 
 
 class Flights(NamedTuple):
-    """The loop of the scene without its contacts, and these as data."""
+    """The loops of the scene in its active sets, None where there is none, and its contacts as
+    data.
+    """
 
-    kernel: Kernel
+    loop_in: Callable[[ActiveSet], Kernel | None]
     contacts: ContactData
 
 
@@ -56,10 +59,17 @@ def flight_blocks(
     """The run from a position on, block by block, up to where something else than a clean impact
     is to be dealt with.
     """
-    n, kernel = system.structure.n, flights.kernel
-    free = ActiveSet(()).scene(system)
-    state = flight_state(free, problem, kernel, at) if at.carry is None else at.carry
-    gears = None if is_uniform(free) else gears_with(free, rule, newton(), kernel)
+    assert at.active_set is not None
+    n, active_set = system.structure.n, at.active_set
+    kernel = flights.loop_in(active_set)
+    if kernel is None:
+        return
+    scene, first = active_set.scene(system), first_contact(system)
+    fixed = (*active_set.rows, *range(system.constraint.numel(), first))
+    held = (*fixed, *(first + i for i in active_set.contacts))
+    holds = np.isin(np.arange(system.contact.numel()), active_set.holding)
+    state = flight_state(scene, problem, kernel, at) if at.carry is None else at.carry
+    gears = None if is_uniform(scene) else gears_with(scene, rule, newton(), kernel)
     work = max(kernel.operations * kernel.nodes, 1)
     most = max(int(PATIENCE / (CAUTION * work)), 1)
     status = int(FULL)
@@ -69,6 +79,8 @@ def flight_blocks(
             kernel,
             flights.contacts,
             state,
+            held,
+            holds,
             at.scale,
             problem.c,
             t0=problem.t0,
@@ -97,14 +109,13 @@ def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
     q, p, _, q_rest, p_rest = state[4 : 4 + 5 * n].reshape(5, n)
     x = np.concatenate([q, q_rest, p, p_rest])
     after = at._replace(x=x, k=int(state[0]), t=float(state[1]), events=int(state[2]), carry=state)
-    events, nodes = list[Event](), list[int]()
-    for time, numbers in zip(
-        found.t[found.hits[:, 0].astype(int)].tolist(), found.hits.tolist(), strict=True
-    ):
-        row, contact, impulse, before, later, *states = numbers
-        parts = (tuple(states[i : i + n]) for i in range(0, 5 * n, n))
-        events.append(Event(time, "impact", int(contact), impulse, before, later, *parts))
-        nodes.append(int(row))
+    hits, nodes = found.hits, found.hits[:, 0].astype(int)
+    numbers = zip(found.t[nodes].tolist(), *hits[:, 1:5].T.tolist(), strict=True)
+    states = (list(map(tuple, hits[:, i : i + n].tolist())) for i in range(5, 5 + 5 * n, n))
+    events = [
+        Event(time, "impact", int(contact), impulse, before, later, *state)
+        for (time, contact, impulse, before, later), *state in zip(numbers, *states, strict=True)
+    ]
     return NodeBlock(
         found.k,
         found.q,
@@ -116,5 +127,5 @@ def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
         events=tuple(events),
         iterations=found.iterations,
         after=after,
-        impacts=tuple(nodes),
+        impacts=tuple(nodes.tolist()),
     )
