@@ -204,7 +204,9 @@ def cut_at(motion: Trajectory, first: int, end: Crossings) -> Trajectory:
     """The trajectory until the first of the crossings after node `first`, its last node."""
     node, t = first + int(end.before.node[0]), float(end.before.t[0])
     if end.jump[0]:  # by the impact at the next node, which is kept as the motion leaves it
-        return motion[: node + 2]
+        late = motion.t[node + 2 :][:1] * np.sign(motion.h)
+        events = tuple(e for e in motion.events if not (e.time * np.sign(motion.h) >= late).any())
+        return replace(motion[: node + 2], events=events)
     last = end.after
     times, q, p = (
         np.concatenate([getattr(motion, name)[: node + 1], getattr(last, name)[:1]])
