@@ -74,7 +74,7 @@ def explicit_sweep_scheme(system: System, rule: Rule, density: str | None = None
         "E": s.outside.numel(),
         "LOSS": int(density is not None),
     }
-    places = {}
+    places: dict[str, np.ndarray] = {}
     for name, slope in slopes.items():
         rows, columns = slope.sparsity().get_triplet()
         places |= {f"{name}_ROW": np.array(rows, int), f"{name}_COLUMN": np.array(columns, int)}

@@ -12,6 +12,7 @@ from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_scene
 
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
+SAMPLES = 200  # nodes that are looked at
 
 
 def frequencies(motion: Trajectory) -> np.ndarray:
@@ -84,3 +85,10 @@ def _local_function(system: System) -> ca.Function:
     )
     outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(generalised_force, s.q))]
     return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+
+
+def resolves(motion: Trajectory) -> bool:
+    """Whether the steps are short for the fastest small motion anywhere on the way."""
+    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
+    fastest = frequencies(motion[some]).max(initial=0.0)
+    return bool(abs(motion.h) * fastest < 1.0)

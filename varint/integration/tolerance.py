@@ -24,8 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from varint.discrete.constraints import ActiveSet
-from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.cost import repays
@@ -33,7 +31,7 @@ from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
 from varint.integration.hidden import missed_impulse
 from varint.integration.plan import plan
-from varint.integration.problem import InitialValueProblem
+from varint.integration.problem import InitialValueProblem, problem_with_steps
 from varint.integration.rule_choice import (
     RADIANS,
     candidates,
@@ -41,7 +39,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     steps_for,
 )
-from varint.integration.run import collect, short_run, start_run, trajectory_of
+from varint.integration.run import collect, short_run, start_run
 from varint.integration.run_distance import distance, ends_apart
 from varint.integration.second_looks import Trial, has_steps, luck, transient
 from varint.integration.short_trials import (
@@ -50,8 +48,10 @@ from varint.integration.short_trials import (
     has_short_trials,
     short_motion,
 )
-from varint.integration.small_motions import MOST_COORDINATES, frequencies, frequency_at_start
-from varint.integration.trajectories import Run, first_node
+from varint.integration.small_motions import (
+    resolves,
+)
+from varint.integration.turns import radians_of
 from varint.integration.two_runs import (
     FLOOR,
     STALLED,
@@ -63,10 +63,8 @@ from varint.integration.two_runs import (
     shows_its_error,
 )
 from varint.integration.walls import Failure, no_way_on, require_way_on
-from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
-from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
@@ -78,7 +76,6 @@ NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but th
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
 ENOUGH = 2**20  # steps over forces that jump, where more would not do
-SAMPLES = 200  # nodes at which frequencies are looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +133,7 @@ def choose_steps(
         )
     began, own = perf_counter(), plan(system, rule).rule
     check_steps(start.t0, start.h * start.steps, 1)
-    radians = _radians(system, own, start)
+    radians = radians_of(system, own, start)
     if rule is None and start.steps == 1:
         compiled = backend == "compiled" or (
             backend == "auto" and repays(system, own, max(int(radians), 64))
@@ -251,7 +248,7 @@ def _refine(
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
         before = steps, motion
         rounded = rounding(apart, radians, steps)
-        stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
+        stalls = stalls + 1 if apart > STALLED * last and resolves(motion) else 0
         if stalls and rounded == apart > tol:  # from now on it wanders
             best = best and replace(best, estimate=max(best.estimate, apart))
             break
@@ -294,48 +291,3 @@ def _refine(
         f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
         "to see where it ends"
     )
-
-
-def _resolves(motion: Trajectory) -> bool:
-    """Whether the steps are short for the fastest small motion anywhere on the way."""
-    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
-    fastest = frequencies(motion[some]).max(initial=0.0)
-    return bool(abs(motion.h) * fastest < 1.0)
-
-
-def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:
-    """The same problem in so many steps; controls are those of the table, or of its one row."""
-    h, rows = start.h * start.steps / steps, start.steps
-    parts = steps // rows
-    u, table = start.u, start.u.shape[1]
-    if not u.size:
-        u = np.empty((steps, *u.shape[1:]))
-    elif rows == 1 and table == 1:
-        u = np.broadcast_to(u, (steps, *u.shape[1:]))
-    elif table == 1:
-        u = np.repeat(u, parts, axis=0)
-    else:
-        nodes = np.array(rule.nodes)
-        at = ((np.arange(parts)[:, None] + nodes) / parts).ravel()
-        u = np.einsum("pi,kij->kpj", lagrange_values(nodes, at), u)
-        u = np.ascontiguousarray(u.reshape(steps, len(nodes), -1))
-    return start._replace(h=h, steps=steps, save_every=1, u=u, nodes=len(rule.nodes))
-
-
-def _radians(system: System, rule: Rule, start: InitialValueProblem) -> float:
-    """How many radians the fastest small motion about the start turns in the duration."""
-    s = system.structure
-    fastest: float | None
-    if s.degenerate or s.constraints or s.nonholonomic or s.contacts or system.rays:
-        every_row = ActiveSet(tuple(range(s.constraints)))
-        node = first_node(start)._replace(active_set=start.active_set or every_row)
-        rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
-        fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
-    elif s.n > MOST_COORDINATES:
-        fastest = 0.0
-    else:
-        velocity = velocity_function(system)
-        v = call(velocity, start.q0, start.p0, np.array((start.t0,)), start.c)[0]
-        fastest = frequency_at_start(system, start.q0, v, start.t0, start.c)
-    turned = abs(start.h * start.steps) * (fastest or 0.0)
-    return min(float(turned), 1e6) if math.isfinite(turned) else 0.0
