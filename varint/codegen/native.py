@@ -111,7 +111,7 @@ def members_by_name(
     return [
         *(int(numbers[name]) for name in names["COUNTS"]),
         *(float(numbers[name]) for name in names["LIMITS"]),
-        *(places[name].astype(np.int32) for name in names["PLACES"]),
+        *(places[name].astype(np.int32) for name in names.get("PLACES", [])),
         *(tables[name].astype(float) for name in names["TABLES"]),
         *(tapes.get(name, NOTHING_TO_DO) for name in names["FUNCTIONS"]),
     ]

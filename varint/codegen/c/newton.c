@@ -274,7 +274,7 @@ int run(const RunArguments *a) {
     const int most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
     const double t0 = a->t0, h = a->h, per_h = 1 / h;
     const double *u = a->u;
-    double *rows = a->rows, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
+    double *rows = a->rows, *rests = a->rests, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
     double *const scale = k + C + 1, *const sizes = scale + 2 * N;
     int pivots[Y];
     const State state = state_in(a->carry);
@@ -290,7 +290,9 @@ int run(const RunArguments *a) {
     COPY(k, a->c, C), k[C] = h;
     if (!goes_on) {
         COPY(q, a->start, N), COPY(p, a->start + N, N);
-        ZEROS(state.rest_q, N), ZEROS(state.rest_p, N), ZEROS(seen, 2 * N);
+        if (rests) COPY(state.rest_q, rests, N), COPY(state.rest_p, rests + N, N);
+        else ZEROS(state.rest_q, N), ZEROS(state.rest_p, N);
+        ZEROS(seen, 2 * N);
         ZEROS(state.force, N), ZEROS(state.y, HISTORY * Y), state.sizes[SIZES] = 0;
         *state.strongest = INFINITY;
         *state.known = *state.age = 0;
@@ -392,6 +394,7 @@ int run(const RunArguments *a) {
         u += NODES * NU;
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
+            if (rests) rests += 2 * N, COPY(rests, state.rest_q, N), COPY(rests + N, state.rest_p, N);
         }
         if (watched) {
             const int64_t at = first + done + 1;
