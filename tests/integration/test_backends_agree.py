@@ -133,7 +133,7 @@ def test_drawn_stiff_oscillators_end_alike_in_every_gear():
     """
     rng, astray = np.random.default_rng(14), 0
     rules = [vi.gauss(1), vi.gauss(2), vi.gauss(4), vi.lobatto(3), vi.lobatto(4)]
-    for i in range(60):
+    for i in range(25):
         a, b, h = 10 ** rng.uniform((1, 0, -2.3), (5, 5, -0.3))
         start = {"q0": rng.uniform(0.3, 2, 1), "v0": 10 * rng.normal(size=1)}
         ends = []
@@ -146,7 +146,7 @@ def test_drawn_stiff_oscillators_end_alike_in_every_gear():
         if failed is not None:
             astray += 1
             np.testing.assert_allclose(other.q, motion.q, rtol=1e-8, atol=1e-8)
-    assert astray > 10
+    assert astray > 4
 
 
 def charge_in_a_field():
