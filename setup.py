@@ -18,15 +18,9 @@ from setuptools.command.build_ext import build_ext
 
 FOLDER = Path("varint/codegen/c")
 FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
-NAMES = (
-    "",
-    "sweep_gauss_",
-    "newton_",
-    "explicit_",
-    "contacts_",
-    "uniform_",
-    "sweep_",
-)  # the first two for every shape
+# the first two for every shape
+NAMES = ("", "sweep_gauss_", *(f"{x}_" for x in "newton explicit contacts uniform".split()))
+NAMES += ("sweep_", "sweep_explicit_")
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {
     "x86-64-v4": [(8, 1), (8, 2), (4, 1), (2, 1), (1, 1)],

@@ -77,6 +77,13 @@ def curvature_entry() -> Callable:
     return _entries("sweep_core.c", ("curvatures",), "{name}_sweep_{level}", {})[0]
 
 
+@cache
+def explicit_sweep_entries() -> tuple[Callable, ...]:
+    """Tangents and adjoints of c/sweep_explicit.c; raises CompileError as `gauss_loop` does."""
+    names = "{name}_explicit_{level}"
+    return _entries("sweep_explicit_core.c", ("tangents", "adjoints"), names, {})
+
+
 @lru_cache(maxsize=32)
 def stage_sweep_entries(lanes: int, vectors: int) -> tuple[Callable, ...]:
     """Tangents and adjoints of c/sweep_gauss.c for vectors of so many lanes, so many of them for
