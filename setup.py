@@ -19,7 +19,7 @@ from setuptools.command.build_ext import build_ext
 FOLDER = Path("varint/codegen/c")
 FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
 # the first two for every shape
-NAMES = ("", "sweep_gauss_", *(f"{x}_" for x in "newton explicit contacts uniform".split()))
+NAMES = ("", "sweep_gauss_", *(f"{x}_" for x in ["newton", "explicit", "contacts", "uniform"]))
 NAMES += ("sweep_", "sweep_explicit_")
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {
