@@ -21,7 +21,7 @@ from varint.control.problem import ControlProblem
 from varint.control.starts import default_starts, is_nearly_a_motion, without_guesses
 from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
-from varint.nlp.options import IPOPT
+from varint.nlp.options import MOST_ITERATIONS
 from varint.nlp.solver import SolverResult
 from varint.results.trajectory import Trajectory
 
@@ -150,7 +150,7 @@ def _unmet(outcome: SolverResult) -> bool:
     """Did it end without a motion that keeps all conditions, or go on without one as long as
     solvers may unless told otherwise?
     """
-    for_ever = outcome.violation > FEASIBLE and outcome.iterations >= IPOPT["max_iter"]
+    for_ever = outcome.violation > FEASIBLE and outcome.iterations >= MOST_ITERATIONS
     return not _is_over(outcome) and (outcome.status in UNMET or for_ever)
 
 
