@@ -23,7 +23,10 @@ NAMES = (
     "sweep_gauss_",
     "newton_",
     "explicit_",
+    "contacts_",
+    "uniform_",
     "sweep_",
+    "sweep_explicit_",
     "rows_",
 )  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages

@@ -204,6 +204,7 @@ def run_loop(
             *results,
             kernel.scene,
             address + 8 * noted if nodes else 0,
+            0,
         )
     )
     seconds = perf_counter() - began

@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 BACKENDS = ("auto", "compiled", "native", "interpreted")
 
 
+def require_backend(backend: str) -> None:
+    """Refuse a backend that does not exist."""
+    if backend not in BACKENDS:
+        raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
+
+
 def kernel_for(
     system: System, rule: Rule, problem: InitialValueProblem, backend: str
 ) -> Kernel | None:
@@ -42,8 +48,7 @@ def kernel_for(
     NotCompilable, CompileError
         If ``"compiled"`` or ``"native"`` is asked for and impossible.
     """
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
+    require_backend(backend)
     if backend == "interpreted":
         return None
     if backend == "native":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varint.discrete.constraints import ActiveSet
 from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
 from varint.integration.backend import (
@@ -76,14 +77,14 @@ def start_run(
     kernel: Kernel | None = None
     blocks_from: BlocksFrom
     if system.structure.contacts:
-        if backend not in ("auto", "interpreted"):
-            raise InputError(
-                f"runs with contacts are interpreted; backend={backend!r} is not for them"
-            )
         from varint.integration.events.contact_loop import contact_run
         from varint.integration.events.subdivide import subdivide_contact_step
+        from varint.integration.flight_choice import flights_for
 
-        blocks_from = partial(contact_run, system, chosen.rule, problem)
+        flights = flights_for(system, chosen.rule, problem, backend)
+        begin = problem.active_set or ActiveSet(tuple(range(system.structure.constraints)))
+        kernel = flights and flights.loop_in(begin)
+        blocks_from = partial(contact_run, system, chosen.rule, problem, flights=flights)
         remedy = partial(subdivide_contact_step, system, chosen.rule, problem)
     else:
         scene = active_scene(system, problem)
