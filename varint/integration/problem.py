@@ -10,7 +10,6 @@ import numpy as np
 from varint.errors import InputError
 from varint.integration.start import check_rows, put_on_manifold, start_momentum_of
 from varint.numerics.limits import MOST_STEPS, check_memory
-from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule
 from varint.scene.inputs import number, positive_integer, vector
 from varint.scene.parameters import ParameterValues
@@ -194,22 +193,3 @@ class InitialValueProblem(NamedTuple):
         if not u.size:
             return np.empty((len(u), self.nodes, 0))
         return np.ascontiguousarray(np.broadcast_to(u, (len(u), self.nodes, u.shape[2])))
-
-
-def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:
-    """The same problem in so many steps; controls are those of the table, or of its one row."""
-    h, rows = start.h * start.steps / steps, start.steps
-    parts = steps // rows
-    u, table = start.u, start.u.shape[1]
-    if not u.size:
-        u = np.empty((steps, *u.shape[1:]))
-    elif rows == 1 and table == 1:
-        u = np.broadcast_to(u, (steps, *u.shape[1:]))
-    elif table == 1:
-        u = np.repeat(u, parts, axis=0)
-    else:
-        nodes = np.array(rule.nodes)
-        at = ((np.arange(parts)[:, None] + nodes) / parts).ravel()
-        u = np.einsum("pi,kij->kpj", lagrange_values(nodes, at), u)
-        u = np.ascontiguousarray(u.reshape(steps, len(nodes), -1))
-    return start._replace(h=h, steps=steps, save_every=1, u=u, nodes=len(rule.nodes))

@@ -12,7 +12,6 @@ from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_scene
 
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
-SAMPLES = 200  # nodes that are looked at
 
 
 def frequencies(motion: Trajectory) -> np.ndarray:
@@ -36,25 +35,23 @@ def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
     """
     if not math.isfinite(mass.sum() + stiffness.sum()):
         return math.nan
-    inertia = mass.diagonal()
-    if inertia.min(initial=math.inf) <= 0:
+    inertia = mass.diagonal().tolist()
+    if min(inertia, default=1.0) <= 0:
         return None
-    if len(mass) == 1:
-        return math.sqrt(abs(stiffness[0, 0] / mass[0, 0]))
-    if not np.count_nonzero(mass - np.diag(inertia)):
-        square = stiffness / inertia[:, None]
-    elif is_definite(mass):
+    if len(inertia) == 1:
+        return math.sqrt(abs(stiffness.item(0) / inertia[0]))
+    if len(inertia) == 2 and mass.item(1) == 0 == mass.item(2):
+        a, b, c, d = (x / inertia[i // 2] for i, x in enumerate(stiffness.ravel().tolist()))
+        mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
+        if apart < 0:  # a pair of complex numbers
+            return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
+        return math.sqrt(abs(mean) + math.sqrt(apart))
+    if is_definite(mass):
         square = np.linalg.solve(mass, stiffness)
     else:
         square = np.linalg.pinv(mass, hermitian=True) @ stiffness
     if not np.isfinite(square).all():
         return math.nan
-    if len(mass) == 2:
-        (a, b), (c, d) = square.tolist()
-        mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
-        if apart < 0:  # a pair of complex numbers
-            return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
-        return math.sqrt(abs(mean) + math.sqrt(apart))
     return math.sqrt(np.abs(np.linalg.eigvals(square)).max())
 
 
@@ -85,10 +82,3 @@ def _local_function(system: System) -> ca.Function:
     )
     outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(generalised_force, s.q))]
     return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
-
-
-def resolves(motion: Trajectory) -> bool:
-    """Whether the steps are short for the fastest small motion anywhere on the way."""
-    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
-    fastest = frequencies(motion[some]).max(initial=0.0)
-    return bool(abs(motion.h) * fastest < 1.0)
