@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import varint as vi
+from varint.drawing.curves import curve_of
 
 
 def titles(figure):
@@ -123,11 +124,11 @@ def test_all_components_of_an_expression_are_drawn():
 @pytest.mark.parametrize("name", ["pendulum", "kepler"])
 def test_a_phase_portrait_shows_its_direction_and_none_where_nothing_moves(name):
     motion = motion_of(name, duration=3.0)
-    phase = motion.plot().axes[1]
+    phase, curve = motion.plot().axes[1], curve_of(motion)
     arrows = [(np.array(x.xyann), np.array(x.xy)) for x in phase.texts]
     assert len(arrows) == 3 * motion.q.shape[1]
     for tail, head in arrows:
-        nodes = [np.stack(pair, axis=-1) for pair in zip(motion.q.T, motion.p.T, strict=True)]
+        nodes = [np.stack(pair, axis=-1) for pair in zip(curve.q.T, curve.p.T, strict=True)]
         steps = [(path[:-1] == tail).all(axis=1) & (path[1:] == head).all(axis=1) for path in nodes]
         assert any(step.any() for step in steps)
     still = vi.simulate(motion.system, q0=motion.q[0], v0=motion.v[0], h=0.01, steps=1)[:1]

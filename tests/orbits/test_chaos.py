@@ -7,12 +7,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 
 import varint as vi
 
-# Skokos, Antonopoulos, Bountis & Vrahatis, Journal of Physics A 37 (2004) 6269: E = 1/8, x = 0,
-# y = −0.25, p_y = 0
-HENON_HEILES_EXPONENT = 0.047
+EXPONENTS = entries("orbits")["Lyapunov exponents"]["reference"]
+RUNNING = entries("orbits")["double pendulum, running"]["reference"]
 
 
 def henon_heiles(y: float, total: float, steps: int, h: float = 0.25, **options) -> vi.Trajectory:
@@ -75,16 +75,59 @@ def test_the_lift_of_a_constrained_scene_is_tangent_by_the_rules_of_the_scene(ru
     assert np.abs(wanted).max() > 0.1
 
 
+def published(steps: int) -> tuple[vi.Trajectory, float]:
+    """A motion of Hénon and Heiles from the printed start, and its printed exponent."""
+    row, system = EXPONENTS["Hénon–Heiles"], vi.models.henon_heiles().system
+    start = dict(q0=row["q0"], v0=row["v0"], h=0.25, steps=steps)
+    return vi.simulate(system, vi.gauss(6), **start), row["exponent"]
+
+
 def test_exponents_of_henon_heiles_are_those_of_the_literature_and_pair_to_round_off():
-    motion = henon_heiles(-0.25, 1 / 8, 40_000)
+    motion, printed = published(40_000)
     found = vi.orbits.lyapunov_spectrum(motion)
-    error = 3 * found.errors[0] + 0.001  # the digits that are published
-    assert abs(found.exponents[0] - HENON_HEILES_EXPONENT) < error < 0.5 * found.exponents[0]
+    error = 3 * found.errors[0]
+    assert abs(found.exponents[0] - printed) < error < 0.5 * found.exponents[0]
     assert found.pairing < 1e-12 and abs(found.sum) < 1e-12
     assert abs(found.exponents[1]) < 3 * np.log(motion.t[-1]) / motion.t[-1]
     chaotic = vi.orbits.megno(motion)
     assert np.isclose(chaotic.exponent, found.exponents[0], rtol=0.05)
     assert np.isclose(chaotic.value, chaotic.exponent * motion.t[-1] / 2, rtol=0.4)
+
+
+@pytest.mark.long
+def test_exponent_of_a_long_run_of_henon_heiles_is_that_of_the_literature():
+    motion, printed = published(400_000)
+    found = vi.orbits.lyapunov_spectrum(motion)
+    assert abs(found.exponents[0] - printed) < 3 * found.errors[0] < 0.2 * printed
+
+
+@pytest.fixture(scope="module")
+def arms() -> vi.System:
+    """The double pendulum with masses, arms and g of one."""
+    q, v = vi.coordinates("a", "b")
+    energy = v[0] ** 2 + v[1] ** 2 / 2 + v[0] * v[1] * ca.cos(q[0] - q[1])
+    return vi.System(q, v, energy + 2 * ca.cos(q[0]) + ca.cos(q[1]))
+
+
+@pytest.mark.parametrize("energy", RUNNING)
+def test_running_motions_of_the_double_pendulum_grow_as_they_are_proved_to(arms, energy):
+    """A turn multiplies by μ with μ + 1/μ = tr: its exponent ln |μ| / T, enclosed to 1e-5."""
+    row, total = RUNNING[energy], float(energy)
+    b, turn = np.mean(row["p"]), np.mean(row["period"])
+    a = b + np.sqrt(6 + 2 * total - b**2)
+    start = dict(q0=[0, 0], v0=[a - b, 2 * b - a])
+    motion = vi.simulate(arms, vi.gauss(8), **start, duration=turn, steps=60)
+    assert motion.energy[0] == pytest.approx(total, abs=1e-14)
+    late = np.ptp(row["period"]) * np.abs(motion.v[-1]).max()
+    assert np.abs(motion.q[-1] - [0, -2 * np.pi]).max() < late < 3e-8
+    assert np.abs(motion.p[-1] - [a, b]).max() < 1e-9
+    low, high = row["trace"]
+    trace = np.trace(motion.transition_matrix()) - 2  # two multipliers are 1
+    assert low < trace < high
+    small, found, large = (
+        np.log(np.abs(np.roots([1, -x, 1])).max()) / turn for x in (high, trace, low)
+    )
+    assert small < found < large < small + 1e-5
 
 
 def test_exponents_of_the_double_pendulum_are_those_of_an_independent_integration():

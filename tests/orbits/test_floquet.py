@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from orbit_scenes import springs
+from references import entries
 
 import varint as vi
 from varint import orbits
@@ -18,9 +19,10 @@ def eight():
 
 def test_the_figure_eight_is_stable_with_the_published_multipliers(eight):
     of = orbits.floquet(eight)
-    # Simó, Contemporary Mathematics 292 (2002) 209: exp(±2πi ν), ν = 0.00842272, 0.29809253
-    turns = np.sort(np.abs(np.angle(of.multipliers))) / (2 * np.pi)
-    assert np.abs(turns[::2] - [0.00842272, 0.29809253]).max() < 5e-9
+    turns = np.sort(np.abs(np.angle(of.multipliers)))[::2] / (2 * np.pi)
+    assert np.abs(turns - entries("orbits")["figure-eight"]["reference"]["turns"]).max() < 5e-11
+    # Simó, Contemporary Mathematics 292 (2002) 209, from memory: no copy of it was found
+    assert np.abs(turns - [0.00842272, 0.29809253]).max() < 5e-9
     assert np.abs(np.abs(of.multipliers) - 1).max() < 1e-11
     assert of.stable and of.verdict.startswith("linearly stable")
     assert of.trivial == 8 and of.blocks == 4  # energy, momentum, angular momentum

@@ -10,6 +10,14 @@ from varint.orbits.bifurcations import repeated
 
 HALOS = entries("orbits")["halo orbits"]["reference"]
 LYAPUNOV = entries("orbits")["Lyapunov orbits of Sun and Jupiter"]
+PLANAR = entries("orbits")["Lyapunov orbits of Earth and Moon"]
+# of the stability index, relative: what the printed one misses of that of the orbit
+PRINTED = {
+    "L1, least stability index": 2e-9,
+    "L1, largest": 4e-7,
+    "L2, least stability index": 3e-6,
+    "L2, closest to the Moon": 3e-4,
+}
 DIGITS = 12  # of the published start that a guess keeps
 QUICK = ["halo L1 north, at its birth", "halo L2 south, unstable", "butterfly north, Saturn-Titan"]
 
@@ -62,6 +70,27 @@ def test_catalogued_orbits_have_their_printed_period(space, name):
     assert found.period == pytest.approx(row["period"], abs=1e-9 if loose else 2e-11)
     if "birth" in name or "tall" in name or "small" in name:
         assert found.period == pytest.approx(row["period"], abs=5e-14)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(x, marks=pytest.mark.long if x.endswith(("largest", "Moon", "birth")) else [])
+        for x in PLANAR["reference"]
+    ],
+)
+def test_planar_lyapunov_orbits_have_their_printed_numbers(space, name):
+    """The period held, and the Jacobi constant; the index to the digits that are right in print,
+    and to more of a computation with a longer mantissa.
+    """
+    row, closest = PLANAR["reference"][name] | PLANAR["params"], name == "L2, closest to the Moon"
+    found = refined(space, row | {"z": 0.0})
+    assert np.abs(found.q0 - [row["x"], 0, 0]).max() < (5e-8 if closest else 2e-9)
+    assert -2 * found.energy == pytest.approx(row["jacobi"], abs=5e-12)
+    assert index(found) == pytest.approx(row["stability"], rel=PRINTED.get(name, 1e-10))
+    assert index(found) == pytest.approx(row["again"], rel=3e-7 if closest else 5e-9)
+    held = refined(space, row | {"z": 0.0}, energy=-row["jacobi"] / 2)
+    assert held.period == pytest.approx(row["period"], abs=5e-11 if closest else 5e-12)
 
 
 @pytest.mark.parametrize("which, guess, way", [("x1", 0.9208, 1), ("x2", 1.0819, -1)])

@@ -15,7 +15,7 @@ from scipy.special import ellipe, ellipk
 import varint as vi
 from varint.codegen import cache
 from varint.numerics.arrays import call
-from varint.sensitivities import steps_at_once
+from varint.sensitivities import loops, steps_at_once
 from varint.sensitivities.loops import is_built, sweeper
 
 
@@ -285,6 +285,27 @@ def test_compiled_and_native_tangents_are_the_same_and_interpreted_ones_agree(ru
     )
     assert np.array_equal(one, data)
     assert np.abs(one - other).max() < 1e-12 * np.abs(other).max()
+
+
+def test_columns_are_the_same_bytes_whatever_is_beside_them():
+    """They are carried side by side, and each goes on until it is found."""
+    system, _ = spring()
+    motion = vi.simulate(system, vi.gauss(4), q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.1, steps=40)
+    names = ["q0", "v0", "rest", "m", "k"]
+    whole = vi.sensitivity(motion, names, backend="native")
+    for few, at in ((["v0"], slice(2, 4)), (["rest", "m", "k"], slice(4, 8)), (["k"], slice(7, 8))):
+        found = vi.sensitivity(motion, ["q0", *few], backend="native")[:, :, 2:]
+        assert np.array_equal(found, whole[:, :, at])
+
+
+@pytest.mark.skipif(not is_built(), reason="installed without a compiler")
+def test_gauss_rules_are_arranged_without_the_derivative_of_a_whole_step(monkeypatch):
+    monkeypatch.setattr(loops, "operations", lambda *_: pytest.fail("a step was differentiated"))
+    system, _ = spring()
+    motion = vi.simulate(system, vi.gauss(8), q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.3, steps=20)
+    phi = motion.transition_matrix()
+    form = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.eye(2), np.zeros((2, 2))]])
+    assert np.abs(phi.T @ form @ phi - form).max() < 1e-12
 
 
 def test_a_stiff_scene_is_differentiated_by_factors_where_the_stages_do_not_contract():

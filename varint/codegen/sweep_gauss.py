@@ -141,7 +141,7 @@ def _stage_tables(stages: int, padded: int) -> dict[str, np.ndarray]:
         guess_q[place, : 2 * len(nodes)], guess_v[place, : 2 * len(nodes)] = _hermite(
             nodes.astype(float), c[repeat]
         )
-    weights = np.append(b, np.zeros(padded - stages))
+    weights, backwards = np.append(b, np.zeros(padded - stages)), _continued(c)
     return {
         "COLUMN_A": a[repeat].T,
         "COLUMN_M": (b - a)[repeat].T,
@@ -149,7 +149,8 @@ def _stage_tables(stages: int, padded: int) -> dict[str, np.ndarray]:
         "STAGE_C": c[repeat],
         "GUESS_Q": guess_q,
         "GUESS_V": guess_v,
-        "CONTINUED": _continued(c)[repeat].T,
+        "CONTINUED": backwards[repeat].T,
+        "ONWARDS": backwards[::-1, ::-1][repeat].T,  # nodes lie alike seen from either end
     }
 
 

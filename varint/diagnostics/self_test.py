@@ -58,28 +58,12 @@ class SelfTest:
     @property
     def passed(self) -> bool:
         """Whether nothing failed."""
-        parts = (
-            self.convergence,
-            self.symplectic,
-            self.reversibility,
-            self.energy,
-            self.round_off,
-            self.constraints,
-        )
-        return all(x.passed is not False for x in parts) and self.momenta is not False
+        return all(x.passed is not False for x in _single(self)) and self.momenta is not False
 
     def __str__(self) -> str:
-        parts = (
-            self.convergence,
-            self.symplectic,
-            self.reversibility,
-            self.energy,
-            self.round_off,
-            self.constraints,
-        )
         lines = [
             f"{self.method}: {'all hold' if self.passed else 'NOT all hold'}",
-            *(str(x) for x in parts),
+            *(str(x) for x in _single(self)),
         ]
         if self.conserved is not None:
             count = len(self.conserved)
@@ -88,6 +72,18 @@ class SelfTest:
             )
             lines += [f"    {m}" for m in self.conserved]
         return "\n".join(lines)
+
+
+def _single(test: SelfTest) -> tuple[Any, ...]:
+    """The single results, in the order in which they are told."""
+    return (
+        test.convergence,
+        test.symplectic,
+        test.reversibility,
+        test.energy,
+        test.round_off,
+        test.constraints,
+    )
 
 
 def self_test(

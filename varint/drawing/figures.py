@@ -4,11 +4,13 @@ is wanted.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from varint.drawing.curves import curve_of, marks_of
 from varint.drawing.style import (
     COLOURS,
     handed_over,
@@ -75,10 +77,13 @@ def _overview(motion: Trajectory) -> Figure:
     shown = shown_indices(structure.n)
     names = [label(motion.system.names[i]) for i in shown]
     keep = thinned_indices(len(motion))
-    draw_coordinates(top, motion, keep)
+    curve = curve_of(motion)
+    points, marks = thinned_indices(len(curve)), marks_of(motion, curve)
+    draw_coordinates(top, curve, points, marks)
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
-        phase.plot(motion.q[keep, i], motion.p[keep, i], color=colour, label=name, lw=0.9)
-        _draw_direction(phase, motion.q[keep, i], motion.p[keep, i], colour)
+        q, p = curve.q[points, i], curve.p[points, i]
+        phase.plot(q, p, color=colour, label=name, lw=0.9, **marks)
+        _draw_direction(phase, q, p, colour)
     name_axes(
         phase,
         "$q$",
@@ -110,12 +115,15 @@ def _draw_direction(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str) -> No
             )
 
 
-def draw_coordinates(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
-    """Coordinates over time."""
+def draw_coordinates(
+    axes: Axes, motion: Trajectory, keep: np.ndarray, marks: Mapping[str, Any] | None = None
+) -> None:
+    """Coordinates over time, with marks of `marks_of`."""
     shown = shown_indices(motion.system.structure.n)
     names = [label(motion.system.names[i]) for i in shown]
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
-        axes.plot(motion.t[keep], motion.q[keep, i], color=colour, label=name, lw=1.2)
+        x = motion.q[keep, i]
+        axes.plot(motion.t[keep], x, color=colour, label=name, lw=1.2, **(marks or {}))
     name_axes(
         axes,
         "time $t$",
@@ -257,11 +265,12 @@ def _expressions(motion: Trajectory, expressions: tuple) -> Figure:
     fig, rows = plt.subplots(
         count, 1, figsize=(7, 1.2 + 2.2 * count), sharex=True, squeeze=False, layout="constrained"
     )
-    keep = thinned_indices(len(motion))
+    curve = curve_of(motion)
+    keep, marks = thinned_indices(len(curve)), marks_of(motion, curve)
     for axes, (name, expression) in zip(rows[:, 0], shown, strict=True):
-        values = motion.value(expression).reshape(len(motion), -1)
+        values = curve.value(expression).reshape(len(curve), -1)
         for colour, column in zip(cycle(COLOURS), values[keep].T, strict=False):
-            axes.plot(motion.t[keep], column, color=colour, lw=1.2)
+            axes.plot(curve.t[keep], column, color=colour, lw=1.2, **marks)
         _mark_events(axes, motion, named=axes is rows[0, 0])
         axes.set_ylabel(name)
         axes.grid(alpha=0.3)

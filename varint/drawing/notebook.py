@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from varint.drawing.curves import curve_of, marks_of
 from varint.drawing.ensemble_figures import draw_spread
 from varint.drawing.figures import draw_controls, draw_coordinates
 from varint.drawing.style import COLOURS, label, name_axes, shown_indices, thinned_indices
@@ -55,7 +56,9 @@ def trajectory_html(motion: Trajectory) -> str:
     rows += [(f"events: {kind}", str(kinds.count(kind))) for kind in dict.fromkeys(kinds)]
     if hasattr(motion.solution, "costates"):
         rows += solution_rows(motion.solution)
-    panels: list[Draw] = [lambda axes: draw_coordinates(axes, motion, keep)]
+    curve = curve_of(motion)
+    points, marks = thinned_indices(len(curve), 2 * FEW), marks_of(motion, curve)
+    panels: list[Draw] = [lambda axes: draw_coordinates(axes, curve, points, marks)]
     if motion.system.structure.controls:
         panels.append(lambda axes: draw_controls(axes, motion, keep))
     return table("Trajectory", rows, picture("Coordinates over time.", panels))

@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 BACKENDS = ("auto", "compiled", "native", "interpreted")
 
 
+def require_backend(backend: str) -> None:
+    """Refuse a backend that does not exist."""
+    if backend not in BACKENDS:
+        raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
+
+
 def kernel_for(
     system: System, rule: Rule, problem: InitialValueProblem, backend: str
 ) -> Kernel | None:
@@ -42,8 +48,7 @@ def kernel_for(
     NotCompilable, CompileError
         If ``"compiled"`` or ``"native"`` is asked for and impossible.
     """
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
+    require_backend(backend)
     if backend == "interpreted":
         return None
     if backend == "native":
@@ -84,6 +89,14 @@ def _compiled_loop() -> ModuleType:
     return compiled_loop
 
 
+@cache
+def _short_loop() -> ModuleType:
+    """That of compiled loops in one call."""
+    from varint.integration import short_loop
+
+    return short_loop
+
+
 _SAID: set[str] = set()
 
 
@@ -112,7 +125,7 @@ def run_at_once(
     system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
 ) -> LoopResult | None:
     """A short run by one call of its compiled loop; None where it takes more than that."""
-    return _compiled_loop().run_at_once(system, rule, problem, kernel)
+    return _short_loop().run_at_once(system, rule, problem, kernel)
 
 
 def subdivide_failed_step(

@@ -112,7 +112,7 @@ def compiled_blocks(
     explicit, by_stages = scheme is EXPLICIT, scheme is BY_STAGES
     gears = gears_with(system, rule, scheme, kernel)
     piloted = by_stages and at is None
-    most = _first_piece(kernel, piloted)
+    most = first_piece(kernel, piloted)
     while k < problem.steps:
         steps, every = next_piece(k, problem.steps, problem.save_every, most)
         u = problem.controls(k, steps) if kernel.controls else None
@@ -194,40 +194,10 @@ def _passed(kernel: Kernel, part: LoopResult) -> Passed | None:
     return Passed(k[:, 0].astype(int), q, p, part.notes)
 
 
-def _first_piece(kernel: Kernel, piloted: bool) -> int:
+def first_piece(kernel: Kernel, piloted: bool) -> int:
     """Steps of the first call at most."""
     most = max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
     return min(PILOT, most) if piloted else most
-
-
-def run_at_once(
-    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
-) -> LoopResult | None:
-    """The compiled run in one call, where it is that short; None where it is not, or where another
-    loop would have to go on.
-    """
-    scheme = newton() if kernel.opening else scheme_of(system, rule)
-    piloted = scheme is BY_STAGES
-    steps, every = problem.steps, problem.save_every
-    if steps % every or steps > _first_piece(kernel, piloted):
-        return None
-    found = compiled_run(
-        kernel,
-        problem.q0,
-        problem.p0,
-        problem.c,
-        t0=problem.t0,
-        h=problem.h,
-        steps=steps,
-        save_every=every,
-        u=problem.controls(0, steps) if kernel.controls else None,
-        level=problem.level,
-    )
-    if gears := gears_with(system, rule, scheme, kernel):
-        kernel_after(gears, found.seconds, 0.0)
-    if found.status != DONE or (piloted and found.iterations > POOR * steps):
-        return None
-    return found
 
 
 def _above_rounding(system: System, kernel: Kernel) -> Kernel:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -19,6 +19,9 @@ from varint.integration.work_bound import (
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_scene
+
+if TYPE_CHECKING:
+    from varint.codegen.rows import RowFunction
 
 SAMPLES = 10  # nodes that are looked at
 # more of them from so many steps on, beside which they cost next to nothing
@@ -107,6 +110,19 @@ def energies(
         x.reshape(members, nodes)
         for x in over_columns(_energy_of_momentum(system), *rows, np.array([h]))
     ]
+
+
+def energies_along(
+    system: System, q: np.ndarray, p: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Energy and p·v at nodes (N, n) at their times (N,), or one time for all."""
+    f = _energy_rows(system)
+    if f is None:
+        function, times = _energy_of_momentum(system), t if len(t) == 1 else t[:, None]
+        found = over_columns(function, q, p, times, c, np.zeros(1))
+    else:
+        found = f.values(c, q, p, t[:, None])
+    return found[0][:, 0], found[1][:, 0]
 
 
 def energy_jump(motion: Trajectory) -> EnergyJump | None:
@@ -215,6 +231,21 @@ def _energy_function(system: System) -> ca.Function:
     return ca.Function(
         "energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True}
     )
+
+
+@per_scene
+def _energy_rows(system: System) -> RowFunction | None:
+    """(q, p, t) → H, p·v as data; None where they have no such form."""
+    from varint.codegen.rows import row_function_or_none
+
+    s, velocity = system, velocity_function(system)
+    if not velocity.is_a("SXFunction"):
+        return None
+    p = ca.SX.sym("p", s.structure.n)
+    v = velocity(s.q, p, s.t, s.c)
+    energy = ca.Function("energy", [s.q, s.v, s.t, s.c], [ca.densify(s.energy)])
+    results = [energy(s.q, v, s.t, s.c), ca.fabs(ca.dot(p, v))]
+    return row_function_or_none("energy", [s.q, p, s.t], s.c, results)
 
 
 @per_scene

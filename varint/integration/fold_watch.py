@@ -24,9 +24,9 @@ from varint.integration.fold_crossing import (
     Windows,
     are_leaps,
     crossed_folds,
-    steps_of,
     windows_around,
 )
+from varint.integration.many_steps import steps_of
 from varint.integration.problem import InitialValueProblem
 from varint.integration.row_watch import BlocksFrom
 from varint.integration.state import NodeBlock, Passed, RunState

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
-from varint.integration.energy_leap import energy_alarm
+from varint.integration.energy_leap import energy_alarm, energy_leap
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
 from varint.integration.plan import plan
@@ -69,7 +69,12 @@ def simulate_to_tolerance(
         )
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
-        if alarm := energy_alarm(motion):
+        if choice.level:
+            leap = energy_leap(motion)
+            alarm = leap and leap.alarm()
+        else:
+            alarm = energy_alarm(motion)
+        if alarm:
             warnings.warn(alarm, stacklevel=3)
         motion = motion if every == 1 else subsample(motion, every)
     elif choice.motion.fictitious is not None:

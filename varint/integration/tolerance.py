@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -24,12 +25,12 @@ from typing import Any
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
+from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
-from varint.integration.failures import frequencies
 from varint.integration.hidden import missed_impulse
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
@@ -40,18 +41,29 @@ from varint.integration.rule_choice import (
     iteration_level,
     steps_for,
 )
-from varint.integration.run import collect, start_run, trajectory_of
+from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
 from varint.integration.second_looks import Trial, has_steps, luck, transient
+from varint.integration.short_trials import (
+    NotShort,
+    by_short_trials,
+    has_short_trials,
+    short_motion,
+)
+from varint.integration.small_motions import MOST_COORDINATES, frequencies, frequency_at_start
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
+    FLOOR,
     STALLED,
+    Attempt,
     Course,
+    energy_errors,
     rounding,
     run_twice,
     shows_its_error,
 )
 from varint.integration.walls import Failure, no_way_on, require_way_on
+from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -60,7 +72,6 @@ from varint.scene.system import System
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
-FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 CAUTION = 0.75  # of the order that was seen is counted on
 SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
@@ -72,7 +83,9 @@ SAMPLES = 200  # nodes at which frequencies are looked at
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A rule and a number of steps, the run that they make, and its estimated error."""
+    """A rule and a number of steps, the run that they make, and its estimated error; whether its
+    energy has been looked at and stays.
+    """
 
     rule: Rule
     steps: int
@@ -80,6 +93,7 @@ class Choice:
     estimate: float
     runs: int
     reached: bool
+    level: bool = False
 
 
 def choose_steps(
@@ -130,6 +144,15 @@ def choose_steps(
         by_stages = runs_by_stages(system, gauss(8), backend)
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
+    by_two_runs = start.steps == 1 and shows_its_error(system)
+    if by_two_runs and stop is None and has_short_trials(system, start):
+        with suppress(NotShort):
+            shown = by_short_trials(system, own, start, tol, radians, scale, backend)
+            if shown is not None:
+                motion = short_motion(system, own, shown.run, began)
+                return Choice(own, shown.steps, motion, shown.estimate, shown.runs, True, True)
+            by_two_runs = False
+
     failures: list[Failure] = []  # since the last run that ended well
 
     def trial(
@@ -137,13 +160,17 @@ def choose_steps(
     ) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
         problem = problem._replace(
-            h=problem.h * (1 + beyond / steps),
+            h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
         )
         try:
-            run = start_run(system, plan(system, chosen), problem, began, backend=backend)
-            motion = collect(run, stop=stop, progress=False)
+            way, motion = plan(system, chosen), None
+            if stop is None:
+                motion = short_run(system, way, problem, began, backend)
+            if motion is None:
+                run = start_run(system, way, problem, began, backend=backend)
+                motion = collect(run, stop=stop, progress=False)
         except ConvergenceError as error:
             failures.append((steps, error))
             return None
@@ -153,7 +180,7 @@ def choose_steps(
     first = 2 ** max(3, math.ceil(math.log2(max(radians / RADIANS, 1.0))))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
-        if start.steps == 1 and shows_its_error(system):
+        if by_two_runs:
             found = _from_two_runs(system, own, tol, radians, trial, scale, stop is not None)
             if found:
                 return found
@@ -178,12 +205,13 @@ def _from_two_runs(
         seen = distance(one, few, other, many, scales)
         return max(seen, ends_apart(one, other, scales)) if ends_early else seen
 
-    def run(steps: int, wanted: float, part: int) -> Trajectory | None:
-        return trial(rule, steps, part, wanted)
+    def run(steps: int, wanted: float, part: int) -> Attempt | None:
+        motion = trial(rule, steps, part, wanted)
+        return None if motion is None else Attempt(motion, energy_errors(motion))
 
     course = Course(run, apart, radians, system.structure.linear)
     found = run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
-    return found and Choice(rule, found.steps, found.motion, found.estimate, found.runs, True)
+    return found and Choice(rule, found.steps, found.run, found.estimate, found.runs, True, True)
 
 
 def _refine(
@@ -296,9 +324,18 @@ def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> In
 
 def _radians(system: System, rule: Rule, start: InitialValueProblem) -> float:
     """How many radians the fastest small motion about the start turns in the duration."""
-    every_row = ActiveSet(tuple(range(system.structure.constraints)))
-    node = first_node(start)._replace(active_set=start.active_set or every_row)
-    rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
-    fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
-    turned = abs(start.h * start.steps) * fastest
+    s = system.structure
+    fastest: float | None
+    if s.degenerate or s.constraints or s.nonholonomic or s.contacts or system.rays:
+        every_row = ActiveSet(tuple(range(s.constraints)))
+        node = first_node(start)._replace(active_set=start.active_set or every_row)
+        rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
+        fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
+    elif s.n > MOST_COORDINATES:
+        fastest = 0.0
+    else:
+        velocity = velocity_function(system)
+        v = call(velocity, start.q0, start.p0, np.array((start.t0,)), start.c)[0]
+        fastest = frequency_at_start(system, start.q0, v, start.t0, start.c)
+    turned = abs(start.h * start.steps) * (fastest or 0.0)
     return min(float(turned), 1e6) if math.isfinite(turned) else 0.0

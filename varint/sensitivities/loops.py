@@ -23,6 +23,7 @@ CALL = 5e-5  # seconds of it for a step besides
 ARRANGING, ARRANGED = 0.02, 6e-5  # seconds to arrange a scene's operations, and for one of them
 SWEEPS = 5  # that are expected of one scene, when it is decided whether to arrange it
 STARTING, STATEMENT = 0.25, 1e-4  # seconds to compile loops, and for a statement of them
+STAGES_STARTING, STAGES_STATEMENT = 1.0, 7e-4  # the same where all stages go at once
 
 
 def sweeper(
@@ -74,21 +75,31 @@ def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
     stiff scene needs them.
     """
     from varint.codegen.sweep import sweep_kernel
+    from varint.codegen.sweep_explicit import explicit_sweep_kernel, has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep, stage_sweep_kernel
 
     if has_stage_sweep(system, rule):
         return (stage_sweep_kernel(system, rule, density),)
+    if has_explicit_sweep(system, rule):
+        return (explicit_sweep_kernel(system, rule, density),)
     return (sweep_kernel(system, rule, density),)
 
 
 @per_system
 def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
     """`_kernels` with the scene as data."""
-    from varint.codegen.native_sweep import native_stage_sweep, native_sweep
+    from varint.codegen.native_sweep import (
+        native_explicit_sweep,
+        native_stage_sweep,
+        native_sweep,
+    )
+    from varint.codegen.sweep_explicit import has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep
 
     if has_stage_sweep(system, rule):
         return (native_stage_sweep(system, rule, density),)
+    if has_explicit_sweep(system, rule):
+        return (native_explicit_sweep(system, rule, density),)
     return (native_sweep(system, rule, density),)
 
 
@@ -110,12 +121,23 @@ def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
     def compiled() -> SweepKernel:
         return _kernels(system, rule, density)[0]
 
-    low, (_, statements) = _native(system, rule, density)[0], operations(system, rule)
-    return (shifting(SweepGears(low, source, compiled, STARTING + STATEMENT * statements)),)
+    low = _native(system, rule, density)[0]
+    if by_stages:
+        functions = stage_sweep_scheme(system, rule, density).functions.values()
+        expected = STAGES_STARTING + STAGES_STATEMENT * sum(len(f.graph.nodes) for f in functions)
+    else:
+        expected = STARTING + STATEMENT * operations(system, rule)[1]
+    return (shifting(SweepGears(low, source, compiled, expected)),)
 
 
 def _worth_arranging(system: System, rule: Rule, steps: int) -> bool:
-    """Whether the steps take CasADi longer than arranging the operations for the native core."""
+    """Whether the steps take CasADi longer than arranging the operations for the native core: by
+    stages always, for there CasADi has the whole step to differentiate and the core its rates.
+    """
+    from varint.codegen.sweep_gauss import has_stage_sweep
+
+    if has_stage_sweep(system, rule):
+        return True
     turn, statements = operations(system, rule)
     return SWEEPS * steps * (CALL + INSTRUCTION * turn) > ARRANGING + ARRANGED * statements
 

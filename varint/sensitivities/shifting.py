@@ -19,7 +19,11 @@ from varint.codegen.cache import (
 )
 from varint.codegen.graph import NotCompilable
 from varint.codegen.sweep import SweepKernel
-from varint.integration.gears import LOOK, START
+from varint.integration.gears import LOOK
+
+# of the time that the compiler is thought to need, spent before it is started: less than for runs,
+# of which one may be the last, for who takes derivatives of a scene takes many
+START = 0.25
 
 
 @dataclass(eq=False)

@@ -6,10 +6,11 @@
    taken once a step.
    Defined before this file, by generated source or by sweep_gauss_scene.h: STAGES, STRIDE vectors of LANES for them, the
    columns COLUMN_A of a and COLUMN_M of b_j - a_ij, STAGE_B and STAGE_C (lanes beyond the stages repeat the last, with weight
-   0), start values from WINDOW nodes (GUESS_Q, GUESS_V for each place of the step among them), CONTINUED, which continues
-   adjoints of a step over the one before. slopes(q, p, t, u, w, f, J), NJ nonzeros; their products turn_q(J, x, source, …),
-   turn_p, the components of J x + source, and back_q, back_p of its transpose; outside(…, df/de); pull(…, m, w, m^T df/de);
-   density(…, loss, its slopes by x and by e), e = (parameters, time, controls); momentum(q, v, t, w, p). */
+   0), start values from WINDOW nodes (GUESS_Q, GUESS_V for each place of the step among them), CONTINUED and ONWARDS, which
+   continue adjoints of a step over the one before and tangents over the one behind. slopes(q, p, t, u, w, f, J), NJ nonzeros;
+   their products turn_q(J, x, source, …), turn_p, the components of J x + source, and back_q, back_p of its transpose;
+   outside(…, df/de); pull(…, m, w, m^T df/de); density(…, loss, its slopes by x and by e), e = (parameters, time, controls);
+   momentum(q, v, t, w, p). */
 #include "sweep.h"
 
 #define SLOPES_AT 0
@@ -26,6 +27,7 @@
 #define SETTLED 1e-16 /* of all changes by what they belong to */
 #define ALIKE 1e-13   /* changes below this that no longer shrink are round-off */
 #define COMPONENTS (2 * N)
+#define ABREAST 4 /* columns that are iterated side by side */
 #define AT_BLOCK(x, b) ((x) + (b) * COMPONENTS) /* of the stages that vector b holds */
 
 /* Numbers of all stages, (STRIDE, 2 N) vectors: components of x = (q, p), or of its rates. */
@@ -40,52 +42,80 @@ typedef struct {
 
 INLINE V part(const double *x) { V y; memcpy(&y, x, sizeof y); return y; }
 
+/* Component d of stage j: one number from memory goes into all lanes at once, which from a register takes a detour. */
+INLINE double at_stage(const V *k, int j, int d) { return ((const double *)k)[(j / LANES * COMPONENTS + d) * LANES + j % LANES]; }
+
 /* out := base + sum_j column_j k_j, for the components from `first` to `end`. */
 INLINE void mix(const V *columns, const V *k, const double *base, int first, int end, Stages out) {
     for (int d = first; d < end; d++)
         for (int b = 0; b < STRIDE; b++) {
             V s = splat(base ? base[d] : 0.0);
-            for (int j = 0; j < STAGES; j++) s = v_fma(columns[j * STRIDE + b], splat(lane(AT_BLOCK(k, j / LANES)[d], j % LANES)), s);
+            for (int j = 0; j < STAGES; j++) s = v_fma(columns[j * STRIDE + b], splat(at_stage(k, j, d)), s);
             AT_BLOCK(out, b)[d] = s;
         }
 }
 
-/* x = base + h A (J x + source), from the x at hand, or the adjoint's; k holds J x + source at the end. `enough`, in units
-   of the sizes of x, is a change that does not matter. */
-static int iterate(Work *k, int transposed, double enough, const double *base, Stages x) {
-    double before = INFINITY;
-    for (int count = 0; count < MOST_ITERATIONS; count++) {
-        double change = 0, all = 0;
-        for (int half = 0; half < 2; half++) {
-            const int first = half * N, end = first + N;
-            V next[STRIDE * COMPONENTS];
-            for (int b = 0; b < STRIDE; b++) {
-                const V *const slope = k->slope + b * NJ, *const at = AT_BLOCK(x, b), *const source = AT_BLOCK(k->source, b) + first;
-                V *const rate = AT_BLOCK(k->k, b) + first;
-                if (transposed && half) back_p(slope, at, source, k->w + BACK_P_AT, rate);
-                else if (transposed) back_q(slope, at, source, k->w + BACK_Q_AT, rate);
-                else if (half) turn_p(slope, at, source, k->w + TURN_P_AT, rate);
-                else turn_q(slope, at, source, k->w + TURN_Q_AT, rate);
-            }
-            mix(transposed ? k->m_of : k->a, k->k, base, first, end, next);
-            for (int d = first; d < end; d++) {
-                const double unit = transposed ? k->size[d] : 1 / k->size[d];
-                V most = splat(0.0), largest_x = splat(0.0);
-                for (int b = 0; b < STRIDE; b++) {
-                    const V now = AT_BLOCK(next, b)[d];
-                    most = v_fmax(most, v_fabs(now - AT_BLOCK(x, b)[d])), largest_x = v_fmax(largest_x, v_fabs(now));
-                    AT_BLOCK(x, b)[d] = now;
-                }
-                const double moved = largest(most) * unit, size = largest(largest_x) * unit;
-                change = moved > change || moved != moved ? moved : change, all = size > all ? size : all;
-            }
+/* Columns that are iterated side by side, because each waits for itself: their bases (count, 2 N) or none, x and rates (count,
+   STRIDE, 2 N), sources `apart` from each other; which are still open; the largest change and x of the turn at hand, in units
+   of their sizes, and what is no number if there is any. */
+typedef struct {
+    const double *base;
+    Stages x, rates, sources;
+    int64_t apart;
+    int count, open[ABREAST];
+    V moved[ABREAST], size[ABREAST], lost[ABREAST];
+} Columns;
+
+/* One half of x, coordinates or momenta, of every open column. */
+INLINE void turn(const Work *k, int transposed, int half, const double *unit, Columns *c) {
+    const int first = half * N, end = first + N;
+    for (int j = 0; j < c->count; j++) {
+        if (!c->open[j]) continue;
+        V next[STRIDE * COMPONENTS];
+        V *const x = c->x + j * STRIDE * COMPONENTS, *const rates = c->rates + j * STRIDE * COMPONENTS;
+        for (int b = 0; b < STRIDE; b++) {
+            const V *const slope = k->slope + b * NJ, *const at = AT_BLOCK(x, b), *const source = AT_BLOCK(c->sources + j * c->apart, b) + first;
+            V *const rate = AT_BLOCK(rates, b) + first;
+            if (transposed && half) back_p(slope, at, source, k->w + BACK_P_AT, rate);
+            else if (transposed) back_q(slope, at, source, k->w + BACK_Q_AT, rate);
+            else if (half) turn_p(slope, at, source, k->w + TURN_P_AT, rate);
+            else turn_q(slope, at, source, k->w + TURN_Q_AT, rate);
         }
-        if (!(change < INFINITY)) return NOT_SOLVED;
-        /* or the next one will be: they shrink by the same ratio again */
-        const double next_change = before < INFINITY ? change * (change / before) : change;
-        if (change <= SETTLED * all || next_change <= SETTLED * all || next_change <= enough) return SWEPT;
-        if (change <= ALIKE * all && change >= 0.5 * before) return SWEPT;
-        before = change;
+        mix(transposed ? k->m_of : k->a, rates, c->base ? c->base + j * COMPONENTS : 0, first, end, next);
+        V moved = splat(0.0), size = splat(0.0), lost = splat(0.0);
+        if (half) moved = c->moved[j], size = c->size[j], lost = c->lost[j];
+        for (int d = first; d < end; d++)
+            for (int b = 0; b < STRIDE; b++) {
+                const V now = AT_BLOCK(next, b)[d], by = splat(unit[d]);
+                moved = v_fmax(moved, v_fabs(now - AT_BLOCK(x, b)[d]) * by), size = v_fmax(size, v_fabs(now) * by);
+                lost += now;
+                AT_BLOCK(x, b)[d] = now;
+            }
+        c->moved[j] = moved, c->size[j] = size, c->lost[j] = lost;
+    }
+}
+
+/* x = base + h A (J x + source), from the x at hand, or the adjoint's; the rates are J x + source at the end. `enough`, in units
+   of the sizes of x, is a change that does not matter. */
+static int iterate(Work *k, int transposed, double enough, Columns *c) {
+    double before[ABREAST], unit[COMPONENTS];
+    int left = c->count;
+    for (int j = 0; j < left; j++) before[j] = INFINITY, c->open[j] = 1;
+    for (int d = 0; d < COMPONENTS; d++) unit[d] = transposed ? k->size[d] : 1 / k->size[d];
+    for (int count = 0; count < MOST_ITERATIONS; count++) {
+        turn(k, transposed, 0, unit, c);
+        turn(k, transposed, 1, unit, c);
+        for (int j = 0; j < c->count; j++) {
+            if (!c->open[j]) continue;
+            const double change = largest(c->moved[j] + (c->lost[j] - c->lost[j])), all = largest(c->size[j]), last = before[j];
+            if (!(change < INFINITY)) return NOT_SOLVED;
+            /* or the next one will be: they shrink by the same ratio again */
+            const double next_change = last < INFINITY ? change * (change / last) : change;
+            const int settled = change <= SETTLED * all || next_change <= SETTLED * all || next_change <= enough;
+            before[j] = change, c->open[j] = !settled && !(change <= ALIKE * all && change >= 0.5 * last);
+            left -= !c->open[j];
+        }
+        if (!left) return SWEPT;
     }
     return NOT_SOLVED;
 }
@@ -156,7 +186,7 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
             turn_q(k->slope + b * NJ, AT_BLOCK(left, b), none, k->w + TURN_Q_AT, AT_BLOCK(k->source, b));
             turn_p(k->slope + b * NJ, AT_BLOCK(left, b), none, k->w + TURN_P_AT, AT_BLOCK(k->source, b) + N);
         }
-        const int status = iterate(k, 0, SETTLED, 0, rest);
+        const int status = iterate(k, 0, SETTLED, &(Columns){0, rest, k->k, k->source, 0, 1});
         if (status) return status;
         for (int i = 0; i < STRIDE * COMPONENTS; i++) k->x[i] += left[i] + rest[i];
     }
@@ -173,7 +203,8 @@ INLINE void finish(double h, const V *k, double *base) {
 }
 
 static Work *work_space(const SweepArguments *a) {
-    const int64_t stages = STRIDE * COMPONENTS, vectors[] = {stages, stages, stages, stages, stages, STRIDE * NJ + 1, STRIDE * FE + 1,
+    const int64_t stages = STRIDE * COMPONENTS, columns = a->columns > 1 ? a->columns : 1, abreast = columns < ABREAST ? columns : ABREAST;
+    const int64_t vectors[] = {stages, stages, columns * stages, abreast * stages, abreast * stages, STRIDE * NJ + 1, STRIDE * FE + 1,
                                                              STRIDE, STRIDE * NU + 1, STRIDE * OUT, STAGES * STRIDE, STAGES * STRIDE};
     const int64_t head = (sizeof(Work) + 63) / 64 * 64;
     int64_t all = head + (ALL_W + 4 * N) * sizeof(double);
@@ -195,70 +226,83 @@ static Work *work_space(const SweepArguments *a) {
     return k;
 }
 
-int tangents(const SweepArguments *a) {
+/* Stages to begin with: those of the step before, or behind, continued by the table from x, the value between, in which `met`
+   is that of their own step. */
+INLINE void begin(const double *table, const double *x, const double *met, Stages stages) {
+    V next[STRIDE * COMPONENTS];
+    for (int b = 0; b < STRIDE; b++)
+        for (int d = 0; d < COMPONENTS; d++) {
+            V s = splat(x[d]);
+            for (int j = 0; j < STAGES && met; j++)
+                s = v_fma(part(table + (j * STRIDE + b) * LANES), splat(at_stage(stages, j, d) - met[d]), s);
+            AT_BLOCK(next, b)[d] = s;
+        }
+    memcpy(stages, next, sizeof next);
+}
+
+/* What a step of size h is told of column j from outside, added to the rates of its stages. */
+INLINE void told(const Work *k, const SweepArguments *a, int64_t s, int64_t j, Stages sources) {
     const int64_t m = a->columns;
-    const int outer = a->outer_moves || a->control_column >= 0;
+    const double of_h = a->outer[C * m + j], of_t = a->outer[(C + 1) * m + j] + (double)(a->first + s) * of_h;
+    for (int b = 0; b < STRIDE; b++) {
+        V *const source = AT_BLOCK(sources, b);
+        for (int d = 0; d < COMPONENTS; d++) source[d] = AT_BLOCK(k->f, b)[d] * (of_h / k->h);
+        const V time = v_fma(splat(of_h), part(STAGE_C + b * LANES), splat(of_t));
+        for (int e = 0; e < FE; e++) {
+            V along = splat(0.0);
+            const int column = FE_COLUMN[e];
+            if (column < C) along = splat(a->outer[column * m + j]);
+            else if (column == C) along = time;
+            else if (a->control_column >= 0)
+                for (int i = 0; i < LANES; i++) {
+                    const int64_t node = a->control_nodes == 1 ? 0 : b * LANES + i;
+                    const int64_t at = a->control_column + ((a->first + s) * a->control_nodes + node) * NU + column - C - 1;
+                    if (b * LANES + i < STAGES && at == j) set_lane(&along, i, 1.0);
+                }
+            source[FE_ROW[e]] = v_fma(k->fe[b * FE + e], along, source[FE_ROW[e]]);
+        }
+    }
+}
+
+int tangents(const SweepArguments *a) {
     BEGIN(a);
+    const int64_t m = a->columns, each = STRIDE * COMPONENTS;
+    const int outer = a->outer_moves || a->control_column >= 0;
     Work *k = work_space(a);
     double *out = a->out;
     int status = k ? SWEPT : NO_MEMORY;
     if (!status && a->every) memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
     for (int64_t s = 0; s < a->steps && !status; s++) {
         const double h = a->h[s];
+        const int known = s && h == a->h[s - 1];
         if ((status = linearise(k, a, s, h))) { *a->failed = (double)s; break; }
         for (int b = 0; b < STRIDE && outer; b++) {
             const V *const x = AT_BLOCK(k->x, b);
             outside(x, x + N, k->t + b, k->u + b * NU, k->w + OUTSIDE_AT, k->fe + b * FE);
         }
-        memset(k->source, 0, STRIDE * COMPONENTS * sizeof(V));
-        for (int64_t j = 0; j < m && !status; j++) {
-            double base[2 * N];
-            for (int d = 0; d < 2 * N; d++) base[d] = a->tangent[d * m + j];
-            if (outer) {
-                const double of_h = a->outer[C * m + j], of_t = a->outer[(C + 1) * m + j] + (double)(a->first + s) * of_h;
-                for (int b = 0; b < STRIDE; b++) {
-                    V *const source = AT_BLOCK(k->source, b);
-                    for (int d = 0; d < 2 * N; d++) source[d] = AT_BLOCK(k->f, b)[d] * (of_h / h);
-                    const V time = v_fma(splat(of_h), part(STAGE_C + b * LANES), splat(of_t));
-                    for (int e = 0; e < FE; e++) {
-                        V along = splat(0.0);
-                        const int column = FE_COLUMN[e];
-                        if (column < C) along = splat(a->outer[column * m + j]);
-                        else if (column == C) along = time;
-                        else if (a->control_column >= 0)
-                            for (int i = 0; i < LANES; i++) {
-                                const int64_t node = a->control_nodes == 1 ? 0 : b * LANES + i;
-                                const int64_t at = a->control_column + ((a->first + s) * a->control_nodes + node) * NU + column - C - 1;
-                                if (b * LANES + i < STAGES && at == j) set_lane(&along, i, 1.0);
-                            }
-                        source[FE_ROW[e]] = v_fma(k->fe[b * FE + e], along, source[FE_ROW[e]]);
-                    }
-                }
+        memset(k->source, 0, each * sizeof(V));
+        for (int64_t j = 0; j < m; j += ABREAST) {
+            const int count = m - j < ABREAST ? (int)(m - j) : ABREAST;
+            double base[ABREAST * COMPONENTS];
+            const Stages stages = k->m + j * each;
+            for (int i = 0; i < count; i++) {
+                double *const of = base + i * COMPONENTS;
+                for (int d = 0; d < COMPONENTS; d++) of[d] = a->tangent[d * m + j + i];
+                begin(ONWARDS, of, known ? of : 0, stages + i * each);
+                if (outer) told(k, a, s, j + i, k->source + i * each);
             }
-            for (int b = 0; b < STRIDE; b++)
-                for (int d = 0; d < 2 * N; d++) AT_BLOCK(k->m, b)[d] = splat(base[d]);
-            if ((status = iterate(k, 0, 0, base, k->m))) { *a->failed = (double)s; break; }
-            finish(h, k->k, base);
-            for (int d = 0; d < 2 * N; d++) a->tangent[d * m + j] = base[d];
+            if ((status = iterate(k, 0, 0, &(Columns){base, stages, k->k, k->source, outer ? each : 0, count}))) { *a->failed = (double)s; break; }
+            for (int i = 0; i < count; i++) {
+                double *const of = base + i * COMPONENTS;
+                finish(h, k->k + i * each, of);
+                for (int d = 0; d < COMPONENTS; d++) a->tangent[d * m + j + i] = of[d];
+            }
         }
         if (!status && a->every && (s + 1) % a->every == 0)
             memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
     }
     free(k);
     return status;
-}
-
-/* Adjoints of the stages to begin with: those of the step behind continued, from the adjoint between. */
-INLINE void begin(Work *k, const double *mu, int known) {
-    V next[STRIDE * COMPONENTS];
-    for (int b = 0; b < STRIDE; b++)
-        for (int d = 0; d < 2 * N; d++) {
-            V s = splat(mu[d]);
-            for (int j = 0; j < STAGES && known; j++)
-                s = v_fma(part(CONTINUED + (j * STRIDE + b) * LANES), splat(lane(AT_BLOCK(k->m, j / LANES)[d], j % LANES) - k->met[d]), s);
-            AT_BLOCK(next, b)[d] = s;
-        }
-    memcpy(k->m, next, sizeof next);
 }
 
 int adjoints(const SweepArguments *a) {
@@ -279,8 +323,8 @@ int adjoints(const SweepArguments *a) {
             const double loss = sum(part(STAGE_B + b * LANES) * value);
             *a->loss += h * loss, of_h += loss;
         }
-        begin(k, mu, known++ && h == a->h[s + 1]);
-        if ((status = iterate(k, 1, 0, mu, k->m))) { *a->failed = (double)s; break; }
+        begin(CONTINUED, mu, known++ && h == a->h[s + 1] ? k->met : 0, k->m);
+        if ((status = iterate(k, 1, 0, &(Columns){mu, k->m, k->k, k->source, 0, 1}))) { *a->failed = (double)s; break; }
         finish(h, k->k, mu);
         memcpy(k->met, mu, 2 * N * sizeof(double));
         for (int b = 0; b < STRIDE; b++) {

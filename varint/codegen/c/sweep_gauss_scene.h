@@ -9,7 +9,7 @@
 #define PLACES(DO) \
     DO(FE_ROW) DO(FE_COLUMN)
 #define TABLES(DO) \
-    DO(COLUMN_A) DO(COLUMN_M) DO(STAGE_B) DO(STAGE_C) DO(GUESS_Q) DO(GUESS_V) DO(CONTINUED)
+    DO(COLUMN_A) DO(COLUMN_M) DO(STAGE_B) DO(STAGE_C) DO(GUESS_Q) DO(GUESS_V) DO(CONTINUED) DO(ONWARDS)
 #define FUNCTIONS(DO) \
     DO(slopes) DO(outside) DO(momentum) DO(pull) DO(density) DO(turn_q) DO(turn_p) DO(back_q) DO(back_p)
 #include "scene_members.h"
@@ -34,6 +34,7 @@
 #define GUESS_Q scene->GUESS_Q_
 #define GUESS_V scene->GUESS_V_
 #define CONTINUED scene->CONTINUED_
+#define ONWARDS scene->ONWARDS_
 #define SLOPES_W (LANES * scene->slopes.registers)
 #define OUTSIDE_W (LANES * scene->outside.registers)
 #define MOMENTUM_W (LANES * scene->momentum.registers)
