@@ -4,6 +4,8 @@ are met to the tolerance in few steps, and estimates are honest.
 
 from __future__ import annotations
 
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -354,3 +356,57 @@ def test_parameters_switch_too():
     system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-c.mu * c.switch * ca.sign(v), params=c)
     motion = vi.simulate(system, q0=1.0, v0=0.0, duration=20.0, params=dict(mu=0.04))
     assert_met(motion, coulomb(0.04, 1.0)[0])
+
+
+@pytest.mark.parametrize("step", [-1.0, 0.3, 3.0])
+def test_a_step_of_the_potential_refracts_or_reflects(step):
+    """Across x = 1 the momentum along it stays, v_x² changes by twice the step; where that is not
+    there the motion turns back.
+    """
+    q, v = vi.coordinates("x", "y")
+    scene = vi.System(q, v, ca.sumsqr(v) / 2 - ca.if_else(q[0] > 1, step, 0.0))
+    motion = vi.simulate(scene, q0=[0.0, 0.0], v0=[1.0, 0.5], duration=3.0)
+    after = (1 - 2 * step) ** 0.5 if step < 0.5 else -1.0
+    assert motion.q[-1] == pytest.approx([1 + 2 * after, 1.5], abs=1e-13)
+    assert np.ptp(motion.energy) < 1e-14 * max(1, abs(step)) * 10
+    assert motion.at(0.5).q == pytest.approx([0.5, 0.25], abs=1e-14)
+    assert motion.at(2.0).q == pytest.approx([1 + after, 1.0], abs=1e-13)
+
+
+def test_a_step_that_moves_does_work():
+    """A wall of any height that comes with speed w throws back with −v + 2 w."""
+    w = 0.25
+    motion = vi.simulate(
+        scene(lambda q, v, t: v**2 / 2 - ca.if_else(q > 2 - w * t, 50.0, 0.0)),
+        q0=0.0,
+        v0=1.0,
+        duration=4.0,
+    )
+    hit = 2 / (1 + w)
+    assert motion.v[-1, 0] == pytest.approx(-1 - 2 * w, abs=1e-13)
+    assert motion.q[-1, 0] == pytest.approx(hit - (1 + 2 * w) * (4 - hit), abs=1e-12)
+
+
+def test_a_double_pendulum_with_dry_joints_loses_what_friction_takes():
+    """Energy goes by the work of the friction along every piece; both joints hold at the end."""
+    q, v = vi.coordinates("a", "b")
+    joint = v[1] - v[0]
+    lagrangian = v[0] ** 2 + v[1] ** 2 / 2 + ca.cos(q[0] - q[1]) * v[0] * v[1]
+    lagrangian += 9.81 * (2 * ca.cos(q[0]) + ca.cos(q[1]))
+    mu = 0.9
+    dry = mu * ca.sign(joint)
+    pendulum = vi.System(q, v, lagrangian, force=ca.vertcat(dry - mu * ca.sign(v[0]), -dry))
+    motion = vi.simulate(pendulum, q0=[0.6, 0.3], v0=[0.0, 0.0], duration=16.0)
+    assert motion.stats["error_estimate"] <= TOL
+    assert np.abs(motion.v[-1]).max() < 1e-12 and motion.stats["switches"] >= 5
+    first, second = motion.q[:, 0], motion.q[:, 1] - motion.q[:, 0]
+    way = np.abs(np.diff(first)).sum() + np.abs(np.diff(second)).sum()  # turns are nodes
+    assert motion.energy[0] - motion.energy[-1] == pytest.approx(mu * way, rel=1e-9)
+
+
+def test_a_motion_over_switches_travels_to_another_process():
+    motion = vi.simulate(
+        scene(lambda q, v, _t: v**2 / 2 - ca.fabs(q)), q0=1.0, v0=0.0, duration=12.0
+    )
+    again, times = pickle.loads(pickle.dumps(motion)), np.linspace(0, 12, 7)
+    assert (again.at(times).q == motion.at(times).q).all()

@@ -20,6 +20,7 @@ from varint.scene.system import System, per_system
 
 LARGEST_MASS_MATRIX = 8  # that is solved symbolically, where it is not diagonal
 DERIVATIVES = 3  # in time of what switches, that tell on which side the motion goes on
+SEEN = 30_000  # operations of an acceleration at most
 
 
 class Branch(NamedTuple):
@@ -42,7 +43,7 @@ class BranchScene:
     margins : Function
         (q, v, t, c) → margins, positive in the branch, and their rates.
     ahead : Function
-        (q, v, t, c) → what switches, (m,), and `DERIVATIVES` of its derivatives in time.
+        (q, v, t, c) → what switches, (m,), and its rate.
     shares : Function
         (q, v, t, c) → how much of the upper branch each switch that holds has.
     """
@@ -83,7 +84,7 @@ def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene |
         s = frozen.system
         moving = System(s.q, s.v, s.lagrangian, force=ca.sparsify(force), params=s.params, t=s.t)
     a = acceleration(moving, moving.force)
-    if a is None:
+    if a is None or ca.Function("a", ca.symvar(a), [a]).n_instructions() > SEEN:
         return None
     inputs, clocks = [moving.q, moving.v, moving.t, moving.c], set(timed(system).places)
     watched: list[tuple[int, float]] = []
@@ -102,18 +103,33 @@ def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene |
         margins += [x, 1 - x]
         watched += [(j, -1.0), (j, 1.0)]
     margin = ca.vertcat(ca.SX(0, 1), *margins)
-    rates = [frozen.sigma]
-    for _ in range(DERIVATIVES):
-        rates.append(_rate(moving, rates[-1], a))
+    rate = _rate(moving, frozen.sigma, a)
     functions = (
-        ca.Function(name, inputs, [ca.densify(x) for x in outputs], {"cse": True})
+        _function(name, inputs, outputs)
         for name, outputs in (
             ("margins", [margin, _rate(moving, margin, a)]),
-            ("ahead", rates),
+            ("ahead", [frozen.sigma, rate]),
             ("shares", [share]),
         )
     )
     return BranchScene(moving, tuple(watched), *functions)
+
+
+@per_system
+def later_rates(system: System, sliding: tuple[int, ...], order: int) -> ca.Function:
+    """(q, v, t, c) → a derivative in time of what switches, of this order."""
+    frozen, scene = _frozen(system), branch_scene(system, sliding)
+    assert scene is not None
+    moving, rate = scene.system, frozen.sigma
+    a = acceleration(moving, moving.force)
+    assert a is not None
+    for _ in range(order):
+        rate = _rate(moving, rate, a)
+    return _function("later", [moving.q, moving.v, moving.t, moving.c], [rate])
+
+
+def _function(name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
+    return ca.Function(name, list(inputs), [ca.densify(x) for x in outputs], {"cse": True})
 
 
 def _frozen(system: System) -> FrozenScene:

@@ -9,13 +9,20 @@ from itertools import combinations, product
 
 import numpy as np
 
-from varint.integration.switches.branch import Branch, branch_scene, slidable
+from varint.integration.switches.branch import (
+    DERIVATIVES,
+    Branch,
+    branch_scene,
+    later_rates,
+    slidable,
+)
 from varint.integration.switches.frozen import frozen_scene
 from varint.numerics.arrays import call
 from varint.results.records import State
 from varint.scene.system import System
 
-MOST_AT_ONCE = 5  # switches at one instant whose branches are tried
+MOST_AT_ONCE = 40  # switches at one instant
+ALL = 3  # of them of which every combination is tried
 MOST_NESTED = 40  # times that a switch may change what another one switches by
 BETWEEN = 1e-9  # beyond the shares 0 and 1, by round-off
 
@@ -53,6 +60,13 @@ def decide(
     if len(at_zero) > MOST_AT_ONCE:
         return None
     found: list[Branch] = []
+    may_hold = [j for j in slidable(system) if j in at_zero]
+    if len(may_hold) > 1 or set(may_hold) & set(branch.sliding):
+        one = _held_by_shares(system, state, c, branch, may_hold, (*at_zero, *fixed))
+        if one and _fits(system, state, c, direction, one, at_zero)[0]:
+            return one
+    if len(at_zero) > ALL:
+        return None
     for one in _candidates(system, branch, at_zero, frozen.counts, state, c):
         settled = _settled(system, state, c, one, (*at_zero, *fixed))
         if settled is None or settled in found:
@@ -63,6 +77,34 @@ def decide(
         if fits:
             found.append(settled)
     return found[0] if len(found) == 1 else None
+
+
+def _held_by_shares(
+    system: System,
+    state: State,
+    c: np.ndarray,
+    branch: Branch,
+    may_hold: Sequence[int],
+    known: Sequence[int],
+) -> Branch | None:
+    """All that may hold the motion do, but for those that would have to hold it by more than they
+    can: one after the other gives way, to the side to which it is pulled.
+    """
+    held = list(may_hold)
+    values = np.array(branch.values)
+    while True:
+        values[held] = 0.0
+        one = Branch(tuple(values.tolist()), tuple(held))
+        settled = _settled(system, state, c, one, known)
+        scene = settled and branch_scene(system, settled.sliding)
+        if settled is None or scene is None or not held:
+            return settled
+        share = call(scene.shares, *_arguments(state, c, settled))[0]
+        beyond = np.abs(share - 0.5)
+        worst = int(np.argmax(beyond))
+        if not np.isfinite(share).all() or beyond[worst] <= 0.5 + BETWEEN:
+            return settled if np.isfinite(share).all() else None
+        values[held.pop(worst)] = np.sign(share[worst] - 0.5)
 
 
 def _candidates(
@@ -146,8 +188,12 @@ def _fits(
         side = branch.values[j]
         if frozen.counts[j]:
             side = 1.0 if branch.values[j] == np.round(found[0][j]) else -1.0
-        rates = [x[j] * direction ** (k + 1) for k, x in enumerate(found[1:])]
-        first = next((x for x in rates if x != 0), 0.0)
+        first = float(found[1][j]) * direction
+        for order in range(2, DERIVATIVES + 1):
+            if first != 0:
+                break
+            later = later_rates(system, branch.sliding, order)
+            first = float(call(later, *_arguments(state, c, branch))[0][j]) * direction**order
         if not np.isfinite(first) or first * side < 0:
             return False, False
         strictly &= first != 0
@@ -165,12 +211,15 @@ def _fits(
 def ahead_at(
     system: System, state: State, c: np.ndarray, branch: Branch
 ) -> list[np.ndarray] | None:
-    """What switches and its derivatives in time, on a branch; None where they are not known."""
+    """What switches and its rate on a branch; None where they are not known."""
     scene = branch_scene(system, branch.sliding)
     if scene is None:
         return None
-    at = state.q, state.v, np.array([state.t]), all_parameters(c, branch)
-    return [x.ravel() for x in call(scene.ahead, *at)]
+    return call(scene.ahead, *_arguments(state, c, branch))
+
+
+def _arguments(state: State, c: np.ndarray, branch: Branch) -> tuple[np.ndarray, ...]:
+    return state.q, state.v, np.array([state.t]), all_parameters(c, branch)
 
 
 def all_parameters(c: np.ndarray, branch: Branch) -> np.ndarray:

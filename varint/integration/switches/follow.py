@@ -6,28 +6,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from varint.codegen.cache import CompileError
-from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
-from varint.codegen.native import native_gauss
 from varint.discrete.legendre import velocity_function
-from varint.integration.backend import kernel_for
-from varint.integration.failures import frequencies
-from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
+from varint.integration.small_motions import frequency_at_start
 from varint.integration.switches.branch import Branch, BranchScene, branch_scene
+from varint.integration.switches.corner import past_corner
 from varint.integration.switches.crossing import Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import ahead_at, all_parameters, decide
 from varint.integration.switches.frozen import frozen_scene
-from varint.integration.switches.loop import Grid, Loop, loop_steps
+from varint.integration.switches.loop import Grid, Loop, kernel_of, loop_steps
 from varint.integration.switches.timetable import Timetable, timed
-from varint.integration.trajectories import Run, first_node, trajectory_of
 from varint.numerics.arrays import call
 from varint.results.records import State
 from varint.rules.rule import Rule
@@ -128,8 +122,11 @@ def follow(course: Course, parts: int, level: float) -> Iterator[Piece | None]:
             known.append(crossed[0])
         else:
             at_zero.append(crossed[0])
-        branch = branch._replace(values=tuple(values))
-        branch = _decided(course, State(t, q, v, p), branch, at_zero, known)
+        state, before = State(t, q, v, p), branch
+        branch = _decided(course, state, branch._replace(values=tuple(values)), at_zero, known)
+        way = math.copysign(1.0, total)
+        passed = branch and past_corner(system, state, problem.c, way, before, branch)
+        q, p, branch = passed or (q, p, None)
     yield None
 
 
@@ -139,7 +136,7 @@ def first_unit(course: Course) -> float | None:
     scene = branch and branch_scene(course.system, branch.sliding)
     if branch is None or scene is None:
         return None
-    return _unit(course, scene, branch, State(problem.t0, problem.q0, problem.q0, problem.p0))
+    return _unit(course, branch, State(problem.t0, problem.q0, problem.q0, problem.p0))
 
 
 def _first_branch(course: Course) -> Branch | None:
@@ -188,7 +185,7 @@ def _piece(
     kernel = _kernel(course, scene, branch)
     if kernel is None:
         return None
-    unit = _unit(course, scene, branch, start)
+    unit = _unit(course, branch, start)
     if not abs(span) / unit * parts < MOST_NODES:
         return None
     steps = parts * max(math.ceil(abs(span) / unit - BORDER), 1)
@@ -233,29 +230,20 @@ def _piece(
 
 
 def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None:
-    """The loop of a branch's scene: all stages at once, of linear scenes too, for steps are short
-    and Newton's method takes long to prepare.
-    """
     if branch.sliding not in course.kernels:
-        system, rule = scene.system, course.rule
-        kernel: Kernel | None = None
-        if course.backend != "compiled" and system.structure.linear:
-            with suppress(NotCompilable, CompileError):
-                kernel = native_gauss(system, rule)
-        course.kernels[branch.sliding] = kernel or kernel_for(
-            system, rule, course.problem, course.backend
-        )
+        course.kernels[branch.sliding] = kernel_of(scene.system, course.rule, course.backend)
     return course.kernels[branch.sliding]
 
 
-def _unit(course: Course, scene: BranchScene, branch: Branch, start: State) -> float:
+def _unit(course: Course, branch: Branch, start: State) -> float:
     """Time in which the fastest small motion turns by `ANGLE`, or a part of the duration."""
     if branch not in course.units:
+        scene = branch_scene(course.system)
+        assert scene is not None
         c, total = all_parameters(course.problem.c, branch), course.problem.h
-        problem = course.problem._replace(q0=start.q, p0=start.p, t0=start.t, c=c)
-        chosen = plan(scene.system, course.rule)
-        run = Run(scene.system, chosen, problem, [first_node(problem)], iter(()), None, 0.0)
-        fastest = float(frequencies(trajectory_of(run, run.nodes)).max(initial=0.0))
+        v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
+        # what holds the motion slows it down
+        fastest = frequency_at_start(scene.system, start.q, v, start.t, c) or 0.0
         most = abs(total) / UNITS
         course.units[branch] = min(most, ANGLE / fastest) if fastest > 0 else most
     return course.units[branch]

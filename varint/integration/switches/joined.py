@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
 
 from varint.codegen.kernel import Kernel
+from varint.integration.many_steps import steps_again, steps_of
 from varint.integration.plan import plan
 from varint.integration.switches.branch import Branch, branch_scene
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.follow import Course, Piece
-from varint.integration.trajectories import step_functions
-from varint.numerics.arrays import over_columns
+from varint.integration.switches.loop import kernel_of
 from varint.results.dense_output import node_tolerance, require_within
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -38,7 +37,7 @@ def piece_motion(course: Course, piece: Piece) -> Trajectory:
         k=k,
         u=np.empty((piece.steps, 1, 0)),
         c=all_parameters(course.problem.c, piece.branch),
-        functions=partial(step_functions, course.rule, scene.system),
+        functions=steps_again(course.rule),
         origin=float(piece.t[0]),
     )
     motion.__dict__["v"] = piece.states[:, 2]
@@ -80,10 +79,10 @@ class BetweenNodes:
                 continue
             scene = branch_scene(motion.system, branch.sliding)
             assert scene is not None
-            step, _ = step_functions(self.rule, scene.system)
-            begin, size = self.t[node[some]][:, None], ahead[some][:, None]
-            c, none = all_parameters(motion.c, branch), np.empty((len(some), 0))
-            q[some], p[some], _ = over_columns(step, q[some], p[some], none, c, begin, size)
+            c = all_parameters(motion.c, branch)
+            kernel, none = kernel_of(scene.system, self.rule), np.empty((len(some), 0))
+            ends = steps_of(scene.system, self.rule, kernel, c)
+            q[some], p[some] = ends(q[some], p[some], none, self.t[node[some]], ahead[some])
         return replace(
             motion, t=times, q=q, p=p, k=node, sizes=None, events=(), solution=None, closure=None
         )
@@ -91,7 +90,8 @@ class BetweenNodes:
 
 def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Trajectory:
     """All pieces as one motion of the user's scene, with a node at every switch."""
-    whole = [slice(0 if i == 0 else 1, None) for i in range(len(pieces))]
+    # at a switch as the motion leaves it
+    whole = [*[slice(None, -1)] * (len(pieces) - 1), slice(None)]
     t = np.concatenate([x.t[part] for x, part in zip(pieces, whole, strict=True)])
     states = np.concatenate([x.states[part] for x, part in zip(pieces, whole, strict=True)])
     branches = tuple(dict.fromkeys(x.branch for x in pieces))
@@ -112,7 +112,7 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
         k=np.arange(steps + 1),
         u=np.empty((steps, 1, 0)),
         c=course.problem.c,
-        functions=partial(step_functions, rule, system),
+        functions=steps_again(rule),
         dense_output=BetweenNodes(rule, t, q, p, np.append(each, each[-1:]), branches),
         sizes=np.diff(t),
         origin=float(t[0]),

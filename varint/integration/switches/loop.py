@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import DONE
+from varint.codegen.cache import CompileError
+from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, run_loop, take_parts
+from varint.codegen.native import native_gauss
 from varint.discrete.legendre import velocity_function
 from varint.integration.backend import blocks_of
+from varint.integration.compiled_loop import kernel_in_gear
+from varint.integration.compiled_loop import kernel_of as compiled_kernel
 from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
@@ -24,6 +30,18 @@ class Loop(NamedTuple):
     kernel: Kernel
     c: np.ndarray
     level: float
+
+
+def kernel_of(system: System, rule: Rule, backend: str = "auto") -> Kernel | None:
+    """The loop in C of a smooth piece: all stages at once, of linear scenes too, for steps are
+    short and Newton's method takes long to prepare. None where there is none.
+    """
+    if backend == "compiled":
+        return compiled_kernel(system, rule)
+    if system.structure.linear:
+        with suppress(NotCompilable, CompileError):
+            return native_gauss(system, rule)
+    return kernel_in_gear(system, rule)
 
 
 class Grid(NamedTuple):
