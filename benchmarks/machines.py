@@ -2,8 +2,8 @@
 MuJoCo.  python benchmarks/machines.py
 
 Trees and chains of equal links by the native loop, whatever their size; `ratio` compares the cost
-of a step and link with that of the first row, `operations` are those of an evaluation, for a link:
-what is next to the ground or a tip is simpler, which ten links feel more. A humanoid: a floating
+of a step and link with that of the first row, `operations` are those of a step, for a link: what is
+next to the ground or a tip is simpler, which ten links feel more. A humanoid: a floating
 base with forty hinges in five limbs. The arm: gauss(2) and gauss(4), compiled, beside MuJoCo's RK4
 at equal steps, errors of its angles at the end against gauss(8) of a tenth of the step; MuJoCo
 where it is installed.
@@ -23,9 +23,9 @@ from varint.codegen.gauss import gauss_scheme
 from varint.codegen.graph import operations
 
 AXES, REPEATS = ((0, 1, 0), (1, 0, 0), (0, 0, 1)), 5
-HALVES = ("kick", "drift")  # what an evaluation calls
+EACH = ("kick", "drift")  # what every evaluation calls; "inertia" is called once a step
 RULE, H = vi.gauss(2), 2e-4  # so small that a chain of a hundred converges as one of ten
-STEPS = 2000  # of what is timed: what a call costs besides its steps is not seen
+STEPS = 8000  # of what is timed: what a call costs besides its steps is not seen
 MASS, COM, INERTIA = 1.0, (0.05, 0.02, -0.5), (0.1, 0.12, 0.05)
 
 
@@ -50,10 +50,10 @@ def best(run, steps: int) -> float:
     return min(times) / steps * 1e6
 
 
-def evaluation_size(system: vi.System) -> int:
-    """Operations of the right-hand side at a stage."""
-    functions = gauss_scheme(system, 2).functions
-    return sum(operations(f.graph, f.last)[0] for k, f in functions.items() if k in HALVES)
+def step_size(system: vi.System, evaluations: float) -> float:
+    """Operations of a step at a stage."""
+    sizes = {k: operations(*f)[0] for k, f in gauss_scheme(system, 2).functions.items()}
+    return sizes["inertia"] + evaluations * sum(sizes[k] for k in EACH)
 
 
 def scaling() -> list[dict]:
@@ -68,17 +68,17 @@ def scaling() -> list[dict]:
             began = process_time()
             system = machine(links, parent_of).system()
             start = {"q0": 0.3 * np.cos(np.arange(links)), "v0": 0.05 * np.sin(np.arange(links))}
-            found, timed = {}, 20 * STEPS // links
+            found = {}
 
-            def run(steps: int = timed, system=system, start=start, found=found) -> None:
+            def run(steps: int = STEPS, system=system, start=start, found=found) -> None:
                 found["motion"] = vi.simulate(
                     system, RULE, **start, h=H, steps=steps, save_every=steps, backend="native"
                 )
 
             run(5)
             built = process_time() - began
-            step = best(run, timed)
-            evaluations = found["motion"].stats["iterations"] / timed
+            step = best(run, STEPS)
+            evaluations = found["motion"].stats["iterations"] / STEPS
             each = step / links
             first = first or each
             rows.append(
@@ -87,7 +87,7 @@ def scaling() -> list[dict]:
                     "set-up (s)": round(built, 2),
                     "step (µs)": round(step, 2),
                     "evaluations": round(evaluations, 1),
-                    "operations": round(evaluation_size(system) / links),
+                    "operations": round(step_size(system, evaluations) / links),
                     "step and link (µs)": round(each, 3),
                     "ratio": round(each / first, 2),
                 }

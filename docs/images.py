@@ -35,7 +35,7 @@ def pendulum() -> Figure:
     """The README's six lines."""
     q, v = vi.coordinates("theta")
     scene = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
-    return vi.simulate(scene, q0=1.0, v0=0.0, h=0.01, steps=1000).plot()
+    return vi.simulate(scene, q0=1.0, v0=0.0, duration=10.0).plot()
 
 
 def swing_up() -> Figure:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -14,8 +13,8 @@ from varint.boundary.minimise import ActiveBounds
 from varint.control.solution import ControlSolution, from_arrays
 from varint.discrete.constraints import ActiveSet
 from varint.errors import InputError
+from varint.integration.many_steps import steps_again
 from varint.integration.time_transformation.physical_time import at_times
-from varint.integration.trajectories import step_functions
 from varint.numerics.archive import read_archive
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite, record_of
@@ -162,7 +161,7 @@ def _assembled(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: boo
         rule=rule,
         h=h,
         origin=field_of(header, "origin", float | None),
-        functions=partial(step_functions, rule, system),
+        functions=steps_again(rule),
         active_sets=active_sets,
         events=field_of(header, "events", tuple[Event, ...]),
         stats=MappingProxyType(stats),

@@ -184,7 +184,7 @@ def test_another_method_has_the_bytes_of_the_compiled_one(which):
 
 def test_what_has_no_native_loop_is_refused():
     ball = vi.models.bouncing_ball()
-    start = {"q0": ball.q0, "v0": ball.v0, "h": 0.1, "steps": 3, "backend": "native"}
+    start = {"q0": ball.q0, "v0": ball.v0, "h": -0.1, "steps": 3, "backend": "native"}
     with pytest.raises(vi.InputError, match="runs with contacts are interpreted"):
         vi.simulate(ball.system, **start)
     q, v = ca.SX.sym("q", 129), ca.SX.sym("v", 129)

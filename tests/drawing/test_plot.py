@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import varint as vi
+from varint.drawing.curves import curve_of
 
 
 def titles(figure):
@@ -35,7 +36,7 @@ def test_panels_are_those_that_the_scene_has(name, extra):
 def test_multipliers_are_drawn_as_they_are():
     motion = motion_of("pendulum_cartesian", duration=1.0)
     axes = motion.plot().axes[3]
-    assert np.array_equal(axes.lines[0].get_ydata(), motion.multipliers[:, 0])
+    assert np.array_equal(axes.lines[0].get_ydata(), curve_of(motion).multipliers[:, 0])
 
 
 def test_momenta_are_drawn_as_their_change():
@@ -68,7 +69,7 @@ def test_the_energy_is_drawn_itself_where_it_is_not_conserved_and_its_error_wher
     for motion in motions:
         axes = motion.plot().axes[2]
         assert axes.get_title() == "Energy" and np.array_equal(
-            axes.lines[0].get_ydata(), motion.energy
+            axes.lines[0].get_ydata(), curve_of(motion).energy
         )
     for name in ("pendulum", "falling_ladder"):
         motion = motion_of(name, duration=0.5)
@@ -123,11 +124,11 @@ def test_all_components_of_an_expression_are_drawn():
 @pytest.mark.parametrize("name", ["pendulum", "kepler"])
 def test_a_phase_portrait_shows_its_direction_and_none_where_nothing_moves(name):
     motion = motion_of(name, duration=3.0)
-    phase = motion.plot().axes[1]
+    phase, curve = motion.plot().axes[1], curve_of(motion)
     arrows = [(np.array(x.xyann), np.array(x.xy)) for x in phase.texts]
     assert len(arrows) == 3 * motion.q.shape[1]
     for tail, head in arrows:
-        nodes = [np.stack(pair, axis=-1) for pair in zip(motion.q.T, motion.p.T, strict=True)]
+        nodes = [np.stack(pair, axis=-1) for pair in zip(curve.q.T, curve.p.T, strict=True)]
         steps = [(path[:-1] == tail).all(axis=1) & (path[1:] == head).all(axis=1) for path in nodes]
         assert any(step.any() for step in steps)
     still = vi.simulate(motion.system, q0=motion.q[0], v0=motion.v[0], h=0.01, steps=1)[:1]

@@ -24,14 +24,16 @@ import numpy as np
 import varint as vi
 from scenes import double_pendulum, rocking
 from varint.integration import checkpoint, compiled_loop
+from varint.integration.events import flights
 
 checkpoint.PAUSE, checkpoint.MOST_SHARE = 0.0, 1e9  # after every block
 compiled_loop.STEPS_IN_BLOCK = 2000
+flights.PATIENCE = 0.0
 folder, seed, kind = sys.argv[3], int(sys.argv[4]), sys.argv[5]
 scene, moments = rocking() if kind == "contacts" else double_pendulum(), random.Random(seed)
 rule = None if kind == "contacts" else vi.gauss(2)
 if kind == "contacts":
-    start = dict(q0=[1.0, 0.5, 1.2], v0=[1.5, 0, 0], h=0.01, steps=20_000, save_every=3)
+    start = dict(q0=[1.0, 0.5, 1.2], v0=[1.5, 0, 0], h=0.01, steps=50_000, save_every=9)
 elif kind == "compiled":
     start = dict(q0=[1.5, 1.5], v0=[0, 0], h=0.01, steps=1_000_000, save_every=300, backend=kind)
 else:

@@ -25,9 +25,12 @@ def test_rules_that_cannot_carry_a_contact_are_refused():
         vi.step_function(ball())
 
 
-def test_a_compiled_run_with_contacts_is_refused():
-    with pytest.raises(vi.InputError, match="runs with contacts are interpreted"):
-        vi.simulate(ball(), q0=1.0, v0=0.0, h=0.1, steps=1, backend="compiled")
+@pytest.mark.parametrize("backend", ["native", "compiled"])
+def test_what_flights_in_c_cannot_do_is_refused_where_they_are_asked_for(backend):
+    with pytest.raises(vi.InputError, match="interpreted where bodies are held"):
+        vi.simulate(ball(), q0=1.0, v0=0.0, h=-0.1, steps=1, backend=backend)
+    with pytest.raises(vi.InputError, match="unknown backend 'fast'"):
+        vi.simulate(ball(), q0=1.0, v0=0.0, h=-0.1, steps=1, backend="fast")
 
 
 @pytest.mark.parametrize("place", [1e-200, 1e-226, 1e-310])

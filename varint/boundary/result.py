@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +15,7 @@ from varint.boundary.newton import RESIDUAL_LIMIT, NewtonResult, equilibrated_so
 from varint.boundary.stationary import BoundaryValueProblem, momenta_and_action
 from varint.discrete.constraints import tangent_function
 from varint.discrete.lagrangian import constraint_function
-from varint.integration.trajectories import step_functions
+from varint.integration.many_steps import steps_again
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_system
@@ -66,7 +65,7 @@ def trajectory_of(
         k=np.arange(problem.steps + 1),
         u=problem.u.reshape(problem.steps, len(rule.nodes), -1),
         c=problem.c,
-        functions=partial(step_functions, rule, system),
+        functions=steps_again(rule),
         closure=problem.closure,
         stats=MappingProxyType(stats),
         solution=solution,

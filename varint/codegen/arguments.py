@@ -57,6 +57,7 @@ class RunArguments(Structure):
         ("stats", c_void_p),
         ("scene", c_void_p),
         ("notes", c_void_p),
+        ("rests", c_void_p),
     ]
 
 

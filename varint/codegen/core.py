@@ -52,6 +52,20 @@ def explicit_loop() -> Loop:
 
 
 @cache
+def uniform_loop() -> Loop:
+    """c/uniform_core.c; raises CompileError as `gauss_loop` does."""
+    return _loop("uniform_core.c", "{name}_uniform_{level}", {})
+
+
+@cache
+def contacts_entry() -> Callable[[bytes], int]:
+    """c/contacts.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("contacts_core.c", ("contacts",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def sweep_entries() -> tuple[Callable, ...]:
     """Tangents and adjoints of c/sweep.c; raises CompileError as `gauss_loop` does."""
     return _entries("sweep_core.c", ("tangents", "adjoints"), "{name}_sweep_{level}", {})
@@ -61,6 +75,21 @@ def sweep_entries() -> tuple[Callable, ...]:
 def curvature_entry() -> Callable:
     """c/curvature.c; raises CompileError as `gauss_loop` does."""
     return _entries("sweep_core.c", ("curvatures",), "{name}_sweep_{level}", {})[0]
+
+
+@cache
+def explicit_sweep_entries() -> tuple[Callable, ...]:
+    """Tangents and adjoints of c/sweep_explicit.c; raises CompileError as `gauss_loop` does."""
+    names = "{name}_explicit_{level}"
+    return _entries("sweep_explicit_core.c", ("tangents", "adjoints"), names, {})
+
+
+@cache
+def rows_entry() -> Callable[[bytes], int]:
+    """c/rows_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("rows_core.c", ("rows",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
 
 
 @lru_cache(maxsize=32)

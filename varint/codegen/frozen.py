@@ -1,9 +1,9 @@
 """A matrix for Newton's method that costs what the mass matrix and the rows do.
 
-The exact derivative of a step's equations holds all second derivatives of L; for a machine of
-many links in a loop these are more than all else together. With the inertia as it is where the
-step begins, and the rows G as they are, the iteration contracts by about h times the rate at which
-the inertia changes, and ends at the same step.
+The exact derivative of a step's equations holds all second derivatives of L and of the rows; for a
+machine of many links in a loop these are more than all else together. With the inertia M and the
+rows G as they are halfway through the step, the same for all of the iteration, this contracts by
+about h/2 times the rate at which they change, and ends at the same step.
 """
 
 from __future__ import annotations
@@ -28,19 +28,24 @@ def freezes(system: System) -> bool:
 
 
 def frozen_slope(system: System, rule: Rule, e: Equations) -> ca.SX:
-    """∂(left/row_size)/∂y of the equations `e`, with M(q0) in all of the step and no other
-    derivative of L.
+    """∂(left/row_size)/∂y of the equations `e` with M and G taken in the middle of the step's
+    chord, (q0 + q1)/2 as `e.y` has it, and no other derivative of L or of the rows.
     """
-    s = system
-    mass = ca.SX(s.mass_matrix)
-    params = with_more(s.params or Parameters(), frozen_inertia=np.ones(mass.nnz()))
-    inertia = ca.SX(mass.sparsity(), params.frozen_inertia)
-    scene = System(
-        s.q, s.v, ca.bilin(inertia, s.v, s.v) / 2, constraint=s.constraint, params=params, t=s.t
+    s, n = system, system.structure.n
+    mass, rows = ca.SX(s.mass_matrix), ca.jacobian(s.constraint, s.q)
+    params = with_more(
+        s.params or Parameters(),
+        frozen_inertia=np.ones(mass.nnz()),
+        frozen_rows=np.ones(rows.nnz()),
     )
+    inertia = ca.SX(mass.sparsity(), params.frozen_inertia)
+    held = ca.mtimes(ca.SX(rows.sparsity(), params.frozen_rows), s.q)
+    scene = System(s.q, s.v, ca.bilin(inertia, s.v, s.v) / 2, constraint=held, params=params, t=s.t)
     like = constrained_equations(scene, rule)
     own = [like.y, like.q, like.p, like.t, like.h, like.c, like.scale, like.sizes]
     slope = ca.Function("slope", own, [ca.jacobian(like.left / like.row_size, like.y)])
-    here = ca.substitute(mass, ca.vertcat(s.q, s.t, s.c), ca.vertcat(e.q, e.t, e.c))
-    c = ca.vertcat(e.c, here.nz[:])
+    last = slice((rule.degree - 1) * n, rule.degree * n)  # of the mean velocity of the step
+    middle = ca.vertcat(e.q + e.h / 2 * e.y[last], e.t + e.h / 2, e.c)
+    found = ca.vertcat(mass.nz[:], rows.nz[:])
+    c = ca.vertcat(e.c, ca.substitute(found, ca.vertcat(s.q, s.t, s.c), middle))
     return slope(e.y, e.q, e.p, e.t, e.h, c, e.scale, e.sizes)

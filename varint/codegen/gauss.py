@@ -51,8 +51,8 @@ class Scheme:
     lanes, padded : int
         Length of a vector; lanes of all vectors of a coordinate's stages.
     functions : dict of Routine
-        The right-hand side first: "rhs"; or "kick" and "drift"; or those of c/dense.c; then
-        "velocity" and "momentum".
+        The right-hand side first: "rhs"; or "kick" and "drift", and "inertia" where velocities are
+        improved; or those of c/dense.c; then "velocity" and "momentum".
     needs : dict
         NEEDS_Q and NEEDS_P: does the right-hand side depend on q_i, does the momentum p_i change?
     geometry : int
@@ -131,7 +131,7 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
     if scheme.geometry:
         defines["GEOMETRY"] = scheme.geometry
     if "kick" in scheme.functions:
-        defines["TAKEN"] = len(scheme.functions["kick"].graph.outputs[-1])
+        defines["TAKEN"] = numbers_taken(scheme)
     data = tableau_source(scheme.stages, scheme.lanes, scheme.diagonals) + "".join(
         f"static const char {name}[] __attribute__((unused)) = "
         f"{{{', '.join(str(int(x)) for x in values)}}};\n"
@@ -174,7 +174,7 @@ def gauss_scheme(system: System, stages: int, form: int | None = None) -> Scheme
     )
     functions, rates = make(system)
     needs = _needs(system.q, rates)
-    ahead = not system.control.numel() and _work(functions, needs) <= SHORT
+    ahead = not by_defect and not system.control.numel() and _work(functions, needs) <= SHORT
     functions |= routines(
         system.c, {"momentum": ([system.q, system.v, system.t], [system.momentum])}
     )
@@ -231,14 +231,25 @@ def _kick_and_drift(system: System) -> Functions:
 
 
 def _push_and_defect(system: System) -> Functions:
-    """The right-hand side in halves for velocities that are improved: "kick", forces and momenta
-    of given velocities; "drift", the velocities that belong to momenta that are missed.
+    """The right-hand side for velocities that are improved: "kick", forces and momenta of given
+    velocities; "drift", the velocities that belong to momenta that are missed, of what "inertia"
+    says of a place.
     """
     q, v, t, p = system.q, system.v, system.t, ca.SX.sym("p", system.q.numel())
     missed, speed = ca.SX.sym("missed", p.numel()), velocity(system, p)
-    outputs = [force(system), system.momentum, ca.jtimes(speed, p, missed)]
-    functions = halved(system.c, ("kick", "drift"), [q, v, t, system.control], missed, outputs)
-    return functions | routines(system.c, {"velocity": ([q, p, t], [speed])}), outputs[::-1]
+    outputs = [force(system), system.momentum]
+    gained = ca.jtimes(speed, p, missed)
+    functions = routines(system.c, {"kick": ([q, v, t, system.control], outputs)})
+    placed = halved(system.c, ("inertia", "drift"), [q, t], missed, [gained])
+    functions |= {name: placed[name] for name in ("drift", "inertia")}
+    functions |= routines(system.c, {"velocity": ([q, p, t], [speed])})
+    return functions, [gained, *outputs[::-1]]
+
+
+def numbers_taken(scheme: Scheme) -> int:
+    """How many numbers "drift" takes from what was evaluated before it."""
+    before = scheme.functions.get("inertia" if scheme.by_defect else "kick")
+    return len(before.graph.outputs[-1]) if before else 0
 
 
 def _needs(q: ca.SX, rates: list[ca.SX]) -> dict[str, list[bool]]:

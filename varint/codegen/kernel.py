@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.arguments import (
+    DONE,
     LATELY,
     MOST_NOTED,
     PartsArguments,
@@ -113,6 +114,11 @@ class LoopResult(NamedTuple):
     carry: np.ndarray
     seconds: float
 
+    @property
+    def done(self) -> bool:
+        """Whether it came to its end."""
+        return self.status == DONE
+
 
 def run_loop(
     kernel: Kernel,
@@ -198,6 +204,7 @@ def run_loop(
             *results,
             kernel.scene,
             address + 8 * noted if nodes else 0,
+            0,
         )
     )
     seconds = perf_counter() - began

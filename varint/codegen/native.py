@@ -16,7 +16,7 @@ from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of, start_of
 from varint.codegen.core import Loop, explicit_loop, gauss_loop
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
-from varint.codegen.gauss import gauss_scheme
+from varint.codegen.gauss import gauss_scheme, numbers_taken
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import Kernel
 from varint.codegen.source import FEW_ROOTS, Routine
@@ -28,6 +28,7 @@ from varint.scene.system import System
 MOST_COORDINATES, MOST_CONTROLS, MOST_TAKEN = 128, 16, 4096  # MOST_N, … of c/scene.h
 MOST_OPERATIONS = 60_000  # of a scene: more are worth the compiler's time
 MOST_OF_LOOPS = 250_000  # of a large machine with loops, which takes the compiler minutes
+LAST = ("velocity", "momentum")  # at a single point
 TOO_LARGE = "the scene is too large to be run as data; use backend='compiled'"
 
 
@@ -44,12 +45,12 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
     """
     x = gauss_scheme(system, len(rule.nodes))
     n, controls = system.q.numel(), system.control.numel()
-    taken = len(x.functions["kick"].graph.outputs[-1]) if "kick" in x.functions else 0
+    taken = numbers_taken(x)
     if x.geometry or n > MOST_COORDINATES or controls > MOST_CONTROLS or taken > MOST_TAKEN:
         raise NotCompilable(TOO_LARGE)
-    tapes = [*tapes_of(x.functions).values()]
-    if x.form == 2:  # the right-hand side is one function
-        tapes.insert(1, NOTHING_TO_DO)
+    tapes = tapes_of(x.functions)
+    names = ("rhs", "drift") if x.form == 2 else ("kick", "drift")
+    ordered = [tapes.get(name, NOTHING_TO_DO) for name in (*names, "inertia", *LAST)]
     tables = list(tableau_arrays(x.stages, x.lanes, x.diagonals).values())
     needs = (np.array(needed, np.int8) for needed in x.needs.values())
     counts = (
@@ -61,7 +62,7 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
         int(x.ahead),
         int(x.by_defect),
     )
-    block = block_of([*counts, *needs, tables, *tapes])
+    block = block_of([*counts, *needs, tables, *ordered])
     first = next(iter(x.functions.values()))
     heads = x.about, n, controls, x.stages, operations(*first)[0]
     return kernel_on(heads, gauss_loop(x.lanes, x.vectors, x.form), block)
@@ -110,7 +111,7 @@ def members_by_name(
     return [
         *(int(numbers[name]) for name in names["COUNTS"]),
         *(float(numbers[name]) for name in names["LIMITS"]),
-        *(places[name].astype(np.int32) for name in names["PLACES"]),
+        *(places[name].astype(np.int32) for name in names.get("PLACES", [])),
         *(tables[name].astype(float) for name in names["TABLES"]),
         *(tapes.get(name, NOTHING_TO_DO) for name in names["FUNCTIONS"]),
     ]

@@ -12,7 +12,12 @@ from functools import partial
 import numpy as np
 
 from varint.codegen.block import block_of, start_of
-from varint.codegen.core import curvature_entry, stage_sweep_entries, sweep_entries
+from varint.codegen.core import (
+    curvature_entry,
+    explicit_sweep_entries,
+    stage_sweep_entries,
+    sweep_entries,
+)
 from varint.codegen.emit import WRITTEN_OUT
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.native import TOO_LARGE, members_by_name, tapes_of
@@ -24,6 +29,7 @@ from varint.codegen.sweep import (
     entry_of,
     sweep_scheme,
 )
+from varint.codegen.sweep_explicit import explicit_sweep_scheme
 from varint.codegen.sweep_gauss import shape_for, stage_sweep_scheme
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -44,6 +50,13 @@ def native_sweep(system: System, rule: Rule, density: str | None = None) -> Swee
     """
     block = _block("sweep_scene.h", sweep_scheme(system, rule, density))
     return SweepKernel(*(_on(block, entry) for entry in sweep_entries()))
+
+
+@kernel_per_system
+def native_explicit_sweep(system: System, rule: Rule, density: str | None = None) -> SweepKernel:
+    """The loops of `explicit_sweep_kernel` with the scene as data; raises as `native_sweep`."""
+    block = _block("sweep_explicit_scene.h", explicit_sweep_scheme(system, rule, density))
+    return SweepKernel(*(_on(block, entry) for entry in explicit_sweep_entries()))
 
 
 @kernel_per_system

@@ -41,7 +41,7 @@ from varint.scene.system import System
 # the functions that c/newton.c calls, where the scene needs them
 CALLED = (
     "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
-    "affine", "driven", "legendre", "independence", "lengths",
+    "affine", "driven", "legendre", "independence", "lengths", "frozen",
 )  # fmt: skip
 NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
@@ -262,6 +262,7 @@ def _counts(
         "ROWS": s.nonholonomic,
         "CLOSED": int(solve.closed),
         "LINEAR": int(solve.linear),
+        "FROZEN": int(solve.frozen),
         "MAP": int(solve.map),
         "STEADY": int(solve.steady),
         "KICKED": int(eliminates),

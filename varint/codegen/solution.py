@@ -35,7 +35,8 @@ Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
 class Solution:
     """How the unknowns are found: the functions for it, the order of the band, what makes it
     simpler (`steady`: of a map, that it is the same at all times); tables of the rule where the
-    equations are a loop over its nodes; whether the matrix is not their derivative but near it.
+    equations are a loop over its nodes; whether the matrix is not their derivative but near it, and
+    the same all through a step.
     """
 
     functions: Functions
@@ -61,8 +62,7 @@ def solution_of(system: System, rule: Rule, e: Equations, held: bool) -> Solutio
     if at_nodes:
         return at_nodes
     if held and freezes(system):
-        found = _written_out(e, False, frozen_slope(system, rule, e))
-        return replace(found, frozen=True)
+        return _frozen(e, frozen_slope(system, rule, e))
     return _written_out(e, system.structure.linear and not held)
 
 
@@ -114,18 +114,14 @@ def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
     return Solution(functions, band_of_blocks, False, False, False, tables=tables)
 
 
-def _written_out(e: Equations, linear: bool, near: ca.SX | None = None) -> Solution:
+def _written_out(e: Equations, linear: bool) -> Solution:
     left = ca.densify(e.left / e.row_size)
-    matrix = ca.jacobian(left, e.y) if near is None else near
+    matrix = ca.jacobian(left, e.y)
     linear = linear and not ca.depends_on(matrix, ca.vertcat(e.y, e.q, e.p, e.t, e.u))
     unordered = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
     if linear and e.y.numel() <= MAPPED:
         return _map(e, left, matrix)
-    after = {
-        "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
-        "units": ([], [e.y_size]),
-    }
-    inputs = [e.y, e.q, e.p, e.t, e.u]
+    inputs, after = [e.y, e.q, e.p, e.t, e.u], _after(e)
     if not linear and e.y.numel() <= CLOSED:
         correction = ca.mtimes(ca.inv_minor(ca.densify(matrix)), left)
         return Solution(
@@ -139,6 +135,24 @@ def _written_out(e: Equations, linear: bool, near: ca.SX | None = None) -> Solut
     return Solution(
         {"equations": (inputs, [ordered, matrix.nz[:]]), **after}, order, False, False, False
     )
+
+
+def _after(e: Equations) -> Functions:
+    """What follows the solution, and units of the unknowns."""
+    return {
+        "finish": ([e.y, e.q, e.p, e.t, e.u], [e.increment, e.gain, e.remains]),
+        "units": ([], [e.y_size]),
+    }
+
+
+def _frozen(e: Equations, matrix: ca.SX) -> Solution:
+    order = band(matrix.sparsity())
+    left = ca.densify(e.left / e.row_size)[order.order.tolist()]
+    functions: Functions = {
+        "equations": ([e.y, e.q, e.p, e.t, e.u], [left]),
+        "frozen": ([e.y, e.q, e.t], [matrix.nz[:]]),
+    }
+    return Solution(functions | _after(e), order, False, False, False, frozen=True)
 
 
 def _map(e: Equations, left: ca.SX, matrix: ca.SX) -> Solution:

@@ -24,7 +24,7 @@ MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 # statements from which on the compiler's time matters more than the last tenth of the run's
 LARGE_SOURCE = 20_000
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
-AT_STAGES = ("rhs", "kick", "drift")
+AT_STAGES = ("rhs", "kick", "drift", "inertia")
 
 
 class Source(NamedTuple):

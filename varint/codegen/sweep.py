@@ -18,6 +18,7 @@ from varint.codegen.cache import AS_WRITTEN, library
 from varint.codegen.graph import kernel_per_system
 from varint.codegen.source import (
     FAST_COMPILATION,
+    FEW_ROOTS,
     LARGE_SOURCE,
     Routine,
     emitted,
@@ -203,6 +204,8 @@ def sweep_source(scheme: SweepScheme, shape: dict[str, int], loop: str) -> str:
     functions = emitted(scheme.functions)
     heads = shape | scheme.counts | scheme.limits
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
+    if sum(f.roots for f in functions.values()) > FEW_ROOTS:
+        heads["MANY_ROOTS"] = 1
     length = sum(f.length for f in functions.values())
     source = FAST_COMPILATION if length > LARGE_SOURCE else ""
     source += "".join(f"#define {key} {value}\n" for key, value in heads.items())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -19,7 +18,7 @@ from varint.control.transcription import (
     controls_at_nodes,
 )
 from varint.discrete.constraints import tangent_function
-from varint.integration.trajectories import step_functions
+from varint.integration.many_steps import steps_again
 from varint.nlp.solver import SolverResult
 from varint.numerics.arrays import over_columns
 from varint.results.records import Costates
@@ -84,7 +83,7 @@ def _trajectory(
         k=k,
         u=u,
         c=c,
-        functions=partial(step_functions, rule, system),
+        functions=steps_again(rule),
         stats=MappingProxyType(
             {"plan": f"optimal control by {rule}", "steps": count, "seconds": outcome.seconds}
             | _extras(transcription, x)

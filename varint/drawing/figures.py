@@ -4,11 +4,13 @@ is wanted.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from varint.drawing.curves import curve_of, marks_of
 from varint.drawing.style import (
     COLOURS,
     handed_over,
@@ -57,13 +59,13 @@ def _overview(motion: Trajectory) -> Figure:
     """
     import matplotlib.pyplot as plt
 
-    structure = motion.system.structure
+    structure, curve = motion.system.structure, curve_of(motion)
     extra = [
-        draw
-        for draw, present in (
-            (_draw_multipliers, np.any(motion.multipliers)),
-            (_draw_momenta, _conserved_momenta(motion)),
-            (draw_controls, structure.controls),
+        (draw, of)
+        for draw, of, present in (
+            (_draw_multipliers, curve, np.any(motion.multipliers)),
+            (_draw_momenta, motion, _conserved_momenta(motion)),
+            (draw_controls, motion, structure.controls),
         )
         if present
     ]
@@ -74,20 +76,21 @@ def _overview(motion: Trajectory) -> Figure:
     top, phase, error, *others = grid.ravel()
     shown = shown_indices(structure.n)
     names = [label(motion.system.names[i]) for i in shown]
-    keep = thinned_indices(len(motion))
-    draw_coordinates(top, motion, keep)
+    points, marks = thinned_indices(len(curve)), marks_of(motion, curve)
+    draw_coordinates(top, curve, points, marks)
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
-        phase.plot(motion.q[keep, i], motion.p[keep, i], color=colour, label=name, lw=0.9)
-        _draw_direction(phase, motion.q[keep, i], motion.p[keep, i], colour)
+        q, p = curve.q[points, i], curve.p[points, i]
+        phase.plot(q, p, color=colour, label=name, lw=0.9, **marks)
+        _draw_direction(phase, q, p, colour)
     name_axes(
         phase,
         "$q$",
         r"momentum $p = \partial L/\partial v$",
         how_many("Phase portrait", structure.n),
     )
-    _draw_energy(error, motion, keep)
-    for axes, draw in zip(others, extra, strict=False):
-        draw(axes, motion, keep)
+    _draw_energy(error, motion, curve)
+    for axes, (draw, of) in zip(others, extra, strict=False):
+        draw(axes, of, thinned_indices(len(of)))
     for axes in others[len(extra) :]:
         axes.remove()
     for axes in fig.axes:
@@ -110,12 +113,15 @@ def _draw_direction(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str) -> No
             )
 
 
-def draw_coordinates(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
-    """Coordinates over time."""
+def draw_coordinates(
+    axes: Axes, motion: Trajectory, keep: np.ndarray, marks: Mapping[str, Any] | None = None
+) -> None:
+    """Coordinates over time, with marks of `marks_of`."""
     shown = shown_indices(motion.system.structure.n)
     names = [label(motion.system.names[i]) for i in shown]
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
-        axes.plot(motion.t[keep], motion.q[keep, i], color=colour, label=name, lw=1.2)
+        x = motion.q[keep, i]
+        axes.plot(motion.t[keep], x, color=colour, label=name, lw=1.2, **(marks or {}))
     name_axes(
         axes,
         "time $t$",
@@ -227,7 +233,8 @@ def draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
         axes.legend(fontsize="small", loc="best")
 
 
-def _draw_energy(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+def _draw_energy(axes: Axes, motion: Trajectory, curve: Trajectory) -> None:
+    keep = thinned_indices(len(motion))
     structure = motion.system.structure
     lost = max(
         (abs(event.energy_after - event.energy_before) for event in motion.events), default=0.0
@@ -236,7 +243,8 @@ def _draw_energy(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
         structure.autonomous and not structure.forced and lost <= 1e-9 * np.abs(motion.energy).max()
     )
     if not kept:  # it changes, and how is what one wants to see
-        axes.plot(motion.t[keep], motion.energy[keep], color=COLOURS[1], lw=1.2)
+        points = thinned_indices(len(curve))
+        axes.plot(curve.t[points], curve.energy[points], color=COLOURS[1], lw=1.2)
         name_axes(axes, "time $t$", "energy $H$", "Energy")
         return
     change = motion.energy - motion.energy[0]
@@ -257,11 +265,12 @@ def _expressions(motion: Trajectory, expressions: tuple) -> Figure:
     fig, rows = plt.subplots(
         count, 1, figsize=(7, 1.2 + 2.2 * count), sharex=True, squeeze=False, layout="constrained"
     )
-    keep = thinned_indices(len(motion))
+    curve = curve_of(motion)
+    keep, marks = thinned_indices(len(curve)), marks_of(motion, curve)
     for axes, (name, expression) in zip(rows[:, 0], shown, strict=True):
-        values = motion.value(expression).reshape(len(motion), -1)
+        values = curve.value(expression).reshape(len(curve), -1)
         for colour, column in zip(cycle(COLOURS), values[keep].T, strict=False):
-            axes.plot(motion.t[keep], column, color=colour, lw=1.2)
+            axes.plot(curve.t[keep], column, color=colour, lw=1.2, **marks)
         _mark_events(axes, motion, named=axes is rows[0, 0])
         axes.set_ylabel(name)
         axes.grid(alpha=0.3)

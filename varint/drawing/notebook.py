@@ -9,9 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from varint.drawing.curves import curve_of, marks_of
 from varint.drawing.ensemble_figures import draw_spread
 from varint.drawing.figures import draw_controls, draw_coordinates
-from varint.drawing.style import COLOURS, label, name_axes, shown_indices, thinned_indices
+from varint.drawing.style import (
+    COLOURS,
+    label,
+    name_axes,
+    shown_indices,
+    thinned_indices,
+    write_plainly,
+)
 from varint.notation.html import table
 
 if TYPE_CHECKING:
@@ -32,6 +40,7 @@ def picture(words: str, panels: Sequence[Draw]) -> str:
     figure = Figure(figsize=(PANEL[0] * len(panels), PANEL[1]), dpi=DPI, layout="tight")
     for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         draw(axes)
+    write_plainly(figure)
     png = io.BytesIO()
     figure.savefig(png, format="png")
     data = b64encode(png.getvalue()).decode()
@@ -55,7 +64,9 @@ def trajectory_html(motion: Trajectory) -> str:
     rows += [(f"events: {kind}", str(kinds.count(kind))) for kind in dict.fromkeys(kinds)]
     if hasattr(motion.solution, "costates"):
         rows += solution_rows(motion.solution)
-    panels: list[Draw] = [lambda axes: draw_coordinates(axes, motion, keep)]
+    curve = curve_of(motion)
+    points, marks = thinned_indices(len(curve), 2 * FEW), marks_of(motion, curve)
+    panels: list[Draw] = [lambda axes: draw_coordinates(axes, curve, points, marks)]
     if motion.system.structure.controls:
         panels.append(lambda axes: draw_controls(axes, motion, keep))
     return table("Trajectory", rows, picture("Coordinates over time.", panels))

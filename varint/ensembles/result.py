@@ -7,7 +7,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -21,9 +21,9 @@ from varint.ensembles.executor import MOST_NUMBERS
 from varint.ensembles.members import Members, options_of, start_of
 from varint.errors import ConvergenceError, InputError
 from varint.integration.failures import failure
+from varint.integration.many_steps import steps_again
 from varint.integration.plan import plan
 from varint.integration.problem import controls, initial_value_problem
-from varint.integration.trajectories import step_functions
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -123,7 +123,7 @@ class Ensemble:
             k=self.k[:good],
             u=controls(system, rule, m.of("u", i), m.steps),
             c=m.of("c", i),
-            functions=partial(step_functions, rule, system),
+            functions=steps_again(rule),
             active_sets=active_sets,
             active_set=active_set,
             stats=MappingProxyType(

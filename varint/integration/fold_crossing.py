@@ -6,20 +6,14 @@ a fold that no node meets both agree as well as elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from varint.integration.many_steps import Steps
 from varint.integration.problem import InitialValueProblem
-from varint.integration.step_function import step_function
-from varint.numerics.arrays import over_columns
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule
-from varint.scene.system import System
-
-if TYPE_CHECKING:
-    from varint.codegen.kernel import Kernel
 
 # of a step: its first part when it is taken in two, whose nodes are none of the rules' own; both
 # ways have to lead elsewhere, for the one may meet the fold itself
@@ -29,9 +23,6 @@ LEAP = 100.0  # times the difference of the two ways in steps nearby
 LEAST = 1e-7
 OVER, BESIDE = 2, (0, 4)  # first nodes, in a window, of the step over a fold and of those beside it
 WIDE = 2 * OVER + 2  # nodes of a window: LATELY of c/run.h
-
-# (q, p, u, t, h) of many steps, each of its own size → q and p at their ends
-Steps = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
 class Windows(NamedTuple):
@@ -73,34 +64,6 @@ def windows_around(steps: np.ndarray, nodes: Windows) -> Windows:
         k=np.where(there, found.k, -1),
         far=np.where(there, found.far, -1.0),
     )
-
-
-def steps_of(system: System, rule: Rule, kernel: Kernel | None, c: np.ndarray) -> Steps:
-    """By the compiled loop of a run, where there is one and it can."""
-
-    def interpreted(
-        q: np.ndarray, p: np.ndarray, u: np.ndarray, t: np.ndarray, h: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        found = over_columns(step_function(system, rule), q, p, u, c, t[:, None], h[:, None])
-        return found[0], found[1]
-
-    def compiled(
-        q: np.ndarray, p: np.ndarray, u: np.ndarray, t: np.ndarray, h: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        from varint.codegen.kernel import take_parts
-
-        assert kernel is not None
-        rows, good = take_parts(kernel, q, p, c, t=t, h=h, u=u)
-        ends = rows[:, 0].copy(), rows[:, 1].copy()
-        if not good.all():
-            bad = np.flatnonzero(~good)
-            for kept, new in zip(
-                ends, interpreted(q[bad], p[bad], u[bad], t[bad], h[bad]), strict=True
-            ):
-                kept[bad] = new
-        return ends
-
-    return interpreted if kernel is None else compiled
 
 
 @np.errstate(all="ignore")  # what is not finite is told elsewhere

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varint.discrete.constraints import ActiveSet
 from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
 from varint.integration.backend import (
@@ -45,7 +46,7 @@ from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 
 if TYPE_CHECKING:
-    from varint.codegen.kernel import Kernel
+    from varint.codegen.kernel import Kernel, LoopResult
     from varint.integration.checkpoint import Checkpoint
 
 
@@ -76,14 +77,14 @@ def start_run(
     kernel: Kernel | None = None
     blocks_from: BlocksFrom
     if system.structure.contacts:
-        if backend not in ("auto", "interpreted"):
-            raise InputError(
-                f"runs with contacts are interpreted; backend={backend!r} is not for them"
-            )
         from varint.integration.events.contact_loop import contact_run
         from varint.integration.events.subdivide import subdivide_contact_step
+        from varint.integration.flight_choice import flights_for
 
-        blocks_from = partial(contact_run, system, chosen.rule, problem)
+        flights = flights_for(system, chosen.rule, problem, backend)
+        begin = problem.active_set or ActiveSet(tuple(range(system.structure.constraints)))
+        kernel = flights and flights.loop_in(begin)
+        blocks_from = partial(contact_run, system, chosen.rule, problem, flights=flights)
         remedy = partial(subdivide_contact_step, system, chosen.rule, problem)
     else:
         scene = active_scene(system, problem)
@@ -125,15 +126,20 @@ def short_run(
         return None
     kernel = kernel_for(system, chosen.rule, problem, backend)
     found = None if kernel is None else run_at_once(system, chosen.rule, problem, kernel)
-    if found is None:
+    if found is None or not found.done:
         return None
+    return motion_at_once(Run(system, chosen, problem, [], iter(()), kernel, began), found)
+
+
+def motion_at_once(run: Run, found: LoopResult) -> Trajectory:
+    """The motion that one call of the loop found, from the start of the run to its end."""
+    problem = run.problem
     q, p = found.rows[:, 0].copy(), found.rows[:, 1].copy()
     if len(q):
         q[0], p[0] = problem.q0, problem.p0
     k = np.arange(0, problem.steps + 1, problem.save_every)
     t = problem.h * k
     t += problem.t0
-    run = Run(system, chosen, problem, [], iter(()), kernel, began)
     return motion_of(run, (k, t, q, p), (found.iterations, found.residual))
 
 

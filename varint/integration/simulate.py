@@ -106,8 +106,9 @@ def simulate(
     backend : {"auto", "native", "compiled", "interpreted"}
         ``"native"``: the scene's operations are data for a loop that is there; ``"compiled"``: the
         scene is compiled first, for the same bytes in less time. By default a run begins native
-        and shifts up where that repays the compiler; contacts, degenerate scenes, constraints on
-        an L that is not quadratic in v, and very large scenes are interpreted or compiled.
+        and shifts up where that repays the compiler; degenerate scenes, constraints on an L that
+        is not quadratic in v, very large scenes, and contacts that hold or meet constraints and
+        controls are interpreted or compiled.
     checkpoint : path, optional
         Write the run to this file every second or so. The same call goes on from there after a
         crash, a kill or Ctrl-C, and ends with the same bytes as a run that was not stopped; after

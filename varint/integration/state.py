@@ -51,7 +51,8 @@ class NodeBlock(NamedTuple):
     (`active_set`) and what happened before them. `iterations` are those of Newton's method, or of
     the stages, in the solved steps; `counts` the sums up to each node, where runs may be cut. The
     run goes on from `after`, where it can be taken up again. `v` are the velocities, where a
-    compiled loop has them; `passed` is told of scenes with constraints that may fold.
+    compiled loop has them; `passed` is told of scenes with constraints that may fold. `impacts` are
+    the nodes of the events, where a block has more nodes than that of its only event.
     """
 
     k: np.ndarray
@@ -68,3 +69,4 @@ class NodeBlock(NamedTuple):
     counts: np.ndarray | None = None
     v: np.ndarray | None = None
     passed: Passed | None = None
+    impacts: tuple[int, ...] | None = None

@@ -7,7 +7,7 @@ import casadi as ca
 from varint.discrete.lagrangian import Interval, interval
 from varint.discrete.scales import BALANCED, scale_function
 from varint.integration.plan import plan
-from varint.integration.steppers.stepper import state_parts
+from varint.integration.steppers.stepper import State, Stepper, state_parts
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_scene
 
@@ -62,17 +62,47 @@ def _step_function(system: System, rule: Rule) -> ca.Function:
 @per_scene
 def counting_step_function(system: System, rule: Rule) -> ca.Function:
     """`step_function` with one more output: the iterations of the step."""
-    stepper, n, r = plan(system, rule).build(system, rule), system.structure.n, len(rule.nodes)
-    q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
-    t, h, c = ca.MX.sym("t"), ca.MX.sym("h"), ca.MX.sym("params", system.c.numel())
-    column = ca.vec(u)
-    scale = scale_function(system, BALANCED)(q, p, _typical(u), t, h, c)
-    x = stepper.step(stepper.start(q, p, column, t, h, c), column, t, h, c, scale)
-    after = state_parts(x, n)
+    stepper = plan(system, rule).build(system, rule)
+    inputs = _inputs(system, rule)
+    x = stepper.start(*_of_stepper(inputs))
+    after = _step_from(system, stepper, x, inputs)
     names = ["q0", "p0", "u", "params", "t", "h"], ["q1", "p1", "residual", "iterations"]
-    return ca.Function(
-        "step", [q, p, u, c, t, h], [after.q, after.p, after.residual, after.iterations], *names
-    )
+    return ca.Function("step", inputs, [after.q, after.p, after.residual, after.iterations], *names)
+
+
+@per_scene
+def guided_step_function(system: System, rule: Rule) -> ca.Function | None:
+    """(q0, p0, u, params, t, h, mean velocities (Q_j − q0)/h to start from, (n·d,)) → q1, p1; None
+    where a step has no unknowns of this kind.
+    """
+    stepper, n = plan(system, rule).build(system, rule), system.structure.n
+    if not stepper.guided:
+        return None
+    inputs, means = _inputs(system, rule), ca.MX.sym("means", n * rule.degree)
+    first = state_parts(stepper.start(*_of_stepper(inputs)), n)
+    memory = ca.vertcat(means, first.memory[means.numel() :])
+    after = _step_from(system, stepper, first._replace(memory=memory).vector, inputs)
+    return ca.Function("guided_step", [*inputs, means], [after.q, after.p])
+
+
+def _inputs(system: System, rule: Rule) -> list[ca.MX]:
+    """q, p, u, c, t, h"""
+    n, r = system.structure.n, len(rule.nodes)
+    q, p, u = ca.MX.sym("q0", n), ca.MX.sym("p0", n), ca.MX.sym("u", system.structure.controls, r)
+    return [q, p, u, ca.MX.sym("params", system.c.numel()), ca.MX.sym("t"), ca.MX.sym("h")]
+
+
+def _of_stepper(inputs: list[ca.MX]) -> tuple[ca.MX, ...]:
+    """The same as steppers want them."""
+    q, p, u, c, t, h = inputs
+    return q, p, ca.vec(u), t, h, c
+
+
+def _step_from(system: System, stepper: Stepper, x: ca.MX, inputs: list[ca.MX]) -> State:
+    """The state after a step from the state x."""
+    q, p, u, c, t, h = inputs
+    scale = scale_function(system, BALANCED)(q, p, _typical(u), t, h, c)
+    return state_parts(stepper.step(x, ca.vec(u), t, h, c, scale), system.structure.n)
 
 
 def _typical(u: ca.MX) -> ca.MX:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
 from varint.integration.events.crossings import IMPACTS, Crossings
+from varint.integration.many_steps import in_gear, interpreted, steps_again
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock
@@ -22,7 +21,6 @@ from varint.numerics.arrays import over_columns
 from varint.results.dense_output import node_tolerance
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
-from varint.rules.rule import Rule
 from varint.scene.system import System
 
 if TYPE_CHECKING:
@@ -135,7 +133,7 @@ def motion_of(
         k=k,
         u=problem.u,
         c=problem.c,
-        functions=partial(step_functions, chosen.rule, system),
+        functions=steps_again(chosen.rule, in_gear if kernel else interpreted),
         active_sets=active[0],
         active_set=active[1],
         origin=problem.t0,
@@ -169,18 +167,6 @@ def with_velocities(motion: Trajectory, nodes: Sequence[NodeBlock]) -> Trajector
             parts.append(over_columns(velocity, *inputs)[0] if b.v is None else b.v[: b.good])
         motion.__dict__["v"] = np.concatenate(parts)
     return motion
-
-
-def step_functions(
-    rule: Rule, own: System, scene: System | None = None
-) -> tuple[ca.Function, ca.Function]:
-    """Step function and action function of a system, or of a scene that moves in one of its
-    active sets.
-    """
-    from varint.integration.step_function import action_function, step_function
-
-    scene = scene or own
-    return step_function(scene, rule), action_function(scene, rule)
 
 
 def _active_sets(
@@ -218,7 +204,9 @@ def cut_at(motion: Trajectory, first: int, end: Crossings) -> Trajectory:
     """The trajectory until the first of the crossings after node `first`, its last node."""
     node, t = first + int(end.before.node[0]), float(end.before.t[0])
     if end.jump[0]:  # by the impact at the next node, which is kept as the motion leaves it
-        return motion[: node + 2]
+        late = motion.t[node + 2 :][:1] * np.sign(motion.h)
+        events = tuple(e for e in motion.events if not (e.time * np.sign(motion.h) >= late).any())
+        return replace(motion[: node + 2], events=events)
     last = end.after
     times, q, p = (
         np.concatenate([getattr(motion, name)[: node + 1], getattr(last, name)[:1]])

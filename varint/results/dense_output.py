@@ -6,11 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.scene.rays import with_unit_rays
@@ -24,13 +22,6 @@ def node_tolerance(motion: Trajectory) -> float:
     themselves.
     """
     return float(ROUNDING * max(np.abs(motion.t).max(), abs(motion.h)) / abs(motion.h))
-
-
-def functions_of(motion: Trajectory, scene: System) -> tuple[ca.Function, ca.Function]:
-    """Step function and action function of the system itself, or of a scene in which less is
-    held.
-    """
-    return motion.functions() if scene is motion.system else motion.functions(scene)
 
 
 def states_at(
@@ -102,7 +93,8 @@ def steps_ahead(
                 size[active][:, None],
             )
             yield active, scene, arguments
-            q[active], p[active], _ = over_columns(functions_of(motion, scene)[0], *arguments)
+            ends = motion.functions.ends(scene, motion.c)
+            q[active], p[active] = ends(q[active], p[active], u, (t + done)[active], size[active])
         k += whole
         done = np.where(
             whole, (k - first) * motion.h if motion.sizes is None else done + size, done

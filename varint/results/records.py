@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import casadi as ca
+
+    from varint.scene.system import System
 
 
 class State(NamedTuple):
@@ -15,6 +22,23 @@ class State(NamedTuple):
     q: np.ndarray
     v: np.ndarray
     p: np.ndarray
+
+
+class StepsAgain(NamedTuple):
+    """How the steps of a motion are taken once more, in the system or in a scene in which less is
+    held.
+
+    Attributes
+    ----------
+    ends : callable
+        scene, parameter values → a function of (q, p, u, t, h) of many steps → q and p at their
+        ends.
+    action : callable
+        scene → (q0, p0, u, params, t, h) → discrete action of a step.
+    """
+
+    ends: Callable[[System, np.ndarray], Callable[..., tuple[np.ndarray, np.ndarray]]]
+    action: Callable[[System], ca.Function]
 
 
 @dataclass(frozen=True)

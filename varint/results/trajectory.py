@@ -15,7 +15,7 @@ from varint.discrete.constraints import ActiveSet, every_row_function, multiplie
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError, renamed_attribute
 from varint.numerics.arrays import over_columns
-from varint.results.records import Costates, State
+from varint.results.records import Costates, State, StepsAgain
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import times_of
@@ -52,9 +52,8 @@ class Trajectory:
         Controls of every step at the rule's nodes; r = 1 where they are constant on a step.
     c : ndarray
         Parameter values, in the order of ``system.c``.
-    functions : callable
-        () → (step function, action function) of the system and rule, built when first needed;
-        (scene) → those of a scene that moves by one of the active sets.
+    functions : StepsAgain
+        How its steps are taken once more, built when first needed.
     active_sets : tuple of ActiveSet
         Which rows and contacts held at one time or another; empty where all constraints held all
         the time.
@@ -91,7 +90,7 @@ class Trajectory:
     k: np.ndarray
     u: np.ndarray
     c: np.ndarray
-    functions: Callable[..., tuple[ca.Function, ca.Function]]
+    functions: StepsAgain
     active_sets: tuple[ActiveSet, ...] = ()
     active_set: np.ndarray | None = None
     events: tuple = ()
@@ -267,9 +266,7 @@ class Trajectory:
         """Discrete action Σ L_d over all steps of the trajectory."""
         if self.fictitious is not None:  # ∫ L dt = ∫ [σ (L + E0) + σ0 t'] dτ − (E0 + σ0) ∫ dt
             return self.fictitious.action - float(self.fictitious.c[-2:].sum()) * self.duration
-        from varint.results.dense_output import functions_of
-
-        return float(self.sums(lambda scene: functions_of(self, scene)[1]).sum())
+        return float(self.sums(self.functions.action).sum())
 
     def sums(self, integrand: Callable[[System], ca.Function]) -> np.ndarray:
         """Sums over the steps between nodes of ``integrand(system)``: (q0, p0, u, params, t, h)

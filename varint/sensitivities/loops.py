@@ -75,21 +75,31 @@ def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
     stiff scene needs them.
     """
     from varint.codegen.sweep import sweep_kernel
+    from varint.codegen.sweep_explicit import explicit_sweep_kernel, has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep, stage_sweep_kernel
 
     if has_stage_sweep(system, rule):
         return (stage_sweep_kernel(system, rule, density),)
+    if has_explicit_sweep(system, rule):
+        return (explicit_sweep_kernel(system, rule, density),)
     return (sweep_kernel(system, rule, density),)
 
 
 @per_system
 def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
     """`_kernels` with the scene as data."""
-    from varint.codegen.native_sweep import native_stage_sweep, native_sweep
+    from varint.codegen.native_sweep import (
+        native_explicit_sweep,
+        native_stage_sweep,
+        native_sweep,
+    )
+    from varint.codegen.sweep_explicit import has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep
 
     if has_stage_sweep(system, rule):
         return (native_stage_sweep(system, rule, density),)
+    if has_explicit_sweep(system, rule):
+        return (native_explicit_sweep(system, rule, density),)
     return (native_sweep(system, rule, density),)
 
 
@@ -97,12 +107,20 @@ def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKerne
 def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
     """`_native` that gives way to `_kernels` in time."""
     from varint.codegen.sweep import ONE_BY_ONE, sweep_scheme, sweep_source
+    from varint.codegen.sweep_explicit import (
+        explicit_sweep_scheme,
+        has_explicit_sweep,
+        steps_at_once,
+    )
     from varint.codegen.sweep_gauss import has_stage_sweep, shape_for, stage_sweep_scheme
     from varint.sensitivities.shifting import SweepGears, shifting
 
     by_stages = has_stage_sweep(system, rule)
 
     def source() -> str:
+        if has_explicit_sweep(system, rule):
+            scheme = explicit_sweep_scheme(system, rule, density)
+            return sweep_source(scheme, steps_at_once(), "sweep_explicit.c")
         if by_stages:
             scheme = stage_sweep_scheme(system, rule, density)
             return sweep_source(scheme, shape_for(len(rule.nodes)), "sweep_gauss.c")

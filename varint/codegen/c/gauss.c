@@ -9,7 +9,7 @@
    FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike. Where
            the right-hand side has two halves, V may come from the momenta that the new F make (Gauss-Seidel order).
            BY_DEFECT: V is improved by what its momenta miss, V += A M^-1 A^-1 (P - p(Q, V)), M^-1 at the stage where the
-           rate A^-1 (P - p)/h is missed. The iteration contracts as accelerations depend on the motion, h da/dv + h^2 da/dq,
+           rate A^-1 (P - p)/h is missed, taken once a step where its first evaluation puts the stages. The iteration contracts as accelerations depend on the motion, h da/dv + h^2 da/dq,
            where V from P contracts as M^-1 dp/dq does, which in long chains of links is hundreds of times more.
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run. */
@@ -38,15 +38,20 @@
 #ifdef SCENE_AS_DATA
 #define KICK kick
 #elif BY_DEFECT
-#define KICK kick
+#define KICK(q, p, t, u, w, f, had, taken) kick(q, p, t, u, w, f, had)
 #else
 #define KICK(q, p, t, u, w, f, had, taken) kick(q, p, t, u, w, f, taken)
 #endif
 #ifndef MOST_TAKEN
 #define MOST_TAKEN TAKEN
 #endif
+#ifndef INERTIA_W
+#define INERTIA_W 0
+#define inertia(q, t, w, taken) ((void)0)
+#define inertia_prepare(c, w) ((void)0)
+#endif
 #ifndef RHS_W
-#define RHS_W (KICK_W + DRIFT_W)
+#define RHS_W (KICK_W + DRIFT_W + INERTIA_W)
 #endif
 #else
 #define HALVES 0
@@ -145,8 +150,15 @@ INLINE V size_of(const V *x) {
 typedef struct { V u[MOST_NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* controls, h c, h b or h^2 b */
 
 /* A step on its way: times of the stages, where they are when all unknowns are zero, the unknowns after so many
-   evaluations, and the momenta that these make. */
-typedef struct { V t[VECTORS], base[2 * MOST_N][VECTORS], p[MOST_N][VECTORS]; Unknowns x; int64_t count; } Step;
+   evaluations, and the momenta that these make; room for what the first half of the right-hand side leaves to the second,
+   or for the inertias of the stages, which so many evaluations from now on renew. */
+typedef struct {
+    V t[VECTORS], base[2 * MOST_N][VECTORS], p[MOST_N][VECTORS];
+    Unknowns x;
+    int64_t count;
+    V (*taken)[VECTORS];
+    int renewals;
+} Step;
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
 typedef struct {
@@ -195,8 +207,9 @@ INLINE void set_base_after(Step *s, const Step *now, double t, const Nodes *at) 
 }
 
 #if HALVES
-INLINE void rhs_prepare(const double *c, double *w) { kick_prepare(c, w), drift_prepare(c, w + KICK_W); }
-
+INLINE void rhs_prepare(const double *c, double *w) {
+    kick_prepare(c, w), drift_prepare(c, w + KICK_W), inertia_prepare(c, w + KICK_W + DRIFT_W);
+}
 #endif
 
 /* The momenta at the stages, made of x by the columns m; older adds to x. Constant ones stay what they are at the start. */
@@ -277,8 +290,12 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 #endif
     }
 #if HALVES
-    V taken[MOST_TAKEN + 1][VECTORS], had[MOST_N][VECTORS];
-    if (BY_DEFECT) set_speeds(at, m0, x, m0_older, older, second);
+    V had[MOST_N][VECTORS], (*const taken)[VECTORS] = s->taken;
+    if (BY_DEFECT) {
+        set_speeds(at, m0, x, m0_older, older, second);
+        if (s->renewals-- > 0)
+            for (int k = 0; k < VECTORS; k++) inertia(&first[0][k], &s->t[k], w + KICK_W + DRIFT_W, &taken[0][k]);
+    }
     for (int k = 0; k < VECTORS; k++) {
         KICK(&first[0][k], BY_DEFECT ? &second[0][k] : &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &had[0][k],
              &taken[0][k]);
@@ -323,6 +340,7 @@ APART void evaluate_start(Step *s, const Nodes *at, double h, const double *w, c
 INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
                   const Unknowns older, int low, int seidel) {
     static const Unknowns none;
+    s->renewals = known > 1 ? 1 : 2;
 #ifdef GEOMETRY
     renewals = known ? 1 : 2;
 #endif
@@ -453,6 +471,9 @@ typedef struct {
     double y[2 * MOST_N], rest[2 * MOST_N]; /* the state at the last node, compensated */
     Unknowns last, older;         /* of the last two steps; `known` of them are there */
     Step now, next;               /* the step that is solved; the one after it, begun where that costs little time */
+#if HALVES
+    V taken[MOST_TAKEN + 1][VECTORS]; /* of one of them at a time */
+#endif
     Change change;
     int64_t known, expected, iterations, most_iterations;
     int64_t low;                  /* so many steps start from a low degree */
@@ -472,6 +493,9 @@ APART void restore(Run *r, const RunArguments *a) {
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
     r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
+#if HALVES
+    r->now.taken = r->next.taken = r->taken;
+#endif
     if (carry->steps_known > 0 && carry->h == h) {
         r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
         const double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;

@@ -53,6 +53,11 @@ INLINE V v_fma(V a, V b, V c) { for (int i = 0; i < LANES; i++) set_lane(&c, i, 
 #else
 INLINE V v_fma(V a, V b, V c) { return a * b + c; }
 #endif
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+INLINE double s_fma(double a, double b, double c) { return __builtin_fma(a, b, c); }
+#else
+INLINE double s_fma(double a, double b, double c) { return a * b + c; }
+#endif
 INLINE V v_fms(V a, V b, V c) { return v_fma(a, b, -c); } /* a b - c */
 INLINE V v_fnma(V a, V b, V c) { return v_fma(-a, b, c); } /* c - a b */
 #define K(x) splat(x)

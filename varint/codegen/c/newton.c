@@ -3,8 +3,9 @@
    Defined before this file: N, NU, NODES, Y (unknowns), C (parameters), SIZES, HISTORY (steps that start values use), the
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
    nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
-   equations are linear, the matrix is factorised once and `equations` is their residual alone; MAP: they are few, and a step
-   is a constant affine map of q and p, see map.h. KICKED: half kicks stand
+   equations are linear, the matrix is factorised once and `equations` is their residual alone; FROZEN: a matrix near the
+   Jacobian, `frozen`, is factorised once a step; MAP: the equations are few, and a step is a constant affine map of q and p,
+   see map.h. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see legendre.h. */
 
@@ -57,6 +58,10 @@ INLINE State state_in(double *at) {
 #define lengths NOT_NEEDED
 #define lengths_prepare NOT_NEEDED
 #endif
+#if !FROZEN
+#define frozen NOT_NEEDED
+#define frozen_prepare NOT_NEEDED
+#endif
 #if !LINEAR
 #define slope NOT_NEEDED
 #define slope_prepare NOT_NEEDED
@@ -81,7 +86,7 @@ INLINE State state_in(double *at) {
 #define legendre NOT_NEEDED
 #define legendre_prepare NOT_NEEDED
 #endif
-#if CLOSED || LINEAR
+#if CLOSED || LINEAR || FROZEN
 #define residual_of equations
 #define residual_and_slope NOT_NEEDED
 #else
@@ -105,19 +110,18 @@ INLINE State state_in(double *at) {
 #define LEGENDRE_AT (DRIVEN_AT + DRIVEN_W)
 #define INDEPENDENCE_AT (LEGENDRE_AT + LEGENDRE_W)
 #define LENGTHS_AT (INDEPENDENCE_AT + INDEPENDENCE_W)
-#define ALL_W (LENGTHS_AT + LENGTHS_W + 1)
+#define FROZEN_AT (LENGTHS_AT + LENGTHS_W)
+#define ALL_W (FROZEN_AT + FROZEN_W + 1)
 
 #include "band.h"
 #include "map.h"
 #include "legendre.h"
 
-/* The correction of the unknowns, in the order of PERM, from the residual b in the same order. */
-LARGE void correct(const double *jacobian, double *matrix, double *b) {
-    int pivots[Y];
+/* The factors of a matrix in the order of PERM from its nonzeros. */
+LARGE void factors_of(const double *jacobian, double *matrix, int *pivots) {
     ZEROS(matrix, BAND_SIZE);
     for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
     factorise(Y, BELOW, REACH, matrix, pivots);
-    substitute(Y, BELOW, REACH, matrix, pivots, b);
 }
 
 /* The largest of what remains, or no number. */
@@ -130,18 +134,22 @@ INLINE double largest_of(const double *remains) {
 /* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. A linear solve errs by the
    round-off of the factors, the same in every step, in what it corrects alone: hardly anything, from a continued start. */
 INLINE int solve(double *y, const double *q, const double *p, const double *u, double t, const double *w,
-                  const double *inverse, int most, double *matrix, const int *pivots, int64_t *count) {
+                  const double *inverse, int most, double *matrix, int *pivots, int64_t *count) {
+    double jacobian[NONZEROS + 1];
+    if (FROZEN) {
+        frozen(y, q, &t, w + FROZEN_AT, jacobian);
+        factors_of(jacobian, matrix, pivots);
+    }
     for (int i = 0; i < most; i++) {
         double b[Y + REACH], worst = 0;
         ZEROS(b, Y + REACH);
         *count += 1;
-        if (CLOSED || LINEAR) residual_of(y, q, p, &t, u, w + EQUATIONS_AT, b);
-        if (LINEAR) substitute(Y, BELOW, REACH, matrix, pivots, b);
-        else if (!CLOSED) {
-            double jacobian[NONZEROS + 1];
+        if (CLOSED || LINEAR || FROZEN) residual_of(y, q, p, &t, u, w + EQUATIONS_AT, b);
+        else {
             residual_and_slope(y, q, p, &t, u, w + EQUATIONS_AT, b, jacobian);
-            correct(jacobian, matrix, b);
+            factors_of(jacobian, matrix, pivots);
         }
+        if (!CLOSED) substitute(Y, BELOW, REACH, matrix, pivots, b);
         for (int k = 0; k < Y; k++) {
             const double size = fabs(b[k]) * inverse[k];
             worst = size > worst ? size : worst;
@@ -219,6 +227,7 @@ LARGE void save_afresh(double *row, const double *q, const double *p, double t, 
 /* What depends on parameters, step and sizes alone. */
 LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, int *pivots) {
     finish_prepare(k, w + FINISH_AT);
+    if (FROZEN) frozen_prepare(k, w + FROZEN_AT);
     if (INVERTED) legendre_prepare(k, w + LEGENDRE_AT);
     else speed_prepare(k, w + SPEED_AT);
     if (!MAP) {
@@ -237,9 +246,7 @@ LARGE void prepare(const double *k, double *w, double *inverse, double *matrix, 
         double jacobian[NONZEROS + 1];
         slope_prepare(k, w + SLOPE_AT);
         slope(w + SLOPE_AT, jacobian);
-        ZEROS(matrix, BAND_SIZE);
-        for (int i = 0; i < NONZEROS; i++) matrix[AT[i]] = jacobian[i];
-        factorise(Y, BELOW, REACH, matrix, pivots);
+        factors_of(jacobian, matrix, pivots);
         if (MAP) prepare_map(w, matrix, pivots);
     }
 }
@@ -267,7 +274,7 @@ int run(const RunArguments *a) {
     const int most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
     const double t0 = a->t0, h = a->h, per_h = 1 / h;
     const double *u = a->u;
-    double *rows = a->rows, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
+    double *rows = a->rows, *rests = a->rests, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
     double *const scale = k + C + 1, *const sizes = scale + 2 * N;
     int pivots[Y];
     const State state = state_in(a->carry);
@@ -283,7 +290,9 @@ int run(const RunArguments *a) {
     COPY(k, a->c, C), k[C] = h;
     if (!goes_on) {
         COPY(q, a->start, N), COPY(p, a->start + N, N);
-        ZEROS(state.rest_q, N), ZEROS(state.rest_p, N), ZEROS(seen, 2 * N);
+        if (rests) COPY(state.rest_q, rests, N), COPY(state.rest_p, rests + N, N);
+        else ZEROS(state.rest_q, N), ZEROS(state.rest_p, N);
+        ZEROS(seen, 2 * N);
         ZEROS(state.force, N), ZEROS(state.y, HISTORY * Y), state.sizes[SIZES] = 0;
         *state.strongest = INFINITY;
         *state.known = *state.age = 0;
@@ -385,6 +394,7 @@ int run(const RunArguments *a) {
         u += NODES * NU;
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
+            if (rests) rests += 2 * N, COPY(rests, state.rest_q, N), COPY(rests + N, state.rest_p, N);
         }
         if (watched) {
             const int64_t at = first + done + 1;

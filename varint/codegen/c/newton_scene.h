@@ -4,7 +4,7 @@
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
     DO(N) DO(NU) DO(NODES) DO(Y) DO(C) DO(SIZES) DO(HISTORY) DO(DEGREE) DO(PATH) DO(MULTIPLIERS) \
-    DO(ROWS) DO(CLOSED) DO(LINEAR) DO(MAP) DO(STEADY) DO(INVERTED) DO(KICKED) DO(HELD) DO(WATCHED) DO(VELOCITY_ROWS) DO(BELOW) \
+    DO(ROWS) DO(CLOSED) DO(LINEAR) DO(FROZEN) DO(MAP) DO(STEADY) DO(INVERTED) DO(KICKED) DO(HELD) DO(WATCHED) DO(VELOCITY_ROWS) DO(BELOW) \
     DO(REACH) DO(BAND_SIZE) DO(NONZEROS) DO(H) DO(HIDDEN_BELOW) DO(HIDDEN_REACH) DO(HIDDEN_NONZEROS) \
     DO(HIDDEN_SPEED) DO(HIDDEN_SIZE) DO(MATRIX_SIZE) DO(MOST_ITERATIONS) DO(LEGENDRE_ITERATIONS) DO(HALVINGS)
 #define LIMITS(DO) \
@@ -15,7 +15,7 @@
     DO(POINTS) DO(AHEAD_VELOCITIES) DO(AHEAD_MULTIPLIERS) DO(AHEAD_ROWS)
 #define FUNCTIONS(DO) \
     DO(equations) DO(finish) DO(units) DO(speed) DO(kick) DO(sized) DO(hidden) DO(pulled) DO(slope) \
-    DO(affine) DO(driven) DO(legendre) DO(independence) DO(lengths)
+    DO(affine) DO(driven) DO(legendre) DO(independence) DO(lengths) DO(frozen)
 
 #include "scene_members.h"
 #define N ((int)scene->N_)
@@ -31,6 +31,7 @@
 #define ROWS ((int)scene->ROWS_)
 #define CLOSED ((int)scene->CLOSED_)
 #define LINEAR ((int)scene->LINEAR_)
+#define FROZEN ((int)scene->FROZEN_)
 #define MAP ((int)scene->MAP_)
 #define STEADY ((int)scene->STEADY_)
 #define KICKED ((int)scene->KICKED_)
@@ -79,6 +80,7 @@
 #define LEGENDRE_W scene->legendre.registers
 #define INDEPENDENCE_W scene->independence.registers
 #define LENGTHS_W scene->lengths.registers
+#define FROZEN_W scene->frozen.registers
 
 INLINE void residual_of(In y, In q, In p, In t, In u, In w, double *b) { CALL(equations, ARGUMENTS(y, q, p, t, u), b); }
 INLINE void residual_and_slope(In y, In q, In p, In t, In u, In w, double *b, double *jacobian) {
@@ -93,6 +95,7 @@ INLINE void kick(In q, In t, In u, In w, double *force) { CALL(kick, ARGUMENTS(q
 INLINE void sized(In q, In t, In w, double *sizes) { CALL(sized, ARGUMENTS(q, t), sizes); }
 INLINE void hidden(In q, In p, In t, In w, double *b, double *jacobian) { CALL(hidden, ARGUMENTS(q, p, t), b, jacobian); }
 INLINE void pulled(In x, In q, In p, In t, In w, double *pull) { CALL(pulled, ARGUMENTS(x, q, p, t), pull); }
+INLINE void frozen(In y, In q, In t, In w, double *jacobian) { CALL(frozen, ARGUMENTS(y, q, t), jacobian); }
 INLINE void slope(In w, double *jacobian) { CALL(slope, 0, jacobian); }
 INLINE void affine(In w, double *parts) { CALL(affine, 0, parts); }
 INLINE void driven(In t, In u, In w, double *parts) { CALL(driven, ARGUMENTS(t, u), parts); }

@@ -22,6 +22,7 @@ typedef struct {
     RunStats *stats;
     const void *scene; /* its operations, where they are data and not in the source */
     double *notes;     /* what is noted of folds (folds.h), up to MOST_NOTED; 0: they are not looked for */
+    double *rests;     /* Newton's method: rounding errors of q and p at a fresh start, then at every saved node; 0: not wanted */
 } RunArguments;
 
 /* Many motions of one scene, one in each lane. */

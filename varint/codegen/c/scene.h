@@ -10,7 +10,8 @@ typedef struct {
     int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect;
     const char *needs_q, *needs_p;
     const double *const *tables;
-    Tape rhs[2], velocity, momentum; /* accelerations; or forces, and velocities made of new momenta */
+    /* accelerations; or forces, and velocities made of new momenta, and inertias where these are of momenta that are missed */
+    Tape rhs[2], inertia, velocity, momentum;
 } Scene;
 static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec"))); /* of the run that is going on */
 
@@ -52,7 +53,8 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define FILE_SIZE(tape) (LANES * scene->tape.registers)
 #define KICK_W FILE_SIZE(rhs[0])
 #define DRIFT_W FILE_SIZE(rhs[1])
-#define RHS_W (KICK_W + DRIFT_W)
+#define INERTIA_W FILE_SIZE(inertia)
+#define RHS_W (KICK_W + DRIFT_W + INERTIA_W)
 #define VELOCITY_W FILE_SIZE(velocity)
 #define MOMENTUM_W FILE_SIZE(momentum)
 
@@ -61,6 +63,7 @@ INLINE double *registers(void) {
 }
 INLINE void kick_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[0], c, w); }
 INLINE void drift_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[1], c, w); }
+INLINE void inertia_prepare(const double *c, double *w) { prepare_tape(&scene->inertia, c, w); }
 INLINE void velocity_prepare(const double *c, double *w) { prepare_tape(&scene->velocity, c, w); }
 INLINE void momentum_prepare(const double *c, double *w) { prepare_tape(&scene->momentum, c, w); }
 #if FORM == 2
@@ -70,8 +73,10 @@ INLINE void rhs(const V *q, const V *v, const V *t, const V *u, const double *w,
 }
 #else
 INLINE void kick(const V *q, const V *p, const V *t, const V *u, const double *w, V *f, V *had, V *taken) {
-    V *const next = BY_DEFECT ? had : taken;
-    evaluate_tape(&scene->rhs[0], (const V *const[]){q, p, t, u}, (V *const[]){f, next, taken}, VECTORS, w);
+    evaluate_tape(&scene->rhs[0], (const V *const[]){q, p, t, u}, (V *const[]){f, BY_DEFECT ? had : taken}, VECTORS, w);
+}
+INLINE void inertia(const V *q, const V *t, const double *w, V *taken) {
+    evaluate_tape(&scene->inertia, (const V *const[]){q, t}, (V *const[]){taken}, VECTORS, w);
 }
 INLINE void drift(const V *p, const V *taken, const double *w, V *v) {
     evaluate_tape(&scene->rhs[1], (const V *const[]){p, taken}, (V *const[]){v}, VECTORS, w);

@@ -17,6 +17,7 @@ from varint.discrete.constraints import ActiveSet
 from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import StepRefused
 from varint.integration.events.contacts import Instant, View, view
+from varint.integration.events.flights import Flights, flight_blocks
 from varint.integration.events.gaps import Passage, first_event
 from varint.integration.events.impacts import (
     MOST_IMPACTS,
@@ -44,13 +45,22 @@ MOST_EVENTS = 10 * MOST_IMPACTS  # between two nodes of the grid
 
 
 def contact_run(
-    system: System, rule: Rule, problem: InitialValueProblem, at: RunState | None = None
+    system: System,
+    rule: Rule,
+    problem: InitialValueProblem,
+    at: RunState | None = None,
+    flights: Flights | None = None,
 ) -> Iterator[NodeBlock]:
     """The run of a scene with contacts from a position on; event nodes lie between the nodes of
-    the grid.
+    the grid. Flights from one impact to the next take the loop in C where there is one.
     """
     unsaid = 0  # iterations of steps none of whose nodes is kept
-    for found in every_node(system, rule, problem, at):
+    blocks = (
+        every_node(system, rule, problem, at)
+        if flights is None
+        else with_flights(system, rule, problem, flights, at)
+    )
+    for found in blocks:
         block = found._replace(iterations=found.iterations + unsaid)
         unsaid = 0
         wanted = (block.k % problem.save_every == 0) | (block.k == problem.steps)
@@ -63,6 +73,43 @@ def contact_run(
                 continue
             k, q, p, t = (x[wanted] for x in (block.k, block.q, block.p, block.t))
             yield block._replace(k=k, q=q, p=p, t=t, good=len(k))
+
+
+def with_flights(
+    system: System,
+    rule: Rule,
+    problem: InitialValueProblem,
+    flights: Flights,
+    at: RunState | None,
+) -> Iterator[NodeBlock]:
+    """The run, its flights in C; what is no clean impact or rests is as `every_node` has it."""
+    while at is None or at.k < problem.steps:
+        if at is not None:
+            for block in flight_blocks(system, rule, problem, flights, at):
+                yield block
+                at = block.after
+            if at is None or at.k == problem.steps:
+                return
+            if at.carry is not None:
+                at = _without_flight(system, rule, problem, at)
+        for block in every_node(system, rule, problem, at):
+            yield block
+            at = block.after
+            if block.good < len(block.k):
+                return
+            if block.good:
+                break
+
+
+def _without_flight(
+    system: System, rule: Rule, problem: InitialValueProblem, at: RunState
+) -> RunState:
+    """The same position for the steppers of `every_node`."""
+    assert at.t is not None and at.active_set is not None
+    now = Instant(at.t, at.x[state_layout(system.structure.n).moving], at.active_set)
+    return position(system, rule, problem, now, at.k, at._replace(carry=None))._replace(
+        events=at.events
+    )
 
 
 def every_node(

@@ -149,13 +149,15 @@ def find_crossings(
 
 def impacts_in(blocks: Iterable[NodeBlock]) -> dict[int, Event]:
     """The first impact at each node that has one, by the node's number in these blocks; a block
-    with impacts has but this one node.
+    with impacts has but one node if it does not say which.
     """
-    found, first = {}, 0
+    found: dict[int, Event] = {}
+    first = 0
     for block in blocks:
-        impact = next((event for event in block.events if event.kind in IMPACTS), None)
-        if impact is not None and block.good:
-            found[first] = impact
+        nodes = block.impacts or (0,) * len(block.events)
+        for event, node in zip(block.events, nodes, strict=True):
+            if event.kind in IMPACTS and block.good:
+                found.setdefault(first + node, event)
         first += block.good
     return {i: impact for i, impact in found.items() if i}
 

@@ -18,6 +18,7 @@ from varint.integration.events.enclosures import (
 )
 from varint.integration.events.roots import Points, join_points, locate_roots
 from varint.integration.events.substeps import Substeps
+from varint.integration.events.surroundings import Surroundings, surroundings
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -87,11 +88,13 @@ def isolate(
         brackets.append((left.at(change), right.at(change)))
     left, right = (join_points(*x) for x in zip(*brackets, strict=True))
     if len(left.t):
+        around = surroundings(motion, left, right)
         found, is_zero = locate_roots(
             left,
             right,
-            lambda s: _on_cubics(search, motion, left, right, s),
+            lambda t: _near(search, motion, around, left.node, t),
             lambda node, t: _instants(search, motion, substeps, node, t),
+            lambda which, there, t: around.at(which).moved(there, t),
         )
         zeros.append(found.at(is_zero))
         signs.append(np.sign(left.value[is_zero]))
@@ -105,15 +108,16 @@ def is_wanted(search: CrossingSearch, side: np.ndarray) -> np.ndarray:
     return side == -direction if direction else side != 0
 
 
-def _on_cubics(
-    search: CrossingSearch, motion: Trajectory, left: Points, right: Points, s: float
-) -> np.ndarray:
-    """Values at a fraction of each piece, on the cubic through its ends."""
-    w, r = (right.t - left.t)[:, None], 1 - s
-    way = right.q - left.q
-    q = left.q + s**2 * (3 - 2 * s) * way + s * r * w * (r * left.v - s * right.v)
-    v = 6 * s * r * way / w + r * (1 - 3 * s) * left.v + s * (3 * s - 2) * right.v
-    return points_at(search, motion, left.node, left.t + s * w[:, 0], q, v, q).value
+def _near(
+    search: CrossingSearch,
+    motion: Trajectory,
+    around: Surroundings,
+    node: np.ndarray,
+    t: np.ndarray,
+) -> Points:
+    """The motion at times, as the states around them tell; momenta are not read."""
+    q, v = around.motion(t)
+    return points_at(search, motion, node, t, q, v, q)
 
 
 def _changes(left: Points, right: Points) -> np.ndarray:
@@ -225,6 +229,8 @@ def _controls(motion: Trajectory, node: np.ndarray, t: np.ndarray) -> np.ndarray
 
 def _control_bounds(motion: Trajectory, left: Points, right: Points) -> np.ndarray:
     """Least and largest controls and rates of controls on pieces, (M, 4 k)."""
+    if not motion.u.shape[2]:
+        return np.empty((len(left.t), 0))
     ends = [_controls(motion, left.node, x.t) for x in (left, right)]
     k = np.minimum(motion.k[left.node], len(motion.u) - 1)
     u, nodes = motion.u[k], np.array(motion.rule.nodes)

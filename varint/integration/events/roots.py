@@ -67,33 +67,35 @@ THIRDS = np.linalg.inv(np.vander([0, 1 / 3, 2 / 3, 1], increasing=True))
 def locate_roots(
     left: Points,
     right: Points,
-    approximate: Callable[[float], np.ndarray],
+    near: Callable[[np.ndarray], Points],
     instants: Callable[[np.ndarray, np.ndarray], Points],
+    moved: Callable[[np.ndarray, Points, np.ndarray], tuple[Points, np.ndarray]],
 ) -> tuple[Points, np.ndarray]:
     """The zero in each piece of a motion whose ends have values of different sign, and which of
     them are zeros: a pole is none.
 
-    It starts at the zero of a cubic through four values along the approximate motion, goes on by
-    rates, or by secants where they are not known, and bisects what does not follow them. Where the
-    zero is so near to two instants that the motion between is a straight line up to round-off, it
-    is found on that line.
+    It starts at the zero along the motion that the states around tell, goes on by rates, or by
+    secants where they are not known, and bisects what does not follow them. Where the zero is so
+    near to an instant that the states around tell the way from there up to round-off, or so near to
+    two that the motion between is a straight line, it is found on that way.
 
     Parameters
     ----------
     left, right : Points (M,)
         Ends of the pieces.
-    approximate : callable
-        s → values (M,) near a fraction s of each piece.
+    near : callable
+        Times (M,) → about the motion there.
     instants : callable
         (nodes, times) → the motion there.
+    moved : callable
+        (which pieces, instants in them, times) → the motion at these times from the instants, and
+        where it is known up to round-off.
     """
     a, b, fa, fb = (x.copy() for x in (left.t, right.t, left.value, right.value))
     largest = np.maximum(np.abs(fa), np.abs(fb))
     tolerance = LOCATED * np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(b - a))
     found, active = Points(*(x.copy() for x in right)), np.arange(len(a))
-    s, slope = _zeros_of_cubics(np.stack([fa, approximate(1 / 3), approximate(2 / 3), fb], axis=1))
-    s = np.where((s > 0) & (s < 1), s, 0.5)  # no number near a pole
-    t, slope = a + s * (b - a), slope / (b - a)
+    t, slope = _guesses(left, right, near)
     width, last = np.abs(b - a), None
     for i in range(ROOT_ITERATIONS):
         if not len(active):
@@ -108,16 +110,23 @@ def locate_roots(
         with np.errstate(all="ignore"):
             if last is not None:
                 slope = (f - last.value) / (t - last.t)
+                on_secant = t - f / slope  # velocities of low orders are not slopes of a sub-step
             slope = np.where(np.isfinite(there.rate), there.rate, slope)
             ahead = t - f / slope
         inside = (ahead - a[active]) * (b[active] - ahead) > 0
         close = tolerance[active]
         done = (f == 0) | (np.abs(b[active] - a[active]) <= close)
         done |= (np.abs(ahead - t) <= close) & (i < SECANTS)
-        if last is not None:
-            on_line = inside & ~done & (i < SECANTS)
+        on_line = inside & ~done & (i < SECANTS)
+        if last is None:
+            some = np.flatnonzero(on_line)
+            ahead_of, known = moved(some, there.at(some), ahead[some])
+            for kept, new in zip(found, ahead_of, strict=True):
+                kept[some[known]] = new[known]
+            done[some] |= known
+        else:
             on_line &= np.abs((ahead - t) * (ahead - last.t)) <= STRAIGHT * width[active] ** 2
-            _move_along(found, active, there, last, ahead, on_line)
+            _move_along(found, active, there, last, on_secant, on_line)
             done |= on_line
         last = there.at(~done)
         middle = (a[active] + b[active]) / 2
@@ -143,6 +152,30 @@ def _move_along(
     for name in ("q", "v", "p"):
         x, y = getattr(there, name)[which], getattr(last, name)[which]
         getattr(found, name)[at] = x + part * (x - y)
+
+
+def _guesses(
+    left: Points, right: Points, near: Callable[[np.ndarray], Points]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the zeros are along about the motion, and the slopes there: those of cubics, polished
+    twice.
+    """
+    a, w = left.t, right.t - left.t
+    third = (20 * left.value + 7 * right.value + w * (4 * left.rate - 2 * right.rate)) / 27
+    two_thirds = (7 * left.value + 20 * right.value + w * (2 * left.rate - 4 * right.rate)) / 27
+    if not np.isfinite(third + two_thirds).all():
+        third, two_thirds = (near(a + s * w).value for s in (1 / 3, 2 / 3))
+    values = np.stack([left.value, third, two_thirds, right.value], axis=1)
+    s, slope = _zeros_of_cubics(values)
+    s = np.where((s > 0) & (s < 1), s, 0.5)  # no number near a pole
+    t, slope = a + s * w, slope / w
+    for _ in range(2):
+        there = near(t)
+        with np.errstate(all="ignore"):
+            slope = np.where(np.isfinite(there.rate), there.rate, slope)
+            ahead = t - there.value / slope
+        t = np.where((ahead - a) * (right.t - ahead) > 0, ahead, t)
+    return t, slope
 
 
 def _zeros_of_cubics(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -63,7 +63,8 @@ def constrained_stepper(system: System, rule: Rule, root: Root = newton) -> Step
     start = _start(system, rule, interval(system, rule), e.y.numel())
     path = ca.Function("path", inputs, [h * found[: n * rule.degree]])
     impulses = ca.horzcat(_impulses(system, rule)(found, q0, t, h, c), reaction)
-    return Stepper(step, start, path, ca.Function("reactions", inputs, [impulses]))
+    reactions = ca.Function("reactions", inputs, [impulses])
+    return Stepper(step, start, path, reactions, guided=True)
 
 
 def _impulses(system: System, rule: Rule) -> ca.Function:

@@ -46,7 +46,8 @@ def implicit_stepper(system: System, rule: Rule, root: Root = newton) -> Stepper
     inputs = [x, u, t, h, c, s]
     step = ca.Function("newton_step", inputs, [finish(x, found, u, t, h, c, s)])
     path = ca.Function("path", inputs, [h * found[:-1] * ca.repmat(s[:n], d, 1)])
-    return Stepper(step, _start(system, rule, interval(system, rule)), path)
+    start = _start(system, rule, interval(system, rule))
+    return Stepper(step, start, path, guided=bool(rule.points))
 
 
 def _state(e: Equations) -> State:

@@ -100,12 +100,16 @@ class Stepper:
     reactions : Function or None
         (x, u, t, h, c, scale) → momenta that constraints give at the step's control points, (n, d +
         1); the last column is the projection at the end. None where nothing is constrained.
+    guided : bool
+        Whether the memory begins with mean velocities (Q_j − q0)/h at the control points, which its
+        iterations start from.
     """
 
     step: ca.Function
     start: ca.Function
     path: ca.Function
     reactions: ca.Function | None = None
+    guided: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from varint.discrete.legendre import velocity_function
+from varint.integration.many_steps import steps_again
 from varint.integration.state import NodeBlock
-from varint.integration.trajectories import Run, moving_system, step_functions, trajectory_of
+from varint.integration.trajectories import Run, moving_system, trajectory_of
 from varint.numerics.arrays import over_columns
 from varint.numerics.limits import CLOCK_ITERATIONS
 from varint.results.dense_output import require_within, steps_ahead
@@ -34,7 +35,7 @@ def in_physical_time(system: System, t0: float, inner: Trajectory) -> Trajectory
         q=inner.q[:, :n],
         p=inner.p[:, :n],
         c=inner.c[: system.c.numel()],
-        functions=partial(step_functions, inner.rule, system),
+        functions=steps_again(inner.rule),
         events=(),
         fictitious=inner,
         dense_output=at_times,

@@ -1,0 +1,173 @@
+"""Flights between impacts in C: what the interpreted loop finds, to round-off, and never less."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from contact_scenes import G, ball, disc_on_table, times
+
+import varint as vi
+from varint.codegen.contacts import contact_data
+from varint.integration.events import flights
+
+
+def stack():
+    """Two balls above each other on a floor."""
+    q, v = vi.coordinates("a", "b")
+    gaps = ca.vertcat(q[0], q[1] - q[0])
+    lagrangian = ca.sumsqr(v) / 2 - G * ca.sum1(q)
+    system = vi.System(q, v, lagrangian, contact=gaps, restitution=[0.9, 0.8])
+    return system, {"q0": [1.0, 1.5], "v0": [0.0, 0.0], "h": 0.01, "steps": 250}
+
+
+def arm_at_walls():
+    """A double pendulum whose elbow and tip hit walls: the mass depends on the angles."""
+    q, v = vi.coordinates("a", "b")
+    elbow = ca.vertcat(ca.sin(q[0]), -ca.cos(q[0]))
+    tip = elbow + ca.vertcat(ca.sin(q[1]), -ca.cos(q[1]))
+    speeds = [ca.jtimes(x, q, v) for x in (elbow, tip)]
+    lagrangian = sum(ca.sumsqr(x) for x in speeds) / 2 - G * (elbow[1] + tip[1])
+    gaps = ca.vertcat(0.6 - elbow[0], 1.2 - tip[0])
+    system = vi.System(q, v, lagrangian, contact=gaps, restitution=[0.9, 0.7])
+    return system, {"q0": [-1.0, -0.5], "v0": [0.0, 0.0], "h": 0.01, "steps": 500}
+
+
+def ball_with_drag():
+    """Air drag, a wavy floor and a circle around."""
+    q, v = vi.coordinates("x", "y")
+    gaps = ca.vertcat(q[1] - 0.2 * ca.cos(3 * q[0]), 4 - ca.sumsqr(q - ca.DM([0, 1])))
+    lagrangian = ca.sumsqr(v) / 2 - G * q[1]
+    system = vi.System(q, v, lagrangian, force=-0.1 * v, contact=gaps, restitution=0.9)
+    return system, {"q0": [0.1, 1.0], "v0": [1.0, 0.0], "h": 0.01, "steps": 400}
+
+
+def shaken_ball():
+    """A table that moves, until the ball has come to rest on it and is thrown up again."""
+    t = ca.SX.sym("t")
+    q, v = vi.coordinates("y")
+    gap = q - 0.1 * ca.sin(7 * t)
+    system = vi.System(q, v, v**2 / 2 - G * q, contact=gap, restitution=0.3, t=t)
+    return system, {"q0": 0.5, "v0": 0.0, "h": 0.01, "steps": 150}
+
+
+def sliding_disc():
+    """A disc that slides on a floor, in a hollow, between two walls."""
+    q, v = vi.coordinates("x", "y")
+    gaps = ca.vertcat(q[1], q[0] + 1, 1 - q[0])
+    lagrangian = ca.sumsqr(v) / 2 - G * q[1] - q[0] ** 2 / 2
+    system = vi.System(q, v, lagrangian, contact=gaps, restitution=[0.0, 0.9, 0.8])
+    return system, {"q0": [0.0, 0.0], "v0": [2.0, 0.0], "h": 0.02, "steps": 200}
+
+
+def rod_at_a_wall():
+    """A point on a rod in Cartesian coordinates, which holds it, and a wall."""
+    q, v = vi.coordinates("x", "y")
+    rod, wall = ca.sumsqr(q) - 1, 0.5 - q[0]
+    lagrangian = ca.sumsqr(v) / 2 - G * q[1]
+    system = vi.System(q, v, lagrangian, constraint=rod, contact=wall, restitution=0.9)
+    return system, {"q0": [-0.6, -0.8], "v0": [0.0, 0.0], "h": 0.01, "steps": 400}
+
+
+def ladder():
+    """Two contacts that hold, of which one lets go, and a third that closes."""
+    model = vi.models.falling_ladder()
+    return model.system, model.start
+
+
+SCENES = [stack, arm_at_walls, ball_with_drag, shaken_ball, sliding_disc, rod_at_a_wall, ladder]
+
+
+@pytest.mark.parametrize("build", SCENES)
+@pytest.mark.parametrize("rule", [vi.trapezoidal(), vi.lobatto(3)], ids=str)
+def test_flights_in_c_find_what_the_interpreted_loop_finds(build, rule):
+    system, start = build()
+    plain = vi.simulate(system, rule, **start, backend="interpreted")
+    motion = vi.simulate(system, rule, **start, backend="native")
+    assert motion.stats["backend"].startswith("native") and len(motion.events) >= 2
+    assert [(e.kind, e.contact) for e in motion.events] == [
+        (e.kind, e.contact) for e in plain.events
+    ]
+    np.testing.assert_allclose(times(motion), times(plain), rtol=1e-9)
+    for one, other in zip(motion.events, plain.events, strict=True):
+        found = [(e.impulse, e.energy_before, e.energy_after, *e.v_after) for e in (one, other)]
+        np.testing.assert_allclose(*found, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(motion.q[-1], plain.q[-1], rtol=1e-8, atol=1e-12)
+    assert len(motion) == len(plain) and (motion.k == plain.k).all()
+
+
+def test_a_billiard_in_a_box_is_the_folded_straight_line_however_long_its_steps():
+    system = disc_on_table()
+    for h in (0.037, 0.9):  # many steps a flight, and several impacts a step
+        steps = int(200 / h)
+        motion = vi.simulate(system, q0=[0.3, 0.4], v0=[1.0, 0.01], h=h, steps=steps)
+        x = (0.3 + motion.t) % 2
+        np.testing.assert_allclose(motion.q[:, 0], np.minimum(x, 2 - x), atol=1e-11)
+        hits = [event for event in motion.events if event.contact in (0, 1)]
+        np.testing.assert_allclose([e.time for e in hits], 0.7 + np.arange(len(hits)), rtol=1e-12)
+        assert motion.q.min() >= -1e-12 and motion.q[:, 0].max() <= 1 + 1e-12
+
+
+@pytest.mark.parametrize("depth", [1e-6, -1e-6])
+def test_a_gap_that_closes_and_opens_within_one_step_is_no_gap_that_stays_open(depth):
+    """A parabola whose top dips 1e-6 into a ceiling, or stays as far below it, between two
+    nodes."""
+    q, v = vi.coordinates("y")
+    system = vi.System(q, v, v**2 / 2 - q, contact=0.5 + 0.125 - depth - q)
+    start = {"q0": 0.5, "v0": 0.5, "h": 1.0, "steps": 1, "backend": "native"}
+    events = vi.simulate(system, **start).events
+    assert len(events) == (1 if depth > 0 else 0)
+    for event in events:
+        assert abs(event.time - (0.5 - np.sqrt(2 * depth))) < 1e-9
+
+
+def test_saved_nodes_are_those_of_the_whole_run_to_the_bit():
+    system, start = arm_at_walls()
+    whole = vi.simulate(system, **start)
+    some = vi.simulate(system, **start, save_every=7)
+    grid = np.isin(whole.t, times(whole)) | (whole.k % 7 == 0) | (whole.k == start["steps"])
+    assert (some.t == whole.t[grid]).all() and (some.q == whole.q[grid]).all()
+    assert some.events == whole.events
+
+
+def test_a_run_in_pieces_is_the_run_in_one(monkeypatch):
+    system, start = arm_at_walls()
+    whole = vi.simulate(system, **start)
+    monkeypatch.setattr(flights, "PATIENCE", 0.0)  # a call a look
+    pieces = vi.simulate(system, **start)
+    assert (pieces.q == whole.q).all() and (pieces.p == whole.p).all()
+    assert pieces.events == whole.events
+
+
+@pytest.mark.long
+def test_the_compiled_loop_gives_the_same_bytes():
+    system, start = arm_at_walls()
+    one, other = (vi.simulate(system, **start, backend=b) for b in ("native", "compiled"))
+    assert one.stats["backend"].startswith("native")
+    assert other.stats["backend"].startswith("compiled")
+    assert one.q.tobytes() == other.q.tobytes() and one.p.tobytes() == other.p.tobytes()
+    assert one.events == other.events
+
+
+def test_a_crossing_ends_the_run_at_the_impact_that_makes_it():
+    q, v = vi.coordinates("y")
+    system = vi.System(q, v, v**2 / 2 - G * q, contact=q, restitution=0.5)
+    start = {"q0": 1.0, "v0": 0.0, "h": 0.05, "steps": 40}
+    motion = vi.simulate(system, **start, until=(v, 1))
+    assert [event.kind for event in motion.events] == ["impact"]
+    assert abs(motion.t[-1] - np.sqrt(2 / G)) < 1e-14
+    logged = vi.simulate(system, **start, events={"up": (v, 1)}).events
+    impacts = [event.time for event in logged if event.kind == "impact"]
+    assert len(impacts) > 4 and [e.time for e in logged if e.kind == "up"][:-1] == impacts
+
+
+def test_bounces_die_out_and_the_ball_rests():
+    motion = vi.simulate(ball(0.5), q0=1.0, v0=0.0, h=0.05, duration=2.0, backend="native")
+    rests = np.sqrt(2 / G) * (1 + 0.5) / (1 - 0.5)
+    assert motion.events[-1].kind == "stop" and abs(motion.events[-1].time - rests) < 1e-12
+    assert motion.q[-1, 0] == pytest.approx(0, abs=1e-14)
+
+
+def test_too_many_coordinates_for_the_loop_are_refused():
+    with pytest.raises(vi.VarintError, match="too large"):
+        contact_data(1000, 1, np.ones(1), ca.SX(0, 1), {})

@@ -1,0 +1,495 @@
+/* Bodies that fly between impacts: steps of a loop (run.h) as long as every gap certainly stays open, impacts located
+   within a step by shorter steps of the same rule, and Newton's law of restitution there.
+
+   The same as varint/integration/events does in general, where what holds goes on to do so and one contact is hit that none of
+   these feels; the run ends BESIDE where that is not so. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
+   again unseen. */
+
+enum Ended { ENDED, FULL, BESIDE };
+#define MOST_STEPS 256 /* between two looks at the gaps */
+#define FEW_STEPS 16   /* after an impact */
+#define GRAZING 10     /* times ZENO: a flight so short is looked at by itself */
+#define REGULAR 1e-12  /* pivots of scaled equations */
+#define NUMBERS (5 * N) /* q, p, v and the rounding errors of q and p */
+#define POINT (1 + NUMBERS + 2 * CONTACTS)
+#define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
+
+/* varint/codegen/contacts.py has the same layouts */
+typedef struct {
+    int (*run)(const RunArguments *);
+    const void *loop;                       /* its scene, where that is data */
+    int64_t carry_size;                     /* of the loop */
+    int64_t last, save_every, most;         /* the last node of the grid; iterations of a step */
+    int64_t room, hits, steps;              /* rows and hits that have room; steps after which the call ends */
+    double t0, h, level;
+    int64_t held;                           /* rows that hold: constraints, and contacts that push */
+    const int64_t *rows_held, *holds;       /* which; of each contact whether it is closed for now */
+    const double *c, *scale;                /* typical sizes of velocities and momenta */
+    double *state;                          /* k, t, impacts in step k, steps of the next look; q, p, v, rests of q and p; carry */
+    double *rows;                           /* t, k, q, p of every node */
+    double *hit;                            /* row, contact, impulse, energies, q, v and p before, v and p after */
+    double *stats;                          /* rows, hits, iterations, residual */
+    const void *scene;
+} ContactArguments;
+
+#define STATE_Q 4
+#define HIT_SIZE (5 + 5 * N)
+#define ROW_SIZE (2 + 2 * N)
+
+typedef struct {
+    const ContactArguments *a;
+    const double *w;
+    double *carry, *ends, *told, *close;    /* of shorter steps; told: RunStats */
+    double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
+    double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
+    int *pivots;
+    double iterations, residual, energy;
+    int looks;
+} Work;
+
+/* An instant of the motion: how far ahead, then q, p and v, rounding errors of q and p, gaps, rates. */
+#define Q_OF(x) ((x) + 1)
+#define P_OF(x) ((x) + 1 + N)
+#define V_OF(x) ((x) + 1 + 2 * N)
+#define REST_OF(x) ((x) + 1 + 3 * N)
+#define GAP_OF(x) ((x) + 1 + NUMBERS)
+#define RATE_OF(x) ((x) + 1 + NUMBERS + CONTACTS)
+#define HELD_ROW(j) (x->slope + a->rows_held[j] * N)
+#define CONTACT_ROW(i) (x->slope + (ROWS - CONTACTS + (i)) * N)
+
+INLINE double sum_of(const double *x, const double *y, int count) {
+    double s = 0;
+    for (int d = 0; d < count; d++) s += x[d] * y[d];
+    return s;
+}
+
+INLINE double clipped(double x) { return x > 0 ? x < 1 ? x : 1 : x == x ? 0 : 0.5; }
+
+INLINE void look(const Work *x, double *point, double t) {
+    gaps(Q_OF(point), V_OF(point), &t, x->w + GAPS_AT, GAP_OF(point), RATE_OF(point));
+}
+
+INLINE int is_finite_point(const double *point) { return unsound(point, POINT) == 0; }
+
+static void begin_afresh(const Work *x, double *carry, const double *v) {
+    carry[0] = 0;
+    COPY(carry + 1, x->a->scale, 2 * N), COPY(carry + 1 + 2 * N, v, N);
+}
+
+/* The instant so much later, by one step of that size; 0 where it cannot be solved. */
+static int ahead_by(Work *x, const double *from, double t, double ahead, double *to) {
+    const ContactArguments *a = x->a;
+    if (++x->looks > MOST_LOOKS) return 0;
+    begin_afresh(x, x->carry, V_OF(from));
+    double rests[4 * N];
+    COPY(rests, REST_OF(from), 2 * N);
+    const RunArguments one = {1, 1, 0, a->most, t, ahead, a->level, from + 1, a->c, 0, x->ends, x->carry, (RunStats *)x->told,
+                              a->loop, 0, rests};
+    const int status = a->run(&one);
+    to[0] = ahead;
+    COPY(to + 1, x->ends + 3 * N, 3 * N), COPY(REST_OF(to), rests + 2 * N, 2 * N);
+    if (status != DONE || !(((RunStats *)x->told)->residual <= RESIDUAL_LIMIT)) return 0;
+    look(x, to, t + ahead);
+    return is_finite_point(to);
+}
+
+INLINE void count_step(Work *x) {
+    const RunStats *s = (RunStats *)x->told;
+    x->iterations += s->iterations, x->residual = fmax(x->residual, s->residual);
+}
+
+/* Least value in [0, far] of value + slope s + bend s^2/2. */
+INLINE double lowest(double value, double slope, double bend, double far) {
+    double turn = far;
+    if (bend > 0) {
+        turn = -slope / bend;
+        turn = turn < 0 ? 0 : turn > far ? far : turn;
+    }
+    return fmin(value, value + turn * (slope + turn * bend / 2));
+}
+
+/* Lower bounds of every gap between two instants; see `lower_bound` in enclosures.py. */
+static void least_gaps(const Work *x, const double *left, const double *right, double t, double *least) {
+    double low[CONTACTS], rate_low[CONTACTS], rate_high[CONTACTS], bends[CONTACTS];
+    const double w = right[0] - left[0], begin = t + left[0];
+    bounds(Q_OF(left), V_OF(left), Q_OF(right), V_OF(right), &begin, &w, x->w + BOUNDS_AT, low, rate_low, rate_high, bends);
+    for (int i = 0; i < CONTACTS; i++) {
+        const double a = GAP_OF(left)[i], b = GAP_OF(right)[i], ra = RATE_OF(left)[i] * w, rb = RATE_OF(right)[i] * w;
+        const double one = rate_low[i] * w, other = rate_high[i] * w, down = fmin(one, other), up = fmax(one, other);
+        const double cone = down >= 0 ? a : up <= 0 ? b : a + down * clipped((b - up - a) / (down - up));
+        const double bend = bends[i] * w * w, s = clipped((b + bend / 2 - rb - a) / (ra - rb + bend));
+        const double parabola = fmin(lowest(a, ra, bend, s), lowest(b, -rb, bend, 1 - s));
+        least[i] = fmax(fmax(low[i], cone), parabola);
+    }
+}
+
+/* Gradients, masses, forces and energy at an instant, and what the velocities, and typical ones, contribute to each
+   rate. */
+static void view(Work *x, const double *point, double t) {
+    double typical = 0;
+    for (int d = 0; d < N; d++) typical = fmax(typical, x->a->scale[d]);
+    blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy);
+    for (int i = 0; i < CONTACTS; i++) {
+        double along = 0, size = 0, lengths = 0;
+        for (int d = 0; d < N; d++) {
+            const double part = CONTACT_ROW(i)[d] * V_OF(point)[d];
+            along += part, size += fabs(part), lengths += fabs(CONTACT_ROW(i)[d]);
+        }
+        x->quick[i] = fmax(size + fabs(RATE_OF(point)[i] - along), NEAR * typical * lengths);
+    }
+}
+
+/* How small a gap is closed: where the coordinates are, and how far they move. */
+static void closeness(const Work *x, const double *q, const double *moved, double *close) {
+    double far = 0;
+    for (int d = 0; d < N; d++) far = fmax(far, fmax(fabs(q[d]), moved[d]));
+    for (int i = 0; i < CONTACTS; i++) {
+        close[i] = 0;
+        for (int d = 0; d < N; d++)
+            close[i] += TOUCH * fabs(CONTACT_ROW(i)[d]) * fmax(fmax(fabs(q[d]), NEAR * far), moved[d]);
+    }
+}
+
+/* Root in (0, 1) of the cubic with values a >= 0 > b and slopes ra, rb at 0 and 1; the other one where a = 0. */
+static double cubic_root(double a, double b, double ra, double rb) {
+    const double c3 = 2 * (a - b) + ra + rb, c2 = 3 * (b - a) - 2 * ra - rb;
+    const double cubic[4] = {a, ra, c2, c3}, deflated[4] = {ra, c2, c3, 0}, *const c = a > 0 ? cubic : deflated;
+    double low = 0, high = 1, s = 0.5;
+    for (int i = 0; i < NEWTON; i++) {
+        const double value = c[0] + s * (c[1] + s * (c[2] + s * c[3])), slope = c[1] + s * (2 * c[2] + s * 3 * c[3]);
+        if (value > 0) low = s;
+        else high = s;
+        double following = slope < 0 ? s - value / slope : 0.5 * (low + high);
+        if (!(low <= following && following <= high)) following = 0.5 * (low + high);
+        if (fabs(following - s) <= LOCATED * s) break;
+        s = following;
+    }
+    return s;
+}
+
+INLINE int is_closed(const double *point, int i, double close) {
+    const double gap = GAP_OF(point)[i];
+    return gap < -close || (gap < 0 && RATE_OF(point)[i] < 0);
+}
+
+/* Where gap i closes, open at one instant and closed at a later one, which becomes the instant of the impact; 0 where that
+   is not found. */
+static int closing(Work *x, const double *from, double t, int i, const double *left, double *right) {
+    double a = left[0], fa = GAP_OF(left)[i], ra = RATE_OF(left)[i], b = right[0], fb = GAP_OF(right)[i], rb = RATE_OF(right)[i];
+    if (fa <= x->close[i]) { /* it has just bounced: the other zero is wanted */
+        if (!(ra > 0)) {
+            COPY(right, left, POINT);
+            return 1;
+        }
+        fa = 0;
+    }
+    const double tolerance = LOCATED * fmax(fabs(a), fabs(b));
+    double f = fb;
+    for (int k = 0; k < GAP_ITERATIONS; k++) {
+        const double at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a));
+        if (!ahead_by(x, from, t, at, right)) return 0;
+        f = GAP_OF(right)[i];
+        const double r = RATE_OF(right)[i];
+        if (fabs(f) <= fabs(r) * tolerance) return 1;
+        if (fabs(b - a) <= tolerance) break;
+        if (f < 0) b = at, fb = f, rb = r;
+        else a = at, fa = f, ra = r;
+    }
+    return fabs(f) <= x->close[i];
+}
+
+enum Found { NONE, HIT, DOUBT };
+
+/* Whether gap i closes between two instants, and then the instant where it does first in place of the later one. Where bounds
+   leave it in doubt, the halves are looked at. */
+static int first_between(Work *x, const double *from, double t, int i, const double *left, double *right, double shortest, int found) {
+    double least[CONTACTS], middle[POINT];
+    if (!found && is_closed(right, i, x->close[i])) {
+        if (!closing(x, from, t, i, left, right)) return DOUBT;
+        found = HIT;
+    }
+    least_gaps(x, left, right, t, least);
+    if (least[i] >= -x->close[i] || fabs(right[0] - left[0]) <= shortest) return found;
+    if (!ahead_by(x, from, t, (left[0] + right[0]) / 2, middle)) return DOUBT;
+    double later[POINT];
+    COPY(later, middle, POINT);
+    const int earlier = first_between(x, from, t, i, left, middle, shortest, NONE);
+    if (earlier) {
+        COPY(right, middle, POINT);
+        return earlier;
+    }
+    return first_between(x, from, t, i, later, right, shortest, found);
+}
+
+/* The first impact in a step from one instant to another, as the instant `at`; gaps within `close` of zero touch. */
+static int first_impact(Work *x, const double *from, double t, const double *end, double *at) {
+    double least[CONTACTS], instant[POINT];
+    int found = NONE, clear = 1;
+    least_gaps(x, from, end, t, least);
+    for (int i = 0; i < CONTACTS; i++)
+        clear &= x->a->holds[i] || (least[i] >= -x->close[i] && !is_closed(end, i, x->close[i]));
+    if (clear) return NONE;
+    x->looks = 0, view(x, from, t);
+    for (int i = 0; i < CONTACTS; i++) {
+        if (x->a->holds[i] || (least[i] >= -x->close[i] && !is_closed(end, i, x->close[i]))) continue;
+        if (GAP_OF(from)[i] <= x->close[i] && fabs(RATE_OF(from)[i]) <= RESTING * x->quick[i]) return DOUBT;
+        COPY(instant, end, POINT);
+        const int closes = first_between(x, from, t, i, from, instant, fabs(end[0]) * SHORTEST, NONE);
+        if (closes == DOUBT) return DOUBT;
+        if (closes && (!found || instant[0] < at[0])) COPY(at, instant, POINT), found = HIT;
+    }
+    return found;
+}
+
+/* The equations M y - W' m = b, W y = c of all that holds, factorised; scaled as `_saddle` in impacts.py. 0 where they
+   are not regular. */
+static int factorise(Work *x) {
+    const ContactArguments *a = x->a;
+    const int held = (int)a->held, all = N + held;
+    double *const f = x->factors, *const size = x->size, largest = 0;
+    for (int d = 0; d < N; d++) size[d] = sqrt(fabs(x->mass[d * N + d])), largest = fmax(largest, size[d]);
+    for (int d = 0; d < N; d++) size[d] = size[d] > 0 ? size[d] : largest;
+    memset(f, 0, (size_t)(all * all) * sizeof(double));
+    for (int i = 0; i < N; i++)
+        for (int j = 0; j < N; j++) f[i * all + j] = x->mass[j * N + i] / (size[i] * size[j]);
+    for (int j = 0; j < held; j++) {
+        const double *const row = HELD_ROW(j);
+        double square = 0;
+        for (int d = 0; d < N; d++) square += row[d] / size[d] * (row[d] / size[d]);
+        size[N + j] = square > 0 ? sqrt(square) : 1;
+        for (int d = 0; d < N; d++) f[(N + j) * all + d] = row[d] / size[d] / size[N + j], f[d * all + N + j] = -f[(N + j) * all + d];
+    }
+    for (int c = 0; c < all; c++) {
+        int best = c;
+        for (int r = c + 1; r < all; r++)
+            if (fabs(f[r * all + c]) > fabs(f[best * all + c])) best = r;
+        x->pivots[c] = best;
+        if (!(fabs(f[best * all + c]) > REGULAR)) return 0;
+        for (int j = 0; j < all && best != c; j++) {
+            const double y = f[c * all + j];
+            f[c * all + j] = f[best * all + j], f[best * all + j] = y;
+        }
+        for (int r = c + 1; r < all; r++) {
+            const double y = f[r * all + c] /= f[c * all + c];
+            for (int j = c + 1; j < all && y != 0; j++) f[r * all + j] -= y * f[c * all + j];
+        }
+    }
+    return 1;
+}
+
+static void substitute(const Work *x, double *b) {
+    const int all = N + (int)x->a->held;
+    const double *const f = x->factors;
+    for (int i = 0; i < all; i++) b[i] /= x->size[i];
+    for (int i = 0; i < all; i++) {
+        const double y = b[x->pivots[i]];
+        b[x->pivots[i]] = b[i], b[i] = y;
+        for (int r = i + 1; r < all; r++) b[r] -= f[r * all + i] * y;
+    }
+    for (int i = all - 1; i >= 0; i--) {
+        for (int j = i + 1; j < all; j++) b[i] -= f[i * all + j] * b[j];
+        b[i] /= f[i * all + i];
+    }
+    for (int i = 0; i < all; i++) b[i] /= x->size[i];
+}
+
+/* Accelerations, and behind them the multipliers of what holds; after `view` and `factorise`. */
+static void accelerate(const Work *x, double *b) {
+    COPY(b, x->force, N);
+    for (int j = 0; j < x->a->held; j++) b[N + j] = -x->bend[x->a->rows_held[j]];
+    substitute(x, b);
+}
+
+/* Whether a contact that holds would pull. */
+static int pulls(const Work *x, const double *acceleration) {
+    const ContactArguments *a = x->a;
+    double most = 0, least = 0;
+    for (int j = 0; j < a->held; j++) {
+        const double push = acceleration[N + j];
+        most = fmax(most, fabs(push));
+        if (a->rows_held[j] >= ROWS - CONTACTS) least = fmin(least, push);
+    }
+    return !(least >= -PULL * most);
+}
+
+/* The same at an instant, where anything but constraints holds. */
+static int lets_go(Work *x, const double *point, double t) {
+    const ContactArguments *a = x->a;
+    double acceleration[N + a->held];
+    if (!a->held || a->rows_held[a->held - 1] < ROWS - CONTACTS) return 0;
+    view(x, point, t);
+    if (!factorise(x)) return 1;
+    accelerate(x, acceleration);
+    return pulls(x, acceleration);
+}
+
+/* The impact at an instant: the rate of the one contact that is hit turns from r to -e r. 0 where more touches, rests, or
+   hardly moves afterwards. */
+static int bounce(Work *x, double *point, double t, double *hit) {
+    const ContactArguments *a = x->a;
+    double close[CONTACTS], before[CONTACTS], y[N + a->held], row[N], acceleration[N + a->held];
+    int struck = -1;
+    view(x, point, t);
+    closeness(x, Q_OF(point), x->reach, close);
+    for (int i = 0; i < CONTACTS; i++) {
+        before[i] = x->quick[i];
+        if (a->holds[i] || GAP_OF(point)[i] > close[i] || RATE_OF(point)[i] > RESTING * x->quick[i]) continue;
+        if (struck >= 0 || RATE_OF(point)[i] >= -RESTING * x->quick[i]) return 0;
+        struck = i;
+    }
+    if (struck < 0 || !(RESTITUTION[struck] > 0)) return 0;
+    const double e = RESTITUTION[struck], rate = RATE_OF(point)[struck];
+    COPY(row, CONTACT_ROW(struck), N), COPY(y, row, N);
+    const double length = sqrt(sum_of(row, row, N));
+    if (!(length > FLAT) || !factorise(x)) return 0;
+    for (int j = 0; j < a->held; j++) y[N + j] = 0;
+    substitute(x, y);
+    for (int j = 0; j < a->held; j++) { /* what holds takes its part of the blow; contacts may let go or hand it on */
+        const double *const held = HELD_ROW(j);
+        if (a->rows_held[j] >= ROWS - CONTACTS && fabs(y[N + j]) * sqrt(sum_of(held, held, N)) > PULL * length) return 0;
+        for (int d = 0; d < N; d++) row[d] += y[N + j] * held[d];
+    }
+    const double unit = sum_of(CONTACT_ROW(struck), y, N), impulse = -(1 + e) * rate / unit;
+    double *const p = P_OF(point), *const rest_p = REST_OF(point) + N;
+    const double rest = -(1 + e) * sum_of(y, rest_p, N) / unit; /* the rounding error of p is reflected, too */
+    double *told = hit;
+    *told++ = struck, *told++ = impulse, *told++ = x->energy, told++;
+    COPY(told, Q_OF(point), N), told += N;
+    COPY(told, V_OF(point), N), told += N;
+    COPY(told, p, N), told += N;
+    for (int d = 0; d < N; d++) {
+        const double gain = impulse * row[d], sum = p[d] + gain, part = sum - p[d];
+        rest_p[d] += ((p[d] - (sum - part)) + (gain - part)) + rest * row[d];
+        p[d] = sum, V_OF(point)[d] += impulse * y[d];
+    }
+    COPY(told, V_OF(point), N), COPY(told + N, p, N);
+    look(x, point, t);
+    if (!is_finite_point(point)) return 0;
+    view(x, point, t);
+    hit[3] = x->energy;
+    for (int i = 0; i < CONTACTS; i++)
+        if (!a->holds[i] && GAP_OF(point)[i] <= close[i] && RATE_OF(point)[i] <= RESTING * fmax(before[i], x->quick[i])) return 0;
+    if (!factorise(x)) return 0;
+    accelerate(x, acceleration);
+    if (pulls(x, acceleration)) return 0;
+    const double towards = -(x->bend[ROWS - CONTACTS + struck] + sum_of(CONTACT_ROW(struck), acceleration, N));
+    return !(2 * RATE_OF(point)[struck] <= GRAZING * ZENO * fabs(a->h) * towards);
+}
+
+/* Steps until a gap closes as it would with accelerations that stay. */
+static double steps_ahead(Work *x, const double *point) {
+    double acceleration[N + x->a->held], ahead = INFINITY;
+    if (!factorise(x)) return ahead;
+    accelerate(x, acceleration);
+    for (int i = 0; i < CONTACTS; i++) {
+        if (x->a->holds[i]) continue;
+        const double gap = fmax(GAP_OF(point)[i], 0), rate = RATE_OF(point)[i];
+        const double bend = x->bend[ROWS - CONTACTS + i] + sum_of(CONTACT_ROW(i), acceleration, N);
+        const double inside = rate * rate - 2 * bend * gap;
+        if (!(inside >= 0) || (rate >= 0 && bend >= 0)) continue;
+        const double q = sqrt(inside), closes = rate < 0 ? 2 * gap / (q - rate) : -(rate + q) / bend;
+        ahead = fmin(ahead, closes / x->a->h);
+    }
+    return ahead;
+}
+
+INLINE int is_kept(const ContactArguments *a, int64_t k) { return k % a->save_every == 0 || k == a->last; }
+
+INLINE void keep(double *row, double t, int64_t k, const double *q_and_p) {
+    row[0] = t, row[1] = (double)k;
+    COPY(row + 2, q_and_p, 2 * N);
+}
+
+int contacts(const ContactArguments *a) {
+    scene = a->scene;
+    const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
+    const int64_t all = N + a->held;
+    const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
+                             5 * N * (MOST_STEPS + 1), ALL_W};
+    double *part[sizeof sizes / sizeof *sizes];
+    int64_t total = 0;
+    for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) total += sizes[i];
+    double *const memory = malloc((size_t)total * sizeof(double));
+    if (!memory) return BESIDE;
+    total = 0;
+    for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) part[i] = memory + total, total += sizes[i];
+    double *const rows = part[12], *const rests = rows + 3 * N * (MOST_STEPS + 1), *const w = part[13];
+    int pivots[all];
+    Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
+                 pivots, 0, 0, 0, 0};
+    Work *const x = &work;
+    double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
+    int64_t k = (int64_t)state[0], steps = 0;
+    double now[POINT], end[POINT], at[POINT], moved[N];
+    int status = FULL;
+    prepare_tape(&scene->gaps, a->c, w + GAPS_AT), prepare_tape(&scene->bounds, a->c, w + BOUNDS_AT);
+    prepare_tape(&scene->blow, a->c, w + BLOW_AT);
+    double *const t = state + 1, *const impacts = state + 2, *const next = state + 3;
+    for (int d = 0; d < N; d++) x->reach[d] = fabs(a->h) * a->scale[d];
+    now[0] = 0;
+    COPY(now + 1, state + STATE_Q, NUMBERS);
+    look(x, now, *t);
+    while (k < a->last && status == FULL) {
+        if ((row - a->rows) / ROW_SIZE + MOST_STEPS + 2 > a->room || (hit - a->hit) / HIT_SIZE + 1 > a->hits || steps >= a->steps) break;
+        int found = NONE;
+        view(x, now, *t);
+        if (*t == a->t0 + a->h * (double)k) { /* steps of the grid until something may close */
+            const double many = fmin(fmin(*next, (double)(a->last - k)), floor(steps_ahead(x, now)) + 1);
+            const int64_t count = many > 1 ? (int64_t)many : 1;
+            closeness(x, Q_OF(now), x->reach, x->close);
+            if (carry[0] == 0) begin_afresh(x, carry, V_OF(now)), COPY(rests, REST_OF(now), 2 * N);
+            const RunArguments some = {count, 1, k, a->most, a->t0, a->h, a->level, now + 1, a->c, 0, rows, carry,
+                                       (RunStats *)x->told, a->loop, 0, rests};
+            a->run(&some);
+            const RunStats *const told = (RunStats *)x->told;
+            const int64_t good = (int64_t)told->steps;
+            int64_t passed = 0;
+            for (; passed < good; passed++) {
+                end[0] = a->h;
+                COPY(end + 1, rows + 3 * N * (passed + 1), 3 * N), COPY(REST_OF(end), rests + 2 * N * (passed + 1), 2 * N);
+                look(x, end, a->t0 + a->h * (double)(k + 1));
+                found = is_finite_point(end) ? first_impact(x, now, *t, end, at) : DOUBT;
+                if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
+                if (found) break;
+                k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
+                COPY(now + 1, end + 1, POINT - 1);
+                if (is_kept(a, k)) keep(row, *t, k, now + 1), row += ROW_SIZE;
+            }
+            steps += passed + 1, x->iterations += told->iterations, x->residual = fmax(x->residual, told->residual);
+            if (passed < count) carry[0] = 0;
+            else *next = fmin(4 * *next, MOST_STEPS);
+            if (found == NONE && good < count) found = DOUBT; /* a step that is not solved */
+        } else { /* the rest of a step after an impact */
+            carry[0] = 0, steps++, x->looks = 0;
+            end[0] = a->t0 + a->h * (double)(k + 1) - *t;
+            if (!ahead_by(x, now, *t, end[0], end)) { status = BESIDE; break; }
+            count_step(x);
+            for (int d = 0; d < N; d++) moved[d] = fmax(x->reach[d], fabs(Q_OF(end)[d] - Q_OF(now)[d]));
+            closeness(x, Q_OF(now), moved, x->close);
+            found = first_impact(x, now, *t, end, at);
+            if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
+            if (found == NONE) {
+                k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
+                COPY(now + 1, end + 1, POINT - 1);
+                if (is_kept(a, k)) keep(row, *t, k, now + 1), row += ROW_SIZE;
+            }
+        }
+        if (found == NONE) continue;
+        const double stop = a->t0 + a->h * (double)(k + 1);
+        double when = *t + at[0];
+        const int ends = at[0] == end[0] || fabs(stop - when) <= LOCATED * fabs(stop);
+        if (ends) when = stop;
+        if (found == DOUBT || *impacts >= MOST_IMPACTS || !bounce(x, at, when, hit + 1)) { status = BESIDE; break; }
+        hit[0] = (double)((row - a->rows) / ROW_SIZE), hit += HIT_SIZE;
+        k += ends, *t = when, *impacts = ends ? 0 : *impacts + 1, *next = FEW_STEPS;
+        COPY(now + 1, at + 1, POINT - 1);
+        keep(row, *t, k, now + 1), row += ROW_SIZE;
+    }
+    if (k == a->last) status = ENDED;
+    state[0] = (double)k;
+    COPY(state + STATE_Q, now + 1, NUMBERS);
+    a->stats[0] = (double)((row - a->rows) / ROW_SIZE), a->stats[1] = (double)((hit - a->hit) / HIT_SIZE);
+    a->stats[2] = x->iterations, a->stats[3] = x->residual;
+    free(memory);
+    return status;
+}

@@ -1,0 +1,220 @@
+"""Motions that fly between impacts, in C (c/contacts.c): the loop of a scene without its contacts,
+and these as data beside it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from ctypes import Structure, c_double, c_int64, c_void_p, cast
+from dataclasses import dataclass
+from enum import IntEnum
+from time import perf_counter
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.arguments import c_source, packing
+from varint.codegen.block import block_of, start_of
+from varint.codegen.core import contacts_entry
+from varint.codegen.graph import NotCompilable
+from varint.codegen.kernel import Kernel
+from varint.codegen.native import MOST_COORDINATES, TOO_LARGE, members_by_name, tapes_of
+from varint.codegen.source import routines
+from varint.numerics.limits import FIXED_POINT_ITERATIONS
+
+_SOURCE = c_source("contacts.c")
+MOST_STEPS, FEW_STEPS = (  # between two looks at the gaps, and before the first
+    int(re.search(rf"#define {name} +(\d+)", _SOURCE)[1])  # type: ignore[index]
+    for name in ("MOST_STEPS", "FEW_STEPS")
+)
+MOST_ROWS, MOST_HITS = 20_000, 2_000  # of a call
+Expressions = Mapping[str, tuple[list[ca.SX], list[ca.SX]]]
+
+
+def _endings() -> list[str]:
+    found = re.search(r"enum Ended \{(.*?)\}", _SOURCE)
+    assert found is not None
+    return [name.strip() for name in found[1].split(",")]
+
+
+Ended = IntEnum("Ended", _endings(), start=0)  # type: ignore[misc]  # how a call ends
+ENDED, FULL, BESIDE = Ended
+
+
+class ContactArguments(Structure):
+    """One motion with contacts; see c/contacts.c."""
+
+    _fields_ = [
+        ("run", c_void_p),
+        ("loop", c_void_p),
+        ("carry_size", c_int64),
+        ("last", c_int64),
+        ("save_every", c_int64),
+        ("most", c_int64),
+        ("room", c_int64),
+        ("hits", c_int64),
+        ("steps", c_int64),
+        ("t0", c_double),
+        ("h", c_double),
+        ("level", c_double),
+        ("held", c_int64),
+        ("rows_held", c_void_p),
+        ("holds", c_void_p),
+        ("c", c_void_p),
+        ("scale", c_void_p),
+        ("state", c_void_p),
+        ("rows", c_void_p),
+        ("hit", c_void_p),
+        ("stats", c_void_p),
+        ("scene", c_void_p),
+    ]
+
+
+_ARGUMENTS = packing(ContactArguments)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactData:
+    """The contacts of a scene as data: address, and the memory there."""
+
+    scene: int
+    block: np.ndarray
+
+
+class Flight(NamedTuple):
+    """What a call found.
+
+    Attributes
+    ----------
+    status : int
+        ENDED at the last node; FULL: to be called again; BESIDE: before something that is no clean
+        impact.
+    t, k, q, p : array (rows,), (rows,), (rows, n), (rows, n)
+        Nodes of the grid, and those of impacts as the motion leaves them.
+    hits : array (impacts, 5 + 5 n)
+        Row, contact, impulse, energies before and after, q, v and p before, v and p after.
+    state : array
+        Hand it to the next call to go on as if the run had not stopped: k, t, impacts in step k,
+        steps of the next look; q, p, v, rounding errors of q and p; and what the loop carries.
+    iterations : int
+    residual : float
+    seconds : float
+    """
+
+    status: int
+    t: np.ndarray
+    k: np.ndarray
+    q: np.ndarray
+    p: np.ndarray
+    hits: np.ndarray
+    state: np.ndarray
+    iterations: int
+    residual: float
+    seconds: float
+
+
+def contact_data(
+    n: int,
+    rows: int,
+    restitution: np.ndarray,
+    constants: ca.SX,
+    expressions: Expressions,
+    **numbers: float,
+) -> ContactData:
+    """The contacts as data, from the functions and numbers that c/contacts_scene.h lists; `rows`
+    are those of constraints and contacts.
+
+    Raises
+    ------
+    NotCompilable
+        If they are too many, or an operation has no form there.
+    """
+    if n > MOST_COORDINATES:
+        raise NotCompilable(TOO_LARGE)
+    given = {"N": n, "ROWS": rows, "CONTACTS": len(restitution), **numbers}
+    tables = {"RESTITUTION": restitution}
+    tapes = tapes_of(routines(constants, expressions))
+    block = block_of(members_by_name("contacts_scene.h", given, {}, tables, tapes))
+    return ContactData(start_of(block), block)
+
+
+def first_flight_state(
+    kernel: Kernel, k: int, t: float, impacts: int, *state: np.ndarray
+) -> np.ndarray:
+    """`Flight.state` at an instant in step k: q, p, v, rounding errors of q and p."""
+    return np.concatenate([[k, t, impacts, FEW_STEPS], *state, np.zeros(kernel.carry_size)])
+
+
+def fly(
+    kernel: Kernel,
+    data: ContactData,
+    state: np.ndarray,
+    held: tuple[int, ...],
+    holds: np.ndarray,
+    scale: np.ndarray,
+    c: np.ndarray,
+    *,
+    t0: float,
+    h: float,
+    last: int,
+    save_every: int,
+    steps: int,
+    level: float = 0.0,
+) -> Flight:
+    """Steps of the loop of the scene without contacts from a state on, and clean impacts.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        By Newton's method, of the scene with what holds and no other contacts.
+    data : ContactData
+    state : array
+    held : tuple of int
+        Rows of constraints and contacts that hold, in their order.
+    holds : array (contacts,) of bool
+        Which contacts are closed for now.
+    scale : array (2n,)
+        Typical sizes of velocities and momenta.
+    c : array
+        Parameter values.
+    t0, h : float
+        Time of node 0 and step.
+    last, save_every, steps : int
+        The last node, distance of the kept ones, and after how many steps the call ends.
+    level : float
+        See `run_loop`.
+    """
+    n = kernel.n
+    many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
+    state = state.copy()
+    rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, 5 + 5 * n))
+    stats = np.empty(4)
+    rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
+    c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
+    began = perf_counter()
+    status = contacts_entry()(
+        _ARGUMENTS.pack(
+            cast(kernel.entry, c_void_p).value,  # type: ignore[arg-type]
+            kernel.scene,
+            kernel.carry_size,
+            last,
+            save_every,
+            FIXED_POINT_ITERATIONS,
+            many,
+            MOST_HITS,
+            steps,
+            t0,
+            h,
+            level,
+            len(held),
+            *(x.ctypes.data for x in (rows_held, closed, c, scale, state, rows, hits, stats)),
+            data.scene,
+        )
+    )
+    seconds = perf_counter() - began
+    made, struck, iterations = (int(x) for x in stats[:3])
+    rows, hits = rows[:made].copy(), hits[:struck].copy()
+    nodes = rows[:, 0].copy(), rows[:, 1].astype(int), rows[:, 2 : 2 + n], rows[:, 2 + n :]
+    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds)

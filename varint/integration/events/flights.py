@@ -1,0 +1,131 @@
+"""Flights between impacts in C: steps, the gaps along them and clean impacts without Python; what
+is more than that is left to the loop that knows all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.codegen.contacts import (
+    FULL,
+    ContactData,
+    Flight,
+    first_flight_state,
+    fly,
+)
+from varint.codegen.kernel import Kernel
+from varint.discrete.constraints import ActiveSet
+from varint.discrete.legendre import velocity_function
+from varint.integration.compiled_loop import CAUTION, PATIENCE
+from varint.integration.events.contacts import first_contact
+from varint.integration.gears import gears_with, kernel_after, newton
+from varint.integration.problem import InitialValueProblem
+from varint.integration.state import NodeBlock, RunState
+from varint.integration.steppers.stepper import state_layout
+from varint.integration.steppers.uniform_field import is_uniform
+from varint.numerics.arrays import call
+from varint.results.records import Event
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+
+class Flights(NamedTuple):
+    """The loops of the scene in its active sets, None where there is none, and its contacts as
+    data.
+    """
+
+    loop_in: Callable[[ActiveSet], Kernel | None]
+    contacts: ContactData
+
+
+def flight_state(
+    system: System, problem: InitialValueProblem, kernel: Kernel, at: RunState
+) -> np.ndarray:
+    """Where a flight begins that follows other blocks."""
+    assert at.t is not None
+    layout = state_layout(system.structure.n)
+    q, p = at.x[layout.q].copy(), at.x[layout.p].copy()
+    v = call(velocity_function(system), q, p, np.array([at.t]), problem.c)[0]
+    rests = at.x[layout.q_rest], at.x[layout.p_rest]
+    return first_flight_state(kernel, at.k, at.t, at.events, q, p, v, *rests)
+
+
+def flight_blocks(
+    system: System, rule: Rule, problem: InitialValueProblem, flights: Flights, at: RunState
+) -> Iterator[NodeBlock]:
+    """The run from a position on, block by block, up to where something else than a clean impact
+    is to be dealt with.
+    """
+    assert at.active_set is not None
+    n, active_set = system.structure.n, at.active_set
+    kernel = flights.loop_in(active_set)
+    if kernel is None:
+        return
+    scene, first = active_set.scene(system), first_contact(system)
+    fixed = (*active_set.rows, *range(system.constraint.numel(), first))
+    held = (*fixed, *(first + i for i in active_set.contacts))
+    holds = np.isin(np.arange(system.contact.numel()), active_set.holding)
+    state = flight_state(scene, problem, kernel, at) if at.carry is None else at.carry
+    gears = None if is_uniform(scene) else gears_with(scene, rule, newton(), kernel)
+    work = max(kernel.operations * kernel.nodes, 1)
+    most = max(int(PATIENCE / (CAUTION * work)), 1)
+    status = int(FULL)
+    while status == FULL:
+        began = int(state[0])
+        found = fly(
+            kernel,
+            flights.contacts,
+            state,
+            held,
+            holds,
+            at.scale,
+            problem.c,
+            t0=problem.t0,
+            h=problem.h,
+            last=problem.steps,
+            save_every=problem.save_every,
+            steps=most,
+            level=problem.level,
+        )
+        status, state = found.status, found.state
+        block = _block(found, at, n)
+        moved = state[0] > began or len(found.hits)
+        if moved:
+            assert block.after is not None
+            at = block.after
+            yield block
+        per_step = max(found.seconds / max(int(state[0]) - began, 1), 1e-12)
+        if gears:
+            kernel = kernel_after(gears, found.seconds, per_step * (problem.steps - state[0]))
+        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+
+
+def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
+    """The nodes that a call found, and where the run stands after it."""
+    state = found.state
+    q, p, _, q_rest, p_rest = state[4 : 4 + 5 * n].reshape(5, n)
+    x = np.concatenate([q, q_rest, p, p_rest])
+    after = at._replace(x=x, k=int(state[0]), t=float(state[1]), events=int(state[2]), carry=state)
+    hits, nodes = found.hits, found.hits[:, 0].astype(int)
+    numbers = zip(found.t[nodes].tolist(), *hits[:, 1:5].T.tolist(), strict=True)
+    states = (list(map(tuple, hits[:, i : i + n].tolist())) for i in range(5, 5 + 5 * n, n))
+    events = [
+        Event(time, "impact", int(contact), impulse, before, later, *state)
+        for (time, contact, impulse, before, later), *state in zip(numbers, *states, strict=True)
+    ]
+    return NodeBlock(
+        found.k,
+        found.q,
+        found.p,
+        found.residual,
+        len(found.k),
+        t=found.t,
+        active_set=at.active_set,
+        events=tuple(events),
+        iterations=found.iterations,
+        after=after,
+        impacts=tuple(nodes.tolist()),
+    )
