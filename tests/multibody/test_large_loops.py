@@ -94,7 +94,7 @@ def test_a_chain_that_moves_violently_runs_by_tolerance_and_says_why_a_step_fail
     assert motion.stats["error_estimate"] <= 1e-9
     assert np.ptp(motion.energy) <= 1e-11 * abs(motion.energy[0])
     large = {"h": 0.05, "steps": 10, "backend": "native"} | start
-    with pytest.raises(vi.ConvergenceError, match="h is too large|try a smaller h"):
+    with pytest.raises(vi.ConvergenceError, match=r"h is too large|try a smaller h"):
         vi.simulate(scene, vi.gauss(2), **large)
     with pytest.raises(vi.InputError, match="give tol in place of h"):
         vi.simulate(scene, vi.gauss(2), on_failure="subdivide", **large)
