@@ -62,7 +62,7 @@ def test_a_film_plays_and_leaves_no_empty_frame(outputs):
     """Besides, a bar tells how far its pictures are."""
     assert not pictures(outputs["film"])
     (film,) = [x for x in outputs["film"] if x["output_type"] == "execute_result"]
-    gif = re.search("data:image/gif;base64,([^\"]+)", film["data"]["text/html"])
+    gif = re.search('data:image/gif;base64,([^"]+)', film["data"]["text/html"])
     assert Image.open(io.BytesIO(b64decode(gif[1]))).n_frames > 10
 
 
