@@ -16,7 +16,7 @@ from varint.integration.work_bound import (
     keeps_energy,
     work_bound,
 )
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_scene
 
@@ -199,7 +199,7 @@ def _off_balance(
     change = np.abs(energy - energy[0])
     moving = np.where(np.isfinite(moving), moving, 0)
     largest = max(GROSS * moving.max(), GROSS * _largest(kicked[:1]), quiet)
-    usual = max(GROSS * np.median(moving), quiet)
+    usual = max(GROSS * median(moving), quiet)
     conserved = keeps_energy(motion.system)
     if (change <= min(largest, usual)).all():
         return np.zeros(len(energy), dtype=bool)
@@ -209,7 +209,7 @@ def _off_balance(
         half = slice((len(energy) + 1) // 2)  # a scene may begin at rest, with nothing that acts
         sizes = (_largest(x[half]) for x in (energy, moving, kicked))
         largest = max(largest, HUGE * max(sizes))
-    if known and len(energy) >= SAMPLES and np.median(change - given) > usual:
+    if known and len(energy) >= SAMPLES and median(change - given) > usual:
         largest = min(largest, usual)  # off for good: a start at full speed hides it else
     return ~(change <= largest + given)
 

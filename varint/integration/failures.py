@@ -14,7 +14,7 @@ from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import ConvergenceError
 from varint.integration.energy_check import EnergyJump, energy_jump, first_jump, undefined_at
 from varint.integration.small_motions import frequencies, local_matrices
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 
 LOOKED_AT = 20  # nodes before the failure
@@ -105,10 +105,10 @@ def likely_cause(motion: Trajectory) -> str:
     last = motion[-LOOKED_AT:]
     causes = [*_singular(last), *_undefined(last)]
     speeds = np.abs(motion.h) * frequencies(last)
-    if len(speeds) and speeds[-1] > STEEPER * np.median(speeds):
+    if len(speeds) and speeds[-1] > STEEPER * median(speeds):
         causes.append(
             "a collision or near approach (the stiffness grew "
-            f"{(speeds[-1] / np.median(speeds)) ** 2:.1g}-fold over the last {len(speeds)} nodes; "
+            f"{(speeds[-1] / median(speeds)) ** 2:.1g}-fold over the last {len(speeds)} nodes; "
             f"h ω = {speeds[-1]:.2g} now): try a smaller h"
         )
     elif len(speeds) and speeds[-1] > FAST:
