@@ -18,9 +18,17 @@ from setuptools.command.build_ext import build_ext
 
 FOLDER = Path("varint/codegen/c")
 FLAGS = ["-O2", "-std=gnu11", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-w"]
-# the first two for every shape
-NAMES = ("", "sweep_gauss_", *(f"{x}_" for x in ["newton", "explicit", "contacts", "uniform"]))
-NAMES += ("sweep_", "sweep_explicit_")
+NAMES = (
+    "",
+    "sweep_gauss_",
+    "newton_",
+    "explicit_",
+    "contacts_",
+    "uniform_",
+    "sweep_",
+    "sweep_explicit_",
+    "rows_",
+)  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {
     "x86-64-v4": [(8, 1), (8, 2), (4, 1), (2, 1), (1, 1)],

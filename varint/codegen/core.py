@@ -84,6 +84,14 @@ def explicit_sweep_entries() -> tuple[Callable, ...]:
     return _entries("sweep_explicit_core.c", ("tangents", "adjoints"), names, {})
 
 
+@cache
+def rows_entry() -> Callable[[bytes], int]:
+    """c/rows_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("rows_core.c", ("rows",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
 @lru_cache(maxsize=32)
 def stage_sweep_entries(lanes: int, vectors: int) -> tuple[Callable, ...]:
     """Tangents and adjoints of c/sweep_gauss.c for vectors of so many lanes, so many of them for

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.arguments import (
+    DONE,
     LATELY,
     MOST_NOTED,
     PartsArguments,
@@ -112,6 +113,11 @@ class LoopResult(NamedTuple):
     last: np.ndarray
     carry: np.ndarray
     seconds: float
+
+    @property
+    def done(self) -> bool:
+        """Whether it came to its end."""
+        return self.status == DONE
 
 
 def run_loop(

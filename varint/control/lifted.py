@@ -7,11 +7,17 @@ At the middles of the steps, q̄ and v̄ the means of both ends (the midpoint ru
 Until they are met, Newton's steps need not keep v = q̇, so that a path that breaks the equations of
 motion grossly is led to a motion that keeps them where the discrete Euler–Lagrange equations, of
 second order in q alone, lead away (lifted Newton method: Albersmeyer & Diehl 2010).
+
+It is solved on half of the steps, then on all of them and on twice as many, each from the one
+before: coarse meshes forgive a wild path, and what they make up where they are too coarse is
+mended while an iteration is still cheap.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -29,7 +35,17 @@ from varint.nlp.program import NonlinearProgram
 from varint.nlp.solver import build_solver
 
 ROUGH = {"tol": 1e-4, "acceptable_tol": 1e-2, "constr_viol_tol": 1e-5, "max_iter": 200}
-COARSER = 2, 1  # of the mesh's nodes, every so many
+# near a solution on a coarser mesh: a barrier that falls no sooner than its own problem is solved
+# does not crawl along bounds through a flat valley
+FINER = ROUGH | {
+    "acceptable_tol": 1e-4,
+    "mu_init": 1e-2,
+    "barrier_tol_factor": 0.3,
+    "max_iter": 100,
+}
+FIRST = 0.5, 1.0  # steps of the first rough solution, of those asked for: the one that succeeds
+FINEST = 2.0  # the same of the last one; of rules with no more nodes than the midpoint rule 1
+ALMOST = 1e-4  # a path that breaks rows by less is as good a start as a solution
 MIDDLE = np.array([0.5])
 
 
@@ -67,42 +83,68 @@ def can_be_lifted(problem: ControlProblem) -> bool:
     return not any(extras) and bool(s.controls) and phase.steps > 1
 
 
+class Rough(NamedTuple):
+    """A rough solution, None where there is none, its iterations, whether it was stopped."""
+
+    guess: Guess | None
+    iterations: int
+    stopped: bool
+
+
 def lifted_start(problem: ControlProblem, progress: bool | None = False) -> RoughStart:
-    """A start from the rough solution on half of the steps, else on all of them."""
-    total = 0
-    for every in COARSER if can_be_lifted(problem) else ():
-        guess, iterations, stopped = _solved(problem, every, progress)
-        total += iterations
-        if guess is not None:
-            start = np.zeros(problem.unknowns)
-            write_guess(start, problem.phases[0], guess)
-            if np.isfinite(start).all():
-                x = np.clip(start, problem.nlp.x_low, problem.nlp.x_high)
-                return RoughStart(x, total, stopped)
-    return RoughStart(None, total)
+    """A start from rough solutions on finer and finer meshes."""
+    if not can_be_lifted(problem):
+        return RoughStart(None, 0)
+    part, total = problem.phases[0], 0
+    drawn = read_guess(part.phase, part.t0)
+    for ratio in FIRST:
+        rough = _solved(problem, drawn, ratio, ROUGH, progress)
+        total += rough.iterations
+        if rough.guess is not None:
+            break
+    while rough.guess is not None and ratio < min(FINEST, part.phase.rule.degree):
+        if rough.stopped:
+            break
+        ratio *= 2
+        finer = _solved(problem, rough.guess, ratio, FINER, progress)
+        total += finer.iterations
+        if finer.guess is None:
+            break
+        rough = finer
+    if rough.guess is None:
+        return RoughStart(None, total)
+    start = np.zeros(problem.unknowns)
+    write_guess(start, part, rough.guess)
+    if not np.isfinite(start).all():
+        return RoughStart(None, total)
+    return RoughStart(np.clip(start, problem.nlp.x_low, problem.nlp.x_high), total, rough.stopped)
 
 
 def _solved(
-    problem: ControlProblem, every: int, progress: bool | None
-) -> tuple[Guess | None, int, bool]:
-    """The rough solution on every so many nodes of the mesh, None where there is none; its
-    iterations; whether it was stopped on request.
-    """
+    problem: ControlProblem,
+    guess: Guess,
+    ratio: float,
+    options: Mapping[str, float],
+    progress: bool | None,
+) -> Rough:
+    """The rough solution on so many times the steps of the mesh."""
     phase, t0 = problem.phases[0].phase, problem.phases[0].t0
-    mesh = np.append(phase.mesh[:-1:every], 1.0)
-    places, guess = _places(phase, len(mesh) - 1), read_guess(phase, t0)
+    steps = max(round(ratio * phase.steps), 1)
+    mesh = np.interp(np.linspace(0, phase.steps, steps + 1), np.arange(phase.steps + 1), phase.mesh)
+    places = _places(phase, steps)
     nlp = _program(phase, t0, mesh, places)
     start = np.clip(_start(phase, mesh, places, guess), nlp.x_low, nlp.x_high)
-    solve = build_solver(nlp, "ipopt", {"ipopt": ROUGH}, natural_scales(nlp), plain_order(nlp))
+    order = plain_order(nlp)
+    solve = build_solver(nlp, "ipopt", {"ipopt": options}, natural_scales(nlp), order)
     found = solve(start, progress=progress)
-    if not (found.success or found.stopped):
-        return None, found.iterations, False
+    if not (found.success or found.stopped or found.violation <= ALMOST):
+        return Rough(None, found.iterations, False)
     n, x = phase.system.structure.n, found.x
     shared = np.where(places.shared >= 0, x[places.shared], [guess.duration, *guess.c])
     path = hermite(shared[0] * mesh, x[places.x[:, :n]], x[places.x[:, n:]])
     u = Piecewise(mesh, MIDDLE, x[places.u][:, None])
     rough = Guess(path, u, float(shared[0]), shared[1:])
-    return rough, found.iterations, found.stopped
+    return Rough(rough, found.iterations, found.stopped)
 
 
 def _places(phase: CheckedPhase, steps: int) -> Places:

@@ -25,6 +25,7 @@ LONGER = 2  # times the iterations of the first solve
 PATIENCE = 25
 FEASIBLE = 1e-6
 WAVES = 4  # sine waves of a random path
+STILL = 1e-3  # of the largest range: a coordinate that moves by less stays where it is
 
 Run = Callable[..., SolverResult]
 
@@ -73,8 +74,19 @@ def wave(
 ) -> Guess:
     """The path plus sine waves of random height that vanish at the ends."""
     path = own.q(transcription.phase.mesh)
-    reach = np.maximum(np.ptp(path, axis=0), 1e-3 * np.abs(path).max(initial=0.0))
-    reach = np.where(reach > 0, reach, 1.0)
+    reach = _reach(transcription, path)
     waves = np.arange(1, WAVES + 1)
     heights = spread * reach * rng.normal(size=(WAVES, path.shape[1])) / waves[:, None]
     return replace(own, q=lambda s: own.q(s) + np.sin(np.pi * s[:, None] * waves) @ heights, u=None)
+
+
+def _reach(transcription: PhaseTranscription, path: np.ndarray) -> np.ndarray:
+    """The range of each coordinate; of one that stays where it is that of its bounds or of the
+    others, at most 1: it may be an angle beside lengths of any size.
+    """
+    low, high = transcription.phase.bounds.q
+    ranges = np.ptp(path, axis=0)
+    largest = float(ranges.max(initial=0.0))
+    other = min(1.0, largest) if largest > 0 else 1.0
+    moves = ranges > STILL * largest
+    return np.where(moves, ranges, np.minimum(other, high - low))

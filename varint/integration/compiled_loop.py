@@ -10,6 +10,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
+from varint.codegen.frozen import freezes
 from varint.codegen.gauss import gauss_form
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
@@ -109,10 +110,11 @@ def compiled_blocks(
     if taken_over:
         kernel = _newton_in_gear(system, rule) or newton().compiled(system, rule)
     scheme, cautious = newton() if kernel.opening else scheme_of(system, rule), False
-    explicit, by_stages = scheme is EXPLICIT, scheme is BY_STAGES
+    by_stages = scheme is BY_STAGES
+    no_other_way = scheme is EXPLICIT or (not by_stages and freezes(system))
     gears = gears_with(system, rule, scheme, kernel)
     piloted = by_stages and at is None
-    most = _first_piece(kernel, piloted)
+    most = first_piece(kernel, piloted)
     while k < problem.steps:
         steps, every = next_piece(k, problem.steps, problem.save_every, most)
         u = problem.controls(k, steps) if kernel.controls else None
@@ -134,9 +136,10 @@ def compiled_blocks(
         poor = piloted and k == problem.first and part.iterations > POOR * steps
         rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
-        # a composition has no other way; where an iteration fails or overflows Newton's method or
-        # the interpreted loop may not
-        goes_on = part.status != DONE and not explicit
+        # compositions have no other way, and whole derivatives of large machines with loops would
+        # take minutes; else, where an iteration fails or overflows, Newton's method or the
+        # interpreted loop may not
+        goes_on = part.status != DONE and not no_other_way
         if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:
@@ -194,40 +197,10 @@ def _passed(kernel: Kernel, part: LoopResult) -> Passed | None:
     return Passed(k[:, 0].astype(int), q, p, part.notes)
 
 
-def _first_piece(kernel: Kernel, piloted: bool) -> int:
+def first_piece(kernel: Kernel, piloted: bool) -> int:
     """Steps of the first call at most."""
     most = max(int(PATIENCE / (CAUTION * max(kernel.operations * kernel.nodes, 1))), 1)
     return min(PILOT, most) if piloted else most
-
-
-def run_at_once(
-    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
-) -> LoopResult | None:
-    """The compiled run in one call, where it is that short; None where it is not, or where another
-    loop would have to go on.
-    """
-    scheme = newton() if kernel.opening else scheme_of(system, rule)
-    piloted = scheme is BY_STAGES
-    steps, every = problem.steps, problem.save_every
-    if steps % every or steps > _first_piece(kernel, piloted):
-        return None
-    found = compiled_run(
-        kernel,
-        problem.q0,
-        problem.p0,
-        problem.c,
-        t0=problem.t0,
-        h=problem.h,
-        steps=steps,
-        save_every=every,
-        u=problem.controls(0, steps) if kernel.controls else None,
-        level=problem.level,
-    )
-    if gears := gears_with(system, rule, scheme, kernel):
-        kernel_after(gears, found.seconds, 0.0)
-    if found.status != DONE or (piloted and found.iterations > POOR * steps):
-        return None
-    return found
 
 
 def _above_rounding(system: System, kernel: Kernel) -> Kernel:

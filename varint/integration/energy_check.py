@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -16,9 +16,12 @@ from varint.integration.work_bound import (
     keeps_energy,
     work_bound,
 )
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_scene
+
+if TYPE_CHECKING:
+    from varint.codegen.rows import RowFunction
 
 SAMPLES = 10  # nodes that are looked at
 # more of them from so many steps on, beside which they cost next to nothing
@@ -109,6 +112,19 @@ def energies(
     ]
 
 
+def energies_along(
+    system: System, q: np.ndarray, p: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Energy and p·v at nodes (N, n) at their times (N,), or one time for all."""
+    f = _energy_rows(system)
+    if f is None:
+        function, times = _energy_of_momentum(system), t if len(t) == 1 else t[:, None]
+        found = over_columns(function, q, p, times, c, np.zeros(1))
+    else:
+        found = f.values(c, q, p, t[:, None])
+    return found[0][:, 0], found[1][:, 0]
+
+
 def energy_jump(motion: Trajectory) -> EnergyJump | None:
     """The first of some nodes whose energy is off its balance by as much as the kinetic energy:
     that of the start and the work of forces, of explicit time and of constraints that move.
@@ -148,6 +164,29 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
+def first_jump(motion: Trajectory) -> tuple[Trajectory, EnergyJump] | None:
+    """The motion up to the step that leads to another energy, and the jump; None where there is
+    none, or energy is not kept, not defined after it or not known at every step.
+
+    What comes later plays no part.
+    """
+    system = motion.system
+    if not keeps_energy(system) or system.structure.contacts or system.structure.degenerate:
+        return None
+    if motion.active_set is not None or (np.diff(motion.k) != 1).any():
+        return None
+    q, p, c = motion.q[None], motion.p[None], motion.c[None]
+    energy, moving, kicked = (x[0] for x in energies(system, q, p, motion.t, c, motion.h))
+    usual = np.maximum(np.maximum.accumulate(np.fmax(moving, 0)), kicked[0])
+    astray = ~(np.abs(energy - energy[0]) <= np.maximum(GROSS * usual, NOTHING * abs(energy[0])))
+    k = int(np.argmax(astray))
+    if not astray.any() or not math.isfinite(energy[k]):
+        return None
+    jump = EnergyJump(float(motion.t[k]), float(energy[0]), float(energy[k]), motion.q[k])
+    return motion[:k], jump
+
+
+@np.errstate(all="ignore")  # what is not finite is looked at
 def _off_balance(
     motion: Trajectory,
     i: np.ndarray | slice,
@@ -160,7 +199,7 @@ def _off_balance(
     change = np.abs(energy - energy[0])
     moving = np.where(np.isfinite(moving), moving, 0)
     largest = max(GROSS * moving.max(), GROSS * _largest(kicked[:1]), quiet)
-    usual = max(GROSS * np.median(moving), quiet)
+    usual = max(GROSS * median(moving), quiet)
     conserved = keeps_energy(motion.system)
     if (change <= min(largest, usual)).all():
         return np.zeros(len(energy), dtype=bool)
@@ -170,7 +209,7 @@ def _off_balance(
         half = slice((len(energy) + 1) // 2)  # a scene may begin at rest, with nothing that acts
         sizes = (_largest(x[half]) for x in (energy, moving, kicked))
         largest = max(largest, HUGE * max(sizes))
-    if known and len(energy) >= SAMPLES and np.median(change - given) > usual:
+    if known and len(energy) >= SAMPLES and median(change - given) > usual:
         largest = min(largest, usual)  # off for good: a start at full speed hides it else
     return ~(change <= largest + given)
 
@@ -215,6 +254,21 @@ def _energy_function(system: System) -> ca.Function:
     return ca.Function(
         "energy", [s.q, s.v, s.t, s.c, h], [ca.densify(x) for x in outputs], {"cse": True}
     )
+
+
+@per_scene
+def _energy_rows(system: System) -> RowFunction | None:
+    """(q, p, t) → H, p·v as data; None where they have no such form."""
+    from varint.codegen.rows import row_function_or_none
+
+    s, velocity = system, velocity_function(system)
+    if not velocity.is_a("SXFunction"):
+        return None
+    p = ca.SX.sym("p", s.structure.n)
+    v = velocity(s.q, p, s.t, s.c)
+    energy = ca.Function("energy", [s.q, s.v, s.t, s.c], [ca.densify(s.energy)])
+    results = [energy(s.q, v, s.t, s.c), ca.fabs(ca.dot(p, v))]
+    return row_function_or_none("energy", [s.q, p, s.t], s.c, results)
 
 
 @per_scene

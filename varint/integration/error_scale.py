@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from functools import lru_cache
 from random import Random
 from typing import Any
 
@@ -10,12 +12,11 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.integration.start import start_function
 from varint.numerics.arrays import call
 from varint.numerics.places import normal_numbers
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import finite_array
-from varint.scene.system import System, per_system
+from varint.scene.system import System, per_scene, per_system
 
 RESTS = 1e-12  # of where it is: what moves by less stays there but for round-off
 RADIAN = 1.0  # scale of an angle that turns by more
@@ -55,24 +56,49 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
                 f"got {given!r}"
             )
         return np.broadcast_to(scales.ravel(), (n,)).copy()
-    ranges = np.ptp(motion.q, axis=0)
-    ranges[ranges <= RESTS * np.abs(motion.q).max(axis=0)] = 0.0
-    scales = ranges.copy()
+    v = np.zeros(n)
+    if not system.structure.quadratic_kinetic:
+        v = np.nan_to_num(motion[:1].v[0])
+    return scales_of_nodes(system, motion.q, v, motion.t[:1], motion.c)
+
+
+def scales_of_nodes(
+    system: System, q: np.ndarray, v: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> np.ndarray:
+    """`error_scales` of the nodes q (N, n), where the motion begins at t (1,) with v (n,)."""
+    each = np.ascontiguousarray(q.T)  # ten times as fast as along the columns
+    high, low = each.max(axis=1).tolist(), each.min(axis=1).tolist()
+    ranges = [
+        top - bottom if not top - bottom <= RESTS * max(abs(top), abs(bottom)) else 0.0
+        for top, bottom in zip(high, low, strict=True)
+    ]
+    sizes = list(ranges)
     for members in bodies(system.names):
-        scales[members] = np.sqrt((ranges[members] ** 2).sum())
-    turns = np.array(angles(system), dtype=bool)
-    scales[turns] = np.minimum(scales[turns], RADIAN)
-    u, t = np.zeros(system.structure.controls), motion.t[:1]
-    v = np.nan_to_num(motion[:1].v[0])
-    mass = np.abs(
-        np.diag(call(start_function(system), motion.q[0], v, u, t, motion.c)[1].reshape(n, n))
-    )
-    mass = np.where(mass > 0, mass, mass.max(initial=0.0) or 1.0)
-    least = HARDLY * np.sqrt((mass * scales**2).max() / mass)
-    scales = np.maximum(scales, least)
-    return np.where(scales > 0, scales, np.maximum(np.abs(motion.q[0]), 1.0))
+        size = math.sqrt(sum([ranges[i] ** 2 for i in members]))
+        for i in members:
+            sizes[i] = size
+    sizes = [min(x, RADIAN) if turns else x for x, turns in zip(sizes, angles(system), strict=True)]
+    mass = [1.0]
+    if len(sizes) > 1:
+        mass = np.abs(call(_inertia_function(system), q[0], v, t, c)[0]).tolist()
+    some = max([x for x in mass if x > 0], default=1.0)
+    mass = [x if x > 0 else some for x in mass]
+    moved = max([x * size**2 for x, size in zip(mass, sizes, strict=True)])
+    for i, x in enumerate(mass):
+        least = HARDLY * math.sqrt(moved / x)
+        sizes[i] = max(sizes[i], least) or max(abs(float(q[0, i])), 1.0)
+    return np.array(sizes)
 
 
+@per_scene
+def _inertia_function(system: System) -> ca.Function:
+    """(q, v, t, c) → diagonal of M."""
+    s = system
+    diagonal = ca.densify(ca.diag(s.mass_matrix))
+    return ca.Function("inertia", [s.q, s.v, s.t, s.c], [diagonal], {"cse": True})
+
+
+@lru_cache(maxsize=256)
 def bodies(names: tuple[str, ...]) -> list[list[int]]:
     """Indices of the coordinates of each body, told by names such as x1, y1, z1."""
     found: dict[str, list[int]] = {}

@@ -12,10 +12,10 @@ from varint.discrete.inertia import scaled_mass
 from varint.discrete.lagrangian import point_function
 from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import ConvergenceError
-from varint.integration.energy_check import energy_jump, undefined_at
-from varint.numerics.arrays import is_definite, over_columns
+from varint.integration.energy_check import EnergyJump, energy_jump, first_jump, undefined_at
+from varint.integration.small_motions import frequencies, local_matrices
+from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_scene
 
 LOOKED_AT = 20  # nodes before the failure
 STEEPER = 5.0  # growth of the fastest frequency over these nodes that speaks of a collision
@@ -34,7 +34,12 @@ def failure(
 ) -> ConvergenceError:
     """The error of a step that failed; between two saved nodes it belongs to the steps after the
     last of them.
+
+    Where the energy leapt before, the run was lost there: how far steps go on that have none of the
+    motion's solutions says nothing of the scene, and another way to solve them ends elsewhere.
     """
+    if astray := first_jump(motion):
+        return _went_astray(*astray, on_failure)
     t = float(motion.t[0] + motion.h * (step - motion.k[0]))
     if np.isfinite(residual):
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
@@ -62,6 +67,21 @@ def failure(
     )
 
 
+def _went_astray(motion: Trajectory, jump: EnergyJump, on_failure: str | None) -> ConvergenceError:
+    """The error of the step after a motion, which was solved and led to another energy."""
+    step, t = int(motion.k[-1]), float(motion.t[-1])
+    hint = "; on_failure='subdivide' redoes steps that fail, not those" if on_failure else ""
+    return ConvergenceError(
+        f"the step after t = {t:g} (step {step}) led astray, and a later one has no solution. "
+        f"Likely: {jump.cause}{hint}. Error.trajectory has the {len(motion)} nodes before it",
+        step=step,
+        time=t,
+        residual=float("nan"),
+        trajectory=motion,
+        cause=jump.cause,
+    )
+
+
 def refusal(motion: Trajectory, step: int, time: float, why: str) -> ConvergenceError:
     """The error of a step that cannot be done, whatever its size, which begins at that time."""
     return ConvergenceError(
@@ -85,10 +105,10 @@ def likely_cause(motion: Trajectory) -> str:
     last = motion[-LOOKED_AT:]
     causes = [*_singular(last), *_undefined(last)]
     speeds = np.abs(motion.h) * frequencies(last)
-    if len(speeds) and speeds[-1] > STEEPER * np.median(speeds):
+    if len(speeds) and speeds[-1] > STEEPER * median(speeds):
         causes.append(
             "a collision or near approach (the stiffness grew "
-            f"{(speeds[-1] / np.median(speeds)) ** 2:.1g}-fold over the last {len(speeds)} nodes; "
+            f"{(speeds[-1] / median(speeds)) ** 2:.1g}-fold over the last {len(speeds)} nodes; "
             f"h ω = {speeds[-1]:.2g} now): try a smaller h"
         )
     elif len(speeds) and speeds[-1] > FAST:
@@ -107,7 +127,7 @@ def _singular(motion: Trajectory) -> list[str]:
     structure, names = motion.system.structure, motion.system.names
     found = []
     if not (structure.degenerate or structure.constraints or structure.nonholonomic):
-        masses = _local(motion)[0]
+        masses = local_matrices(motion)[0]
         mass, inertia = masses[-1], np.abs(np.einsum("mii->mi", masses))
         lost = inertia[-1] < LOST * inertia.max(axis=0)
         if lost.any():
@@ -201,45 +221,6 @@ def _undefined(motion: Trajectory) -> list[str]:
         return []
     i = int(np.argmin(np.isfinite(values).all(axis=1)))
     return [f"{what} is not defined where the step leads, {undefined_at(ahead[i], float(t[i, 0]))}"]
-
-
-def frequencies(motion: Trajectory) -> np.ndarray:
-    """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
-    if motion.system.structure.degenerate or motion.system.structure.n > 60:
-        return np.empty(0)
-    mass, stiffness = _local(motion)
-    found = []
-    for m, k in zip(mass, stiffness, strict=True):
-        if not (np.isfinite(m).all() and np.isfinite(k).all()):
-            break
-        inertia = np.diag(m).copy()
-        if (inertia <= 0).any():
-            return np.empty(0)
-        square = np.linalg.solve(m, k) if is_definite(m) else np.linalg.pinv(m, hermitian=True) @ k
-        if not np.isfinite(square).all():
-            break
-        found.append(np.sqrt(np.abs(np.linalg.eigvals(square)).max()))
-    return np.array(found)
-
-
-def _local(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """M and ∂(∂L/∂q + F)/∂q at every node, (N + 1, n, n)."""
-    n = motion.system.structure.n
-    found = over_columns(
-        _local_function(motion.system), motion.q, motion.v, motion.t[:, None], motion.c
-    )
-    mass, stiffness = (x.reshape(-1, n, n).transpose(0, 2, 1) for x in found)
-    return mass, stiffness
-
-
-@per_scene
-def _local_function(system: System) -> ca.Function:
-    s = system
-    generalised_force = ca.gradient(s.lagrangian, s.q) + ca.substitute(
-        s.force, s.control, 0 * s.control
-    )
-    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(generalised_force, s.q))]
-    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
 
 
 def _dense(point: ca.Function) -> ca.Function:

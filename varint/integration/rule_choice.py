@@ -6,14 +6,16 @@ The choice is by the number of operations, never by the clock: the same input gi
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 
+from varint.codegen.frozen import freezes
 from varint.integration.cost import interpreted_seconds
 from varint.integration.plan import default_rule
 from varint.integration.problem import LEVEL
 from varint.rules.rule import Rule, composition, gauss, lobatto
-from varint.scene.system import System
+from varint.scene.system import System, per_scene
 
 RADIANS = 3.0  # of the fastest motion in a step where the trials begin
 SECULAR = 2.0  # divided by the square of the number of steps: what iterations leave adds up
@@ -21,6 +23,7 @@ ANHARMONIC = 1.5  # more steps than a small oscillation takes
 ROUGH = 0.01  # error of a run that says something
 
 
+@per_scene
 def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[Rule, float]:
     """Rules worth a try, with the work of a step: evaluations of a compiled one, seconds of an
     interpreted one. By stages: Gauss rules alone, whose loop is there at once.
@@ -28,6 +31,8 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
     s = system.structure
     if s.nonholonomic or s.degenerate or s.contacts:
         return {default_rule(system): 1.0}
+    if freezes(system):  # matrices are full, and grow with the square of the degree
+        return {lobatto(3): 1.0}
     if s.constraints:
         return {lobatto(k): (k - 1) ** 1.5 for k in (3, 5, 7)}
     # stages run side by side in vector registers
@@ -50,6 +55,7 @@ def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
     return min(rules, key=cost)
 
 
+@cache
 def phase_error(rule: Rule) -> float:
     """Error of the phase ωt of an oscillator, divided by ωt (ωh)^order, as h → 0."""
     if rule.points:

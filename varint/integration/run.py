@@ -46,7 +46,7 @@ from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 
 if TYPE_CHECKING:
-    from varint.codegen.kernel import Kernel
+    from varint.codegen.kernel import Kernel, LoopResult
     from varint.integration.checkpoint import Checkpoint
 
 
@@ -126,15 +126,20 @@ def short_run(
         return None
     kernel = kernel_for(system, chosen.rule, problem, backend)
     found = None if kernel is None else run_at_once(system, chosen.rule, problem, kernel)
-    if found is None:
+    if found is None or not found.done:
         return None
+    return motion_at_once(Run(system, chosen, problem, [], iter(()), kernel, began), found)
+
+
+def motion_at_once(run: Run, found: LoopResult) -> Trajectory:
+    """The motion that one call of the loop found, from the start of the run to its end."""
+    problem = run.problem
     q, p = found.rows[:, 0].copy(), found.rows[:, 1].copy()
     if len(q):
         q[0], p[0] = problem.q0, problem.p0
     k = np.arange(0, problem.steps + 1, problem.save_every)
     t = problem.h * k
     t += problem.t0
-    run = Run(system, chosen, problem, [], iter(()), kernel, began)
     return motion_of(run, (k, t, q, p), (found.iterations, found.residual))
 
 

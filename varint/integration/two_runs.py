@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from varint.integration.energy_check import energies, keeps_energy
+from varint.integration.energy_check import energies_along, keeps_energy
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
 ROUGH = 0.01  # error of a coarse run at most, for its difference to say something
 HALF = 4.0  # less than the errors of runs of half the steps: what a coarse run aims at
+FLOOR = 4e-15  # relative error that no comparison of two runs resolves
 LOST = 0.3  # predicted errors beyond which a run is none
 GAIN = 2.0  # error of the phase over the relative error of the energy times the angle turned
 MARGIN = 8.0  # of the error: predictions are as uncertain, and the proof is a cautious one
@@ -38,15 +39,26 @@ NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
 # Kepler's motion, pendulums and a quartic well, 20 to 20,000 periods, have a tenth to half of it
 ROUNDING = 5e-17
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
-SAMPLES = 1000  # nodes at which the energy is looked at, and up to as many more
-LONG, PARTS = 500, 16  # steps of a run that is worth a look at a part of it first
+SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
+LONG, PARTS = 1500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 ATTEMPTS = 6
-CAUTION = 0.75  # of the rule's order is counted on at most
-LEAST, GOOD, MOST = 1.25, 2.0, 2.5  # ratio of the steps of two runs
+CAUTION = 0.85  # of the rule's order is counted on at most
+# ratio of the steps of two runs: at least, what a new coarse run aims at, and at most, where the
+# error that is predicted of the coarse one is not clearly small, and where it is
+LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
+CLEAR = 0.03  # such an error
 
-Trial = Callable[[int, float, int], Trajectory | None]  # (steps, wanted error, part of the run)
-Apart = Callable[[Trajectory, int, Trajectory, int], float]  # two runs and their steps → distance
+
+class Attempt(NamedTuple):
+    """A run, and its `energy_errors`."""
+
+    run: Any
+    swing: list[float]
+
+
+Trial = Callable[[int, float, int], Attempt | None]  # (steps, wanted error, part of the run)
+Apart = Callable[[Any, int, Any, int], float]  # two runs and their steps → distance
 
 
 class Course(NamedTuple):
@@ -66,7 +78,7 @@ class Proved(NamedTuple):
     """A run with so many steps, its estimated error, and how many runs it took."""
 
     steps: int
-    motion: Trajectory
+    run: Any
     estimate: float
     runs: int
 
@@ -93,34 +105,33 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     p = rule.order
     rough = min(ROUGH, tol * 2.0**p / HALF)
     steps, runs = _by_a_part(course, _in_fours(first), rough, p)
-    coarse: Trajectory | None = None
+    coarse: Attempt | None = None
     expected = before = math.inf
     for _ in range(course.attempts):
         if coarse is None:
-            motion, runs = course.trial(steps, rough, 1), runs + 1
-            swing = energy_errors(motion)
-            expected = GAIN * float(swing[-1]) * max(course.radians, 1.0)
-            if motion is None or not expected <= LOST:
+            tried, runs = course.trial(steps, rough, 1), runs + 1
+            expected = _expected(course, tried)
+            if tried is None or not expected <= LOST:
                 steps = _in_fours(steps * _ratio(expected, rough, p, 2.0))
                 continue
             wanted = _ratio(MARGIN * expected, tol, p, math.inf)
-            if wanted > MOST:
+            if wanted > (FAR if expected <= CLEAR else MOST):
                 steps = _in_fours(steps * wanted / GOOD)
                 continue
-            coarse = motion
-        more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, MOST))
+            coarse = tried
+        more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, FAR))
         fine, runs = course.trial(more, tol, 1), runs + 1
         if fine is None:
             return None
-        apart, after = course.apart(coarse, steps, fine, more), energy_errors(fine)
+        apart = course.apart(coarse.run, steps, fine.run, more)
         rounded, stalls = rounding(apart, course.radians, more), apart > STALLED * before
-        shrinkage = _shrinkage(swing, after, more / steps, p, course.linear)
+        shrinkage = _shrinkage(coarse.swing, fine.swing, more / steps, p, course.linear)
         if shrinkage is None or not math.isfinite(apart) or (stalls and rounded > tol):
             return None
         estimate = max(SPREAD * apart * shrinkage / (1 - shrinkage), rounded, floor)
         if apart < ROUGH * EVIDENCE and estimate <= tol:
-            return Proved(more, fine, estimate, runs)
-        coarse, steps, swing, before = fine, more, after, apart
+            return Proved(more, fine.run, estimate, runs)
+        coarse, steps, before = fine, more, apart
         expected = estimate if apart < ROUGH * EVIDENCE else apart
     return None
 
@@ -132,33 +143,42 @@ def rounding(apart: float, radians: float, steps: int) -> float:
     return min(apart, ROUNDING * radians * math.sqrt(steps))
 
 
-def energy_errors(motion: Trajectory | None) -> np.ndarray:
-    """Quantiles of |H − H0| over the middle one of |p·v|, the largest last; infinite where there is
-    no run.
+def energy_errors(motion: Trajectory) -> list[float]:
+    """Quantiles of |H − H0| over the middle one of |p·v|, the largest last; infinite where the
+    motion is lost.
 
     The largest alone is where a node happens to lie nearest to where it is largest.
     """
-    if motion is None or not np.isfinite(motion.q[-1]).all():
-        return np.full(len(QUANTILES), np.inf)
     some = slice(None, None, max(1, len(motion) // SAMPLES))
     if motion.active_set is None:
-        at = motion.q[None, some], motion.p[None, some], motion.t[some]
-        energy, moving, _ = (x[0] for x in energies(motion.system, *at, motion.c[None], motion.h))
-    else:
-        few = motion[some]
-        energy, moving = few.energy, np.abs((few.p * few.v).sum(axis=1))
-    size = float(np.sort(moving)[len(moving) // 2])
-    error = np.sort(np.abs(energy - energy[0])[1:])
-    found = error[[round(part * (len(error) - 1)) for part in QUANTILES]]
-    return found / size if size > 0 and math.isfinite(error[-1]) else np.full(len(found), np.inf)
+        at = motion.q[some], motion.p[some], motion.t[:1]
+        return quantiles(*energies_along(motion.system, *at, motion.c))
+    few = motion[some]
+    return quantiles(few.energy, np.abs((few.p * few.v).sum(axis=1)))
+
+
+def quantiles(energy: np.ndarray, moving: np.ndarray) -> list[float]:
+    """`energy_errors` of energies and |p·v| at nodes; they are overwritten."""
+    energy -= energy[0]
+    error = np.abs(energy, out=energy)[1:]
+    error.sort()
+    moving.sort()
+    last, size = len(error) - 1, moving.item(len(moving) // 2)
+    if not (math.isfinite(error.item(last)) and size > 0):  # no number is the last one
+        return [math.inf] * len(QUANTILES)
+    return [error.item(round(part * last)) / size for part in QUANTILES]
+
+
+def _expected(course: Course, tried: Attempt | None) -> float:
+    """Error of a run that its energy lets expect."""
+    return math.inf if tried is None else GAIN * tried.swing[-1] * max(course.radians, 1.0)
 
 
 def _by_a_part(course: Course, steps: int, rough: float, p: int) -> tuple[int, int]:
     """Steps of the coarse run by the energy error of a part of it, and how many parts were run."""
     runs = 0
     while steps > LONG and runs < 3:
-        swing, runs = energy_errors(course.trial(steps, rough, PARTS)), runs + 1
-        expected = GAIN * float(swing[-1]) * max(course.radians, 1.0)
+        expected, runs = _expected(course, course.trial(steps, rough, PARTS)), runs + 1
         if rough / PART_CLOSE < expected < rough * PART_CLOSE:
             break
         factor = (max(expected, 1e-300) / rough) ** (1 / p) if math.isfinite(expected) else 2.0
@@ -167,17 +187,17 @@ def _by_a_part(course: Course, steps: int, rough: float, p: int) -> tuple[int, i
 
 
 def _shrinkage(
-    before: np.ndarray, after: np.ndarray, ratio: float, p: int, linear: bool
+    before: list[float], after: list[float], ratio: float, p: int, linear: bool
 ) -> float | None:
     """Part of the coarse run's error that the finer one has left; None where it does not shrink."""
     sure = ratio ** (-CAUTION * p)
-    says = before > EVIDENCE * ROUNDED
-    if says.any():
-        left = float((np.maximum(after, ROUNDED) / before)[says].max())
-        if left > NO_SHRINKAGE:
-            return NOT_WORSE if left < 1 else None
-        return max(min(SAFETY * left, 0.5), sure)
-    return sure if linear else 0.5
+    both = zip(before, after, strict=True)
+    left = max([max(b, ROUNDED) / a for a, b in both if a > EVIDENCE * ROUNDED], default=None)
+    if left is None:
+        return sure if linear else 0.5
+    if left > NO_SHRINKAGE:
+        return NOT_WORSE if left < 1 else None
+    return max(min(SAFETY * left, 0.5), sure)
 
 
 def _ratio(error: float, wanted: float, p: int, most: float) -> float:

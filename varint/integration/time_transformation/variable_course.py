@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import ConvergenceError, VarintError
+from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.problem import InitialValueProblem, RunOptions, Start
 from varint.integration.rule_choice import (
@@ -25,8 +26,14 @@ from varint.integration.time_transformation.transformed_run import (
     prepare,
     run_prepared,
 )
-from varint.integration.tolerance import FLOOR, Choice
-from varint.integration.two_runs import Course, run_twice, shows_its_error
+from varint.integration.two_runs import (
+    FLOOR,
+    Attempt,
+    Course,
+    energy_errors,
+    run_twice,
+    shows_its_error,
+)
 from varint.integration.walls import Failure, require_way_on
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -69,7 +76,7 @@ def choose_varying_steps(
         prepared = prepare(system, own, AUTO, start, asked)
         course = _course(prepared, span, total, options.scale, prepared.stop is not None)
         found = run_twice(own, course, steps_for(own, abs(span), tol), tol, FLOOR)
-    return found and Choice(own, found.steps, found.motion, found.estimate, found.runs, True)
+    return found and Choice(own, found.steps, found.run, found.estimate, found.runs, True, True)
 
 
 def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
@@ -91,7 +98,7 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
     system = prepared.system
     failures: list[Failure] = []  # since the last run that ended well
 
-    def trial(steps: int, wanted: float, part: int) -> Trajectory | None:
+    def trial(steps: int, wanted: float, part: int) -> Attempt | None:
         problem = prepared.problem._replace(
             h=span / steps, level=iteration_level(wanted, steps), steps=max(steps // part, 1)
         )
@@ -108,7 +115,7 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         except VarintError:
             return None
         failures.clear()
-        return motion
+        return Attempt(motion, energy_errors(motion))
 
     def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
         scales = error_scales(system, other, scale)

@@ -1,0 +1,68 @@
+/* A function as data at many points, one in each lane. The names end in LEVEL, the instructions that are used. */
+#define NAMED(name, level) name##_##level
+#define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
+#define rows WITH_ALL(rows, LEVEL)
+#ifdef __AVX512F__
+#define LANES 8
+#elif defined(__AVX2__)
+#define LANES 4
+#else
+#define LANES 2
+#endif
+#include "lanes.h"
+#include "run.h"
+#include "tape.h"
+#define MOST_ARGUMENTS 8
+
+/* varint/codegen/rows.py has the same layout */
+typedef struct {
+    int64_t count;                          /* points */
+    const double *c;                        /* parameters */
+    const void *scene;                      /* a Tape */
+    const double *arguments[MOST_ARGUMENTS]; /* component k of argument i at point r: arguments[i][r apart[i] + k] */
+    int64_t apart[MOST_ARGUMENTS];           /* 0 where all points have the same */
+    double *results[MOST_ARGUMENTS];         /* results[j][r widths[j] + k] */
+    int64_t widths[MOST_ARGUMENTS];
+} RowsArguments;
+
+int rows(const RowsArguments *a) {
+    const Tape *const tape = a->scene;
+    int64_t into[MOST_ARGUMENTS + 1] = {0}, from[MOST_ARGUMENTS + 1] = {0};
+    for (int64_t k = 0; k < tape->inputs; k++) {
+        int64_t *const end = into + tape->input[k].argument + 1;
+        if (*end <= tape->input[k].component) *end = tape->input[k].component + 1;
+    }
+    for (int64_t k = 0; k < tape->outputs; k++) {
+        int64_t *const end = from + tape->output[k].argument + 1;
+        if (*end <= tape->output[k].component) *end = tape->output[k].component + 1;
+    }
+    for (int i = 0; i < MOST_ARGUMENTS; i++) into[i + 1] += into[i], from[i + 1] += from[i];
+    const int64_t numbers = (tape->registers + into[MOST_ARGUMENTS] + from[MOST_ARGUMENTS]) * LANES;
+    V *const w = aligned_alloc(64, (numbers * sizeof(double) + 63) / 64 * 64 + 64);
+    if (!w) return NOT_FINITE;
+    V *const x = w + tape->registers, *const y = x + into[MOST_ARGUMENTS];
+    const V *arguments[MOST_ARGUMENTS];
+    V *results[MOST_ARGUMENTS];
+    for (int i = 0; i < MOST_ARGUMENTS; i++) arguments[i] = x + into[i], results[i] = y + from[i];
+    prepare_tape(tape, a->c, (double *)w);
+    for (int64_t first = 0; first < a->count; first += LANES) {
+        const int many = a->count - first < LANES ? (int)(a->count - first) : LANES;
+        for (int64_t k = 0; k < tape->inputs; k++) {
+            const Moved *const m = tape->input + k;
+            const int64_t apart = a->apart[m->argument];
+            const double *const at = a->arguments[m->argument] + first * apart + m->component;
+            V *const to = x + into[m->argument] + m->component;
+            for (int i = 0; i < LANES; i++) set_lane(to, i, at[(i < many ? i : many - 1) * apart]);
+        }
+        evaluate_tape(tape, arguments, results, 1, (const double *)w);
+        for (int64_t k = 0; k < tape->outputs; k++) {
+            const Moved *const m = tape->output + k;
+            const int64_t width = a->widths[m->argument];
+            double *const to = a->results[m->argument] + first * width + m->component;
+            const V found = y[from[m->argument] + m->component];
+            for (int i = 0; i < many; i++) to[i * width] = lane(found, i);
+        }
+    }
+    free(w);
+    return DONE;
+}

@@ -1,0 +1,96 @@
+"""Functions of a scene at many points at once, as data for c/rows_core.c: nothing is compiled."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.block import block_of, start_of
+from varint.codegen.cache import CompileError
+from varint.codegen.core import rows_entry
+from varint.codegen.graph import NotCompilable
+from varint.codegen.native import tapes_of
+from varint.codegen.source import routines
+
+MOST_ARGUMENTS = 8  # of c/rows_core.c
+_EACH = f"{MOST_ARGUMENTS}P{MOST_ARGUMENTS}q"
+_LAYOUT = struct.Struct(f"qPP{_EACH}{_EACH}")  # RowsArguments
+
+
+class RowFunction(NamedTuple):
+    """A function of some arguments and of parameters that are the same at all points.
+
+    Attributes
+    ----------
+    widths : tuple of int
+        Numbers of each result at a point.
+    entry : callable
+    block : ndarray
+        The operations, and where they begin.
+    at : int
+    """
+
+    widths: tuple[int, ...]
+    entry: Callable[[bytes], int]
+    block: np.ndarray
+    at: int
+
+    def values(self, constants: np.ndarray, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Values (k, width) at points whose arguments are the rows of arrays (k, …), which may be
+        apart in memory; of one row where it is the same at all points.
+        """
+        count = max([len(x) for x in arguments])
+        places, apart = [], []
+        for x in arguments:
+            if x.strides[-1] != x.itemsize and x.shape[-1] > 1:
+                raise AssertionError("the numbers of a point must lie side by side")
+            places.append(x.__array_interface__["data"][0])
+            apart.append(x.strides[0] // x.itemsize if len(x) > 1 else 0)
+        none, rest = (
+            (0,) * (MOST_ARGUMENTS - len(places)),
+            (0,) * (MOST_ARGUMENTS - len(self.widths)),
+        )
+        block = np.empty(count * sum(self.widths))  # one address to ask for
+        address, ends, found = block.__array_interface__["data"][0], [], []
+        first = 0
+        for width in self.widths:
+            ends.append(address + 8 * first)
+            found.append(block[first : first + count * width].reshape(count, width))
+            first += count * width
+        where = constants.__array_interface__["data"][0]
+        self.entry(
+            _LAYOUT.pack(
+                count,
+                where,
+                self.at,
+                *places,
+                *none,
+                *apart,
+                *none,
+                *ends,
+                *rest,
+                *self.widths,
+                *rest,
+            )
+        )
+        return found
+
+
+def row_function_or_none(
+    name: str, arguments: list[ca.SX], constants: ca.SX, results: list[ca.SX]
+) -> RowFunction | None:
+    """The function of columns and of `constants`, whose results are columns; None where an
+    operation has no form as data, they are too many, or the loop was not built with the package and
+    cannot be compiled.
+    """
+    try:
+        routine = routines(constants, {name: (arguments, results)})[name]
+        entry, tape = rows_entry(), tapes_of({name: routine})[name]
+    except (NotCompilable, CompileError):
+        return None
+    block = block_of([tape])
+    return RowFunction(tuple(x.numel() for x in results), entry, block, start_of(block))

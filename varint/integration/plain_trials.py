@@ -1,0 +1,114 @@
+"""Trial runs for a wanted accuracy as numbers alone, without what a trajectory is made of around
+each, where coordinates and momenta at nodes are all of it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from varint.integration.backend import kernel_for, run_at_once
+from varint.integration.energy_check import energies_along
+from varint.integration.error_scale import error_scales, scales_of_nodes
+from varint.integration.plan import plan
+from varint.integration.problem import InitialValueProblem
+from varint.integration.rule_choice import iteration_level, steps_for
+from varint.integration.run import motion_at_once
+from varint.integration.trajectories import Run
+from varint.integration.two_runs import (
+    FLOOR,
+    SAMPLES,
+    Attempt,
+    Course,
+    Proved,
+    quantiles,
+    run_twice,
+)
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.codegen.kernel import Kernel, LoopResult
+
+
+class PlainTrial(NamedTuple):
+    """A run by its loop alone."""
+
+    problem: InitialValueProblem
+    kernel: Kernel
+    found: LoopResult
+
+
+class NotPlain(Exception):
+    """A run that takes another loop."""
+
+
+def has_plain_trials(system: System, start: InitialValueProblem) -> bool:
+    """Whether nothing but coordinates and momenta at nodes makes the motion."""
+    s = system.structure
+    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
+    return start.steps == 1 and not (held or s.controls or system.rays)
+
+
+@np.errstate(all="ignore")  # of steps that are too large
+def by_plain_trials(
+    system: System,
+    rule: Rule,
+    start: InitialValueProblem,
+    tol: float,
+    radians: float,
+    scale: Any,
+    backend: str,
+) -> Proved | None:
+    """`run_twice` with such trials; its run is a `PlainTrial`.
+
+    Raises
+    ------
+    NotPlain
+    """
+    time = np.array([start.t0])
+    quadratic = system.structure.quadratic_kinetic
+    still = np.zeros(system.structure.n)
+
+    def trial(steps: int, wanted: float, part: int) -> Attempt | None:
+        count = max(steps // part, 1)
+        problem = start._replace(
+            h=start.h / steps,
+            steps=count,
+            save_every=1,
+            u=np.empty((count, 1, 0)),
+            nodes=len(rule.nodes),
+            level=iteration_level(wanted, steps),
+        )
+        kernel = kernel_for(system, rule, problem, backend)
+        found = None if kernel is None else run_at_once(system, rule, problem, kernel, short=False)
+        if kernel is None or found is None:
+            raise NotPlain
+        if not found.done:
+            return None
+        some = found.rows[:: max(1, len(found.rows) // SAMPLES)]
+        energy = energies_along(system, some[:, 0], some[:, 1], time, start.c)
+        return Attempt(PlainTrial(problem, kernel, found), quantiles(*energy))
+
+    def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> float:
+        q = other.found.rows[:, 0].copy()  # side by side: three times as fast
+        if scale is None:
+            v = still if quadratic else np.nan_to_num(other.found.rows[0, 2])
+            scales = scales_of_nodes(system, q, v, time, start.c)
+        else:
+            scales = error_scales(system, plain_motion(system, rule, other, 0.0), scale)
+        unit = math.gcd(few, many)
+        off = one.found.rows[:: few // unit, 0] - q[:: many // unit]
+        return float((np.abs(off, out=off) / scales).max())
+
+    course = Course(trial, apart, radians, system.structure.linear)
+    return run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
+
+
+def plain_motion(system: System, rule: Rule, run: PlainTrial, began: float) -> Trajectory:
+    """The motion of a run."""
+    whole = Run(system, plan(system, rule), run.problem, [], iter(()), run.kernel, began)
+    return motion_at_once(whole, run.found)

@@ -1,0 +1,84 @@
+"""Frequencies of small motions about a place of the way, as if it were an equilibrium."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from varint.numerics.arrays import call, is_definite, over_columns
+from varint.results.trajectory import Trajectory
+from varint.scene.system import System, per_scene
+
+MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
+
+
+def frequencies(motion: Trajectory) -> np.ndarray:
+    """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
+    if motion.system.structure.degenerate or motion.system.structure.n > MOST_COORDINATES:
+        return np.empty(0)
+    found = []
+    for mass, stiffness in zip(*local_matrices(motion), strict=True):
+        fastest = frequency(mass, stiffness)
+        if fastest is None:
+            return np.empty(0)
+        if not math.isfinite(fastest):
+            break
+        found.append(fastest)
+    return np.array(found)
+
+
+def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
+    """Largest ω with det(∂²L/∂q² + ω² M) = 0; not finite where the matrices are not, None where a
+    coordinate has no inertia.
+    """
+    if not math.isfinite(mass.sum() + stiffness.sum()):
+        return math.nan
+    inertia = mass.diagonal().tolist()
+    if min(inertia, default=1.0) <= 0:
+        return None
+    if len(inertia) == 1:
+        return math.sqrt(abs(stiffness.item(0) / inertia[0]))
+    if len(inertia) == 2 and mass.item(1) == 0 == mass.item(2):
+        a, b, c, d = (x / inertia[i // 2] for i, x in enumerate(stiffness.ravel().tolist()))
+        mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
+        if apart < 0:  # a pair of complex numbers
+            return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
+        return math.sqrt(abs(mean) + math.sqrt(apart))
+    if is_definite(mass):
+        square = np.linalg.solve(mass, stiffness)
+    else:
+        square = np.linalg.pinv(mass, hermitian=True) @ stiffness
+    if not np.isfinite(square).all():
+        return math.nan
+    return math.sqrt(np.abs(np.linalg.eigvals(square)).max())
+
+
+def frequency_at_start(
+    system: System, q: np.ndarray, v: np.ndarray, t: float, c: np.ndarray
+) -> float | None:
+    """`frequency` at one state."""
+    mass, stiffness = call(_local_function(system), q, v, np.array((t,)), c)
+    n = system.structure.n
+    return frequency(mass.reshape(n, n).T, stiffness.reshape(n, n).T)
+
+
+def local_matrices(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """M and ∂(∂L/∂q + F)/∂q at every node, (N + 1, n, n)."""
+    n = motion.system.structure.n
+    found = over_columns(
+        _local_function(motion.system), motion.q, motion.v, motion.t[:, None], motion.c
+    )
+    mass, stiffness = (x.reshape(-1, n, n).transpose(0, 2, 1) for x in found)
+    return mass, stiffness
+
+
+@per_scene
+def _local_function(system: System) -> ca.Function:
+    s = system
+    generalised_force = ca.gradient(s.lagrangian, s.q) + ca.substitute(
+        s.force, s.control, 0 * s.control
+    )
+    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(generalised_force, s.q))]
+    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
