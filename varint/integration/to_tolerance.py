@@ -10,20 +10,18 @@ from types import MappingProxyType
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
+from varint.integration.choice import Choice
 from varint.integration.energy_leap import energy_alarm, energy_leap
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, RunOptions, Start, initial_value_problem
 from varint.integration.rule_choice import iteration_level
+from varint.integration.switches.switched_run import choose_switched_steps
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
-from varint.integration.tolerance import (
-    Choice,
-    choose_steps,
-    problem_with_steps,
-)
+from varint.integration.tolerance import choose_steps, problem_with_steps
 from varint.integration.trajectories import subsample
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -58,6 +56,9 @@ def simulate_to_tolerance(
     rows = _rows(system, start)
     whole = RunOptions(steps=rows, duration=options.duration)
     problem = initial_value_problem(system, plan(system, rule).rule, start, whole)
+    switched = choose_switched_steps(system, rule, problem, options, tol, stop, watches)
+    if switched is not None:
+        return with_estimate(switched.motion, switched, tol, began)
     choice = choose_varying_steps(system, rule, problem, start, options, tol)
     if choice is None:
         choice = choose_steps(
