@@ -17,10 +17,11 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.small_motions import frequency_at_start
 from varint.integration.switches.branch import Branch, BranchScene, branch_scene
 from varint.integration.switches.corner import past_corner
-from varint.integration.switches.crossing import Nodes, NoWayIn, first_crossing
+from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import ahead_at, all_parameters, decide
+from varint.integration.switches.drive import drive_frequency
 from varint.integration.switches.frozen import frozen_scene
-from varint.integration.switches.loop import Grid, Loop, kernel_of, loop_steps
+from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
 from varint.integration.switches.timetable import Timetable, timed
 from varint.numerics.arrays import call
 from varint.results.records import State
@@ -30,7 +31,8 @@ from varint.scene.system import System
 ANGLE = 4.0  # radians of the fastest small motion in a unit, which has as many steps as asked for
 UNITS = 4  # in the duration at least
 SHORTEN, SHORTER = 4.0, 12  # a unit by so much, so often, whose first piece cannot be followed
-LEAST_UNIT = 0.1  # of a unit, of a piece that is shorter
+LEAST_UNIT = 1 / 16  # of a unit, after a piece that is shorter
+LONGER = 4.0  # units, a piece of which makes them longer again
 FIRST, MOST_IN_BLOCK = 16, 4096  # steps of a block, after each of which switches are looked for
 MOST_PIECES, MOST_NODES = 50_000, 20_000_000
 CROWD, CROWDED = 60, 1e-10  # so many pieces, one after the other, as short as this of the duration
@@ -53,8 +55,8 @@ class Course:
     backend : str
     units : dict
         Size of a unit of time on each branch, found where it first comes up.
-    known : set
-        Branches a piece of which has ended: the unit is no longer than that one.
+    known : dict
+        The unit at first of each branch a piece of which has ended at a switch.
     kernels : dict
         The loop of each scene that moves.
     """
@@ -65,7 +67,7 @@ class Course:
     timetable: Timetable
     backend: str
     units: dict[Branch, float] = field(default_factory=dict)
-    known: set[Branch] = field(default_factory=set)
+    known: dict[Branch, float] = field(default_factory=dict)
     kernels: dict[tuple[int, ...], Kernel | None] = field(default_factory=dict)
 
 
@@ -196,20 +198,17 @@ def _piece(
     states: list[np.ndarray] = []
     while k < steps:
         some = min(size, steps - k)
-        part = loop_steps(loop, q, p, Grid(start.t, h, some, k), carry)
-        if part is None:
-            return None
         t = start.t + h * np.arange(k, k + some + 1)
         if k + some == steps:
             t[-1] = until
+        block = _block(scene, loop, (q, p), Grid(start.t, h, some, k), carry, t)
+        if block is None:
+            return None
+        part, found = block
         if not states:
             states.append(part.rows[:1])
         iterations += part.iterations
         residual = max(residual, part.residual)
-        try:
-            found = first_crossing(scene, loop, Nodes(t, part.rows, k == 0))
-        except NoWayIn:
-            return None
         if found is not None:
             last = found.step + 1
             times += [t[1:last], np.array([found.t])]
@@ -219,14 +218,38 @@ def _piece(
         states.append(part.rows[1:])
         k, carry, size = k + some, part.carry, min(4 * size, MOST_IN_BLOCK)
         q, p = part.rows[-1, :2]
-    if found is not None and branch not in course.known:
-        # the next piece on this branch is as long, more or less
-        course.known.add(branch)
-        course.units[branch] = min(unit, max(abs(found.t - start.t), unit * LEAST_UNIT))
+    if found is not None:  # the next piece on this branch is as long, more or less
+        length, most = abs(found.t - start.t), course.known.setdefault(branch, unit)
+        if most == unit or length > LONGER * unit:
+            course.units[branch] = min(most, max(length, most * LEAST_UNIT))
     piece = Piece(
         branch, h, steps, np.concatenate(times), np.concatenate(states), iterations, residual
     )
     return piece, None if found is None else scene.watched[found.margin]
+
+
+def _block(
+    scene: BranchScene,
+    loop: Loop,
+    start: tuple[np.ndarray, np.ndarray],
+    grid: Grid,
+    carry: np.ndarray | None,
+    t: np.ndarray,
+) -> tuple[Part, Crossing | None] | None:
+    """Some steps of a piece, and the switch in them: steps after it need not be possible. None
+    where those before it are not, or the motion does not enter the branch.
+    """
+    part: Part | None = loop_steps(loop, *start, grid, carry)
+    assert part is not None
+    try:
+        count = len(part.rows)
+        found = first_crossing(scene, loop, Nodes(t[:count], part.rows, grid.first == 0))
+        if found is None and not part.whole:
+            part = other_steps(loop, *start, grid)
+            found = part and first_crossing(scene, loop, Nodes(t, part.rows, grid.first == 0))
+    except NoWayIn:
+        return None
+    return None if part is None else (part, found)
 
 
 def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None:
@@ -244,6 +267,8 @@ def _unit(course: Course, branch: Branch, start: State) -> float:
         v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
         # what holds the motion slows it down
         fastest = frequency_at_start(scene.system, start.q, v, start.t, c) or 0.0
+        drive = drive_frequency(course.system, start._replace(v=v, t=course.problem.t0), c, total)
+        fastest = max(fastest, drive)
         most = abs(total) / UNITS
         course.units[branch] = min(most, ANGLE / fastest) if fastest > 0 else most
     return course.units[branch]

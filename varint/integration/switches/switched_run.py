@@ -34,10 +34,11 @@ from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
-FEWEST, MOST = 4, 4096  # steps of a unit of time
+FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
 MOST_DOUBLINGS = 4  # of the steps at a time
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
+CLOCKS = 4.0  # round-off of a time, in units of it
 LOOKS = 20_000  # times at which forces are looked at for what steps pass over
 STAGES = (2, 4, 6, 8)
 
@@ -122,7 +123,7 @@ def _refined(
         motion = joined(course, pieces, course.kernels.get(pieces[0].branch.sliding))
         scales, ratio = error_scales(system, motion, scale), parts // before[0]
         apart = _apart(course, before[1], pieces, motion, scales)
-        if not frozen.system.structure.linear and ratio == 2 and last < math.inf:
+        if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
         left = 0.5 if order is None else ratio ** (-CAUTION * order)
         estimate = max(apart * left / (1 - left), _floor(motion, len(pieces), scales))
@@ -169,7 +170,7 @@ def _cut(course: Course, piece: Piece, stop: Watch) -> Piece | None:
 def _floor(motion: Trajectory, pieces: int, scales: np.ndarray) -> float:
     """What no comparison resolves: round-off, and that of the times of so many switches."""
     fastest, largest = np.abs(motion.v).max(axis=0), np.abs(motion.q).max(axis=0)
-    late = np.finfo(float).eps * np.abs(motion.t).max() * math.sqrt(pieces)
+    late = CLOCKS * np.finfo(float).eps * np.abs(motion.t).max() * math.sqrt(pieces)
     return float((np.maximum(late * fastest, FLOOR * np.maximum(largest, scales)) / scales).max())
 
 
