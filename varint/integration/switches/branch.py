@@ -72,6 +72,19 @@ def slidable(system: System) -> tuple[int, ...]:
 
 
 @per_system
+def passed_straight(system: System) -> tuple[int, ...]:
+    """Switches of coordinates and time that none of the others knows of: the motion comes out on
+    the other side, whatever the forces.
+    """
+    frozen, found = _frozen(system), []
+    for j in range(frozen.s.numel()):
+        alone = not ca.depends_on(frozen.sigma, frozen.s[j])
+        if alone and not frozen.counts[j] and not ca.depends_on(frozen.sigma[j], system.v):
+            found.append(j)
+    return tuple(found)
+
+
+@per_system
 def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene | None:
     """The scene that moves while these switches hold the motion; None where it is not known."""
     frozen = _frozen(system)

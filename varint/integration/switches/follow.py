@@ -15,7 +15,12 @@ from varint.codegen.kernel import Kernel
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.small_motions import frequency_at_start
-from varint.integration.switches.branch import Branch, BranchScene, branch_scene
+from varint.integration.switches.branch import (
+    Branch,
+    BranchScene,
+    branch_scene,
+    passed_straight,
+)
 from varint.integration.switches.corner import past_corner
 from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import ahead_at, all_parameters, decide
@@ -85,7 +90,7 @@ class Piece(NamedTuple):
     residual: float
 
 
-def follow(course: Course, parts: int, level: float) -> Iterator[Piece | None]:
+def follow(course: Course, parts: int) -> Iterator[Piece | None]:
     """The pieces of the motion with so many steps a unit; None at the end where it is not known how
     it goes on, or the steps are too large.
     """
@@ -99,12 +104,12 @@ def follow(course: Course, parts: int, level: float) -> Iterator[Piece | None]:
         if branch is None or scene is None or short == CROWD or nodes > MOST_NODES:
             break
         until = float(times[row]) if row < len(times) else begin + total
-        found = _piece(course, scene, branch, State(t, q, q, p), until, parts, level)
+        found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         for _ in range(SHORTER):
             if found is not None or branch in course.known or branch not in course.units:
                 break
             course.units[branch] /= SHORTEN
-            found = _piece(course, scene, branch, State(t, q, q, p), until, parts, level)
+            found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         if found is None:
             break
         piece, crossed = found
@@ -168,7 +173,14 @@ def _decided(
     reach = AT_ZERO * np.abs(found[1]) * max(abs(state.t), abs(total))
     near = np.flatnonzero(np.abs(off) <= reach).tolist()
     every = sorted({*at_zero, *near} - set(known))
-    return decide(system, state, c, math.copysign(1.0, total), branch, every, known)
+    direction = math.copysign(1.0, total)
+    if at_zero == every and len(every) == 1 and every[0] in passed_straight(system):
+        (j,) = every
+        values = np.array(branch.values)
+        values[j] = math.copysign(1.0, found[1][j] * direction)
+        if found[1][j] and values[j] != branch.values[j]:
+            return branch._replace(values=tuple(values.tolist()))
+    return decide(system, state, c, direction, branch, every, known)
 
 
 def _piece(
@@ -178,7 +190,6 @@ def _piece(
     start: State,
     until: float,
     parts: int,
-    level: float,
 ) -> tuple[Piece, tuple[int, float] | None] | None:
     """The piece from a state until a time or a switch, and which switch that is; None where its
     steps are too large or do not enter the branch.
@@ -191,7 +202,7 @@ def _piece(
     if not abs(span) / unit * parts < MOST_NODES:
         return None
     steps = parts * max(math.ceil(abs(span) / unit - BORDER), 1)
-    loop = Loop(scene.system, course.rule, kernel, c, level)
+    loop = Loop(scene.system, course.rule, kernel, c)
     h, k, carry, size = span / steps, 0, None, FIRST
     q, p = start.q, start.p
     times, iterations, residual = [np.array([start.t])], 0, 0.0

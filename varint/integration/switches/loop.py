@@ -22,13 +22,12 @@ from varint.scene.system import System
 
 
 class Loop(NamedTuple):
-    """What steps: a scene by a rule, its loop in C, its parameters, and where iterations end."""
+    """What steps: a scene by a rule, its loop in C, and its parameters."""
 
     system: System
     rule: Rule
     kernel: Kernel
     c: np.ndarray
-    level: float
 
 
 def kernel_of(system: System, rule: Rule, backend: str = "auto") -> Kernel | None:
@@ -78,7 +77,6 @@ def loop_steps(
         h=h,
         steps=steps,
         first=first,
-        level=loop.level,
         carry=carry,
     )
     finite = np.isfinite(part.rows).all(axis=(1, 2))
@@ -104,9 +102,7 @@ def other_steps(loop: Loop, q: np.ndarray, p: np.ndarray, grid: Grid) -> Part | 
     t0, h, steps, first = grid
     n, nodes = len(q), len(loop.rule.nodes)
     whole = np.empty((steps + first, 1, 0))
-    problem = InitialValueProblem(
-        q, p, t0, h, steps + first, 1, whole, loop.c, nodes, first=first, level=loop.level
-    )
+    problem = InitialValueProblem(q, p, t0, h, steps + first, 1, whole, loop.c, nodes, first=first)
     rows, iterations, residual = [np.stack([q, p])[None]], 0, 0.0
     for block in blocks_of(loop.system, loop.rule, problem, loop.kernel):
         if block.good < len(block.k):

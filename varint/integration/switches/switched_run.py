@@ -21,7 +21,7 @@ from varint.integration.events.crossings import (
 from varint.integration.events.substeps import substeps_of
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem, RunOptions
-from varint.integration.rule_choice import choose_rule, iteration_level, phase_error
+from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
 from varint.integration.switches.follow import ANGLE, Course, Piece, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
@@ -109,7 +109,7 @@ def _refined(
     order = float(p) if frozen.system.structure.linear else None
     last, runs, failures, stalls = math.inf, 0, 0, 0
     while parts <= MOST:
-        pieces = _run(course, parts, iteration_level(tol, math.ceil(radians * parts)), stop)
+        pieces = _run(course, parts, stop)
         runs += 1
         if pieces is None:
             failures, before, last = failures + 1, None, math.inf
@@ -126,7 +126,8 @@ def _refined(
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
         left = 0.5 if order is None else ratio ** (-CAUTION * order)
-        estimate = max(apart * left / (1 - left), _floor(motion, len(pieces), scales))
+        rounded = _floor(motion, len(pieces), scales)
+        estimate = max(apart * left / (1 - left), rounded)
         if estimate <= tol and not frozen.system.structure.autonomous:
             estimate = max(estimate, missed_impulse(system, rule, motion, scales, LOOKS))
         found = Choice(rule, len(motion) - 1, motion, estimate, runs, estimate <= tol)
@@ -135,7 +136,7 @@ def _refined(
         if found.reached:
             return best
         stalls = stalls + 1 if apart > STALLED * last and apart < NO_DIGITS else 0
-        if stalls == PATIENCE:
+        if stalls == PATIENCE or estimate == rounded:  # more steps would not do
             break
         more = 1.0 if order is None else math.log2(estimate / tol) / (CAUTION * order)
         last, before = apart, (parts, pieces)
@@ -143,10 +144,10 @@ def _refined(
     return best and (replace(best[0], runs=runs), best[1])
 
 
-def _run(course: Course, parts: int, level: float, stop: Watch | None) -> list[Piece] | None:
+def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
-    for piece in follow(course, parts, level):
+    for piece in follow(course, parts):
         if piece is None:
             return None
         end = stop and _cut(course, piece, stop)
