@@ -122,10 +122,15 @@ def blocks_of(
 
 
 def run_at_once(
-    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
+    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel, short: bool = True
 ) -> LoopResult | None:
-    """A short run by one call of its compiled loop; None where it takes more than that."""
-    return _short_loop().run_at_once(system, rule, problem, kernel)
+    """A run without a look at it on the way; None where it is not short, if it is to be, or where
+    another loop must go on.
+    """
+    loop = _short_loop()
+    if short and not loop.is_short(kernel, problem.steps):
+        return None
+    return loop.run_at_once(system, rule, problem, kernel)
 
 
 def subdivide_failed_step(

@@ -16,7 +16,7 @@ from varint.integration.work_bound import (
     keeps_energy,
     work_bound,
 )
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_scene
 
@@ -164,6 +164,29 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
+def first_jump(motion: Trajectory) -> tuple[Trajectory, EnergyJump] | None:
+    """The motion up to the step that leads to another energy, and the jump; None where there is
+    none, or energy is not kept, not defined after it or not known at every step.
+
+    What comes later plays no part.
+    """
+    system = motion.system
+    if not keeps_energy(system) or system.structure.contacts or system.structure.degenerate:
+        return None
+    if motion.active_set is not None or (np.diff(motion.k) != 1).any():
+        return None
+    q, p, c = motion.q[None], motion.p[None], motion.c[None]
+    energy, moving, kicked = (x[0] for x in energies(system, q, p, motion.t, c, motion.h))
+    usual = np.maximum(np.maximum.accumulate(np.fmax(moving, 0)), kicked[0])
+    astray = ~(np.abs(energy - energy[0]) <= np.maximum(GROSS * usual, NOTHING * abs(energy[0])))
+    k = int(np.argmax(astray))
+    if not astray.any() or not math.isfinite(energy[k]):
+        return None
+    jump = EnergyJump(float(motion.t[k]), float(energy[0]), float(energy[k]), motion.q[k])
+    return motion[:k], jump
+
+
+@np.errstate(all="ignore")  # what is not finite is looked at
 def _off_balance(
     motion: Trajectory,
     i: np.ndarray | slice,
@@ -176,7 +199,7 @@ def _off_balance(
     change = np.abs(energy - energy[0])
     moving = np.where(np.isfinite(moving), moving, 0)
     largest = max(GROSS * moving.max(), GROSS * _largest(kicked[:1]), quiet)
-    usual = max(GROSS * np.median(moving), quiet)
+    usual = max(GROSS * median(moving), quiet)
     conserved = keeps_energy(motion.system)
     if (change <= min(largest, usual)).all():
         return np.zeros(len(energy), dtype=bool)
@@ -186,7 +209,7 @@ def _off_balance(
         half = slice((len(energy) + 1) // 2)  # a scene may begin at rest, with nothing that acts
         sizes = (_largest(x[half]) for x in (energy, moving, kicked))
         largest = max(largest, HUGE * max(sizes))
-    if known and len(energy) >= SAMPLES and np.median(change - given) > usual:
+    if known and len(energy) >= SAMPLES and median(change - given) > usual:
         largest = min(largest, usual)  # off for good: a start at full speed hides it else
     return ~(change <= largest + given)
 

@@ -14,6 +14,7 @@ from varint.discrete.row_independence import folds
 from varint.integration.energy_check import energies, energy_jump
 from varint.integration.fold_watch import rows_of_fold
 from varint.integration.work_bound import keeps_energy
+from varint.numerics.arrays import median
 from varint.results.trajectory import Trajectory
 
 APART = 500  # steps between two energies that are compared in long runs: they cost little then
@@ -82,7 +83,7 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     energy, moving, _ = (x[0] for x in energies(system, q, p, motion.t[i], c, motion.h))
     change = np.abs(np.diff(energy))
     least = max(LEAST * moving.max(), ROUND_OFF * np.abs(energy).max())
-    large = (change > least) & (change > LEAP * np.median(change))
+    large = (change > least) & (change > LEAP * median(change))
     for j in np.flatnonzero(large).tolist():
         usual = _usual(change, j, change[j] > GROSS * moving.max())
         if change[j] > LEAP * usual and _stays(energy, j):
@@ -108,6 +109,6 @@ def _usual(change: np.ndarray, j: int, gross: bool) -> float:
 
 def _stays(energy: np.ndarray, j: int) -> bool:
     """Whether the energy after the change of number j is another one than before it."""
-    before = np.median(energy[max(j - AROUND, 0) : max(j - 1, 0) + 1])
-    after = np.median(energy[min(j + 2, len(energy) - 1) : j + AROUND])
+    before = median(energy[max(j - AROUND, 0) : max(j - 1, 0) + 1])
+    after = median(energy[min(j + 2, len(energy) - 1) : j + AROUND])
     return bool(np.abs(after - before) > STAYS * np.abs(energy[j + 1] - energy[j]))

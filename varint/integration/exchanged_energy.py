@@ -11,7 +11,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System, per_system
 
@@ -31,7 +31,7 @@ def exchanged_energies(motion: Trajectory, i: np.ndarray) -> tuple[np.ndarray, n
         mixed = q.copy()
         mixed[:, group::GROUPS] = other[:, group::GROUPS]
         change = np.abs(over_columns(function, mixed, t[:, None], motion.c)[0][:, 0] - energy)
-        sizes.append(np.median(change[np.isfinite(change)]) if np.isfinite(change).any() else 0.0)
+        sizes.append(median(change[np.isfinite(change)]) if np.isfinite(change).any() else 0.0)
     return energy, np.full(len(i), RANGE * sum(sizes))
 
 

@@ -12,9 +12,9 @@ from varint.discrete.inertia import scaled_mass
 from varint.discrete.lagrangian import point_function
 from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import ConvergenceError
-from varint.integration.energy_check import energy_jump, undefined_at
+from varint.integration.energy_check import EnergyJump, energy_jump, first_jump, undefined_at
 from varint.integration.small_motions import frequencies, local_matrices
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 
 LOOKED_AT = 20  # nodes before the failure
@@ -34,7 +34,12 @@ def failure(
 ) -> ConvergenceError:
     """The error of a step that failed; between two saved nodes it belongs to the steps after the
     last of them.
+
+    Where the energy leapt before, the run was lost there: how far steps go on that have none of the
+    motion's solutions says nothing of the scene, and another way to solve them ends elsewhere.
     """
+    if astray := first_jump(motion):
+        return _went_astray(*astray, on_failure)
     t = float(motion.t[0] + motion.h * (step - motion.k[0]))
     if np.isfinite(residual):
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
@@ -62,6 +67,21 @@ def failure(
     )
 
 
+def _went_astray(motion: Trajectory, jump: EnergyJump, on_failure: str | None) -> ConvergenceError:
+    """The error of the step after a motion, which was solved and led to another energy."""
+    step, t = int(motion.k[-1]), float(motion.t[-1])
+    hint = "; on_failure='subdivide' redoes steps that fail, not those" if on_failure else ""
+    return ConvergenceError(
+        f"the step after t = {t:g} (step {step}) led astray, and a later one has no solution. "
+        f"Likely: {jump.cause}{hint}. Error.trajectory has the {len(motion)} nodes before it",
+        step=step,
+        time=t,
+        residual=float("nan"),
+        trajectory=motion,
+        cause=jump.cause,
+    )
+
+
 def refusal(motion: Trajectory, step: int, time: float, why: str) -> ConvergenceError:
     """The error of a step that cannot be done, whatever its size, which begins at that time."""
     return ConvergenceError(
@@ -85,10 +105,10 @@ def likely_cause(motion: Trajectory) -> str:
     last = motion[-LOOKED_AT:]
     causes = [*_singular(last), *_undefined(last)]
     speeds = np.abs(motion.h) * frequencies(last)
-    if len(speeds) and speeds[-1] > STEEPER * np.median(speeds):
+    if len(speeds) and speeds[-1] > STEEPER * median(speeds):
         causes.append(
             "a collision or near approach (the stiffness grew "
-            f"{(speeds[-1] / np.median(speeds)) ** 2:.1g}-fold over the last {len(speeds)} nodes; "
+            f"{(speeds[-1] / median(speeds)) ** 2:.1g}-fold over the last {len(speeds)} nodes; "
             f"h ω = {speeds[-1]:.2g} now): try a smaller h"
         )
     elif len(speeds) and speeds[-1] > FAST:

@@ -31,7 +31,7 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.row_watch import BlocksFrom
 from varint.integration.state import NodeBlock, Passed, RunState
 from varint.integration.steppers.stepper import state_layout
-from varint.numerics.arrays import call, over_columns
+from varint.numerics.arrays import call, median, over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_scene
@@ -208,7 +208,7 @@ def rows_of_fold(motion: Trajectory, a: int, b: int) -> tuple[int, ...]:
     some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
     elsewhere = _directions(motion, motion.q[some], motion.t[some])[1]
     worst = int(np.argmin(values[:, -1]))
-    if not values[worst, -1] < NEARER * np.median(elsewhere[:, -1]):
+    if not values[worst, -1] < NEARER * median(elsewhere[:, -1]):
         return ()
     part = np.abs(left[worst, :, -1])
     return tuple(np.flatnonzero(part > TIED * part.max()).tolist())

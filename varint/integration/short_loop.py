@@ -1,4 +1,4 @@
-"""Compiled runs that are over before anyone could look at them: one call of their loop, or two."""
+"""Compiled runs without a look at them on the way: as few calls of their loop as may be."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ import numpy as np
 from varint.codegen.arguments import DONE
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
-from varint.integration.compiled_loop import POOR, first_piece, next_piece, scheme_of
+from varint.integration.compiled_loop import (
+    PATIENCE,
+    POOR,
+    first_piece,
+    next_piece,
+    scheme_of,
+)
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after, newton
 from varint.integration.problem import InitialValueProblem
 from varint.rules.rule import Rule
@@ -17,31 +23,42 @@ from varint.scene.system import System
 def run_at_once(
     system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
 ) -> LoopResult | None:
-    """The compiled run in one call, where it is that short; None where it is not, or where its
-    iteration contracts so poorly that another loop should go on.
+    """The compiled run without a look at it on the way; None where its iteration contracts so
+    poorly that another loop should go on, or saved nodes lie further apart than the first steps.
     """
     scheme = newton() if kernel.opening else scheme_of(system, rule)
-    piloted = scheme is BY_STAGES
-    steps, every = problem.steps, problem.save_every
-    if steps % every or steps > first_piece(kernel, False):
-        return None
-    first = next_piece(0, steps, every, first_piece(kernel, piloted))[0]
-    if first % every:
-        return None
-    found = _piece(kernel, problem, 0, first)
-    gears = gears_with(system, rule, scheme, kernel)
-    poor = piloted and found.iterations > POOR * first
-    if found.status == DONE and first < steps and not poor:
-        rest = _piece(kernel, problem, first, steps - first, found.carry)
-        found = rest._replace(
-            rows=np.concatenate([found.rows, rest.rows[1:]]),
-            iterations=found.iterations + rest.iterations,
-            residual=max(found.residual, rest.residual),
-            seconds=found.seconds + rest.seconds,
-        )
-    if gears:
-        kernel_after(gears, found.seconds, 0.0)
-    return None if poor else found
+    piloted, gears = scheme is BY_STAGES, gears_with(system, rule, scheme, kernel)
+    steps, every, most = problem.steps, problem.save_every, first_piece(kernel, piloted)
+    parts: list[LoopResult] = []
+    k, carry = 0, None
+    while k < steps:
+        count = next_piece(k, steps, every, most)[0]
+        if count % every:
+            return None
+        part = _piece(kernel, problem, k, count, carry)
+        parts.append(part)
+        per_step = max(part.seconds / count, 1e-12)
+        if gears:
+            kernel = kernel_after(gears, part.seconds, per_step * (steps - k - count))
+        if piloted and not k and part.iterations > POOR * count:
+            return None
+        if part.status != DONE:
+            break
+        k, carry = k + count, part.carry
+        most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+    if len(parts) == 1:
+        return parts[0]
+    return parts[-1]._replace(
+        rows=np.concatenate([parts[0].rows, *[part.rows[1:] for part in parts[1:]]]),
+        iterations=sum([part.iterations for part in parts]),
+        residual=max([part.residual for part in parts]),
+        seconds=sum([part.seconds for part in parts]),
+    )
+
+
+def is_short(kernel: Kernel, steps: int) -> bool:
+    """Whether so many steps are over before anyone could watch them."""
+    return steps <= first_piece(kernel, False)
 
 
 def _piece(

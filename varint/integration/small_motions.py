@@ -35,25 +35,23 @@ def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
     """
     if not math.isfinite(mass.sum() + stiffness.sum()):
         return math.nan
-    inertia = mass.diagonal()
-    if inertia.min(initial=math.inf) <= 0:
+    inertia = mass.diagonal().tolist()
+    if min(inertia, default=1.0) <= 0:
         return None
-    if len(mass) == 1:
-        return math.sqrt(abs(stiffness[0, 0] / mass[0, 0]))
-    if not np.count_nonzero(mass - np.diag(inertia)):
-        square = stiffness / inertia[:, None]
-    elif is_definite(mass):
+    if len(inertia) == 1:
+        return math.sqrt(abs(stiffness.item(0) / inertia[0]))
+    if len(inertia) == 2 and mass.item(1) == 0 == mass.item(2):
+        a, b, c, d = (x / inertia[i // 2] for i, x in enumerate(stiffness.ravel().tolist()))
+        mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
+        if apart < 0:  # a pair of complex numbers
+            return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
+        return math.sqrt(abs(mean) + math.sqrt(apart))
+    if is_definite(mass):
         square = np.linalg.solve(mass, stiffness)
     else:
         square = np.linalg.pinv(mass, hermitian=True) @ stiffness
     if not np.isfinite(square).all():
         return math.nan
-    if len(mass) == 2:
-        (a, b), (c, d) = square.tolist()
-        mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
-        if apart < 0:  # a pair of complex numbers
-            return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
-        return math.sqrt(abs(mean) + math.sqrt(apart))
     return math.sqrt(np.abs(np.linalg.eigvals(square)).max())
 
 

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
+from varint.integration.choice import Choice
 from varint.integration.energy_leap import energy_alarm, energy_leap
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
@@ -20,11 +21,7 @@ from varint.integration.switches.switched_run import choose_switched_steps
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
-from varint.integration.tolerance import (
-    Choice,
-    choose_steps,
-    problem_with_steps,
-)
+from varint.integration.tolerance import choose_steps, problem_with_steps
 from varint.integration.trajectories import subsample
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule

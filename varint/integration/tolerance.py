@@ -16,9 +16,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -28,12 +26,19 @@ from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
+from varint.integration.choice import Choice
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
-from varint.integration.hidden import missed_impulse
+from varint.integration.plain_trials import (
+    NotPlain,
+    by_plain_trials,
+    has_plain_trials,
+    plain_motion,
+)
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
+from varint.integration.refinement import refine
 from varint.integration.rule_choice import (
     RADIANS,
     candidates,
@@ -43,26 +48,18 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
-from varint.integration.second_looks import Trial, has_steps, luck, transient
-from varint.integration.short_trials import (
-    NotShort,
-    by_short_trials,
-    has_short_trials,
-    short_motion,
-)
+from varint.integration.second_looks import Trial
 from varint.integration.small_motions import MOST_COORDINATES, frequencies, frequency_at_start
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
     FLOOR,
-    STALLED,
     Attempt,
     Course,
     energy_errors,
-    rounding,
     run_twice,
     shows_its_error,
 )
-from varint.integration.walls import Failure, no_way_on, require_way_on
+from varint.integration.walls import Failure
 from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -71,29 +68,6 @@ from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
-MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
-CAUTION = 0.75  # of the order that was seen is counted on
-SPARE = 1.1  # more steps than the estimate asks for
-NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
-PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
-CERTAIN = 2  # times, where there were digits already and nothing jumps
-ENOUGH = 2**20  # steps over forces that jump, where more would not do
-SAMPLES = 200  # nodes at which frequencies are looked at
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """A rule and a number of steps, the run that they make, and its estimated error; whether its
-    energy has been looked at and stays.
-    """
-
-    rule: Rule
-    steps: int
-    motion: Trajectory
-    estimate: float
-    runs: int
-    reached: bool
-    level: bool = False
 
 
 def choose_steps(
@@ -138,18 +112,18 @@ def choose_steps(
     check_steps(start.t0, start.h * start.steps, 1)
     radians = _radians(system, own, start)
     if rule is None and start.steps == 1:
-        compiled = backend == "compiled" or (
-            backend == "auto" and repays(system, own, max(int(radians), 64))
-        )
         by_stages = runs_by_stages(system, gauss(8), backend)
+        compiled = backend == "compiled" or (
+            backend == "auto" and not by_stages and repays(system, own, max(int(radians), 64))
+        )
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
     by_two_runs = start.steps == 1 and shows_its_error(system)
-    if by_two_runs and stop is None and has_short_trials(system, start):
-        with suppress(NotShort):
-            shown = by_short_trials(system, own, start, tol, radians, scale, backend)
+    if by_two_runs and stop is None and has_plain_trials(system, start):
+        with suppress(NotPlain):
+            shown = by_plain_trials(system, own, start, tol, radians, scale, backend)
             if shown is not None:
-                motion = short_motion(system, own, shown.run, began)
+                motion = plain_motion(system, own, shown.run, began)
                 return Choice(own, shown.steps, motion, shown.estimate, shown.runs, True, True)
             by_two_runs = False
 
@@ -186,7 +160,7 @@ def choose_steps(
                 return found
         failures.clear()
         few, ends_early = start.steps * first, stop is not None
-        return _refine(system, own, start, tol, radians, trial, failures, few, scale, ends_early)
+        return refine(system, own, start, tol, radians, trial, failures, few, scale, ends_early)
 
 
 def _from_two_runs(
@@ -212,95 +186,6 @@ def _from_two_runs(
     course = Course(run, apart, radians, system.structure.linear)
     found = run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
     return found and Choice(rule, found.steps, found.run, found.estimate, found.runs, True, True)
-
-
-def _refine(
-    system: System,
-    rule: Rule,
-    start: InitialValueProblem,
-    tol: float,
-    radians: float,
-    trial: Trial,
-    failures: Sequence[Failure],
-    steps: int,
-    scale: Any,
-    ends_early: bool,
-) -> Choice:
-    """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
-    before: tuple[int, Trajectory] | None = None
-    apart, order, stalls, runs, best = math.inf, None, 0, 0, None
-    quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
-    most = MOST_STEPS if quick else MOST_INTERPRETED
-    while steps <= most:
-        motion, runs = trial(rule, steps), runs + 1
-        if motion is None or not np.isfinite(motion.q).all():
-            require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
-            before, apart, order, steps = None, math.inf, None, 2 * steps
-            continue
-        if before is None:
-            before, steps = (steps, motion), 2 * steps
-            continue
-        scales = error_scales(system, motion, scale)
-        ratio, last = steps / before[0], apart
-        seen = distance(before[1], before[0], motion, steps, scales)
-        if ends_early:
-            seen = max(seen, ends_apart(before[1], motion, scales))
-        # no smooth motion comes together faster than by the rule's order: less is luck
-        apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
-        if ratio == 2 and last < math.inf:
-            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
-        before = steps, motion
-        rounded = rounding(apart, radians, steps)
-        stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
-        if stalls and rounded == apart > tol:  # from now on it wanders
-            best = best and replace(best, estimate=max(best.estimate, apart))
-            break
-        sure = best is not None and apart < NO_DIGITS and not has_steps(system)
-        if stalls == (CERTAIN if sure else PATIENCE):
-            break
-        if order is not None and apart < NO_DIGITS:
-            counted = ratio ** (-CAUTION * order)
-            floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
-            estimate = max(apart * counted / (1 - counted), rounded, floor)
-            hidden = 0.0
-            if estimate <= tol:
-                hidden = max(
-                    transient(trial, rule, steps, motion, scales),
-                    missed_impulse(system, rule, motion, scales),
-                    luck(system, trial, rule, start.steps, steps, motion, scales),
-                )
-            found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
-            if best is None or found.estimate < best.estimate:
-                best = found
-            if found.estimate <= tol:
-                return found
-            hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
-            if hopeless and steps >= ENOUGH and has_steps(system):
-                break
-            more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
-            steps = (
-                steps * math.ceil(4 * more) // 4 if 1 < more < 2 and steps % 4 == 0 else 2 * steps
-            )
-            continue
-        steps *= 2
-    if best is None and before is not None and math.isfinite(apart):
-        best = Choice(rule, *before, apart, runs, False)  # no digit is certain: it says so
-    if best is not None:
-        return replace(best, reached=False, runs=runs)
-    if failures:
-        raise no_way_on(failures, has_steps(system))
-    raise InputError(
-        f"no number of steps up to {most:.0g} by {rule} leads through the duration "
-        f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
-        "to see where it ends"
-    )
-
-
-def _resolves(motion: Trajectory) -> bool:
-    """Whether the steps are short for the fastest small motion anywhere on the way."""
-    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
-    fastest = frequencies(motion[some]).max(initial=0.0)
-    return bool(abs(motion.h) * fastest < 1.0)
 
 
 def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:

@@ -39,12 +39,15 @@ NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
 # Kepler's motion, pendulums and a quartic well, 20 to 20,000 periods, have a tenth to half of it
 ROUNDING = 5e-17
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
-SAMPLES = 1000  # nodes at which the energy is looked at, and up to as many more
-LONG, PARTS = 500, 16  # steps of a run that is worth a look at a part of it first
+SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
+LONG, PARTS = 1500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 ATTEMPTS = 6
-CAUTION = 0.75  # of the rule's order is counted on at most
-LEAST, GOOD, MOST = 1.25, 2.0, 4.0  # ratio of the steps of two runs
+CAUTION = 0.85  # of the rule's order is counted on at most
+# ratio of the steps of two runs: at least, what a new coarse run aims at, and at most, where the
+# error that is predicted of the coarse one is not clearly small, and where it is
+LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
+CLEAR = 0.03  # such an error
 
 
 class Attempt(NamedTuple):
@@ -112,11 +115,11 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 steps = _in_fours(steps * _ratio(expected, rough, p, 2.0))
                 continue
             wanted = _ratio(MARGIN * expected, tol, p, math.inf)
-            if wanted > MOST:
+            if wanted > (FAR if expected <= CLEAR else MOST):
                 steps = _in_fours(steps * wanted / GOOD)
                 continue
             coarse = tried
-        more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, MOST))
+        more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, FAR))
         fine, runs = course.trial(more, tol, 1), runs + 1
         if fine is None:
             return None

@@ -51,6 +51,14 @@ def is_definite(matrix: np.ndarray) -> bool:
         return False
 
 
+def median(x: np.ndarray) -> float:
+    """`numpy.median` of numbers (k,), without what that one loads when it is called first."""
+    ordered, half = np.sort(x), len(x) // 2
+    if not len(x) or math.isnan(ordered[-1]):
+        return math.nan
+    return float(ordered[half] if len(x) % 2 else (ordered[half - 1] + ordered[half]) / 2)
+
+
 def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
     """`count` as a sum of powers of ten, none above `largest`, larger ones first."""
     size = largest

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import (
     Watch,
@@ -21,14 +22,16 @@ from varint.integration.events.crossings import (
 from varint.integration.events.substeps import substeps_of
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem, RunOptions
+from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
 from varint.integration.switches.follow import ANGLE, Course, Piece, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined, nodes_apart, piece_motion
 from varint.integration.switches.timetable import timetable
-from varint.integration.tolerance import CAUTION, FLOOR, LEAST_TOL, MOST_TOL, NO_DIGITS, Choice
+from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import cut_at
+from varint.integration.two_runs import FLOOR
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
@@ -125,7 +128,7 @@ def _refined(
         apart = _apart(course, before[1], pieces, motion, scales)
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
-        left = 0.5 if order is None else ratio ** (-CAUTION * order)
+        left = 0.5 if order is None or apart > NO_DIGITS else ratio ** (-CAUTION * order)
         rounded = _floor(motion, len(pieces), scales)
         estimate = max(apart * left / (1 - left), rounded)
         if estimate <= tol and not frozen.system.structure.autonomous:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from varint.errors import ConvergenceError, VarintError
+from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.problem import InitialValueProblem, RunOptions, Start
 from varint.integration.rule_choice import (
@@ -25,7 +26,6 @@ from varint.integration.time_transformation.transformed_run import (
     prepare,
     run_prepared,
 )
-from varint.integration.tolerance import Choice
 from varint.integration.two_runs import (
     FLOOR,
     Attempt,

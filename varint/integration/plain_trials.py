@@ -1,5 +1,5 @@
-"""Trial runs of a short motion for a wanted accuracy: numbers alone, without what a trajectory is
-made of around each.
+"""Trial runs for a wanted accuracy as numbers alone, without what a trajectory is made of around
+each, where coordinates and momenta at nodes are all of it.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel, LoopResult
 
 
-class ShortTrial(NamedTuple):
-    """A run in one call of its loop."""
+class PlainTrial(NamedTuple):
+    """A run by its loop alone."""
 
     problem: InitialValueProblem
     kernel: Kernel
     found: LoopResult
 
 
-class NotShort(Exception):
-    """A run that takes more than one call of its loop, or another one."""
+class NotPlain(Exception):
+    """A run that takes another loop."""
 
 
-def has_short_trials(system: System, start: InitialValueProblem) -> bool:
+def has_plain_trials(system: System, start: InitialValueProblem) -> bool:
     """Whether nothing but coordinates and momenta at nodes makes the motion."""
     s = system.structure
     held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
@@ -54,7 +54,7 @@ def has_short_trials(system: System, start: InitialValueProblem) -> bool:
 
 
 @np.errstate(all="ignore")  # of steps that are too large
-def by_short_trials(
+def by_plain_trials(
     system: System,
     rule: Rule,
     start: InitialValueProblem,
@@ -63,11 +63,11 @@ def by_short_trials(
     scale: Any,
     backend: str,
 ) -> Proved | None:
-    """`run_twice` with such trials; its run is a `ShortTrial`.
+    """`run_twice` with such trials; its run is a `PlainTrial`.
 
     Raises
     ------
-    NotShort
+    NotPlain
     """
     time = np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
@@ -84,22 +84,22 @@ def by_short_trials(
             level=iteration_level(wanted, steps),
         )
         kernel = kernel_for(system, rule, problem, backend)
-        found = None if kernel is None else run_at_once(system, rule, problem, kernel)
+        found = None if kernel is None else run_at_once(system, rule, problem, kernel, short=False)
         if kernel is None or found is None:
-            raise NotShort
+            raise NotPlain
         if not found.done:
             return None
         some = found.rows[:: max(1, len(found.rows) // SAMPLES)]
         energy = energies_along(system, some[:, 0], some[:, 1], time, start.c)
-        return Attempt(ShortTrial(problem, kernel, found), quantiles(*energy))
+        return Attempt(PlainTrial(problem, kernel, found), quantiles(*energy))
 
-    def apart(one: ShortTrial, few: int, other: ShortTrial, many: int) -> float:
-        q = other.found.rows[:, 0]
+    def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> float:
+        q = other.found.rows[:, 0].copy()  # side by side: three times as fast
         if scale is None:
             v = still if quadratic else np.nan_to_num(other.found.rows[0, 2])
             scales = scales_of_nodes(system, q, v, time, start.c)
         else:
-            scales = error_scales(system, short_motion(system, rule, other, 0.0), scale)
+            scales = error_scales(system, plain_motion(system, rule, other, 0.0), scale)
         unit = math.gcd(few, many)
         off = one.found.rows[:: few // unit, 0] - q[:: many // unit]
         return float((np.abs(off, out=off) / scales).max())
@@ -108,7 +108,7 @@ def by_short_trials(
     return run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
 
 
-def short_motion(system: System, rule: Rule, run: ShortTrial, began: float) -> Trajectory:
+def plain_motion(system: System, rule: Rule, run: PlainTrial, began: float) -> Trajectory:
     """The motion of a run."""
     whole = Run(system, plan(system, rule), run.problem, [], iter(()), run.kernel, began)
     return motion_at_once(whole, run.found)

@@ -1,0 +1,124 @@
+"""Steps for a wanted error from runs with more and more of them, whatever order they show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from varint.errors import InputError
+from varint.integration.backend import runs_by_stages
+from varint.integration.choice import Choice
+from varint.integration.cost import repays
+from varint.integration.error_scale import error_scales
+from varint.integration.hidden import missed_impulse
+from varint.integration.problem import InitialValueProblem
+from varint.integration.run_distance import distance, ends_apart
+from varint.integration.second_looks import Trial, has_steps, luck, transient
+from varint.integration.small_motions import frequencies
+from varint.integration.two_runs import FLOOR, STALLED, rounding
+from varint.integration.walls import Failure, no_way_on, require_way_on
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
+CAUTION = 0.75  # of the order that was seen is counted on
+SPARE = 1.1  # more steps than the estimate asks for
+NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
+PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
+CERTAIN = 2  # times, where there were digits already and nothing jumps
+ENOUGH = 2**20  # steps over forces that jump, where more would not do
+SAMPLES = 200  # nodes at which frequencies are looked at
+
+
+def refine(
+    system: System,
+    rule: Rule,
+    start: InitialValueProblem,
+    tol: float,
+    radians: float,
+    trial: Trial,
+    failures: Sequence[Failure],
+    steps: int,
+    scale: Any,
+    ends_early: bool,
+) -> Choice:
+    """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
+    before: tuple[int, Trajectory] | None = None
+    apart, order, stalls, runs, best = math.inf, None, 0, 0, None
+    quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
+    most = MOST_STEPS if quick else MOST_INTERPRETED
+    while steps <= most:
+        motion, runs = trial(rule, steps), runs + 1
+        if motion is None or not np.isfinite(motion.q).all():
+            require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
+            before, apart, order, steps = None, math.inf, None, 2 * steps
+            continue
+        if before is None:
+            before, steps = (steps, motion), 2 * steps
+            continue
+        scales = error_scales(system, motion, scale)
+        ratio, last = steps / before[0], apart
+        seen = distance(before[1], before[0], motion, steps, scales)
+        if ends_early:
+            seen = max(seen, ends_apart(before[1], motion, scales))
+        # no smooth motion comes together faster than by the rule's order: less is luck
+        apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
+        if ratio == 2 and last < math.inf:
+            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
+        before = steps, motion
+        rounded = rounding(apart, radians, steps)
+        stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
+        if stalls and rounded == apart > tol:  # from now on it wanders
+            best = best and replace(best, estimate=max(best.estimate, apart))
+            break
+        sure = best is not None and apart < NO_DIGITS and not has_steps(system)
+        if stalls == (CERTAIN if sure else PATIENCE):
+            break
+        if order is not None and apart < NO_DIGITS:
+            counted = ratio ** (-CAUTION * order)
+            floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
+            estimate = max(apart * counted / (1 - counted), rounded, floor)
+            hidden = 0.0
+            if estimate <= tol:
+                hidden = max(
+                    transient(trial, rule, steps, motion, scales),
+                    missed_impulse(system, rule, motion, scales),
+                    luck(system, trial, rule, start.steps, steps, motion, scales),
+                )
+            found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
+            if best is None or found.estimate < best.estimate:
+                best = found
+            if found.estimate <= tol:
+                return found
+            hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
+            if hopeless and steps >= ENOUGH and has_steps(system):
+                break
+            more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
+            steps = (
+                steps * math.ceil(4 * more) // 4 if 1 < more < 2 and steps % 4 == 0 else 2 * steps
+            )
+            continue
+        steps *= 2
+    if best is None and before is not None and math.isfinite(apart):
+        best = Choice(rule, *before, apart, runs, False)  # no digit is certain: it says so
+    if best is not None:
+        return replace(best, reached=False, runs=runs)
+    if failures:
+        raise no_way_on(failures, has_steps(system))
+    raise InputError(
+        f"no number of steps up to {most:.0g} by {rule} leads through the duration "
+        f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
+        "to see where it ends"
+    )
+
+
+def _resolves(motion: Trajectory) -> bool:
+    """Whether the steps are short for the fastest small motion anywhere on the way."""
+    some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
+    fastest = frequencies(motion[some]).max(initial=0.0)
+    return bool(abs(motion.h) * fastest < 1.0)
