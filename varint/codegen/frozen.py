@@ -40,9 +40,7 @@ def frozen_slope(system: System, rule: Rule, e: Equations) -> ca.SX:
     )
     inertia = ca.SX(mass.sparsity(), params.frozen_inertia)
     held = ca.mtimes(ca.SX(rows.sparsity(), params.frozen_rows), s.q)
-    scene = System(
-        s.q, s.v, ca.bilin(inertia, s.v, s.v) / 2, constraint=held, params=params, t=s.t
-    )
+    scene = System(s.q, s.v, ca.bilin(inertia, s.v, s.v) / 2, constraint=held, params=params, t=s.t)
     like = constrained_equations(scene, rule)
     own = [like.y, like.q, like.p, like.t, like.h, like.c, like.scale, like.sizes]
     slope = ca.Function("slope", own, [ca.jacobian(like.left / like.row_size, like.y)])
