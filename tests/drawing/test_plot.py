@@ -36,7 +36,7 @@ def test_panels_are_those_that_the_scene_has(name, extra):
 def test_multipliers_are_drawn_as_they_are():
     motion = motion_of("pendulum_cartesian", duration=1.0)
     axes = motion.plot().axes[3]
-    assert np.array_equal(axes.lines[0].get_ydata(), motion.multipliers[:, 0])
+    assert np.array_equal(axes.lines[0].get_ydata(), curve_of(motion).multipliers[:, 0])
 
 
 def test_momenta_are_drawn_as_their_change():
@@ -69,7 +69,7 @@ def test_the_energy_is_drawn_itself_where_it_is_not_conserved_and_its_error_wher
     for motion in motions:
         axes = motion.plot().axes[2]
         assert axes.get_title() == "Energy" and np.array_equal(
-            axes.lines[0].get_ydata(), motion.energy
+            axes.lines[0].get_ydata(), curve_of(motion).energy
         )
     for name in ("pendulum", "falling_ladder"):
         motion = motion_of(name, duration=0.5)

@@ -57,6 +57,25 @@ def test_the_energy_of_an_elastic_ball_has_no_slope_over_1e4_impacts_whatever_th
     assert 2 <= sum(change[-1] > 0 for change in changes) <= 8
 
 
+@pytest.mark.parametrize("backend", ["auto", "interpreted"])
+def test_a_cradle_of_three_swings_on_with_one_ball_at_a_time(backend):
+    """Balls that should rest move by round-off, and would hit each other for ever."""
+    q, v = vi.coordinates("a", "b", "c")
+    lagrangian = ca.sumsqr(v) / 2 + G * ca.sum1(ca.cos(q))
+    gaps = ca.vertcat(q[1] - q[0], q[2] - q[1])
+    cradle = vi.System(q, v, lagrangian, contact=gaps, restitution=1.0)
+    duration = 40.0 if backend == "auto" else 6.0
+    motion = vi.simulate(
+        cradle, q0=[-1.0, 0.0, 0.0], v0=[0.0] * 3, h=0.02, duration=duration, backend=backend
+    )
+    hits = [event for event in motion.events if event.kind == "impact"]
+    speed = np.sqrt(2 * G * (1 - np.cos(1.0)))
+    assert len(hits) >= (70 if backend == "auto" else 10)
+    np.testing.assert_allclose([abs(e.impulse) for e in hits], speed, rtol=1e-6)
+    assert [e.contact for e in hits[:6]] == [0, 1, 1, 0, 0, 1]
+    assert (np.sort(np.abs(motion.q), axis=1)[:, :2] < 1e-12).all()  # the two that rest
+
+
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_a_lossy_ball_comes_to_rest_at_the_closed_form_time_after_infinitely_many_bounces(
     restitution,

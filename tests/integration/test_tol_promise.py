@@ -70,10 +70,12 @@ def test_forces_that_jump_or_last_for_less_than_a_step_are_met_by_the_order_that
 
 @pytest.mark.parametrize("tol", [1e-3, 1e-4])
 def test_no_two_runs_agree_by_chance_on_a_force_that_is_switched_on(tol):
-    q, v, t = *vi.coordinates("x"), vi.time()
+    """A control that does nothing: steps go across the switch."""
+    q, v, t, u = *vi.coordinates("x"), vi.time(), ca.SX.sym("u")
     for where in np.random.default_rng(1).uniform(0.2, 1.8, 5):
-        system = vi.System(q, v, v**2 / 2, force=ca.if_else(t > where, 1.0, 0.0), t=t)
-        motion = vi.simulate(system, q0=0.0, v0=0.0, duration=2.0, tol=tol)
+        force = u + ca.if_else(t > where, 1.0, 0.0)
+        system = vi.System(q, v, v**2 / 2, force=force, t=t, control=u)
+        motion = vi.simulate(system, q0=0.0, v0=0.0, duration=2.0, tol=tol, u=[0.0])
         assert abs(motion.q[-1, 0] - (2 - where) ** 2 / 2) <= tol * np.ptp(motion.q)
 
 

@@ -60,3 +60,18 @@ def test_a_ring_that_floats_keeps_its_loop_and_energy(hinges):
     assert motion.stats["iterations"] <= 8 * 100
     assert np.ptp(motion.energy) <= 1e-8 * abs(motion.energy[0])
     assert abs(np.linalg.norm(motion.q[:, 3:7], axis=1) - 1).max() <= 1e-15
+
+
+@pytest.mark.long
+def test_the_default_call_of_a_ring_runs_and_steps_too_large_end_with_a_reason():
+    """Nothing here takes whole derivatives of L, which would take a minute to set up."""
+    model = ring(6)
+    scene = model.system()
+    start = mb.start_values(model, {}, {"trunk": [0.1, 0.2, 0.3, 1, 2, 3]})
+    q0, v0 = vi.project(scene, *start)
+    motion = vi.simulate(scene, q0=q0, v0=v0, duration=0.2)
+    assert motion.stats["rule"] == "lobatto(3)" and motion.stats["error_estimate"] <= 1e-9
+    exact = vi.simulate(scene, vi.lobatto(3), q0=q0, v0=v0, duration=0.2, steps=1600)
+    assert abs(motion.q[-1] - exact.q[-1]).max() <= 2e-9
+    with pytest.raises(vi.ConvergenceError, match="h is too large"):
+        vi.simulate(scene, vi.lobatto(3), q0=q0, v0=v0, h=0.5, steps=20)

@@ -8,6 +8,10 @@ from references import entries
 
 import varint as vi
 from varint import orbits
+from varint.orbits.guess import guess_of
+from varint.orbits.phase import integrals
+from varint.orbits.settle import settled, settles
+from varint.orbits.shooting import Shooting
 
 
 @pytest.mark.parametrize("top, near", [(0.1, 1e-13), (2.5, 1e-13), (3.1, 1e-11)])
@@ -99,9 +103,7 @@ def test_the_figure_eight_closes_to_thirteen_digits():
 
 
 def test_a_limit_cycle_has_the_published_period():
-    q, v = vi.coordinates("x")
-    van_der_pol = vi.System(q, v, (v**2 - q**2) / 2, force=(1 - q**2) * v)
-    cycle = orbits.periodic(van_der_pol, ([2.0], [0.1]), period=6.5)
+    cycle = orbits.periodic(van_der_pol(1.0), ([2.0], [0.1]), period=6.5)
     # Amore, Boyd & Fernández, Applied Mathematics and Computation 343 (2019) 279
     assert cycle.period == pytest.approx(6.6632868593231301, rel=1e-13)
     # Liouville: the multiplier is the exponential of the mean divergence
@@ -111,6 +113,65 @@ def test_a_limit_cycle_has_the_published_period():
     assert mu.real == pytest.approx(np.exp(mean), rel=1e-6)
     assert cycle.floquet.verdict == "asymptotically stable"
     assert cycle.integrals == {}
+
+
+def van_der_pol(mu: float) -> vi.System:
+    q, v = vi.coordinates("x")
+    return vi.System(q, v, (v**2 - q**2) / 2, force=mu * (1 - q**2) * v)
+
+
+def test_a_motion_is_followed_to_the_cycle_that_it_runs_into():
+    """Stiff, and from far off the period: one turn of the cycle, from near the guess on."""
+    stiff, (q0, v0, long) = van_der_pol(10.0), (1.0, 1.0, 22.0)
+    guess = guess_of(stiff, ([q0], [v0]), long, None, 0.0, None)
+    known = integrals(stiff, guess.c, guess.x[:1], None)
+    shooting = Shooting(stiff, vi.gauss(6), 1, 1, 0.0, guess.shift, known)
+    assert settles(shooting, guess)
+    turn = settled(shooting, guess)
+    assert turn.period == pytest.approx(19.0783695669, rel=1e-5)  # by SciPy's Radau method
+    there = turn.motion.at(turn.motion.t[0] + turn.period)
+    assert np.abs(there.q - turn.motion.q[0]).max() < 1e-3
+    assert abs(turn.x[0] - q0) < 0.3 and turn.motion.duration >= turn.period
+
+
+@pytest.mark.long
+def test_a_stiff_limit_cycle_is_found_from_a_rough_guess():
+    """Newton's method comes to nothing there. The period is that of SciPy's Radau method, between
+    two tops.
+    """
+    from scipy.integrate import solve_ivp
+
+    mu = 10.0
+    cycle = orbits.periodic(van_der_pol(mu), ([1.0], [1.0]), period=22.0)
+
+    def rate(t, x):
+        return [x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]]
+
+    def top(t, x):
+        return x[1]
+
+    top.direction = -1
+    known = solve_ivp(rate, (0, 45), [2.0, 0.0], "Radau", rtol=1e-9, atol=1e-9, events=top)
+    assert cycle.period == pytest.approx(np.diff(known.t_events[0])[-1], rel=1e-6)
+    assert cycle.residual < 1e-12 and cycle.error_estimate < 1e-11
+    assert np.abs(cycle.floquet.multipliers).max() < 1e-10
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mu", [20.0, 50.0, 100.0])
+def test_limit_cycles_of_relaxation_have_their_asymptotic_period(mu):
+    """(3 − 2 ln 2) μ + 3 α μ^{−1/3} − (2 ln μ)/(3 μ) − 1.3233/μ + …, α = 2.338107 (Dorodnicyn)."""
+    cycle = orbits.periodic(van_der_pol(mu), ([1.0], [1.0]), period=1.5 * mu)
+    known = (3 - 2 * np.log(2)) * mu + 3 * 2.338107 * mu ** (-1 / 3) - 2 * np.log(mu) / (3 * mu)
+    assert abs(cycle.period - known) < 3 / mu
+    assert cycle.residual < 1e-11 and cycle.error_estimate < 1e-11
+
+
+def test_a_motion_that_comes_to_rest_is_no_cycle():
+    q, v = vi.coordinates("x")
+    damped = vi.System(q, v, (v**2 - q**2) / 2, force=-0.5 * v)
+    with pytest.raises(vi.ConvergenceError, match=r"equilibrium|no periodic orbit"):
+        orbits.periodic(damped, ([1.0], [0.0]), period=6.5)
 
 
 @pytest.mark.long

@@ -4,12 +4,16 @@ step, wherever a run, a step's size or a vector ends.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import varint as vi
+from varint.codegen import sweep
 from varint.codegen.sweep_explicit import has_explicit_sweep
+from varint.sensitivities import shifting
 from varint.sensitivities.loops import is_built, sweeper
 from varint.sensitivities.pieces import pieces
 from varint.sensitivities.start import as_text
@@ -95,3 +99,20 @@ def test_masses_that_all_act_on_each_other_are_differentiated_step_by_step():
         vi.gradient(motion, terminal_loss=loss, backend=x).q0 for x in ("auto", "interpreted")
     )
     assert np.allclose(one, two, rtol=1e-12, atol=1e-12)
+
+
+@NEEDS_CORE
+@pytest.mark.parametrize("rule", [vi.composition("verlet"), vi.gauss(2), vi.gauss(4)], ids=str)
+def test_what_the_compiler_is_given_in_the_background_is_what_takes_over(rule, monkeypatch):
+    given, asked = [], []
+    loops = SimpleNamespace(tangents=None, adjoints=None)
+    monkeypatch.setattr(sweep, "library", lambda text, _: asked.append(text) or loops)
+    monkeypatch.setattr(sweep, "entry_of", lambda *_: None)
+    monkeypatch.setattr(shifting, "SweepGears", lambda *parts: given.append(parts) or parts)
+    monkeypatch.setattr(shifting, "shifting", lambda gears: gears)
+    q, v = vi.coordinates("x", "y", "z")  # a scene of this test alone: its loops are none
+    wells = vi.System(q, v, ca.sumsqr(v) / 2 - 0.731 * ca.sumsqr(q) ** 2 - q[0] * q[2])
+    sweeper(wells, rule, 10**6, "auto")
+    _, source, compiled, _ = given[0]
+    compiled()
+    assert asked == [source()]

@@ -197,7 +197,7 @@ def test_no_schedule_of_checkpoints_takes_fewer_steps(pieces, states):
 
 
 @pytest.mark.parametrize("every", [40, 1600], ids=["every 40th", "the ends alone"])
-@pytest.mark.parametrize("states", [80, 12], ids=["twice the root", "few"])
+@pytest.mark.parametrize("states", [80, 12, None], ids=["twice the root", "few", "by default"])
 def test_a_gradient_with_nodes_left_out_holds_no_more_states_than_asked(every, states, monkeypatch):
     system, _ = spring()
     held = {"now": 0, "most": 0}
@@ -216,16 +216,31 @@ def test_a_gradient_with_nodes_left_out_holds_no_more_states_than_asked(every, s
     def keeper(found):  # what lives as long as the numbers do
         return found.q if isinstance(found, vi.Trajectory) else found.x
 
+    for floor in ("STORED", "PIECE"):
+        monkeypatch.setattr(checkpoints, floor, 0)
     advanced, again = checkpoints._advanced, checkpoints.piece_again
     monkeypatch.setattr(checkpoints, "_advanced", counted(advanced, lambda x: 1))
     monkeypatch.setattr(checkpoints, "piece_again", counted(again, lambda x: len(x.x)))
     given = dict(q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.02, steps=1600)
     ends = vi.simulate(system, vi.gauss(2), **given, save_every=every)
     found = vi.gradient(ends, system.q[0] ** 2, system.v[0], states=states)
-    assert held["most"] <= states and (every == 40 or held["most"] > states / 2)
+    most = 80 if states is None else states
+    assert held["most"] <= most and (every == 40 or held["most"] > most / 2)
     whole = vi.gradient(vi.simulate(system, vi.gauss(2), **given), system.q[0] ** 2, system.v[0])
     for name in ("value", "q0", "v0", "h"):
         assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-8)
+
+
+def test_what_fits_into_memory_is_run_once_more_whole_and_longer_runs_in_pieces_of_2_MB():
+    system, _ = spring()
+    motion = vi.simulate(system, q0=[0.4, -0.3], v0=[0.2, 0.5], h=0.02, steps=4000, save_every=4000)
+    numbers = checkpoints.numbers_of(motion)
+    assert numbers == 5 * 2 + 3
+    assert len(list(checkpoints.pieces_backwards(motion, 0, 1))) == 1
+    room = checkpoints.room_for(10**7, None, numbers)
+    assert room.checkpoints == 3162 and 2**21 - 8 * numbers < 8 * numbers * room.steps <= 2**21
+    assert sum(checkpoints.room_for(10**11, None, numbers)) <= 2 * 10**5.5
+    assert checkpoints.room_for(10**5, None, numbers).steps == 10**5
 
 
 def test_losses_that_make_no_sense_are_refused_in_words():

@@ -59,9 +59,7 @@ def explicit_sweep_scheme(system: System, rule: Rule, density: str | None = None
         loss = running(s, ca.Function.deserialize(density))
         of_loss = [loss, ca.gradient(loss, s.state), ca.gradient(loss, s.outside)]
     expressions = {
-        "slopes": (inputs, [kq, dp]),
-        "outside": (inputs, [ke, de]),
-        "after": (inputs, [s.after if len(s.parts) > 1 else none]),
+        "part_of": (inputs, [kq, dp, ke, de, s.after]),
         "density": (inputs, of_loss),
     }
     counts = {
@@ -74,10 +72,12 @@ def explicit_sweep_scheme(system: System, rule: Rule, density: str | None = None
         "E": s.outside.numel(),
         "LOSS": int(density is not None),
     }
-    places = {}
+    places: dict[str, np.ndarray] = {}
     for name, slope in slopes.items():
-        rows, columns = slope.sparsity().get_triplet()
-        places |= {f"{name}_ROW": np.array(rows, int), f"{name}_COLUMN": np.array(columns, int)}
+        begin, rows = slope.sparsity().get_ccs()
+        places |= {f"{name}_ROW": np.array(rows, int), f"{name}_BEGIN": np.array(begin, int)}
+    for name in ("KE", "DE"):
+        places[f"{name}_COLUMN"] = np.array(slopes[name].sparsity().get_triplet()[1], int)
     return SweepScheme(
         routines(ca.vertcat(s.c, s.h), expressions),
         counts | {name: slope.nnz() for name, slope in slopes.items()},

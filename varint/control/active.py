@@ -97,6 +97,16 @@ def bounded_quantities(part: PhaseTranscription, outcome: SolverResult) -> list[
     return found
 
 
+def bounded_integrals(part: PhaseTranscription, outcome: SolverResult) -> list[Quantity]:
+    """All integrals that are bounded over a phase; they have no time."""
+    own, rows, nlp = part.phase.integrals, part.rows.integrals, outcome.nlp
+    g, never = nlp.program.value(outcome.x, nlp.p)[1].full().ravel(), np.full((1, 1), np.nan)
+    return [
+        Quantity(name, float(low), float(high), g[row, None, None], never, row[None, None], True)
+        for name, low, high, row in zip(own.names, own.low, own.high, rows, strict=True)
+    ]
+
+
 def active_bounds(part: PhaseTranscription, outcome: SolverResult) -> dict[str, np.ndarray]:
     """Bounds along the path that are met with equality, and the times where they are."""
     found: dict[str, np.ndarray] = {}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from varint.control.active import bounded_quantities
+from varint.control.active import bounded_integrals, bounded_quantities
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
 from varint.control.transcription import PhaseTranscription
@@ -147,9 +147,13 @@ def _conditions(part: PhaseTranscription, outcome: SolverResult) -> list[Conditi
     once = np.array([np.nan])
     for side, k, end, rows, others in sides:
         price = 1.0 if k else START
-        for letter, index, given in (("q", slots.q[-k], end.q), ("v", slots.v[k], end.v)):
+        for letter, names, index, given in (
+            ("q", phase.system.names, slots.q[-k], end.q),
+            ("v", phase.system.names, slots.v[k], end.v),
+            ("states", phase.states.names(phase.system), slots.states[-k], end.states),
+        ):
             for i in np.flatnonzero(np.isfinite(given[1:]).any(axis=0)):
-                name = f"{side}.{letter}.{phase.system.names[i]}{_asked(*given[1:, i])}"
+                name = f"{side}.{letter}.{names[i]}{_asked(*given[1:, i])}"
                 found.append(Condition(name, index[[i]], once, False, price))
                 at_ends.add(int(index[i]))
         first = len(rows) - others - end.low.size
@@ -160,7 +164,7 @@ def _conditions(part: PhaseTranscription, outcome: SolverResult) -> list[Conditi
     if phase.free_duration and np.isfinite(phase.duration[1:]).any():
         name = f"duration{_asked(*phase.duration[1:])}"
         found.append(Condition(name, slots.shared[[1]], once, False))
-    for quantity in bounded_quantities(part, outcome):
+    for quantity in (*bounded_quantities(part, outcome), *bounded_integrals(part, outcome)):
         held = quantity.held.ravel()
         kept = held >= 0
         if not quantity.is_row:

@@ -19,12 +19,16 @@ def check_feasibility(phase: CheckedPhase, t0: float) -> None:
     if phase.end.periodic is not None:
         _periodic(phase, phase.end.periodic)
     for what, end, t in (("start", phase.start, t0), ("end", phase.end, t0 + phase.duration[0])):
-        for letter, given, along in (("q", end.q, bounds.q), ("v", end.v, bounds.v)):
+        for names, given, along in (
+            (s.names, end.q, bounds.q),
+            ([f"the velocity of {name}" for name in s.names], end.v, bounds.v),
+            (phase.states.names(s), end.states, bounds.u[:, phase.states.index]),
+        ):
             low, high = np.maximum(given[1], along[0]), np.minimum(given[2], along[1])
             for i in np.flatnonzero(low > high):
-                name = s.names[i] if letter == "q" else f"the velocity of {s.names[i]}"
+                asked = dict.fromkeys(f"{x:g}" for x in given[1:, i])
                 raise InputError(
-                    f"the {what} has {name} = {given[1][i]:g} … {given[2][i]:g}, "
+                    f"the {what} has {names[i]} = {' … '.join(asked)}, "
                     f"outside its bounds {along[0][i]:g} … {along[1][i]:g}"
                 )
         if not (end.q[1] == end.q[2]).all() or not (

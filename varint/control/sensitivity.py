@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from varint.control.active import bounded_quantities
+from varint.control.active import bounded_integrals, bounded_quantities
 from varint.control.neighbourhood import constant_derivatives, kkt_system
 from varint.control.problem import ControlProblem
 from varint.control.transcription import PhaseTranscription
@@ -196,8 +196,12 @@ def given_data(problem: ControlProblem, part: PhaseTranscription, nlp) -> list[D
         ("end", 1, phase.end, part.rows.last, conditions[1]),
     )
     for side, k, end, rows, before in sides:
-        for letter, index in (("q", slots.q[-k]), ("v", slots.v[k])):
-            for name, i in zip(phase.system.names, index, strict=True):
+        for letter, names, index in (
+            ("q", phase.system.names, slots.q[-k]),
+            ("v", phase.system.names, slots.v[k]),
+            ("states", phase.states.names(phase.system), slots.states[-k]),
+        ):
+            for name, i in zip(names, index, strict=True):
                 if nlp.x_low[i] == nlp.x_high[i]:
                     add(f"{side}.{letter}.{name}", unknowns=i)
         for j, i in enumerate(end.momenta):
@@ -208,10 +212,10 @@ def given_data(problem: ControlProblem, part: PhaseTranscription, nlp) -> list[D
 
 
 def bound_data(part: PhaseTranscription, outcome: SolverResult) -> list[Datum]:
-    """Bounds along the path, in the words of `active_bounds`."""
+    """Bounds along the path, in the words of `active_bounds`, and those on integrals."""
     nlp, none = outcome.nlp, np.zeros(0, dtype=int)
     found: dict[str, Datum] = {}
-    for quantity in bounded_quantities(part, outcome):
+    for quantity in (*bounded_quantities(part, outcome), *bounded_integrals(part, outcome)):
         places = quantity.places
         if quantity.is_row:
             low, high, pull = nlp.g_low[places], nlp.g_high[places], outcome.lam_g[places]

@@ -145,8 +145,9 @@ class ControlSolution:
         ----------
         *wrt : str
             Names of parameters, ``"duration"``, ``"t0"``, ends such as ``"start.q.x"``,
-            ``"end.v.theta"``, ``"start.p.x"``, and bounds in the words of `active`, such as
-            ``"force <= 20"``. Default: all that was given. Where coordinates and constraints are
+            ``"end.v.theta"``, ``"start.p.x"``, ``"end.states.m"``, and bounds in the words of
+            `active`, such as ``"force <= 20"``, ``"integral of sq(force) <= 12"``. Default: all
+            that was given. Where coordinates and constraints are
             given at one end, only their changes along the constraints mean something.
 
         Returns

@@ -15,12 +15,13 @@ from varint.control.coarse import RoughStart, coarse_start
 from varint.control.contradiction import least_violation
 from varint.control.lifted import lifted_start
 from varint.control.neighbours import cheapest_neighbour, has_many_minima
-from varint.control.outcome import has_converged, raise_unless_converged
+from varint.control.outcome import FEASIBLE, has_converged, raise_unless_converged
 from varint.control.prepared import prepared_from
 from varint.control.problem import ControlProblem
 from varint.control.starts import default_starts, is_nearly_a_motion, without_guesses
 from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
+from varint.nlp.options import MOST_ITERATIONS
 from varint.nlp.solver import SolverResult
 from varint.results.trajectory import Trajectory
 
@@ -77,7 +78,7 @@ def solve(
             outcome = run(x) if first.gave_up else first
             break
         outcome = run(other, patience=PATIENCE)
-    if not has_converged(outcome) and outcome.status in UNMET and not outcome.stopped:
+    if _unmet(outcome):
         nearest = least_violation(problem, outcome)
         if nearest is None or nearest.broken:
             return raise_unless_converged(problem, outcome, nearest)
@@ -135,8 +136,7 @@ def _from_path(
         if outcome is not None and _is_over(outcome):
             break
     assert outcome is not None  # the last way has one
-    contradictory = not _is_over(outcome) and outcome.status in UNMET
-    nearest = least_violation(problem, outcome) if contradictory else None
+    nearest = least_violation(problem, outcome) if _unmet(outcome) else None
     found = raise_unless_converged(problem, outcome, nearest)
     note = {"attempts": tuple(tries)} | ({"start": tries[-1][0]} if len(tries) > 1 else {})
     return [replace(y, stats=MappingProxyType({**y.stats, **note})) for y in found]
@@ -144,6 +144,14 @@ def _from_path(
 
 def _is_over(outcome: SolverResult) -> bool:
     return has_converged(outcome) or outcome.stopped
+
+
+def _unmet(outcome: SolverResult) -> bool:
+    """Did it end without a motion that keeps all conditions, or go on without one as long as
+    solvers may unless told otherwise?
+    """
+    for_ever = outcome.violation > FEASIBLE and outcome.iterations >= MOST_ITERATIONS
+    return not _is_over(outcome) and (outcome.status in UNMET or for_ever)
 
 
 def _teller(

@@ -59,13 +59,13 @@ def _overview(motion: Trajectory) -> Figure:
     """
     import matplotlib.pyplot as plt
 
-    structure = motion.system.structure
+    structure, curve = motion.system.structure, curve_of(motion)
     extra = [
-        draw
-        for draw, present in (
-            (_draw_multipliers, np.any(motion.multipliers)),
-            (_draw_momenta, _conserved_momenta(motion)),
-            (draw_controls, structure.controls),
+        (draw, of)
+        for draw, of, present in (
+            (_draw_multipliers, curve, np.any(motion.multipliers)),
+            (_draw_momenta, motion, _conserved_momenta(motion)),
+            (draw_controls, motion, structure.controls),
         )
         if present
     ]
@@ -76,8 +76,6 @@ def _overview(motion: Trajectory) -> Figure:
     top, phase, error, *others = grid.ravel()
     shown = shown_indices(structure.n)
     names = [label(motion.system.names[i]) for i in shown]
-    keep = thinned_indices(len(motion))
-    curve = curve_of(motion)
     points, marks = thinned_indices(len(curve)), marks_of(motion, curve)
     draw_coordinates(top, curve, points, marks)
     for colour, i, name in zip(COLOURS, shown, names, strict=False):
@@ -90,9 +88,9 @@ def _overview(motion: Trajectory) -> Figure:
         r"momentum $p = \partial L/\partial v$",
         how_many("Phase portrait", structure.n),
     )
-    _draw_energy(error, motion, keep)
-    for axes, draw in zip(others, extra, strict=False):
-        draw(axes, motion, keep)
+    _draw_energy(error, motion, curve)
+    for axes, (draw, of) in zip(others, extra, strict=False):
+        draw(axes, of, thinned_indices(len(of)))
     for axes in others[len(extra) :]:
         axes.remove()
     for axes in fig.axes:
@@ -235,7 +233,8 @@ def draw_controls(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
         axes.legend(fontsize="small", loc="best")
 
 
-def _draw_energy(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
+def _draw_energy(axes: Axes, motion: Trajectory, curve: Trajectory) -> None:
+    keep = thinned_indices(len(motion))
     structure = motion.system.structure
     lost = max(
         (abs(event.energy_after - event.energy_before) for event in motion.events), default=0.0
@@ -244,7 +243,8 @@ def _draw_energy(axes: Axes, motion: Trajectory, keep: np.ndarray) -> None:
         structure.autonomous and not structure.forced and lost <= 1e-9 * np.abs(motion.energy).max()
     )
     if not kept:  # it changes, and how is what one wants to see
-        axes.plot(motion.t[keep], motion.energy[keep], color=COLOURS[1], lw=1.2)
+        points = thinned_indices(len(curve))
+        axes.plot(curve.t[points], curve.energy[points], color=COLOURS[1], lw=1.2)
         name_axes(axes, "time $t$", "energy $H$", "Energy")
         return
     change = motion.energy - motion.energy[0]

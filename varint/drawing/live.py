@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from varint.drawing.figures import draw_controls
-from varint.drawing.style import COLOURS, label, name_axes, shown_indices
+from varint.drawing.style import COLOURS, label, name_axes, shown_indices, write_plainly
 from varint.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ def live_plot(figure: Figure | None = None) -> Callable[[int, float, float, Any]
         beside = way.twinx()
         beside.semilogy(violations, color=COLOURS[1])
         beside.set_ylabel("violation", color=COLOURS[1])
+        write_plainly(shown)
         _show(shown)
 
     return draw

@@ -12,7 +12,14 @@ import numpy as np
 from varint.drawing.curves import curve_of, marks_of
 from varint.drawing.ensemble_figures import draw_spread
 from varint.drawing.figures import draw_controls, draw_coordinates
-from varint.drawing.style import COLOURS, label, name_axes, shown_indices, thinned_indices
+from varint.drawing.style import (
+    COLOURS,
+    label,
+    name_axes,
+    shown_indices,
+    thinned_indices,
+    write_plainly,
+)
 from varint.notation.html import table
 
 if TYPE_CHECKING:
@@ -33,6 +40,7 @@ def picture(words: str, panels: Sequence[Draw]) -> str:
     figure = Figure(figsize=(PANEL[0] * len(panels), PANEL[1]), dpi=DPI, layout="tight")
     for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         draw(axes)
+    write_plainly(figure)
     png = io.BytesIO()
     figure.savefig(png, format="png")
     data = b64encode(png.getvalue()).decode()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,13 +61,38 @@ def how_many(title: str, n: int) -> str:
 
 
 def handed_over(figure: Figure) -> Figure:
-    """A figure for the caller: in a notebook its value shows it, so that pyplot must not again."""
+    """A figure for the caller: what Matplotlib cannot read as mathematics stands as it is; in a
+    notebook its value shows it, so that pyplot must not again.
+    """
     import matplotlib
     from matplotlib import pyplot as plt
 
+    write_plainly(figure)
     if "inline" in matplotlib.get_backend():
         plt.close(figure)
     return figure
+
+
+def write_plainly(figure: Figure) -> None:
+    """Texts that are no mathematics for all their dollars are drawn letter by letter: names are
+    the user's, and a figure must not end in what Matplotlib says of them.
+    """
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        if "$" in text.get_text() and not _is_mathematics(text.get_text()):
+            text.set_parse_math(False)
+
+
+@lru_cache(maxsize=1024)
+def _is_mathematics(text: str) -> bool:
+    from matplotlib.mathtext import MathTextParser
+
+    try:
+        MathTextParser("path").parse(text)
+    except ValueError:  # what it says of other people's names
+        return False
+    return True
 
 
 def thinned_indices(count: int, most: int = MOST_POINTS) -> np.ndarray:

@@ -146,7 +146,7 @@ def _one_by_one(system: System, rule: Rule, members: Members, chunk: Chunk) -> N
 
 
 def run_member(system: System, rule: Rule, members: Members, i: int) -> Trajectory:
-    """One member alone."""
+    """One member alone; flights between impacts are those of the native core."""
     return simulate(
         system,
         rule,
@@ -154,7 +154,7 @@ def run_member(system: System, rule: Rule, members: Members, i: int) -> Trajecto
         steps=members.steps,
         save_every=members.save_every,
         progress=False,
-        backend="interpreted",
+        backend="auto" if system.structure.contacts else "interpreted",
         **start_of(system, members, i)._asdict(),
     )
 

@@ -80,7 +80,8 @@ def ensemble(
     backend : {"auto", "compiled", "interpreted"}
         Compiled, members fill the lanes of vectors: compositions of separable scenes with constant
         mass, and Gauss rules of regular scenes without constraints and contacts. By default so
-        where the work is large enough to repay the compiler. Chunks do not show in either.
+        where the work is large enough to repay the compiler. Chunks do not show in either. With
+        contacts, each member flies in the native core as `simulate` has it, whatever is asked.
 
     Returns
     -------

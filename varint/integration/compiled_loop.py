@@ -10,6 +10,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
+from varint.codegen.frozen import freezes
 from varint.codegen.gauss import gauss_form
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
@@ -109,7 +110,8 @@ def compiled_blocks(
     if taken_over:
         kernel = _newton_in_gear(system, rule) or newton().compiled(system, rule)
     scheme, cautious = newton() if kernel.opening else scheme_of(system, rule), False
-    explicit, by_stages = scheme is EXPLICIT, scheme is BY_STAGES
+    by_stages = scheme is BY_STAGES
+    no_other_way = scheme is EXPLICIT or (not by_stages and freezes(system))
     gears = gears_with(system, rule, scheme, kernel)
     piloted = by_stages and at is None
     most = first_piece(kernel, piloted)
@@ -134,9 +136,10 @@ def compiled_blocks(
         poor = piloted and k == problem.first and part.iterations > POOR * steps
         rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
-        # a composition has no other way; where an iteration fails or overflows Newton's method or
-        # the interpreted loop may not
-        goes_on = part.status != DONE and not explicit
+        # compositions have no other way, and whole derivatives of large machines with loops would
+        # take minutes; else, where an iteration fails or overflows, Newton's method or the
+        # interpreted loop may not
+        goes_on = part.status != DONE and not no_other_way
         if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:

@@ -164,6 +164,29 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
+def first_jump(motion: Trajectory) -> tuple[Trajectory, EnergyJump] | None:
+    """The motion up to the step that leads to another energy, and the jump; None where there is
+    none, or energy is not kept, not defined after it or not known at every step.
+
+    What comes later plays no part.
+    """
+    system = motion.system
+    if not keeps_energy(system) or system.structure.contacts or system.structure.degenerate:
+        return None
+    if motion.active_set is not None or (np.diff(motion.k) != 1).any():
+        return None
+    q, p, c = motion.q[None], motion.p[None], motion.c[None]
+    energy, moving, kicked = (x[0] for x in energies(system, q, p, motion.t, c, motion.h))
+    usual = np.maximum(np.maximum.accumulate(np.fmax(moving, 0)), kicked[0])
+    astray = ~(np.abs(energy - energy[0]) <= np.maximum(GROSS * usual, NOTHING * abs(energy[0])))
+    k = int(np.argmax(astray))
+    if not astray.any() or not math.isfinite(energy[k]):
+        return None
+    jump = EnergyJump(float(motion.t[k]), float(energy[0]), float(energy[k]), motion.q[k])
+    return motion[:k], jump
+
+
+@np.errstate(all="ignore")  # what is not finite is looked at
 def _off_balance(
     motion: Trajectory,
     i: np.ndarray | slice,

@@ -12,7 +12,7 @@ from varint.discrete.inertia import scaled_mass
 from varint.discrete.lagrangian import point_function
 from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import ConvergenceError
-from varint.integration.energy_check import energy_jump, undefined_at
+from varint.integration.energy_check import EnergyJump, energy_jump, first_jump, undefined_at
 from varint.integration.small_motions import frequencies, local_matrices
 from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
@@ -34,7 +34,12 @@ def failure(
 ) -> ConvergenceError:
     """The error of a step that failed; between two saved nodes it belongs to the steps after the
     last of them.
+
+    Where the energy leapt before, the run was lost there: how far steps go on that have none of the
+    motion's solutions says nothing of the scene, and another way to solve them ends elsewhere.
     """
+    if astray := first_jump(motion):
+        return _went_astray(*astray, on_failure)
     t = float(motion.t[0] + motion.h * (step - motion.k[0]))
     if np.isfinite(residual):
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
@@ -59,6 +64,21 @@ def failure(
         residual=residual,
         trajectory=motion,
         cause=cause,
+    )
+
+
+def _went_astray(motion: Trajectory, jump: EnergyJump, on_failure: str | None) -> ConvergenceError:
+    """The error of the step after a motion, which was solved and led to another energy."""
+    step, t = int(motion.k[-1]), float(motion.t[-1])
+    hint = "; on_failure='subdivide' redoes steps that fail, not those" if on_failure else ""
+    return ConvergenceError(
+        f"the step after t = {t:g} (step {step}) led astray, and a later one has no solution. "
+        f"Likely: {jump.cause}{hint}. Error.trajectory has the {len(motion)} nodes before it",
+        step=step,
+        time=t,
+        residual=float("nan"),
+        trajectory=motion,
+        cause=jump.cause,
     )
 
 

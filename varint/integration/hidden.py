@@ -25,7 +25,13 @@ def _push_function(system: System) -> ca.Function:
     return ca.Function("push", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
 
 
-def missed_impulse(system: System, rule: Rule, motion: Trajectory, scales: np.ndarray) -> float:
+def missed_impulse(
+    system: System,
+    rule: Rule,
+    motion: Trajectory,
+    scales: np.ndarray,
+    most_looks: int = MOST_LOOKS,
+) -> float:
     """What a force that depends on time does between the times at which the rule looks at it.
 
     Where many looks within a step find a force several times as large as the rule finds at its
@@ -35,7 +41,7 @@ def missed_impulse(system: System, rule: Rule, motion: Trajectory, scales: np.nd
     """
     if system.structure.autonomous or len(motion) < 2:
         return 0.0
-    looks = int(np.clip(MOST_LOOKS // (len(motion) - 1), LEAST_LOOKS, MOST_IN_A_STEP))
+    looks = int(np.clip(most_looks // (len(motion) - 1), LEAST_LOOKS, MOST_IN_A_STEP))
     seen, _ = _force_within(system, motion, np.array(rule.nodes))
     true, impulse = _force_within(system, motion, (np.arange(looks) + 0.5) / looks)
     around = np.maximum(seen, np.maximum(np.roll(seen, 1, axis=0), np.roll(seen, -1, axis=0)))

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from varint.codegen.frozen import freezes
 from varint.integration.cost import interpreted_seconds
 from varint.integration.plan import default_rule
 from varint.integration.problem import LEVEL
@@ -30,6 +31,8 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
     s = system.structure
     if s.nonholonomic or s.degenerate or s.contacts:
         return {default_rule(system): 1.0}
+    if freezes(system):  # matrices are full, and grow with the square of the degree
+        return {lobatto(3): 1.0}
     if s.constraints:
         return {lobatto(k): (k - 1) ** 1.5 for k in (3, 5, 7)}
     # stages run side by side in vector registers

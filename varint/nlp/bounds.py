@@ -69,6 +69,11 @@ class Integrals:
     low: np.ndarray
     high: np.ndarray
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What they are called in reports."""
+        return tuple(f"integral of {_name(x)}" for x in ca.vertsplit(self.rows))
+
 
 def path_bounds(system: System, bounds: Any, rates: ca.SX | None = None) -> PathBounds:
     """Bounds as the user wrote them, a list of (lower, expression, upper), sorted by where they

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+MOST_ITERATIONS = 3000  # of Ipopt, unless told otherwise
 # a tenth of these is what KKT conditions and rows are met to; bounds are not relaxed, since 1e-8
 # shows in the cost
 IPOPT = {
@@ -14,7 +15,7 @@ IPOPT = {
     "acceptable_iter": 3,
     "constr_viol_tol": 1e-11,
     "bound_relax_factor": 0.0,
-    "max_iter": 3000,
+    "max_iter": MOST_ITERATIONS,
 }
 FATROP = {"print_level": 0, "tol": 1e-11}
 # the next attempt, from where the first one stalled: rounding may forbid more

@@ -118,9 +118,14 @@ def expressions_of(operations: Operations, inputs: Sequence[ca.SX]) -> list[ca.S
                     f"operation {i} is {name!r} of {operands}; it must be one of the known "
                     "operations of nodes before it"
                 )
-            make = ca.SX.unary if arity == 1 else ca.SX.binary
-            work.append(make(_CODES[name], *(work[j] for j in operands)))
+            work.append(operation(name, *(work[j] for j in operands)))
     return [_matrix(output, work) for output in operations.outputs]
+
+
+def operation(name: str, *taken: ca.SX) -> ca.SX:
+    """One of `UNARY` or `BINARY` of what it takes."""
+    make = ca.SX.unary if len(taken) == 1 else ca.SX.binary
+    return make(_CODES[name], *taken)
 
 
 def _within(j: Any, count: int) -> bool:

@@ -25,6 +25,7 @@ from varint.orbits.guess import Guess, guess_of, prepared
 from varint.orbits.nearer import nearer
 from varint.orbits.orbit import Orbit
 from varint.orbits.phase import integrals
+from varint.orbits.settle import settled, settles
 from varint.orbits.shooting import (
     Iterate,
     Shooting,
@@ -119,7 +120,9 @@ def periodic(
     Notes
     -----
     Nothing being held (a motion as the guess, without `period` and `energy`), the orbit of a family
-    that is nearest to the guess is found.
+    that is nearest to the guess is found. Where nothing is conserved and Newton's method finds no
+    cycle near a state, the motion from there is followed for up to 32 guessed periods: the cycle
+    that it runs into is what is looked for.
 
     References
     ----------
@@ -183,15 +186,29 @@ def orbit_near(
         raise InputError("energy= is held, but the scene does not conserve it (time or forces)")
     shooting = Shooting(system, rule, 1, 1, first.t0, first.shift, known)
     held = None if energy is None else number("energy", energy)
-    with told("looking for a periodic orbit"):
-        shooting, at, units = prepared(shooting, first, steps, segments, tol)
+
+    def begun(shooting: Shooting, near: Guess) -> tuple[Wanted, Iterate]:
+        shooting, at, units = prepared(shooting, near, steps, segments, tol)
         if held is not None:
             rows = energy_row(held, shooting, units.action / at.period, None, 1.0)
         elif period is not None and known.energy:
             rows = period_row(at.period, at.period)
         else:
             rows = no_row
-        found = refined(Wanted(shooting, units, at.period, 1.0, None, rows), at, steps, tol)
+        return Wanted(shooting, units, at.period, 1.0, None, rows), at
+
+    with told("looking for a periodic orbit"):
+        if settles(shooting, first):
+            try:
+                wanted, at = begun(shooting, first)
+                return refined(wanted, orbit_of(wanted, correct(wanted, at)).at, steps, tol), at
+            except ConvergenceError:
+                cycle = settled(shooting, first)
+            if cycle is not None:
+                wanted, at = begun(replace(shooting, t0=cycle.t0), cycle)
+                return refined(wanted, at, steps, tol), at._replace(period=first.period)
+        wanted, at = begun(shooting, first)
+        found = refined(wanted, at, steps, tol)
     return found, at
 
 

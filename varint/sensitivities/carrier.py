@@ -77,9 +77,22 @@ class Rows(NamedTuple):
     place: np.ndarray
     behind: np.ndarray
 
+    def since(self, first: int) -> Rows:
+        """Those that are not before the node `first`."""
+        begin = min(max(self.which.start, first), self.which.stop)
+        without = begin - self.which.start
+        if not without:
+            return self
+        return Rows(slice(begin, self.which.stop), self.place[without:], self.behind[without:])
+
 
 def rows_of(carrier: Carrier, leg: Leg, first: bool) -> Rows:
     """The nodes wanted behind the first node of a leg, or from that of the first leg on."""
+    k, piece = carrier.motion.k, leg.piece
+    whole = k[piece.last] - k[piece.node] == len(piece.t) and not leg.part
+    if carrier.course.rows is carrier.motion and whole and not leg.held:  # those that were kept
+        which = slice(piece.node + (not first), piece.last + 1)
+        return Rows(which, piece.kept[int(not first) :], np.zeros(which.stop - which.start))
     forward = 1.0 if carrier.motion.h > 0 else -1.0
     t, tolerance = carrier.row_times
     times = forward * np.append(leg.piece.t, leg.piece.t[-1] + leg.piece.h[-1])

@@ -83,6 +83,9 @@ def carried_back(carrier: Carrier, leg: Leg, seeds: np.ndarray, rows: Rows, at: 
     clock, piece, motion = carrier.places[0], leg.piece, carrier.motion
     z, u, begin = at.z.copy(), at.u, int(motion.k[0])
     count = len(piece.x)
+    if not leg.part and (rows.place == count - 1).all() and not rows.behind.any():
+        z[: clock + 1] += seeds.sum(0)  # of its last node alone, if of any
+        return _stepped_back(carrier, leg, z, None, at)
     placed, inside = np.zeros((count, clock + 1)), rows.behind != 0
     if not inside.any() and (np.diff(rows.place) > 0).all():
         placed[rows.place] = seeds
@@ -105,13 +108,21 @@ def carried_back(carrier: Carrier, leg: Leg, seeds: np.ndarray, rows: Rows, at: 
         u[begin + piece.first] += (after.of_u[0].T @ ahead).reshape(u.shape[1:])
         return Adjoint(pulled_z, u, at.loss + float(after.loss[0]))
     z[: clock + 1] += placed[-1]
-    times = placed[:, clock].copy()
-    times[-1] = z[clock]
-    z += times @ carrier.at_step(piece.first + np.arange(count))
-    mu, pulled = backwards(
-        carrier.by(leg.scene), piece, motion.c, z[:clock], placed[:-1, :clock], u.shape[1]
-    )
-    steps = slice(begin + piece.first, begin + piece.first + len(piece.t))
+    z += placed[:-1, clock] @ carrier.at_step(piece.first + np.arange(count - 1))
+    return _stepped_back(carrier, leg, z, placed[:-1, :clock], Adjoint(at.z, u, at.loss))
+
+
+def _stepped_back(
+    carrier: Carrier, leg: Leg, z: np.ndarray, seeds: np.ndarray | None, at: Adjoint
+) -> Adjoint:
+    """The adjoint z at the last node of whole steps carried to their first, where every node but
+    the last adds its seed, (steps, 2n).
+    """
+    clock, piece, motion, u = carrier.places[0], leg.piece, carrier.motion, at.u
+    z += z[clock] * carrier.at_step(piece.first + len(piece.t))[0]
+    mu, pulled = backwards(carrier.by(leg.scene), piece, motion.c, z[:clock], seeds, u.shape[1])
+    begin = int(motion.k[0]) + piece.first
+    steps = slice(begin, begin + len(piece.t))
     u[steps] += pulled.controls
     z[:clock], z[clock] = mu, 0.0
     z[clock + 1 : clock + 1 + len(pulled.outer)] += pulled.outer

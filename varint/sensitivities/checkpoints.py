@@ -20,7 +20,6 @@ from varint.integration.backend import blocks_of
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 from varint.sensitivities.pieces import (
-    SHORTEST_RUN,
     Piece,
     cannot_go_on,
     cuts,
@@ -32,6 +31,8 @@ from varint.sensitivities.pieces import (
 )
 
 FEWEST = 5  # states with which a run can be taken once more
+STORED = 2**24  # bytes of nodes that are no shortage of memory: what fits is run once more whole
+PIECE = 2**21  # bytes of a piece of what does not, that are quicker than more
 
 
 class Room(NamedTuple):
@@ -41,22 +42,32 @@ class Room(NamedTuple):
     steps: int
 
 
-def room_for(steps: int, states: int | None) -> Room:
-    """Half of the states for checkpoints, half for a piece of steps; by default 2√N of N steps, but
-    pieces of no less than `SHORTEST_RUN`, of which a thousand cost more to begin than to take.
+def room_for(steps: int, states: int | None, numbers: int) -> Room:
+    """Half of the states for checkpoints, half for a piece of steps. By default 2√N of N steps,
+    but for a piece as many as fit into `STORED`, with so many numbers each, where these are all
+    steps, and into `PIECE` where they are not.
 
     Raises
     ------
     InputError
         If the states are too few.
     """
-    if states is None:
-        root = math.isqrt(max(steps - 1, 0)) + 1
-        return Room(root, max(root, SHORTEST_RUN))
-    if not isinstance(states, (int, np.integer)) or states < FEWEST:
+    some = max(2 * math.isqrt(steps), FEWEST) if states is None else states
+    if not isinstance(some, (int, np.integer)) or some < FEWEST:
         raise InputError(f"states must be a whole number from {FEWEST} on, got {states!r}")
-    checkpoints = int(states) // 2  # the rest: nodes of a piece, and a state on its way to one
-    return Room(checkpoints, int(states) - checkpoints - 2)
+    checkpoints = int(some) // 2  # the rest: nodes of a piece, and a state on its way to one
+    room = Room(checkpoints, int(some) - checkpoints - 2)
+    if states is not None:
+        return room
+    whole = 8 * numbers * steps <= STORED
+    return room._replace(steps=max(room.steps, steps if whole else PIECE // (8 * numbers)))
+
+
+def numbers_of(motion: Trajectory) -> int:
+    """What stands in memory for a step of a piece: node, velocity and the seed of its adjoint, time
+    and size, controls.
+    """
+    return 5 * motion.q.shape[1] + 3 + len(motion.rule.nodes) * motion.u.shape[2]
 
 
 def pieces_backwards(
@@ -64,7 +75,7 @@ def pieces_backwards(
 ) -> Iterator[Piece]:
     """The steps from the kept node `first` to the kept node `last`, the last piece first."""
     begin, scene = int(motion.k[first]), scene_of(motion)
-    room = room_for(int(motion.k[last]) - begin, states)
+    room = room_for(int(motion.k[last]) - begin, states, numbers_of(motion))
     for a, b in reversed(list(cuts(motion, first, last, room.steps))):
         if b == a + 1 and motion.k[b] - motion.k[a] > room.steps:
             yield from _by_checkpoints(motion, scene, a, begin, room)

@@ -12,6 +12,7 @@ import numpy as np
 from varint.discrete.constraints import ActiveSet
 from varint.errors import InputError
 from varint.integration.events.contact_loop import contact_run
+from varint.integration.flight_choice import flights_for
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.trajectories import ABRUPT, Run, trajectory_of
@@ -187,7 +188,9 @@ def _of_contacts(motion: Trajectory) -> Trajectory:
         motion.active_sets[motion.active_set[0]],
         first=int(motion.k[0]),
     )
-    blocks = list(contact_run(motion.system, motion.rule, problem))
+    backend = "interpreted" if motion.stats.get("backend") == "interpreted" else "auto"
+    flights = flights_for(motion.system, motion.rule, problem, backend)
+    blocks = list(contact_run(motion.system, motion.rule, problem, flights=flights))
     chosen = plan(motion.active_sets[motion.active_set[0]].scene(motion.system), motion.rule)
     return trajectory_of(Run(motion.system, chosen, problem, blocks, iter(()), None, 0.0), blocks)
 

@@ -72,8 +72,8 @@ class Gradient:
 
 
 class _AtNodes(NamedTuple):
-    """Derivatives of what is summed at the nodes: by (q, p, t) of each (N + 1, 2n + 1), and by the
-    parameters (C,).
+    """Derivatives of what is summed at the nodes: by (q, p, t) of the last, (…, 2n + 1), before
+    which none counts, and by the parameters (C,).
     """
 
     value: float
@@ -119,8 +119,9 @@ def gradient(
         What is held at the start while q0 and parameters vary.
     states : int, optional
         States (q, p) that may stand in memory at a time where nodes were left out, beside those
-        kept; 2√N of N steps cost one run more, fewer some more by a binomial schedule. Default: 2√N
-        in pieces of no less than a thousand steps, which are quicker.
+        kept; 2√N of N steps cost one run more, fewer some more by a binomial schedule. Default:
+        all steps where what is stored of them, 5n + 3 numbers and the controls each, takes no more
+        than 16 MB; else 2√N, or √N and a piece of 2 MB, whichever is more.
     backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
@@ -191,13 +192,18 @@ def gradient(
 def pulled_back(
     motion: Trajectory, carrier: Carrier, seeds: np.ndarray, states: int | None = None
 ) -> Adjoint:
-    """The adjoint at the first node, from derivatives by (q, p, t) of the nodes (N + 1, 2n + 1)."""
+    """The adjoint at the first node, from derivatives by (q, p, t) of the last nodes (…, 2n + 1);
+    those before them have none.
+    """
+    none = len(motion) - len(seeds)
     if motion.fictitious is not None:
         seeds = rescaled_seeds(motion, seeds)
     at = Adjoint(np.zeros(carrier.size), np.zeros(motion.u.shape))
     for leg in legs_backwards(carrier.course, states):
         rows = rows_of(carrier, leg, not leg.piece.node and not leg.piece.first)
-        at = carried_back(carrier, leg, seeds[rows.which], rows, at)
+        rows = rows.since(none)
+        some = slice(rows.which.start - none, rows.which.stop - none)
+        at = carried_back(carrier, leg, seeds[some], rows, at)
         del leg  # before the next one is made
     if motion.fictitious is None:
         return at
@@ -215,7 +221,7 @@ def _scalar(what: str, expression: Any, scene: System) -> ca.SX:
     own = in_own_symbols(expression, scene, what)
     if own.numel() != 1:
         raise InputError(f"{what} must be one number, got an expression of shape {own.shape}")
-    return ca.densify(own)
+    return own if own.is_dense() else ca.densify(own)
 
 
 def _at_nodes(motion: Trajectory, terminal: Any, nodes: Any, weights: Any) -> _AtNodes:
@@ -223,7 +229,8 @@ def _at_nodes(motion: Trajectory, terminal: Any, nodes: Any, weights: Any) -> _A
     (count, n), system = motion.q.shape, motion.system
     if weights is not None and nodes is None:
         raise InputError("weights belong to nodes=, an expression of every node; give that too")
-    total = _AtNodes(0.0, np.zeros((count, 2 * n + 1)), np.zeros(len(motion.c)))
+    last = count if nodes is not None else 1
+    total = _AtNodes(0.0, np.zeros((last, 2 * n + 1)), np.zeros(len(motion.c)))
     if nodes is not None:
         own = ca.vec(ca.densify(in_own_symbols(nodes, system, "nodes")))
         by = np.ones((count, own.numel())) if weights is None else _weights(weights, count, own)
@@ -256,7 +263,7 @@ def _add(
         given = q[some], p[some], t[some], motion.c, weights[some]
         of_psi, of_x, of_c, of_t = over_columns(_weighted_function(scene, text), *given)
         value += float(of_psi.sum())
-        total.x[at][some] += np.hstack([of_x, of_t])
+        total.x[-len(q) :][some] += np.hstack([of_x, of_t])
         total.c[:] += of_c.sum(0)
     return total._replace(value=value)
 

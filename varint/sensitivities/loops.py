@@ -107,12 +107,20 @@ def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKerne
 def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
     """`_native` that gives way to `_kernels` in time."""
     from varint.codegen.sweep import ONE_BY_ONE, sweep_scheme, sweep_source
+    from varint.codegen.sweep_explicit import (
+        explicit_sweep_scheme,
+        has_explicit_sweep,
+        steps_at_once,
+    )
     from varint.codegen.sweep_gauss import has_stage_sweep, shape_for, stage_sweep_scheme
     from varint.sensitivities.shifting import SweepGears, shifting
 
     by_stages = has_stage_sweep(system, rule)
 
     def source() -> str:
+        if has_explicit_sweep(system, rule):
+            scheme = explicit_sweep_scheme(system, rule, density)
+            return sweep_source(scheme, steps_at_once(), "sweep_explicit.c")
         if by_stages:
             scheme = stage_sweep_scheme(system, rule, density)
             return sweep_source(scheme, shape_for(len(rule.nodes)), "sweep_gauss.c")

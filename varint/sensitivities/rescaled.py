@@ -84,13 +84,13 @@ def at_given_times(motion: Trajectory, change: np.ndarray) -> np.ndarray:
 
 
 def rescaled_seeds(motion: Trajectory, seeds: np.ndarray) -> np.ndarray:
-    """Derivatives by the rescaled (q, clock, p, …) of the nodes from those by (q, p): the transpose
-    of `at_given_times`.
+    """Derivatives by the rescaled (q, clock, p, …) of the last nodes from those by (q, p): the
+    transpose of `at_given_times`.
     """
     n = motion.q.shape[1]
     inner = np.zeros((len(seeds), 2 * n + 3))
     inner[:, :n], inner[:, n + 1 : 2 * n + 1] = seeds[:, :n], seeds[:, n : 2 * n]
-    inner[:, n] = -(seeds[:, : 2 * n] * clock_rates(motion)).sum(1)
+    inner[:, n] = -(seeds[:, : 2 * n] * clock_rates(motion)[-len(seeds) :]).sum(1)
     return inner
 
 

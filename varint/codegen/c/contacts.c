@@ -123,23 +123,26 @@ static void least_gaps(const Work *x, const double *left, const double *right, d
     }
 }
 
-/* Gradients, masses, forces and energy at an instant, and what the velocities contribute to each rate. */
+/* Gradients, masses, forces and energy at an instant, and what the velocities, and typical ones, contribute to each
+   rate. */
 static void view(Work *x, const double *point, double t) {
+    double typical = 0;
+    for (int d = 0; d < N; d++) typical = fmax(typical, x->a->scale[d]);
     blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy);
     for (int i = 0; i < CONTACTS; i++) {
-        double along = 0, size = 0;
+        double along = 0, size = 0, lengths = 0;
         for (int d = 0; d < N; d++) {
             const double part = CONTACT_ROW(i)[d] * V_OF(point)[d];
-            along += part, size += fabs(part);
+            along += part, size += fabs(part), lengths += fabs(CONTACT_ROW(i)[d]);
         }
-        x->quick[i] = size + fabs(RATE_OF(point)[i] - along);
+        x->quick[i] = fmax(size + fabs(RATE_OF(point)[i] - along), NEAR * typical * lengths);
     }
 }
 
 /* How small a gap is closed: where the coordinates are, and how far they move. */
 static void closeness(const Work *x, const double *q, const double *moved, double *close) {
     double far = 0;
-    for (int d = 0; d < N; d++) far = fmax(far, fabs(q[d]));
+    for (int d = 0; d < N; d++) far = fmax(far, fmax(fabs(q[d]), moved[d]));
     for (int i = 0; i < CONTACTS; i++) {
         close[i] = 0;
         for (int d = 0; d < N; d++)

@@ -4,15 +4,13 @@
    derivatives are depends on the node alone: those of LANES steps are taken in the lanes of vectors. From step to step go
    the products with tangents, dp += k_q dq + k_e de, then dq += d_p dp + d_e de, or with adjoints, from the end to the start.
    Defined before this file, by generated source or by sweep_explicit_scene.h: N, NU (controls of a part at CONTROLS a node),
-   PARTS with PART numbers each in PART_TABLE, C (parameters), E = C + 2 + NU; the places of the nonzeros of k_q (KQ), d_p
-   (DP), k_e (KE) and d_e (DE). slopes(q, p, t, u, part, w, k_q, d_p); outside(…, k_e, d_e); after(…, q and p behind the part)
-   where there are more; density(…, loss, its slopes by (q, p) and by e) where LOSS. */
+   PARTS with PART numbers each in PART_TABLE, C (parameters), E = C + 2 + NU; the places of the nonzeros of k_q (KQ) and d_p
+   (DP), column by column: their rows, and where each column begins; and those of k_e (KE) and d_e (DE). part_of(q, p, t, u, part, w, k_q, d_p, k_e, d_e, q and p
+   behind the part); density(…, loss, its slopes by (q, p) and by e) where LOSS. */
 #include "sweep.h"
 
-#define SLOPES_AT 0
-#define OUTSIDE_AT (SLOPES_AT + SLOPES_W)
-#define AFTER_AT (OUTSIDE_AT + OUTSIDE_W)
-#define DENSITY_AT (AFTER_AT + AFTER_W)
+#define PART_AT 0
+#define DENSITY_AT (PART_AT + PART_OF_W)
 #define SWEEP_W ((DENSITY_AT + DENSITY_W + LANES - 1) / LANES * LANES) /* vectors begin behind it */
 #define KINDS 13
 
@@ -25,7 +23,7 @@ typedef struct {
 
 /* With room for `more` vectors. */
 static Work *work_space(int64_t more) {
-    const int64_t vectors[KINDS] = {PARTS * 2 * N, PARTS * NU, PARTS * PART, PARTS * KQ, PARTS * DP, PARTS * KE, PARTS * DE,
+    const int64_t vectors[KINDS] = {(PARTS + 1) * 2 * N, PARTS * NU, PARTS * PART, PARTS * KQ, PARTS * DP, PARTS * KE, PARTS * DE,
                                     PARTS * 2 * N, PARTS * 2 * N, PARTS * E, PARTS, 1, more};
     const int64_t head = (sizeof(Work) + 63) / 64 * 64;
     int64_t all = head + SWEEP_W * sizeof(double);
@@ -44,31 +42,33 @@ static Work *work_space(int64_t more) {
     return k;
 }
 
+/* A lane of a vector in memory, without loading the whole vector. */
+INLINE double lane_at(const V *x, int64_t l) { return ((const double *)x)[l]; }
+INLINE void set_lane_at(V *x, int64_t l, double y) { ((double *)x)[l] = y; }
+
 /* What is the same as long as the steps have one size. */
 static void prepare(Work *k, const double *c, double h) {
     double constants[C + 1];
     if (k->prepared && k->h == h) return;
     memcpy(constants, c, C * sizeof(double)), constants[C] = h;
-    slopes_prepare(constants, k->w + SLOPES_AT), outside_prepare(constants, k->w + OUTSIDE_AT);
-    after_prepare(constants, k->w + AFTER_AT), density_prepare(constants, k->w + DENSITY_AT);
+    part_of_prepare(constants, k->w + PART_AT), density_prepare(constants, k->w + DENSITY_AT);
     k->h = h, k->prepared = 1;
 }
 
 /* The derivatives of `count` steps of one size from step s on; lanes beyond them repeat the last. */
-static void linearise(Work *k, const SweepArguments *a, int64_t s, int count, int outer, int lossy) {
+static void linearise(Work *k, const SweepArguments *a, int64_t s, int count, int lossy) {
     prepare(k, a->c, a->h[s]);
     for (int l = 0; l < LANES; l++) {
         const int64_t step = s + (l < count ? l : count - 1);
-        for (int d = 0; d < 2 * N; d++) set_lane(&k->x[d], l, a->x[step * 2 * N + d]);
-        for (int i = 0; i < PARTS * NU; i++) set_lane(&k->u[i], l, a->u[step * PARTS * NU + i]);
-        set_lane(k->t, l, a->t[step]);
+        for (int d = 0; d < 2 * N; d++) set_lane_at(&k->x[d], l, a->x[step * 2 * N + d]);
+        for (int i = 0; i < PARTS * NU; i++) set_lane_at(&k->u[i], l, a->u[step * PARTS * NU + i]);
+        set_lane_at(k->t, l, a->t[step]);
     }
     for (int r = 0; r < PARTS; r++) {
         const V *const q = k->x + r * 2 * N, *const p = q + N, *const u = k->u + r * NU, *const part = k->part + r * PART;
-        slopes(q, p, k->t, u, part, k->w + SLOPES_AT, k->kq + r * KQ, k->dp + r * DP);
-        if (outer) outside(q, p, k->t, u, part, k->w + OUTSIDE_AT, k->ke + r * KE, k->de + r * DE);
+        part_of(q, p, k->t, u, part, k->w + PART_AT, k->kq + r * KQ, k->dp + r * DP, k->ke + r * KE, k->de + r * DE,
+                k->x + (r + 1) * 2 * N);
         if (lossy) density(q, p, k->t, u, part, k->w + DENSITY_AT, k->value + r, k->of_x + r * 2 * N, k->of_e + r * E);
-        if (r < PARTS - 1) after(q, p, k->t, u, part, k->w + AFTER_AT, k->x + (r + 1) * 2 * N);
     }
 }
 
@@ -98,18 +98,19 @@ INLINE void narrowed(const V *rows, int64_t number, int64_t m, int64_t count, do
 
 /* to += J from + J_e de of the part r of a step in lane l, which is the run's step `step` */
 INLINE void add_changes(const SweepArguments *a, const Rows *x, int r, int l, int64_t step, const V *slopes, const int *rows,
-                        const int *columns, int number, const V *by_outside, const int *e_rows, const int *e_columns,
+                        const int *begin, const V *by_outside, const int *e_rows, const int *e_columns,
                         int e_number, const V *from, V *to) {
-    for (int i = 0; i < number; i++) add_row(lane(slopes[i], l), from + columns[i] * x->count, x->count, to + rows[i] * x->count);
+    for (int d = 0; d < N; d++)
+        for (int i = begin[d]; i < begin[d + 1]; i++) add_row(lane_at(&slopes[i], l), from + d * x->count, x->count, to + rows[i] * x->count);
     for (int i = 0; i < e_number; i++) {
         const int column = e_columns[i];
         V *const row = to + e_rows[i] * x->count;
-        if (column < C + 2) add_row(lane(by_outside[i], l), column == C + 1 ? x->dt : x->along + column * x->count, x->count, row);
+        if (column < C + 2) add_row(lane_at(&by_outside[i], l), column == C + 1 ? x->dt : x->along + column * x->count, x->count, row);
         else if (a->control_column >= 0) {
             const int place = column - (C + 2) + r * NU;
             const int64_t node = a->control_nodes == 1 ? 0 : place / CONTROLS;
             const int64_t j = a->control_column + (step * a->control_nodes + node) * CONTROLS + place % CONTROLS;
-            set_lane(row + j / LANES, (int)(j % LANES), lane(row[j / LANES], (int)(j % LANES)) + lane(by_outside[i], l));
+            set_lane_at(row, j, lane_at(row, j) + lane_at(&by_outside[i], l));
         }
     }
 }
@@ -126,14 +127,14 @@ int tangents(const SweepArguments *a) {
     if (a->every) memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
     for (int64_t s = 0, some; s < a->steps; s += some) {
         some = alike(a, s, 1);
-        linearise(k, a, s, (int)some, outer, 0);
+        linearise(k, a, s, (int)some, 0);
         for (int l = 0; l < some; l++) {
             const int64_t step = a->first + s + l;
             for (int64_t j = 0; j < count; j++) x.dt[j] = v_fma(splat((double)step), x.along[C * count + j], x.along[(C + 1) * count + j]);
             for (int r = 0; r < PARTS; r++) {
-                add_changes(a, &x, r, l, step, k->kq + r * KQ, KQ_ROW, KQ_COLUMN, KQ, k->ke + r * KE, KE_ROW, KE_COLUMN,
+                add_changes(a, &x, r, l, step, k->kq + r * KQ, KQ_ROW, KQ_BEGIN, k->ke + r * KE, KE_ROW, KE_COLUMN,
                             outer ? KE : 0, x.q, x.p);
-                add_changes(a, &x, r, l, step, k->dp + r * DP, DP_ROW, DP_COLUMN, DP, k->de + r * DE, DE_ROW, DE_COLUMN,
+                add_changes(a, &x, r, l, step, k->dp + r * DP, DP_ROW, DP_BEGIN, k->de + r * DE, DE_ROW, DE_COLUMN,
                             outer ? DE : 0, x.p, x.q);
             }
             if (a->every && (s + l + 1) % a->every == 0) narrowed(x.q, 2 * N, m, count, out), out += 2 * N * m;
@@ -144,18 +145,26 @@ int tangents(const SweepArguments *a) {
     return SWEPT;
 }
 
+/* to += J^T from, of lane l; a column is summed up where it does not wait for memory */
+INLINE void add_transposed(const V *slopes, const int *rows, const int *begin, int l, const double *from, double *to) {
+    for (int d = 0; d < N; d++) {
+        double sum = to[d];
+        for (int i = begin[d]; i < begin[d + 1]; i++) sum = s_fma(lane_at(&slopes[i], l), from[rows[i]], sum);
+        to[d] = sum;
+    }
+}
+
 /* The adjoint (of q, of p) behind `count` steps from step s on is carried to where they begin; those of every drift and kick
    are kept. */
 static void carry_back(Work *k, const SweepArguments *a, int64_t s, int count, double *of_q) {
     double *const of_p = of_q + N;
     for (int l = count - 1; l >= 0; l--) {
         for (int r = PARTS - 1; r >= 0; r--) {
-            const V *const dp = k->dp + r * DP, *const kq = k->kq + r * KQ;
             V *const mu = k->mu + r * 2 * N;
-            for (int i = 0; i < DP; i++) of_p[DP_COLUMN[i]] = s_fma(lane(dp[i], l), of_q[DP_ROW[i]], of_p[DP_COLUMN[i]]);
-            for (int d = 0; d < N; d++) set_lane(&mu[d], l, of_q[d]), set_lane(&mu[N + d], l, of_p[d]);
-            for (int i = 0; i < KQ; i++) of_q[KQ_COLUMN[i]] = s_fma(lane(kq[i], l), of_p[KQ_ROW[i]], of_q[KQ_COLUMN[i]]);
-            if (LOSS) for (int d = 0; d < 2 * N; d++) of_q[d] += lane(k->of_x[r * 2 * N + d], l);
+            add_transposed(k->dp + r * DP, DP_ROW, DP_BEGIN, l, of_q, of_p);
+            for (int d = 0; d < N; d++) set_lane_at(&mu[d], l, of_q[d]), set_lane_at(&mu[N + d], l, of_p[d]);
+            add_transposed(k->kq + r * KQ, KQ_ROW, KQ_BEGIN, l, of_p, of_q);
+            if (LOSS) for (int d = 0; d < 2 * N; d++) of_q[d] += lane_at(&k->of_x[r * 2 * N + d], l);
         }
         if (a->seeds) for (int d = 0; d < 2 * N; d++) of_q[d] += a->seeds[(s + l) * 2 * N + d];
     }
@@ -168,7 +177,7 @@ int adjoints(const SweepArguments *a) {
     V *const outer = k->more, *const loss = outer + C + 2, *const pulled = loss + 1;
     for (int64_t s = a->steps, some; s > 0;) {
         some = alike(a, s - 1, -1), s -= some;
-        linearise(k, a, s, (int)some, 1, LOSS);
+        linearise(k, a, s, (int)some, LOSS);
         carry_back(k, a, s, (int)some, a->tangent);
         V there, step; /* lanes without a step count for nothing */
         for (int l = 0; l < LANES; l++) set_lane(&there, l, l < some), set_lane(&step, l, (double)(a->first + s + l));
@@ -184,7 +193,7 @@ int adjoints(const SweepArguments *a) {
                 const int place = i + r * NU;
                 const int64_t node = a->control_nodes == 1 ? 0 : place / CONTROLS;
                 for (int64_t l = 0; l < some; l++)
-                    a->out[((s + l) * a->control_nodes + node) * CONTROLS + place % CONTROLS] += lane(pulled[C + 2 + i], (int)l);
+                    a->out[((s + l) * a->control_nodes + node) * CONTROLS + place % CONTROLS] += lane_at(&pulled[C + 2 + i], l);
             }
         }
     }

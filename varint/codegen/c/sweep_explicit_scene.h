@@ -7,11 +7,11 @@
     DO(N) DO(NU) DO(CONTROLS) DO(PARTS) DO(PART) DO(C) DO(E) DO(LOSS) DO(KQ) DO(DP) DO(KE) DO(DE)
 #define LIMITS(DO) /* none */
 #define PLACES(DO) \
-    DO(KQ_ROW) DO(KQ_COLUMN) DO(DP_ROW) DO(DP_COLUMN) DO(KE_ROW) DO(KE_COLUMN) DO(DE_ROW) DO(DE_COLUMN)
+    DO(KQ_ROW) DO(KQ_BEGIN) DO(DP_ROW) DO(DP_BEGIN) DO(KE_ROW) DO(KE_COLUMN) DO(DE_ROW) DO(DE_COLUMN)
 #define TABLES(DO) \
     DO(PART_TABLE)
 #define FUNCTIONS(DO) \
-    DO(slopes) DO(outside) DO(after) DO(density)
+    DO(part_of) DO(density)
 #include "scene_members.h"
 
 #define N ((int)scene->N_)
@@ -27,23 +27,21 @@
 #define KE ((int)scene->KE_)
 #define DE ((int)scene->DE_)
 #define KQ_ROW scene->KQ_ROW_
-#define KQ_COLUMN scene->KQ_COLUMN_
+#define KQ_BEGIN scene->KQ_BEGIN_
 #define DP_ROW scene->DP_ROW_
-#define DP_COLUMN scene->DP_COLUMN_
+#define DP_BEGIN scene->DP_BEGIN_
 #define KE_ROW scene->KE_ROW_
 #define KE_COLUMN scene->KE_COLUMN_
 #define DE_ROW scene->DE_ROW_
 #define DE_COLUMN scene->DE_COLUMN_
 #define PART_TABLE scene->PART_TABLE_
-#define SLOPES_W (LANES * scene->slopes.registers)
-#define OUTSIDE_W (LANES * scene->outside.registers)
-#define AFTER_W (LANES * scene->after.registers)
+#define PART_OF_W (LANES * scene->part_of.registers)
 #define DENSITY_W (LANES * scene->density.registers)
 
 #define AT_A_PART ARGUMENTS(q, p, t, u, part)
-INLINE void slopes(In q, In p, In t, In u, In part, Prepared w, V *kq, V *dp) { CALL(slopes, AT_A_PART, kq, dp); }
-INLINE void outside(In q, In p, In t, In u, In part, Prepared w, V *ke, V *de) { CALL(outside, AT_A_PART, ke, de); }
-INLINE void after(In q, In p, In t, In u, In part, Prepared w, V *next) { CALL(after, AT_A_PART, next); }
+INLINE void part_of(In q, In p, In t, In u, In part, Prepared w, V *kq, V *dp, V *ke, V *de, V *next) {
+    CALL(part_of, AT_A_PART, kq, dp, ke, de, next);
+}
 INLINE void density(In q, In p, In t, In u, In part, Prepared w, V *value, V *of_x, V *of_e) {
     CALL(density, AT_A_PART, value, of_x, of_e);
 }

@@ -70,9 +70,22 @@ class View:
         """What a change of each coordinate by its own size, or by its `reach` in a step, would
         make of each gap.
         """
-        far = np.abs(q).max(initial=0.0)
-        contacts = self.slope[len(self.slope) - len(self.gap) :]
-        return np.abs(contacts) @ np.maximum(np.maximum(np.abs(q), NEAR * far), reach)
+        far = max(np.abs(q).max(initial=0.0), reach.max(initial=0.0))
+        return np.abs(self.closing) @ np.maximum(np.maximum(np.abs(q), NEAR * far), reach)
+
+    def speeds(self, typical: np.ndarray) -> np.ndarray:
+        """What the velocities contribute to each gap's rate, without regard to sign; at least what
+        a part of the largest of the `typical` ones would: what rests beside moving bodies has
+        their round-off.
+        """
+        closing, sizes = self.closing, np.abs(self.closing)
+        own = sizes @ np.abs(self.v) + np.abs(self.rate - closing @ self.v)
+        return np.maximum(own, NEAR * typical.max(initial=0.0) * sizes.sum(axis=1))
+
+    @property
+    def closing(self) -> np.ndarray:
+        """∂gap/∂q of the contacts."""
+        return self.slope[len(self.slope) - len(self.gap) :]
 
 
 def first_contact(system: System) -> int:

@@ -17,7 +17,7 @@ from varint.integration.events.contacts import (
     passage_function,
     split,
 )
-from varint.integration.events.impacts import RESTING, TOUCH, row_speeds
+from varint.integration.events.impacts import RESTING, TOUCH
 from varint.integration.events.roots import LOCATED, find_root
 from varint.integration.problem import InitialValueProblem
 from varint.integration.steppers.stepper import state_layout
@@ -228,7 +228,8 @@ def _close(passage: Passage, i: int, end: Reached) -> float:
 
 
 def _rests(passage: Passage, i: int) -> bool:
-    return bool(abs(passage.here.rate[i]) <= RESTING * row_speeds(passage.here)[i])
+    quick = passage.here.speeds(passage.scale[: len(passage.now.q)])
+    return bool(abs(passage.here.rate[i]) <= RESTING * quick[i])
 
 
 def _leaving(passage: Passage, i: int, end: Reached, close: float) -> Reached:

@@ -80,10 +80,10 @@ def settle(
     bounced too often and comes to rest.
     """
     events: list[Event] = []
-    quick = row_speeds(seen)
+    quick = seen.speeds(setting.reach / abs(setting.h))
     closed = seen.gap <= TOUCH * seen.sizes(now.q, setting.reach)
     for _ in range(MOST_IMPACTS):
-        quick = np.maximum(quick, row_speeds(seen))
+        quick = np.maximum(quick, seen.speeds(setting.reach / abs(setting.h)))
         rate = setting.direction * seen.rate
         coming = closed & (rate < -RESTING * quick)
         for i in now.active_set.holding:
@@ -103,12 +103,6 @@ def settle(
         for e in events
     ]
     return replace(now, active_set=active_set), seen, events
-
-
-def row_speeds(seen: View) -> np.ndarray:
-    """What the velocities contribute to each gap's rate, without regard to sign."""
-    contacts = seen.slope[len(seen.slope) - len(seen.gap) :]
-    return np.abs(contacts) @ np.abs(seen.v) + np.abs(seen.rate - contacts @ seen.v)
 
 
 def _impact(

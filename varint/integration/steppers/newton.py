@@ -66,6 +66,7 @@ def searching_newton(name: str, equations: ca.Function, *, large: int = LARGE) -
         "max_iter": SEARCH_ITERATIONS,
         "line_search": True,
         "error_on_fail": False,
+        "show_eval_warnings": False,  # the caller judges the end
     }
     search = ca.rootfinder("search", "newton", both, options)
     args = [ca.MX.sym(f"a{i}", search.numel_in(i)) for i in range(search.n_in())]

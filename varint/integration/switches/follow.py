@@ -1,0 +1,249 @@
+"""A motion from switch to switch: smooth pieces, the last step of each of which ends where the
+scene changes branch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.codegen.kernel import Kernel
+from varint.discrete.legendre import velocity_function
+from varint.integration.problem import InitialValueProblem
+from varint.integration.small_motions import frequency_at_start
+from varint.integration.switches.branch import Branch, BranchScene, branch_scene
+from varint.integration.switches.corner import past_corner
+from varint.integration.switches.crossing import Nodes, NoWayIn, first_crossing
+from varint.integration.switches.decision import ahead_at, all_parameters, decide
+from varint.integration.switches.frozen import frozen_scene
+from varint.integration.switches.loop import Grid, Loop, kernel_of, loop_steps
+from varint.integration.switches.timetable import Timetable, timed
+from varint.numerics.arrays import call
+from varint.results.records import State
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+ANGLE = 4.0  # radians of the fastest small motion in a unit, which has as many steps as asked for
+UNITS = 4  # in the duration at least
+SHORTEN, SHORTER = 4.0, 12  # a unit by so much, so often, whose first piece cannot be followed
+LEAST_UNIT = 0.1  # of a unit, of a piece that is shorter
+FIRST, MOST_IN_BLOCK = 16, 4096  # steps of a block, after each of which switches are looked for
+MOST_PIECES, MOST_NODES = 50_000, 20_000_000
+CROWD, CROWDED = 60, 1e-10  # so many pieces, one after the other, as short as this of the duration
+BORDER = 1e-6  # of a unit: so much more than whole ones is whole ones
+AT_ZERO = 64 * np.finfo(float).eps  # of what switches could change by during the run
+
+
+@dataclass(eq=False)
+class Course:
+    """A motion to be followed in one number of steps after another.
+
+    Attributes
+    ----------
+    system : System
+        The user's scene.
+    rule : Rule
+    problem : InitialValueProblem
+        Of one step over the whole duration.
+    timetable : Timetable
+    backend : str
+    units : dict
+        Size of a unit of time on each branch, found where it first comes up.
+    known : set
+        Branches a piece of which has ended: the unit is no longer than that one.
+    kernels : dict
+        The loop of each scene that moves.
+    """
+
+    system: System
+    rule: Rule
+    problem: InitialValueProblem
+    timetable: Timetable
+    backend: str
+    units: dict[Branch, float] = field(default_factory=dict)
+    known: set[Branch] = field(default_factory=set)
+    kernels: dict[tuple[int, ...], Kernel | None] = field(default_factory=dict)
+
+
+class Piece(NamedTuple):
+    """A smooth piece of the motion: its branch, size and number of the steps it was begun with, its
+    nodes with that of the switch it ends at, and (q, p, v) there, (N + 1, 3, n).
+    """
+
+    branch: Branch
+    h: float
+    steps: int
+    t: np.ndarray
+    states: np.ndarray
+    iterations: int
+    residual: float
+
+
+def follow(course: Course, parts: int, level: float) -> Iterator[Piece | None]:
+    """The pieces of the motion with so many steps a unit; None at the end where it is not known how
+    it goes on, or the steps are too large.
+    """
+    problem, system, times = course.problem, course.system, course.timetable.times
+    begin, total = problem.t0, problem.h
+    clocks = timed(system).places
+    q, p, t, row, short, nodes = problem.q0, problem.p0, begin, 0, 0, 0
+    branch = _first_branch(course)
+    for _ in range(MOST_PIECES):
+        scene = branch and branch_scene(system, branch.sliding)
+        if branch is None or scene is None or short == CROWD or nodes > MOST_NODES:
+            break
+        until = float(times[row]) if row < len(times) else begin + total
+        found = _piece(course, scene, branch, State(t, q, q, p), until, parts, level)
+        for _ in range(SHORTER):
+            if found is not None or branch in course.known or branch not in course.units:
+                break
+            course.units[branch] /= SHORTEN
+            found = _piece(course, scene, branch, State(t, q, q, p), until, parts, level)
+        if found is None:
+            break
+        piece, crossed = found
+        yield piece
+        short = short + 1 if abs(piece.t[-1] - t) < CROWDED * abs(total) else 0
+        nodes += len(piece.t)
+        t, (q, p, v) = float(piece.t[-1]), piece.states[-1]
+        if crossed is None and row == len(times):
+            return
+        values, known, at_zero = list(branch.values), list(clocks), list(branch.sliding)
+        if crossed is None:
+            row += 1
+            for j, x in zip(clocks, course.timetable.values[row].tolist(), strict=True):
+                values[j] = x
+        elif crossed[0] in branch.sliding:
+            values[crossed[0]] = crossed[1]
+            known.append(crossed[0])
+        else:
+            at_zero.append(crossed[0])
+        state, before = State(t, q, v, p), branch
+        branch = _decided(course, state, branch._replace(values=tuple(values)), at_zero, known)
+        way = math.copysign(1.0, total)
+        passed = branch and past_corner(system, state, problem.c, way, before, branch)
+        q, p, branch = passed or (q, p, None)
+    yield None
+
+
+def first_unit(course: Course) -> float | None:
+    """The unit of time at the start; None where it is not known on which branch it is."""
+    branch, problem = _first_branch(course), course.problem
+    scene = branch and branch_scene(course.system, branch.sliding)
+    if branch is None or scene is None:
+        return None
+    return _unit(course, branch, State(problem.t0, problem.q0, problem.q0, problem.p0))
+
+
+def _first_branch(course: Course) -> Branch | None:
+    """The branch at the start."""
+    system, problem = course.system, course.problem
+    scene, clocks = branch_scene(system), timed(system).places
+    if scene is None:
+        return None
+    values = np.ones(scene.system.c.numel() - system.c.numel())
+    values[list(clocks)] = course.timetable.values[0]
+    branch = Branch(tuple(values.tolist()))
+    q, p, t = problem.q0, problem.p0, problem.t0
+    c = all_parameters(problem.c, branch)
+    v = call(velocity_function(scene.system), q, p, np.array([t]), c)[0]
+    return _decided(course, State(t, q, v, p), branch, [], list(clocks))
+
+
+def _decided(
+    course: Course, state: State, branch: Branch, at_zero: list[int], known: list[int]
+) -> Branch | None:
+    """The branch on which the motion goes on from a state, with all switches that are at zero."""
+    system, c, total = course.system, course.problem.c, course.problem.h
+    frozen, found = frozen_scene(system), ahead_at(system, state, c, branch)
+    if frozen is None or found is None:
+        return None
+    off = np.where(frozen.counts, found[0] - np.round(found[0]), found[0])
+    reach = AT_ZERO * np.abs(found[1]) * max(abs(state.t), abs(total))
+    near = np.flatnonzero(np.abs(off) <= reach).tolist()
+    every = sorted({*at_zero, *near} - set(known))
+    return decide(system, state, c, math.copysign(1.0, total), branch, every, known)
+
+
+def _piece(
+    course: Course,
+    scene: BranchScene,
+    branch: Branch,
+    start: State,
+    until: float,
+    parts: int,
+    level: float,
+) -> tuple[Piece, tuple[int, float] | None] | None:
+    """The piece from a state until a time or a switch, and which switch that is; None where its
+    steps are too large or do not enter the branch.
+    """
+    c, span = all_parameters(course.problem.c, branch), until - start.t
+    kernel = _kernel(course, scene, branch)
+    if kernel is None:
+        return None
+    unit = _unit(course, branch, start)
+    if not abs(span) / unit * parts < MOST_NODES:
+        return None
+    steps = parts * max(math.ceil(abs(span) / unit - BORDER), 1)
+    loop = Loop(scene.system, course.rule, kernel, c, level)
+    h, k, carry, size = span / steps, 0, None, FIRST
+    q, p = start.q, start.p
+    times, iterations, residual = [np.array([start.t])], 0, 0.0
+    states: list[np.ndarray] = []
+    while k < steps:
+        some = min(size, steps - k)
+        part = loop_steps(loop, q, p, Grid(start.t, h, some, k), carry)
+        if part is None:
+            return None
+        t = start.t + h * np.arange(k, k + some + 1)
+        if k + some == steps:
+            t[-1] = until
+        if not states:
+            states.append(part.rows[:1])
+        iterations += part.iterations
+        residual = max(residual, part.residual)
+        try:
+            found = first_crossing(scene, loop, Nodes(t, part.rows, k == 0))
+        except NoWayIn:
+            return None
+        if found is not None:
+            last = found.step + 1
+            times += [t[1:last], np.array([found.t])]
+            states += [part.rows[1:last], found.state[None]]
+            break
+        times.append(t[1:])
+        states.append(part.rows[1:])
+        k, carry, size = k + some, part.carry, min(4 * size, MOST_IN_BLOCK)
+        q, p = part.rows[-1, :2]
+    if found is not None and branch not in course.known:
+        # the next piece on this branch is as long, more or less
+        course.known.add(branch)
+        course.units[branch] = min(unit, max(abs(found.t - start.t), unit * LEAST_UNIT))
+    piece = Piece(
+        branch, h, steps, np.concatenate(times), np.concatenate(states), iterations, residual
+    )
+    return piece, None if found is None else scene.watched[found.margin]
+
+
+def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None:
+    if branch.sliding not in course.kernels:
+        course.kernels[branch.sliding] = kernel_of(scene.system, course.rule, course.backend)
+    return course.kernels[branch.sliding]
+
+
+def _unit(course: Course, branch: Branch, start: State) -> float:
+    """Time in which the fastest small motion turns by `ANGLE`, or a part of the duration."""
+    if branch not in course.units:
+        scene = branch_scene(course.system)
+        assert scene is not None
+        c, total = all_parameters(course.problem.c, branch), course.problem.h
+        v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
+        # what holds the motion slows it down
+        fastest = frequency_at_start(scene.system, start.q, v, start.t, c) or 0.0
+        most = abs(total) / UNITS
+        course.units[branch] = min(most, ANGLE / fastest) if fastest > 0 else most
+    return course.units[branch]

@@ -1,0 +1,152 @@
+"""The smooth pieces of a motion as trajectories of their own, and as the one that users see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from varint.codegen.kernel import Kernel
+from varint.integration.many_steps import steps_again, steps_of
+from varint.integration.plan import plan
+from varint.integration.switches.branch import Branch, branch_scene
+from varint.integration.switches.decision import all_parameters
+from varint.integration.switches.follow import Course, Piece
+from varint.integration.switches.loop import kernel_of
+from varint.results.dense_output import node_tolerance, require_within
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+
+
+def piece_motion(course: Course, piece: Piece) -> Trajectory:
+    """A piece as a motion of the scene of its branch."""
+    scene = branch_scene(course.system, piece.branch.sliding)
+    assert scene is not None
+    k = np.arange(len(piece.t))
+    if k[-1] < piece.steps or abs(piece.t[-1] - piece.t[0]) < abs(piece.h) * (k[-1] - 0.5):
+        k[-1] -= 1  # the switch lies within the step
+    motion = Trajectory(
+        system=scene.system,
+        rule=course.rule,
+        t=piece.t,
+        q=piece.states[:, 0],
+        p=piece.states[:, 1],
+        h=piece.h,
+        k=k,
+        u=np.empty((piece.steps, 1, 0)),
+        c=all_parameters(course.problem.c, piece.branch),
+        functions=steps_again(course.rule),
+        origin=float(piece.t[0]),
+    )
+    motion.__dict__["v"] = piece.states[:, 2]
+    return motion
+
+
+@dataclass(frozen=True, eq=False)
+class BetweenNodes:
+    """Dense output of a motion from switch to switch: shorter steps of the branch that begins or
+    goes on at the node before.
+
+    Attributes
+    ----------
+    rule : Rule
+    t, q, p : array
+        The nodes that were computed, whichever are kept.
+    branch : array of int (N + 1,)
+        Which of the branches holds from each node on.
+    branches : tuple of Branch
+    """
+
+    rule: Rule
+    t: np.ndarray
+    q: np.ndarray
+    p: np.ndarray
+    branch: np.ndarray
+    branches: tuple[Branch, ...]
+
+    def __call__(self, motion: Trajectory, times: np.ndarray) -> Trajectory:
+        slack = require_within(motion, times)
+        direction = np.sign(motion.h)
+        node = np.searchsorted(direction * self.t, direction * times + slack, side="right") - 1
+        node = np.clip(node, 0, len(self.t) - 1)
+        q, p, ahead = self.q[node], self.p[node], times - self.t[node]
+        inside = np.abs(ahead) > node_tolerance(motion) * abs(motion.h)
+        for i, branch in enumerate(self.branches):
+            some = np.flatnonzero(inside & (self.branch[node] == i))
+            if not len(some):
+                continue
+            scene = branch_scene(motion.system, branch.sliding)
+            assert scene is not None
+            c = all_parameters(motion.c, branch)
+            kernel, none = kernel_of(scene.system, self.rule), np.empty((len(some), 0))
+            ends = steps_of(scene.system, self.rule, kernel, c)
+            q[some], p[some] = ends(q[some], p[some], none, self.t[node[some]], ahead[some])
+        return replace(
+            motion, t=times, q=q, p=p, k=node, sizes=None, events=(), solution=None, closure=None
+        )
+
+
+def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Trajectory:
+    """All pieces as one motion of the user's scene, with a node at every switch."""
+    # at a switch as the motion leaves it
+    whole = [*[slice(None, -1)] * (len(pieces) - 1), slice(None)]
+    t = np.concatenate([x.t[part] for x, part in zip(pieces, whole, strict=True)])
+    states = np.concatenate([x.states[part] for x, part in zip(pieces, whole, strict=True)])
+    branches = tuple(dict.fromkeys(x.branch for x in pieces))
+    places = {branch: i for i, branch in enumerate(branches)}
+    counts = [len(x.t) - 1 for x in pieces]
+    each = np.repeat([places[x.branch] for x in pieces], counts)
+    q, p = np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1])
+    steps = len(t) - 1
+    system, rule = course.system, course.rule
+    chosen = plan(branch_scene(system, pieces[0].branch.sliding).system, rule)  # type: ignore[union-attr]
+    motion = Trajectory(
+        system=system,
+        rule=rule,
+        t=t,
+        q=q,
+        p=p,
+        h=float(t[-1] - t[0]) / max(steps, 1),
+        k=np.arange(steps + 1),
+        u=np.empty((steps, 1, 0)),
+        c=course.problem.c,
+        functions=steps_again(rule),
+        dense_output=BetweenNodes(rule, t, q, p, np.append(each, each[-1:]), branches),
+        sizes=np.diff(t),
+        origin=float(t[0]),
+        stats=MappingProxyType(
+            {
+                "plan": chosen,
+                "backend": "interpreted" if kernel is None else f"native: {kernel.about}",
+                "steps": steps,
+                "iterations": sum(x.iterations for x in pieces),
+                "residual": max(x.residual for x in pieces),
+                "switches": len(pieces) - 1,
+                "interrupted": False,
+            }
+        ),
+    )
+    motion.__dict__["v"] = np.ascontiguousarray(states[:, 2])
+    return motion
+
+
+def nodes_apart(one: Sequence[Piece], other: Sequence[Piece]) -> np.ndarray | None:
+    """Differences (M, n) of two runs from switch to switch at the nodes that both have, at the
+    same time to first order; None where they pass other branches.
+    """
+    if [x.branch for x in one] != [x.branch for x in other]:
+        return None
+    found = []
+    for a, b in zip(one, other, strict=True):
+        every = b.steps // a.steps if b.steps % a.steps == 0 else 0
+        i, j = np.empty(0, dtype=int), np.empty(0, dtype=int)
+        if every:
+            count = min(len(a.t) - 1, (len(b.t) - 2) // every + 1)
+            i = np.arange(count)
+            j = i * every
+        i, j = np.append(i, len(a.t) - 1), np.append(j, len(b.t) - 1)
+        late = (a.t[i] - b.t[j])[:, None]
+        found.append(a.states[i, 0] - b.states[j, 0] - late * b.states[j, 2])
+    return np.concatenate(found)

@@ -1,0 +1,124 @@
+"""Steps of one smooth piece: in one call of the loop in C, or as any other run where it fails."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.codegen.arguments import DONE
+from varint.codegen.cache import CompileError
+from varint.codegen.graph import NotCompilable
+from varint.codegen.kernel import Kernel, run_loop, take_parts
+from varint.codegen.native import native_gauss
+from varint.discrete.legendre import velocity_function
+from varint.integration.backend import blocks_of
+from varint.integration.compiled_loop import kernel_in_gear
+from varint.integration.compiled_loop import kernel_of as compiled_kernel
+from varint.integration.problem import InitialValueProblem
+from varint.numerics.arrays import over_columns
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+
+class Loop(NamedTuple):
+    """What steps: a scene by a rule, its loop in C, its parameters, and where iterations end."""
+
+    system: System
+    rule: Rule
+    kernel: Kernel
+    c: np.ndarray
+    level: float
+
+
+def kernel_of(system: System, rule: Rule, backend: str = "auto") -> Kernel | None:
+    """The loop in C of a smooth piece: all stages at once, of linear scenes too, for steps are
+    short and Newton's method takes long to prepare. None where there is none.
+    """
+    if backend == "compiled":
+        return compiled_kernel(system, rule)
+    if system.structure.linear:
+        with suppress(NotCompilable, CompileError):
+            return native_gauss(system, rule)
+    return kernel_in_gear(system, rule)
+
+
+class Grid(NamedTuple):
+    """So many steps of size h from node `first` on, node 0 being at t0."""
+
+    t0: float
+    h: float
+    steps: int
+    first: int = 0
+
+
+class Part(NamedTuple):
+    """(q, p, v) at the nodes, (steps + 1, 3, n), how they were found, and what leads on."""
+
+    rows: np.ndarray
+    iterations: int
+    residual: float
+    carry: np.ndarray | None
+
+
+def loop_steps(
+    loop: Loop, q: np.ndarray, p: np.ndarray, grid: Grid, carry: np.ndarray | None = None
+) -> Part | None:
+    """The steps of a grid; None where they are too large to be solved."""
+    t0, h, steps, first = grid
+    part = run_loop(
+        loop.kernel,
+        q,
+        p,
+        loop.c,
+        t0=t0,
+        h=h,
+        steps=steps,
+        first=first,
+        level=loop.level,
+        carry=carry,
+    )
+    if part.status == DONE:
+        whole = Part(part.rows, part.iterations, part.residual, part.carry)
+    else:
+        other = _otherwise(loop, q, p, grid)
+        if other is None:
+            return None
+        whole = other
+    return whole if np.isfinite(whole.rows[-1]).all() else None
+
+
+def one_part(loop: Loop, start: np.ndarray, t: float, h: float) -> np.ndarray | None:
+    """(q, p, v) a step of its own size after a state, (3, n); None where it is not solved."""
+    q, p = start[:1], start[1:2]
+    at, size, none = np.array([t]), np.array([h]), np.empty((1, 0))
+    rows, good = take_parts(loop.kernel, q, p, loop.c, t=at, h=size, u=none)
+    if good[0]:
+        return np.asarray(rows[0])
+    part = _otherwise(loop, q[0], p[0], Grid(t, h, 1)) if h else None
+    return None if part is None else part.rows[-1]
+
+
+def _otherwise(loop: Loop, q: np.ndarray, p: np.ndarray, grid: Grid) -> Part | None:
+    """The same steps as those of any run, by Newton's method and with other sizes where one
+    fails.
+    """
+    t0, h, steps, first = grid
+    n, nodes = len(q), len(loop.rule.nodes)
+    whole = np.empty((steps + first, 1, 0))
+    problem = InitialValueProblem(
+        q, p, t0, h, steps + first, 1, whole, loop.c, nodes, first=first, level=loop.level
+    )
+    rows, iterations, residual = [np.stack([q, p])[None]], 0, 0.0
+    for block in blocks_of(loop.system, loop.rule, problem, loop.kernel):
+        if block.good < len(block.k):
+            return None
+        rows.append(np.stack([block.q, block.p], axis=1))
+        iterations, residual = iterations + block.iterations, max(residual, block.residual)
+    states = np.concatenate(rows)
+    t = t0 + h * np.arange(first, first + len(states))
+    v = over_columns(
+        velocity_function(loop.system), states[:, 0], states[:, 1], t[:, None], loop.c
+    )[0]
+    return Part(np.concatenate([states, v.reshape(-1, 1, n)], axis=1), iterations, residual, None)

@@ -1,0 +1,188 @@
+"""Operations with steps or kinks as parameters: what is left of an expression is smooth."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from varint.numerics.operations import WITH_STEPS, operation
+
+# not defined everywhere; of a power, where its exponent is no whole number
+BOUNDED = frozenset(("sqrt", "log", "log1p", "pow", "constpow", "asin", "acos", "acosh", "atanh"))
+
+
+class Node(NamedTuple):
+    """An operation read: its expression, whether it moves (with q, v or t), and its number; equal
+    operations of equal nodes are one.
+    """
+
+    value: ca.SX
+    moves: bool
+    number: int
+
+
+class Switches:
+    """The operations of an expression, read one after the other, and the switches found in them.
+
+    `symbols` are the parameters s that stand for steps, `sigma` what they are the signs of, or, if
+    they count (`counts`), the whole parts. With `kinks` those of max, min and \\|x\\| stay in
+    the expression; `bounded` tells whether it has operations that are not defined everywhere, as
+    √x, so that no step may go on in a branch beyond its end.
+    """
+
+    def __init__(self, moving: ca.SX, kinks: bool = False):
+        self.kinks = kinks
+        self.bounded = False
+        self.moving = {x.element_hash() for x in ca.vertsplit(moving)}
+        self.symbols: list[ca.SX] = []
+        self.sigma: list[ca.SX] = []
+        self.counts: list[bool] = []
+        self._known: dict[tuple[Any, ...], Node] = {}
+        self._made: list[tuple[str, tuple[Node, ...]]] = []
+        self._places: dict[tuple[Any, ...], int] = {}
+
+    def given(self, x: ca.SX) -> Node:
+        """A symbol, or a number."""
+        moves = x.is_symbolic() and x.element_hash() in self.moving
+        key = ("symbol", x.element_hash()) if x.is_symbolic() else ("const", float(x))
+        return self._kept(key, x, moves, ("const", ()))
+
+    def read(self, name: str, *taken: Node) -> Node:
+        """An operation; where it has a step or a kink on the way, the smooth one of its branch."""
+        on_way = taken[:1] if name == "if_else_zero" else taken
+        if name in WITH_STEPS and any(x.moves for x in on_way):
+            return SMOOTH[name](self, *taken)
+        key = (name, *(x.number for x in taken))
+        if key in self._known:
+            return self._known[key]
+        value = operation(name, *(x.value for x in taken))
+        if name in BOUNDED and taken[0].moves:
+            exponent = float(taken[1].value) if name == "constpow" else 0.5
+            self.bounded |= exponent != round(exponent)
+        return self._kept(key, value, any(x.moves for x in taken), (name, taken))
+
+    def sign(self, a: Node) -> Node:
+        """s with s a > 0."""
+        return self._sign(a) if a.moves else self.read("sign", a)
+
+    def difference(self, a: Node, b: Node) -> Node:
+        """The sign of a − b."""
+        return self.sign(self.read("sub", a, b))
+
+    def whole(self, a: Node) -> Node:
+        """The whole part, floor(a)."""
+        return self._parameter(("whole", a.number), a, True)
+
+    def on(self, s: Node) -> Node:
+        """Whether a sign is positive."""
+        return self.read("lt", self.number(0.0), s)
+
+    def kink(self, name: str, *taken: Node) -> Node:
+        """The operation itself."""
+        key = (name, *(x.number for x in taken))
+        value = operation(name, *(x.value for x in taken))
+        return self._kept(key, value, True, (name, taken))
+
+    def choose(self, on: Node, a: Node, b: Node) -> Node:
+        """A where it is on, b elsewhere."""
+        first = self.read("if_else_zero", on, a)
+        return self.read("add", first, self.read("if_else_zero", self.read("not", on), b))
+
+    def number(self, x: float) -> Node:
+        return self.given(ca.SX(x))
+
+    def _sign(self, a: Node) -> Node:
+        """Of x − y and y − x there is one switch, of x − 0 and x as well."""
+        name, taken = self._made[a.number]
+        if name == "neg":
+            return self.read("neg", self._sign(taken[0]))
+        if name == "sub":
+            x, y = taken
+            if x.value.is_zero():
+                return self.read("neg", self._sign(y))
+            if y.value.is_zero():
+                return self._sign(x)
+            if x.number > y.number:
+                return self.read("neg", self._sign(self.read("sub", y, x)))
+        return self._parameter(("sign", a.number), a, False)
+
+    def _parameter(self, key: tuple[Any, ...], a: Node, counts: bool) -> Node:
+        place = self._places.get(key)
+        if place is None:
+            place = self._places[key] = len(self.symbols)
+            self.symbols.append(ca.SX.sym(f"s{place}"))
+            self.sigma.append(a.value)
+            self.counts.append(counts)
+        return self.given(self.symbols[place])
+
+    def _kept(
+        self, key: tuple[Any, ...], value: ca.SX, moves: bool, made: tuple[str, tuple[Node, ...]]
+    ) -> Node:
+        if key not in self._known:
+            self._known[key] = Node(value, moves, len(self._made))
+            self._made.append(made)
+        return self._known[key]
+
+
+def _fabs(s: Switches, a: Node) -> Node:
+    sign = s.sign(a)
+    return s.kink("fabs", a) if s.kinks else s.read("mul", sign, a)
+
+
+def _largest(s: Switches, a: Node, b: Node) -> Node:
+    on = s.on(s.difference(a, b))
+    return s.kink("fmax", a, b) if s.kinks else s.choose(on, a, b)
+
+
+def _least(s: Switches, a: Node, b: Node) -> Node:
+    on = s.on(s.difference(a, b))
+    return s.kink("fmin", a, b) if s.kinks else s.choose(on, b, a)
+
+
+def _size(s: Switches, a: Node) -> Node:
+    return _fabs(s, a) if a.moves else s.read("fabs", a)
+
+
+def _less(s: Switches, a: Node, b: Node) -> Node:
+    return s.on(s.difference(b, a))
+
+
+def _rounded_to_zero(s: Switches, a: Node, b: Node) -> Node:
+    """A − b trunc(a / b): towards zero, one more than the whole part of what is negative."""
+    whole = s.whole(s.read("div", a, b))
+    whole = s.read("add", whole, s.read("lt", whole, s.number(0.0)))
+    return s.read("sub", a, s.read("mul", b, whole))
+
+
+def _rounded(s: Switches, a: Node, b: Node) -> Node:
+    whole = s.whole(s.read("add", s.read("div", a, b), s.number(0.5)))
+    return s.read("sub", a, s.read("mul", b, whole))
+
+
+def _both(s: Switches, a: Node, b: Node) -> Node:
+    """What moves is zero at instants alone."""
+    one = s.number(1.0)
+    return s.read("and", *(one if x.moves else x for x in (a, b)))
+
+
+# what each operation is between two switches; equality holds at instants alone
+SMOOTH: dict[str, Any] = {
+    "sign": Switches.sign,
+    "fabs": _fabs,
+    "fmax": _largest,
+    "fmin": _least,
+    "lt": _less,
+    "le": _less,
+    "eq": lambda s, a, b: s.number(0.0),
+    "ne": lambda s, a, b: s.number(1.0),
+    "not": lambda s, a: s.number(0.0),
+    "and": _both,
+    "or": lambda s, a, b: s.number(1.0),
+    "if_else_zero": lambda s, condition, a: a,
+    "floor": Switches.whole,
+    "ceil": lambda s, a: s.read("add", s.whole(a), s.number(1.0)),
+    "fmod": _rounded_to_zero,
+    "remainder": _rounded,
+    "copysign": lambda s, a, b: s.read("mul", _size(s, a), s.sign(b)),
+}

@@ -1,0 +1,211 @@
+"""Runs to a wanted accuracy of scenes whose forces jump or kink: no step is taken across a switch,
+so that the rule keeps its order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from varint.integration.choice import Choice
+from varint.integration.error_scale import error_scales
+from varint.integration.events.crossings import (
+    Watch,
+    crossing_search,
+    find_crossings,
+    log_crossings,
+)
+from varint.integration.events.substeps import substeps_of
+from varint.integration.hidden import missed_impulse
+from varint.integration.problem import InitialValueProblem, RunOptions
+from varint.integration.refinement import CAUTION, NO_DIGITS
+from varint.integration.rule_choice import choose_rule, iteration_level, phase_error
+from varint.integration.run_distance import distance_between_nodes
+from varint.integration.switches.follow import ANGLE, Course, Piece, first_unit, follow
+from varint.integration.switches.frozen import frozen_scene
+from varint.integration.switches.joined import joined, nodes_apart, piece_motion
+from varint.integration.switches.timetable import timetable
+from varint.integration.tolerance import LEAST_TOL, MOST_TOL
+from varint.integration.trajectories import cut_at
+from varint.integration.two_runs import FLOOR
+from varint.results.records import Event
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule, gauss
+from varint.scene.system import System
+
+FEWEST, MOST = 4, 4096  # steps of a unit of time
+FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
+MOST_DOUBLINGS = 4  # of the steps at a time
+STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
+LOOKS = 20_000  # times at which forces are looked at for what steps pass over
+STAGES = (2, 4, 6, 8)
+
+
+def choose_switched_steps(
+    system: System,
+    rule: Rule | None,
+    problem: InitialValueProblem,
+    options: RunOptions,
+    tol: float,
+    stop: Watch | None,
+    watches: Sequence[Watch],
+) -> Choice | None:
+    """The run whose steps end where forces or potentials switch; None where the scene has no such
+    switches, or the motion cannot be followed over them.
+    """
+    if not _possible(system, rule, problem, options, tol):
+        return None
+    begin, total = problem.t0, problem.h
+    table = timetable(system, problem.c, begin, total)
+    course = Course(system, rule or gauss(STAGES[-1]), problem, table, options.backend)
+    with np.errstate(all="ignore"):
+        unit = first_unit(course)
+        if unit is None:
+            return None
+        radians = ANGLE * abs(total) / unit
+        if rule is None:
+            course.rule = choose_rule({gauss(k): 5.0 * k / min(k, 4) for k in STAGES}, radians, tol)
+        found = _refined(course, radians, tol, options.scale, stop)
+        if found is None:
+            return None
+        choice, pieces = found
+        motion = _with_events(course, pieces, choice.motion, watches)
+        return replace(choice, motion=_every(motion, options.save_every))
+
+
+def _possible(
+    system: System,
+    rule: Rule | None,
+    problem: InitialValueProblem,
+    options: RunOptions,
+    tol: float,
+) -> bool:
+    return (
+        problem.steps == 1
+        and LEAST_TOL <= tol <= MOST_TOL
+        and (rule is None or rule in [gauss(k) for k in range(1, 9)])
+        and options.checkpoint is None
+        and options.on_failure == "raise"
+        and options.backend != "interpreted"
+        and frozen_scene(system) is not None
+    )
+
+
+def _refined(
+    course: Course, radians: float, tol: float, scale: Any, stop: Watch | None
+) -> tuple[Choice, list[Piece]] | None:
+    """Runs of twice as many steps each until they have come together; the best and its pieces."""
+    system, rule, p = course.system, course.rule, course.rule.order
+    frozen = frozen_scene(system)
+    assert frozen is not None
+    needed = ANGLE * (max(radians, 1.0) * phase_error(rule) / tol) ** (1 / p)
+    parts = FEWEST
+    while parts < needed / 2:
+        parts *= 2
+    before: tuple[int, list[Piece]] | None = None
+    best: tuple[Choice, list[Piece]] | None = None
+    order = float(p) if frozen.system.structure.linear else None
+    last, runs, failures, stalls = math.inf, 0, 0, 0
+    while parts <= MOST:
+        pieces = _run(course, parts, iteration_level(tol, math.ceil(radians * parts)), stop)
+        runs += 1
+        if pieces is None:
+            failures, before, last = failures + 1, None, math.inf
+            if failures == FAILURES:
+                return None
+            parts *= 2
+            continue
+        if before is None:
+            before, parts = (parts, pieces), 2 * parts
+            continue
+        motion = joined(course, pieces, course.kernels.get(pieces[0].branch.sliding))
+        scales, ratio = error_scales(system, motion, scale), parts // before[0]
+        apart = _apart(course, before[1], pieces, motion, scales)
+        if not frozen.system.structure.linear and ratio == 2 and last < math.inf:
+            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
+        left = 0.5 if order is None else ratio ** (-CAUTION * order)
+        estimate = max(apart * left / (1 - left), _floor(motion, len(pieces), scales))
+        if estimate <= tol and not frozen.system.structure.autonomous:
+            estimate = max(estimate, missed_impulse(system, rule, motion, scales, LOOKS))
+        found = Choice(rule, len(motion) - 1, motion, estimate, runs, estimate <= tol)
+        if best is None or estimate < best[0].estimate:
+            best = found, pieces
+        if found.reached:
+            return best
+        stalls = stalls + 1 if apart > STALLED * last and apart < NO_DIGITS else 0
+        if stalls == PATIENCE:
+            break
+        more = 1.0 if order is None else math.log2(estimate / tol) / (CAUTION * order)
+        last, before = apart, (parts, pieces)
+        parts *= 2 ** min(max(math.ceil(more), 1), MOST_DOUBLINGS)
+    return best and (replace(best[0], runs=runs), best[1])
+
+
+def _run(course: Course, parts: int, level: float, stop: Watch | None) -> list[Piece] | None:
+    """The pieces until the end or the stop; None where the motion cannot be followed so."""
+    pieces: list[Piece] = []
+    for piece in follow(course, parts, level):
+        if piece is None:
+            return None
+        end = stop and _cut(course, piece, stop)
+        pieces.append(end or piece)
+        if end:
+            break
+    return pieces
+
+
+def _cut(course: Course, piece: Piece, stop: Watch) -> Piece | None:
+    """The piece until an expression crosses zero; None where it does not."""
+    motion = piece_motion(course, piece)
+    substeps = substeps_of(course.kernels[piece.branch.sliding])
+    end = find_crossings(crossing_search(motion.system, stop), motion, {}, substeps)
+    if not len(end.jump):
+        return None
+    cut = cut_at(motion, 0, end)
+    return piece._replace(t=cut.t, states=np.stack([cut.q, cut.p, cut.v], axis=1))
+
+
+def _floor(motion: Trajectory, pieces: int, scales: np.ndarray) -> float:
+    """What no comparison resolves: round-off, and that of the times of so many switches."""
+    fastest, largest = np.abs(motion.v).max(axis=0), np.abs(motion.q).max(axis=0)
+    late = np.finfo(float).eps * np.abs(motion.t).max() * math.sqrt(pieces)
+    return float((np.maximum(late * fastest, FLOOR * np.maximum(largest, scales)) / scales).max())
+
+
+def _apart(
+    course: Course, one: list[Piece], other: list[Piece], motion: Trajectory, scales: np.ndarray
+) -> float:
+    """How far two runs are apart by the scales."""
+    found = nodes_apart(one, other)
+    if found is not None:
+        late = abs(one[-1].t[-1] - other[-1].t[-1]) * np.abs(other[-1].states[-1, 2])
+        return float((np.vstack([np.abs(found), late]) / scales).max())
+    return distance_between_nodes(motion, joined(course, one, None), scales)
+
+
+def _with_events(
+    course: Course, pieces: list[Piece], motion: Trajectory, watches: Sequence[Watch]
+) -> Trajectory:
+    """The motion with the zeros of watched expressions."""
+    noted: list[Event] = []
+    for piece in pieces if watches else ():
+        part = piece_motion(course, piece)
+        searches = [crossing_search(part.system, watch) for watch in watches]
+        noted += log_crossings(
+            searches, part, {}, substeps_of(course.kernels[piece.branch.sliding])
+        )
+    noted.sort(key=lambda event: event.time * np.sign(motion.h))
+    return replace(motion, events=tuple(noted)) if watches else motion
+
+
+def _every(motion: Trajectory, every: int) -> Trajectory:
+    """Every so many nodes, and the last."""
+    if every == 1:
+        return motion
+    kept = np.arange(len(motion)) % every == 0
+    kept[-1] = True
+    return motion[np.flatnonzero(kept)]
