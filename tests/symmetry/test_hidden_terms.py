@@ -150,3 +150,13 @@ def test_coordinates_that_do_not_occur_make_no_division_by_zero():
     names = [found.name for found in vi.symmetries(vi.System(q, v, L))]
     expected = {"time translation", "translation of x0, x1", "Galilean boost of x0, x1"}
     assert expected <= set(names)
+
+
+def test_rows_of_a_lagrangian_that_may_jump_say_so():
+    """A step in the potential has no slope that a search could see."""
+    q, v = vi.coordinates("x", "y")
+    for potential in (ca.if_else(q[0] > 1e4, q[1], 0), ca.sign(q[0]), ca.floor(q[0]) * q[1]):
+        found = vi.symmetries(vi.System(q, v, ca.sumsqr(v) / 2 - potential))
+        assert "has conditions" in found.note
+    for potential in (ca.fabs(q[0]), ca.fmax(q[0] - 3, 0) ** 2):
+        assert "conditions" not in vi.symmetries(vi.System(q, v, ca.sumsqr(v) / 2 - potential)).note

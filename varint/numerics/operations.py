@@ -24,6 +24,7 @@ _WITH_STEPS = """
     not floor ceil fabs sign lt le eq ne and or fmod remainder copysign if_else_zero fmin fmax
 """
 WITH_STEPS = frozenset(_WITH_STEPS.split())
+KINKS = frozenset(("fabs", "fmin", "fmax"))  # steps of slopes alone
 UNARY, BINARY = frozenset(_UNARY.split()), frozenset(_BINARY.split())
 _CODES = {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY | BINARY}
 _NAMES = {code: name for name, code in _CODES.items()}
@@ -88,6 +89,13 @@ def operations_of(f: ca.Function) -> Operations:
         Output(f.size_out(k), list(f.sparsity_out(k).find()), found[k]) for k in range(f.n_out())
     ]
     return Operations(nodes, outputs)
+
+
+def has_jumps(expression: ca.SX) -> bool:
+    """Whether it holds operations that may jump: conditions, signs, roundings."""
+    f = ca.Function("whole", [ca.vertcat(*ca.symvar(expression))], [ca.densify(expression)])
+    jumps = {_CODES[name] for name in WITH_STEPS - KINKS}
+    return any(f.instruction_id(k) in jumps for k in range(f.n_instructions()))
 
 
 def expressions_of(operations: Operations, inputs: Sequence[ca.SX]) -> list[ca.SX]:

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
+from varint.numerics.operations import has_jumps
 from varint.rules.rule import Rule
 from varint.scene.inputs import finite_array
 from varint.scene.parameters import ParameterValues
@@ -103,6 +104,11 @@ def symmetries(
     kept, lost = confirm(region, drafts, rng)
     found = sorted((_symmetry(region, *x, rng=rng) for x in kept), key=_order)
     notes = [reach(system, groups)] if reach(system, groups) else []
+    if found and has_jumps(system.lagrangian):
+        notes.append(
+            "the Lagrangian has conditions: rows hold between the places where these change, and "
+            "beyond only where it does not jump there"
+        )
     if lost:
         notes.append(
             f"{lost} more hold nearly, or where the Lagrangian was sampled, but not identically"
