@@ -315,6 +315,32 @@ def test_the_start_may_lie_on_the_switch():
     assert np.abs(leaves.q[first, 0] - arc[first]).max() < 1e-13
 
 
+def test_a_motion_along_a_switch_is_followed():
+    """Down a wall of one-sided springs that it only touches."""
+    q, v = vi.coordinates("x", "y")
+    wall = vi.System(q, v, ca.sumsqr(v) / 2 - 500 * ca.fmax(q[0] - 1, 0) ** 2 - q[1])
+    motion = vi.simulate(wall, q0=[1.0, 0.0], v0=[0.0, 1.0], duration=5.0)
+    assert (motion.q[:, 0] == 1).all() and motion.stats["error_estimate"] <= TOL
+    assert np.abs(motion.q[:, 1] - motion.t + motion.t**2 / 2).max() < 1e-13
+
+
+def test_switches_at_one_instant_are_passed_together():
+    """Into the corner of a box of soft walls along its diagonal: both coordinates alike."""
+    q, v = vi.coordinates("x", "y")
+    walls = sum(800 * ca.fmax(0, side * q[i] - 1) ** 2 for i in (0, 1) for side in (1, -1))
+    motion = vi.simulate(
+        vi.System(q, v, ca.sumsqr(v) / 2 - walls), q0=[0.0, 0.0], v0=[1.0, 1.0], duration=7.0
+    )
+    period = 4 + 2 * np.pi / 40
+    s = np.mod(motion.t, period)
+    inside, back = 1 + np.sin(40 * (s - 1)) / 40, 2 + np.pi / 40 - s
+    late = s - 3 - np.pi / 40
+    outside = -1 - np.sin(40 * late) / 40
+    x = np.where(s < 1, s, np.where(s < 1 + np.pi / 40, inside, back))
+    x = np.where(late > 0, np.where(late < np.pi / 40, outside, s - period), x)
+    assert np.abs(motion.q - x[:, None]).max() < 1e-12
+
+
 def test_events_ends_times_and_nodes_asked_for_are_those_of_the_motion():
     kink = scene(lambda q, v, _t: v**2 / 2 - ca.fabs(q))
     q, v = kink.q, kink.v

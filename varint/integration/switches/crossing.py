@@ -64,7 +64,8 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     dips = (before > 0) & (after > 0) & (rate_before < 0) & (rate_after > 0)
     if dips.any():
         dips &= _lowest(before, after, rate_before, rate_after) < DIP * np.maximum(before, after)
-    seen = dips | ~(after > 0)
+    # what stays at zero moves along the switch
+    seen = dips | ~(after >= 0) | ((after == 0) & (before > 0))
     for k in np.flatnonzero(seen.any(axis=1)):
         step = _Step(scene, loop, float(t[k]), float(t[k + 1] - t[k]), states[k])
         ends = before[k], after[k], rate_before[k], rate_after[k]
