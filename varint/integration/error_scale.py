@@ -101,7 +101,7 @@ def _inertia_function(system: System) -> ca.Function:
 
 @lru_cache(maxsize=256)
 def bodies(names: tuple[str, ...]) -> list[list[int]]:
-    """Indices of the coordinates of each body, told by names as x1, y1, z1 or base_x, base_y."""
+    """Indices of the coordinates of each body, told by names such as x1, y1, z1, or base_x."""
     found: dict[str, list[int]] = {}
     for i, name in enumerate(names):
         match = re.fullmatch(r"[xyz]_?(\w*)|(\w+)_[xyz]", name)
