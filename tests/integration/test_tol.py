@@ -1,5 +1,8 @@
 """Accuracy on demand: the true error is what was asked for."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -156,3 +159,20 @@ def test_iterations_may_end_early_and_tol_beside_steps_is_their_old_name(grid):
     np.testing.assert_array_equal(old.q, early.q)
     with pytest.raises(vi.InputError, match="tol chooses the steps: leave h and steps out"):
         vi.simulate(model.system, vi.gauss(6), **call, tol=1e-6, iteration_tol=1e-6)
+
+
+CHECKED_RUNS = """
+import sys
+import varint as vi
+
+held = vi.models.pendulum_cartesian()
+vi.simulate(held.system, q0=held.q0, v0=held.v0, h=held.h, steps=20)
+free = vi.models.pendulum()
+vi.simulate(free.system, q0=free.q0, v0=free.v0, duration=5.0, tol=1e-6)
+assert "numpy" in sys.modules
+sys.exit(int("numpy.ma" in sys.modules))
+"""
+
+
+def test_runs_and_their_checks_load_no_masked_arrays():
+    assert subprocess.run([sys.executable, "-c", CHECKED_RUNS], check=False).returncode == 0

@@ -62,7 +62,6 @@ def energy_alarm(motion: Trajectory) -> str | None:
     return leap and leap.alarm()
 
 
-@np.errstate(all="ignore")  # what is not finite is no leap, and told elsewhere
 def energy_leap(motion: Trajectory) -> EnergyLeap | None:
     """The first leap of the energy of a scene with constraints that should keep it.
 
@@ -76,6 +75,12 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
         return None
     if motion.active_set is not None or len(motion) <= FEW:
         return None
+    return _leap_of(motion)
+
+
+@np.errstate(all="ignore")  # what is not finite is no leap, and told elsewhere
+def _leap_of(motion: Trajectory) -> EnergyLeap | None:
+    system = motion.system
     steps = max(int(motion.k[-1] - motion.k[0]), 1)
     every = max(min(APART * (len(motion) - 1) // steps, (len(motion) - 1) // ALL), 1)
     i = np.arange(0, len(motion), every)

@@ -45,7 +45,7 @@ PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 ATTEMPTS = 6
 CAUTION = 0.85  # of the rule's order is counted on at most
 # ratio of the steps of two runs: at least, what a new coarse run aims at, and at most, where the
-# error that is predicted of the coarse one is not clearly small, and where it is
+# error that is predicted of the first coarse one is not clearly small, and otherwise
 LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
 CLEAR = 0.03  # such an error
 
@@ -107,6 +107,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     steps, runs = _by_a_part(course, _in_fours(first), rough, p)
     coarse: Attempt | None = None
     expected = before = math.inf
+    clear = CLEAR
     for _ in range(course.attempts):
         if coarse is None:
             tried, runs = course.trial(steps, rough, 1), runs + 1
@@ -115,8 +116,8 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 steps = _in_fours(steps * _ratio(expected, rough, p, 2.0))
                 continue
             wanted = _ratio(MARGIN * expected, tol, p, math.inf)
-            if wanted > (FAR if expected <= CLEAR else MOST):
-                steps = _in_fours(steps * wanted / GOOD)
+            if wanted > (FAR if expected <= clear else MOST):
+                steps, clear = _in_fours(steps * wanted / GOOD), LOST
                 continue
             coarse = tried
         more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, FAR))
