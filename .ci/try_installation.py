@@ -17,7 +17,7 @@ import varint as vi
 
 q, v = vi.coordinates("theta")
 pendulum = vi.System(q, v, v**2 / 2 + 9.81 * ca.cos(q))
-motion = vi.simulate(pendulum, q0=1.0, v0=0.0, h=0.01, steps=1000)
+motion = vi.simulate(pendulum, q0=1.0, v0=0.0, duration=10.0)
 motion.plot().savefig("pendulum.png")
 assert abs(motion.energy - motion.energy[0]).max() < 1e-9
 assert vi.course.check("6.1", 4.0)
