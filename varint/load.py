@@ -14,13 +14,23 @@ from varint.control.solution import ControlSolution, from_arrays
 from varint.discrete.constraints import ActiveSet
 from varint.errors import InputError
 from varint.integration.many_steps import steps_again
+from varint.integration.switches.joined import between_nodes
 from varint.integration.time_transformation.physical_time import at_times
 from varint.numerics.archive import read_archive
 from varint.numerics.limits import MOST_STEPS
 from varint.numerics.plain import field_of, finite, record_of
 from varint.orbits.files import FORMAT as ORBITS
 from varint.results.records import Event
-from varint.results.save import ARRAYS, CONTROL, FORMAT, INNER, OPTIONAL, as_path, file_path
+from varint.results.save import (
+    ARRAYS,
+    CONTROL,
+    FORMAT,
+    INNER,
+    OPTIONAL,
+    SWITCHES,
+    as_path,
+    file_path,
+)
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.serialisation import UNTRUSTED, revive, rule_of
@@ -95,17 +105,19 @@ def load(path: Any, *, trust: bool = False) -> Any:
 
 def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -> Trajectory:
     """The trajectory, with its motion in fictitious time and its solution where it has one."""
-    inner, control = (
+    inner, control, switches = (
         {
             name.removeprefix(first): arrays.pop(name)
             for name in list(arrays)
             if name.startswith(first)
         }
-        for first in (INNER, CONTROL)
+        for first in (INNER, CONTROL, SWITCHES)
     )
     motion = _assembled(header, arrays, trust)
     solution: ControlSolution | ActiveBounds | None = None
-    dense_output = at_times if inner else None
+    dense_output: Any = at_times if inner else None
+    if switches:
+        dense_output = between_nodes(motion.system, motion.rule, switches)
     if control:
         solution = from_arrays(field_of(header, "control", dict), control)
     elif "bounds" in header:

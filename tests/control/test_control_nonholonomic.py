@@ -225,6 +225,37 @@ def test_a_car_is_parked_sideways_from_the_default_start(ahead):
 
 
 @coarse
+@pytest.mark.parametrize("end", [[0.5, 1, 0, None], [0, 1, 0, None]], ids=str)
+def test_of_the_ways_around_the_cheapest_is_taken(end, capsys):
+    """A disc rolls sideways: it may turn first, or cut to and fro, for up to seven times as much;
+    none of the random starts finds anything cheaper.
+    """
+    q, v = vi.coordinates("x", "y", "heading", "roll")
+    rolls = [
+        ca.horzcat(1, 0, 0, -0.3 * ca.cos(q[2])),
+        ca.horzcat(0, 1, 0, -0.3 * ca.sin(q[2])),
+    ]
+    disc = vi.System(
+        q,
+        v,
+        ca.sumsqr(v[:2]) + 0.025 * v[2] ** 2 + 0.045 * v[3] ** 2,
+        nonholonomic=ca.vertcat(*rolls),
+        force=ca.vertcat(0, 0, PUSH),
+        control=PUSH,
+    )
+    cost, still = ca.sumsqr(PUSH), [0, 0, 0, 0]
+    ends = dict(start=dict(q=still, v=still), end=dict(q=end, v=still))
+    motion = vi.optimal_control(disc, duration=3.0, steps=30, cost=cost, **ends)
+    phase = vi.Phase(disc, None, 3.0, 30, cost, **ends)
+    found = vi.multistart(phase, 6, spread=0.5, seed=3)
+    assert found[-1].cost > 3 * found[0].cost
+    assert motion.cost <= found[0].cost * (1 + 1e-6)
+    assert motion.stats["starts"][0] == pytest.approx(motion.cost, rel=1e-12)
+    motion.report()
+    assert "costs of the minima found near the first start" in capsys.readouterr().out
+
+
+@coarse
 def test_sensitivity_and_other_numbers_know_the_rows():
     motion = sideways(vi.midpoint(), 20)
     found = motion.solution.sensitivity("end.q.y", "duration").cost

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 import varint as vi
 from varint.integration.error_scale import error_scales
+from varint.integration.switches.joined import between_nodes
 
 TOL, ROUND_OFF = 1e-9, 1e-13
 
@@ -404,9 +405,34 @@ def test_a_double_pendulum_with_dry_joints_loses_what_friction_takes():
     assert motion.energy[0] - motion.energy[-1] == pytest.approx(mu * way, rel=1e-9)
 
 
-def test_a_motion_over_switches_travels_to_another_process():
+def test_a_motion_over_switches_travels_to_other_processes_and_into_files(tmp_path):
+    """Between nodes as well, where friction holds and where it does not."""
     motion = vi.simulate(
-        scene(lambda q, v, _t: v**2 / 2 - ca.fabs(q)), q0=1.0, v0=0.0, duration=12.0
+        scene(oscillator, lambda q, v, _t: -0.15 * ca.sign(v)), q0=1.0, v0=0.0, duration=20.0
     )
-    again, times = pickle.loads(pickle.dumps(motion)), np.linspace(0, 12, 7)
-    assert (again.at(times).q == motion.at(times).q).all()
+    exact, times = coulomb(0.15, 1.0)[0], np.linspace(0, 20, 77)
+    motion.save(tmp_path / "slide")
+    for again in (motion, pickle.loads(pickle.dumps(motion)), vi.load(tmp_path / "slide")):
+        assert np.abs(again.at(times).q[:, 0] - exact(times)).max() < 1e-13
+
+
+def test_files_whose_switches_are_none_of_the_scene_are_refused(tmp_path):
+    motion = vi.simulate(
+        scene(lambda q, v, _t: v**2 / 2 - ca.fabs(q)), q0=1.0, v0=0.0, duration=6.0
+    )
+    good = motion.dense_output.to_arrays()
+    system, rule = motion.system, motion.rule
+    wrong = (
+        {"branch": good["branch"] + 7},
+        {"branch": good["branch"] * 1.0},
+        {"values": np.ones((2, 5))},
+        {"held": np.ones_like(good["held"])},
+        {"q": good["q"] * np.nan},
+        {"t": good["t"][:-1]},
+    )
+    for part in wrong:
+        with pytest.raises(vi.InputError, match="switch"):
+            between_nodes(system, rule, good | part)
+    smooth = scene(oscillator)
+    with pytest.raises(vi.InputError, match="does not have"):
+        between_nodes(smooth, rule, good)

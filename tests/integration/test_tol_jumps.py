@@ -43,13 +43,14 @@ def friction(rng, duration):
     system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-mu * ca.sign(v))
 
     def exact(times):
-        half = (times // np.pi).astype(int)
         turns = [start]
-        for _ in range(half.max()):
+        while abs(turns[-1]) > mu:  # nearer friction holds
             turns.append(2 * mu * np.sign(turns[-1]) - turns[-1])
+        half = np.minimum((times // np.pi).astype(int), len(turns) - 1)
         turn = np.array(turns)[half]
         centre = mu * np.sign(turn)
-        return centre + (turn - centre) * np.cos(times - half * np.pi)
+        moving = centre + (turn - centre) * np.cos(times - half * np.pi)
+        return np.where(half == len(turns) - 1, turn, moving)
 
     return system, start, exact
 

@@ -75,3 +75,26 @@ def test_the_default_call_of_a_ring_runs_and_steps_too_large_end_with_a_reason()
     assert abs(motion.q[-1] - exact.q[-1]).max() <= 2e-9
     with pytest.raises(vi.ConvergenceError, match="h is too large"):
         vi.simulate(scene, vi.lobatto(3), q0=q0, v0=v0, h=0.5, steps=20)
+
+
+@pytest.mark.long
+def test_a_chain_that_moves_violently_runs_by_tolerance_and_says_why_a_step_fails():
+    """Where the stages' iteration fails shorter steps are taken; whole derivatives of the links'
+    L would take minutes.
+    """
+    links = np.arange(30)
+    world, last = mb.Model(gravity=(0, 0, 0)), "world"
+    for i in links:
+        body = world.body(1.0, (0.05, 0.02, -0.5), (0.1, 0.12, 0.05), f"link{i}").name
+        world.revolute(last, body, AXES[i % 3], (0, 0, -1 if i else 0))
+        last = body
+    scene, start = world.system(), {"q0": 0.3 * np.cos(links), "v0": np.sin(links)}
+    motion = vi.simulate(scene, **start, duration=0.2)
+    assert abs(motion.v).max() > 5.0
+    assert motion.stats["error_estimate"] <= 1e-9
+    assert np.ptp(motion.energy) <= 1e-11 * abs(motion.energy[0])
+    large = {"h": 0.05, "steps": 10, "backend": "native"} | start
+    with pytest.raises(vi.ConvergenceError, match=r"h is too large|try a smaller h"):
+        vi.simulate(scene, vi.gauss(2), **large)
+    with pytest.raises(vi.InputError, match="give tol in place of h"):
+        vi.simulate(scene, vi.gauss(2), on_failure="subdivide", **large)

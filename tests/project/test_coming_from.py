@@ -7,8 +7,11 @@ import sys
 import warnings
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
+
+import varint as vi
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "coming-from.md"
@@ -58,3 +61,21 @@ def test_every_section_has_both_sides_and_some_blocks_never_run_but_are_python()
         for _, code in marked:
             compile(code, section, "exec")
     assert never == ["opty", "trep", "bioptim"]
+
+
+def test_heyoka_takes_what_the_table_says_it_takes():
+    """A Lagrangian with a Rayleigh function, a Hamiltonian, and SymPy's expressions."""
+    hy, sm = pytest.importorskip("heyoka"), pytest.importorskip("sympy")
+    x, u, p = hy.make_vars("x", "u", "p")
+    damped = hy.lagrangian(0.5 * u**2 - hy.cos(x), [x], [u], 0.05 * u**2)
+    swung = hy.hamiltonian(0.5 * p**2 + hy.cos(x), [x], [p])
+    q, v = sm.symbols("x u")
+    read = hy.lagrangian(hy.from_sympy(v**2 / 2 - sm.cos(q)), [x], [u])
+    angle, speed = vi.coordinates("x")
+    L = speed**2 / 2 - ca.cos(angle)
+    free, slowed = vi.System(angle, speed, L), vi.System(angle, speed, L, force=-0.1 * speed)
+    for equations, system in ((damped, slowed), (swung, free), (read, free)):
+        orbit = hy.taylor_adaptive(equations, [0.3, 0.2])
+        orbit.propagate_until(10.0)
+        ours = vi.simulate(system, q0=0.3, v0=0.2, duration=10.0, tol=1e-11).q[-1]
+        np.testing.assert_allclose(orbit.state[:1], ours, rtol=1e-9)

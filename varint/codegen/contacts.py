@@ -130,7 +130,10 @@ def contact_data(
     ------
     NotCompilable
         If they are too many, or an operation has no form there.
+    CompileError
+        If c/contacts.c was not built with the package and cannot be compiled.
     """
+    contacts_entry()
     if n > MOST_COORDINATES:
         raise NotCompilable(TOO_LARGE)
     given = {"N": n, "ROWS": rows, "CONTACTS": len(restitution), **numbers}

@@ -18,6 +18,7 @@ from varint.scene.parameters import Parameters, with_more
 from varint.scene.system import System
 
 LARGE = 12  # coordinates from which on a scene that knows its mass matrix is solved by it
+LARGE_TREE = 24  # and from which on, without loops, whole derivatives take half a minute or more
 
 
 def freezes(system: System) -> bool:
@@ -25,6 +26,15 @@ def freezes(system: System) -> bool:
     s = system.structure
     known = system.kinetics is not None and s.constraints and not s.nonholonomic
     return bool(known) and s.n >= LARGE
+
+
+def no_whole_derivatives(system: System) -> bool:
+    """Is the scene a machine so large that an iteration which fails ends the run: shorter steps
+    take less time than Newton's method with all second derivatives of L to be set up?
+    """
+    s, known = system.structure, system.kinetics
+    tree = known is not None and known.velocity.numel() and not (s.constraints or s.nonholonomic)
+    return freezes(system) or (bool(tree) and s.n >= LARGE_TREE)
 
 
 def frozen_slope(system: System, rule: Rule, e: Equations) -> ca.SX:

@@ -1,8 +1,8 @@
 """Cheaper minima beside the first one: a few more starts where a scene is known for many minima.
 
-Each joint without a motor multiplies the minima of a swing-up; from the straight line the solver
-ends in one of them, often not the cheapest. A few paths near the line are tried, each for at most
-twice the iterations of the first one.
+Each joint without a motor multiplies the minima of a swing-up, and so do the ways around where
+nothing may slip; the solver ends in one of them, often not the cheapest. A few paths near the line
+are tried, each for at most twice the iterations of the first one.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from varint.nlp.solver import SolverResult
 
 PASSIVE = 2  # coordinates beyond the controls: one has few minima
 NEIGHBOURS = 4
+WAYS_AROUND = 8  # neighbours where nothing may slip: of 4 a quarter miss the cheapest
 SPREAD = 0.3  # height of the waves, of each coordinate's range
 LONGER = 2  # times the iterations of the first solve
 PATIENCE = 25
@@ -45,12 +46,18 @@ def has_many_minima(problem: ControlProblem) -> bool:
 
 
 def cheapest_neighbour(
-    problem: ControlProblem, run: Run, x: np.ndarray, first: SolverResult, tell: Any
+    problem: ControlProblem,
+    run: Run,
+    x: np.ndarray,
+    first: SolverResult,
+    tell: Any,
+    tries: int = NEIGHBOURS,
+    seed: int = 0,
 ) -> tuple[SolverResult, tuple[float, ...]]:
     """The cheapest of the first solution and of those from random paths about the default one, and
     the costs of all that were found.
     """
-    part, random = problem.phases[0], np.random.default_rng(0)
+    part, random = problem.phases[0], np.random.default_rng(seed)
     own = read_guess(part.phase, part.t0)
     most = LONGER * max(first.iterations, 1)
     found = [first]
@@ -58,7 +65,7 @@ def cheapest_neighbour(
     def enough(iterate: SolverResult) -> bool:
         return bool(tell is not None and tell(iterate)) or iterate.iterations > most
 
-    for _ in range(NEIGHBOURS):
+    for _ in range(tries):
         start = x.copy()
         write_guess(start, part, wave(own, part, SPREAD, random))
         start = np.clip(start, problem.nlp.x_low, problem.nlp.x_high)

@@ -13,12 +13,18 @@ import numpy as np
 from varint.control.build import build_control_solver
 from varint.control.coarse import RoughStart, coarse_start
 from varint.control.contradiction import least_violation
+from varint.control.guess import build_start
 from varint.control.lifted import lifted_start
-from varint.control.neighbours import cheapest_neighbour, has_many_minima
+from varint.control.neighbours import WAYS_AROUND, cheapest_neighbour, has_many_minima
 from varint.control.outcome import FEASIBLE, has_converged, raise_unless_converged
 from varint.control.prepared import prepared_from
 from varint.control.problem import ControlProblem
-from varint.control.starts import default_starts, is_nearly_a_motion, without_guesses
+from varint.control.starts import (
+    default_starts,
+    is_nearly_a_motion,
+    must_go_around,
+    without_guesses,
+)
 from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
 from varint.nlp.options import MOST_ITERATIONS
@@ -30,6 +36,7 @@ Callback = Callable[[int, float, float, list[Trajectory]], Any]
 # iterations without getting closer to what is asked for, as in a long restoration: another default
 # guess is tried
 PATIENCE = 50
+OTHER = 1  # seed of neighbours where ways around have been tried: not the same ones again
 ROUGHLY = "by a rough solution near the guess"
 DRAWN = 150  # the same from a rough solution near a path that the user has drawn
 # ends of a solver that has met no motion which keeps all conditions
@@ -51,9 +58,10 @@ def solve(
     """Build the solver, solve from the guess or from one default guess after the other, judge the
     end.
     """
-    starts = default_starts(problem)
+    starts, around = default_starts(problem), must_go_around(problem)
     x = next(starts)
-    solver = build_control_solver(problem, x, name, options)
+    # a way around is a guess at sizes, of controls that brake and turn for nothing
+    solver = build_control_solver(problem, build_start(problem) if around else x, name, options)
     problem = replace(problem, solver=solver, again=prepared_from)
     tell = _teller(problem, callback)
     run = partial(solver, progress=progress, callback=tell)
@@ -68,16 +76,18 @@ def solve(
     if all(isinstance(guess, Mapping) for guess in guesses):
         return _from_path(problem, run, x, progress)
     first = outcome = run(x, patience=np.inf if known else PATIENCE)
-    if name == "ipopt" and has_converged(outcome) and has_many_minima(problem):
-        outcome, costs = cheapest_neighbour(problem, run, x, outcome, tell)
-        found = raise_unless_converged(problem, outcome)
-        return [replace(x, stats=MappingProxyType({**x.stats, "starts": costs})) for x in found]
     while not has_converged(outcome) and not outcome.stopped:
         other = next(starts, None)
         if other is None:  # a start that was given up may have needed more than that
             outcome = run(x) if first.gave_up else first
             break
         outcome = run(other, patience=PATIENCE)
+    several = around or (outcome is first and has_many_minima(problem))
+    if name == "ipopt" and has_converged(outcome) and several:
+        more = (WAYS_AROUND, OTHER) if around else ()
+        outcome, costs = cheapest_neighbour(problem, run, x, outcome, tell, *more)
+        found = raise_unless_converged(problem, outcome)
+        return [replace(x, stats=MappingProxyType({**x.stats, "starts": costs})) for x in found]
     if _unmet(outcome):
         nearest = least_violation(problem, outcome)
         if nearest is None or nearest.broken:

@@ -66,6 +66,12 @@ def default_starts(problem: ControlProblem) -> Iterator[np.ndarray]:
         yield found
 
 
+def must_go_around(problem: ControlProblem) -> bool:
+    """One phase without a guess, along whose straight line it would have to slip."""
+    part = problem.phases[0]
+    return len(problem.phases) == 1 and part.phase.guess is None and _slips(part)
+
+
 def _slips(part: PhaseTranscription) -> bool:
     """Does the straight line break a non-holonomic row?"""
     phase, s = part.phase, part.phase.system

@@ -57,6 +57,8 @@ def live_plot(figure: Figure | None = None) -> Callable[[int, float, float, Any]
         figure = plt.figure(figsize=(12, 3.6), layout="constrained")
     elif not hasattr(figure, "subplots"):
         raise InputError(f"live_plot takes a matplotlib Figure, got {type(figure).__name__}")
+    elif figure.get_layout_engine() is None:
+        figure.set_layout_engine("constrained")  # or names of axes stand in the next one
     shown, costs, violations = figure, list[float](), list[float]()
 
     def draw(iteration: int, cost: float, violation: float, path: Any) -> None:

@@ -167,7 +167,7 @@ def _end(
     room, linear = abs(bound - centre), wide * sigma
     farthest = min(WIDEST * linear, room)
     beyond = bound if farthest == room else side * np.inf
-    inner, outer, step = (0.0, 0.0), None, min(linear, farthest)
+    before, inner, outer, step = (0.0, 0.0), (0.0, 0.0), None, min(linear, farthest)
     failed = 0
     for _ in range(SOLVES):
         if step == 0 or failed > HALVINGS:
@@ -183,15 +183,23 @@ def _end(
         elif step == farthest:
             return beyond
         else:
-            inner = step, value
-        step = min(_next(inner, outer, wide), farthest)
+            before, inner = inner, (step, value)
+        step = min(_next(before, inner, outer, wide), farthest)
     return centre + side * step
 
 
-def _next(inner: tuple[float, float], outer: tuple[float, float] | None, wide: float) -> float:
-    """Where the line through both ends of the bracket, or the centre and one, reaches `wide`."""
+def _next(
+    before: tuple[float, float],
+    inner: tuple[float, float],
+    outer: tuple[float, float] | None,
+    wide: float,
+) -> float:
+    """Where the line through both ends of the bracket, or the last two points within, reaches
+    `wide`.
+    """
     (a, fa), farther = inner, FARTHER * inner[0]
     if outer is None:
-        return min(a * wide / fa, farther) if fa * FARTHER > wide else farther
+        rise = (fa - before[1]) / (a - before[0])
+        return a + min((wide - fa) / rise, farther - a) if rise > 0 else farther
     b, fb = outer
     return a + min(max((wide - fa) / (fb - fa), EDGE), 1 - EDGE) * (b - a)

@@ -10,7 +10,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
-from varint.codegen.frozen import freezes
+from varint.codegen.frozen import no_whole_derivatives
 from varint.codegen.gauss import gauss_form
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
@@ -111,9 +111,9 @@ def compiled_blocks(
         kernel = _newton_in_gear(system, rule) or newton().compiled(system, rule)
     scheme, cautious = newton() if kernel.opening else scheme_of(system, rule), False
     by_stages = scheme is BY_STAGES
-    no_other_way = scheme is EXPLICIT or (not by_stages and freezes(system))
+    no_other_way = scheme is EXPLICIT or no_whole_derivatives(system)
     gears = gears_with(system, rule, scheme, kernel)
-    piloted = by_stages and at is None
+    piloted = by_stages and at is None and not no_other_way
     most = first_piece(kernel, piloted)
     while k < problem.steps:
         steps, every = next_piece(k, problem.steps, problem.save_every, most)
@@ -136,8 +136,8 @@ def compiled_blocks(
         poor = piloted and k == problem.first and part.iterations > POOR * steps
         rows, x, k = part.rows[1:], part.last[: 2 * kernel.n].copy(), k + part.steps
         good, wanted = len(rows), steps // every
-        # compositions have no other way, and whole derivatives of large machines with loops would
-        # take minutes; else, where an iteration fails or overflows, Newton's method or the
+        # compositions have no other way, and whole derivatives of large machines take minutes;
+        # else, where an iteration fails or overflows, Newton's method or the
         # interpreted loop may not
         goes_on = part.status != DONE and not no_other_way
         if goes_on or (part.status == DONE and part.steps < steps):
@@ -149,7 +149,11 @@ def compiled_blocks(
         after = RunState(
             x, NOTHING, NOTHING, k, 0, None if poor else part.carry, poor or taken_over
         )
-        failed = 0.0 if part.status == DONE or goes_on else float("nan")
+        failed = float("nan")
+        if part.status == DONE or goes_on:
+            failed = 0.0
+        elif part.status == NOT_CONVERGED:
+            failed = part.failed
         after_it = None if goes_on else after
         q_rows, p_rows = rows[:, 0], rows[:, 1]
         yield NodeBlock(

@@ -29,7 +29,8 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
     """Scales (n,) by which errors of the coordinates are divided.
 
     A coordinate is measured by its own range during the motion; the coordinates of a body (x1, y1
-    and z1, told by their names) by the range of the body; an angle, which the scene does not
+    and z1, or base_x, base_y and base_z, told by their names) by the range of the body; a
+    quaternion's four numbers by that of the quaternion; an angle, which the scene does not
     notice when it grows by 2π, by a radian if it turns by more. A coordinate that hardly moves is
     measured by 1e-3 of what the others would move with its inertia, and where nothing moves but by
     round-off, by how far it is from zero, or by one.
@@ -73,7 +74,7 @@ def scales_of_nodes(
         for top, bottom in zip(high, low, strict=True)
     ]
     sizes = list(ranges)
-    for members in bodies(system.names):
+    for members in [*bodies(system.names), *system.rays]:
         size = math.sqrt(sum([ranges[i] ** 2 for i in members]))
         for i in members:
             sizes[i] = size
@@ -100,12 +101,12 @@ def _inertia_function(system: System) -> ca.Function:
 
 @lru_cache(maxsize=256)
 def bodies(names: tuple[str, ...]) -> list[list[int]]:
-    """Indices of the coordinates of each body, told by names such as x1, y1, z1."""
+    """Indices of the coordinates of each body, told by names such as x1, y1, z1, or base_x."""
     found: dict[str, list[int]] = {}
     for i, name in enumerate(names):
-        match = re.fullmatch(r"[xyz]_?(\w*)", name)
+        match = re.fullmatch(r"[xyz]_?(\w*)|(\w+)_[xyz]", name)
         if match:
-            found.setdefault(match[1], []).append(i)
+            found.setdefault(match[1] or match[2] or "", []).append(i)
     return [members for members in found.values() if len(members) > 1]
 
 

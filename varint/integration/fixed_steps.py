@@ -7,6 +7,7 @@ from time import perf_counter
 
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
+from varint.integration.false_speed import false_speed
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.run import collect, short_run, start_run
@@ -63,6 +64,6 @@ def simulate_steps(
             progress=asked.progress,
             on_failure=asked.on_failure,
         )
-    if alarm := energy_alarm(motion):
+    if alarm := energy_alarm(motion) or false_speed(motion):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varint.codegen.frozen import no_whole_derivatives
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
@@ -103,6 +104,12 @@ def start_run(
     at = nodes[-1].after if nodes else None
     blocks = blocks_from(at)
     if on_failure == "subdivide":
+        if kernel is not None and no_whole_derivatives(system):
+            raise InputError(
+                "on_failure='subdivide' solves parts of a step with all second derivatives of L, "
+                f"which takes minutes to set up for the {system.structure.n} coordinates of this "
+                "machine; take a smaller h, or give tol in place of h"
+            )
         from varint.integration.events.subdivide import around_failures
 
         blocks = around_failures(blocks_from, remedy, problem.steps, at)
@@ -198,7 +205,8 @@ def collect(
                 if block.good < len(block.k):
                     from varint.integration.failures import failure
 
-                    raise failure(so_far(), _next_step(block), block.failed, on_failure)
+                    remedy = None if no_whole_derivatives(run.system) else on_failure
+                    raise failure(so_far(), _next_step(block), block.failed, remedy)
                 if block.good:
                     before, reached = reached, int(block.k[block.good - 1])
                     move(reached - before, partial(_energy_note, run, block))

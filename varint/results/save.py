@@ -18,6 +18,7 @@ from varint.scene.serialisation import describe
 
 FORMAT = "varint trajectory 2"
 INNER = "fictitious_"  # before the names of arrays in fictitious time
+SWITCHES = "switches_"  # before those of the branches of a scene that switches
 CONTROL = "control_"  # before those of an optimal control
 ARRAYS = ("t", "q", "p", "k", "u", "c")
 # in the file: of a trajectory
@@ -42,6 +43,8 @@ def save(trajectory: Trajectory, path: Any) -> None:
     if trajectory.fictitious is not None:
         header["fictitious"], inner = _parts(trajectory.fictitious)
         arrays |= {INNER + name: value for name, value in inner.items()}
+    if (branches := getattr(trajectory.dense_output, "to_arrays", None)) is not None:
+        arrays |= {SWITCHES + name: value for name, value in branches().items()}
     if hasattr(trajectory.solution, "to_arrays"):
         header["control"], found = trajectory.solution.to_arrays()
         arrays |= {CONTROL + name: value for name, value in found.items()}

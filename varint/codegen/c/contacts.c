@@ -304,6 +304,11 @@ static void accelerate(const Work *x, double *b) {
 static int pulls(const Work *x, const double *acceleration) {
     const ContactArguments *a = x->a;
     double most = 0, least = 0;
+    for (int d = 0; d < N; d++) { /* forces that move other bodies */
+        double force = 0;
+        for (int k = 0; k < N; k++) force += x->mass[k * N + d] * acceleration[k];
+        most = fmax(most, NEAR * fabs(force));
+    }
     for (int j = 0; j < a->held; j++) {
         const double push = acceleration[N + j];
         most = fmax(most, fabs(push));

@@ -59,6 +59,7 @@
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
 #define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+#define WANDERS 1e-12 /* round-off that wanders from row to row of long chains, up to the last iteration */
 #define LOOSE (FORM == 1 ? 1e-8 : INFINITY) /* errors of the stages of this size a start of high degree amplifies too much */
 #define CAREFUL 200 /* steps that start from a low degree after a start of high degree has failed */
 #define DIVERGED 2 /* times the first change: the start was too far off */
@@ -569,7 +570,7 @@ INLINE int solve(Run *r, int64_t k) {
             end = improve_step(r, r->t0 + r->h * (double)(k + 1), first_count);
         r->iterations += r->now.count;
         if (end) return 1;
-        if (!r->known) return 0;
+        if (!r->known) return BY_DEFECT && c->now <= WANDERS;
         r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;
     }
 }

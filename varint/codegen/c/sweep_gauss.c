@@ -25,6 +25,7 @@
 #define ALL_W ((BACK_P_AT + BACK_P_W + LANES - 1) / LANES * LANES) /* vectors begin behind it */
 #define OUT (C + 1 + NU)
 #define SETTLED 1e-16 /* of all changes by what they belong to */
+#define IN_TURN 1e-3  /* of the square of what was left before: less than Newton's method leaves of it */
 #define ALIKE 1e-13   /* changes below this that no longer shrink are round-off */
 #define COMPONENTS (2 * N)
 #define ABREAST 4 /* columns that are iterated side by side */
@@ -186,7 +187,7 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
             turn_q(k->slope + b * NJ, AT_BLOCK(left, b), none, k->w + TURN_Q_AT, AT_BLOCK(k->source, b));
             turn_p(k->slope + b * NJ, AT_BLOCK(left, b), none, k->w + TURN_P_AT, AT_BLOCK(k->source, b) + N);
         }
-        const int status = iterate(k, 0, SETTLED, &(Columns){0, rest, k->k, k->source, 0, 1});
+        const int status = iterate(k, 0, fmax(SETTLED, IN_TURN * worst * worst), &(Columns){0, rest, k->k, k->source, 0, 1});
         if (status) return status;
         for (int i = 0; i < STRIDE * COMPONENTS; i++) k->x[i] += left[i] + rest[i];
     }

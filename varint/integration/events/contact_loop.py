@@ -90,7 +90,15 @@ def with_flights(
                 at = block.after
             if at is None or at.k == problem.steps:
                 return
-            if at.carry is not None:
+            if at.active_set and flights.loop_in(at.active_set):  # the flight ends in this step
+                here = at._replace(carry=None)
+                block, _ = _pass_to_event(
+                    system, rule, problem, here, _view_at(system, problem, here)
+                )
+                if block.good:
+                    yield block
+                    at = block.after
+                    continue
                 at = _without_flight(system, rule, problem, at)
         for block in every_node(system, rule, problem, at):
             yield block

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from varint.discrete.constraints import ActiveSet, every_row_function
+from varint.discrete.constraints import ActiveSet, every_row_function, multiplier_function
 from varint.discrete.legendre import velocity_function
 from varint.integration.plan import plan
 from varint.integration.steppers.stepper import state_layout, state_parts
-from varint.numerics.arrays import call
+from varint.numerics.arrays import call, over_columns
 from varint.rules.rule import Rule
 from varint.scene.system import System, per_system
 
@@ -106,6 +106,25 @@ def rates_function(system: System, rows: tuple[int, ...], contacts: tuple[int, .
     )
     v = velocity_function(ActiveSet(rows, contacts, contacts).scene(s))(q, p, t, c)
     return ca.Function("rates", [q, p, t, c], [ca.densify(x) for x in (v, *gaps(q, v, t, c))])
+
+
+@per_system
+def _force_function(
+    system: System, rows: tuple[int, ...], contacts: tuple[int, ...]
+) -> ca.Function:
+    """(q, v, u, t, c) → the largest of the forces M dv/dt in an active set."""
+    s = system
+    mass = ca.Function("mass", [s.q, s.v, s.t, s.c], [ca.densify(s.mass_matrix)])
+    sizes = (s.q.numel(), s.q.numel(), s.control.numel(), 1, s.c.numel())
+    q, v, u, t, c = (ca.MX.sym(name, k) for name, k in zip("qvutc", sizes, strict=True))
+    a = multiplier_function(ActiveSet(rows, contacts, contacts).scene(s))(q, v, u, t, c)[1]
+    return ca.Function("force", [q, v, u, t, c], [ca.norm_inf(ca.mtimes(mass(q, v, t, c), a))])
+
+
+def least_pull(system: System, active_set: ActiveSet, q, v, u, t, c) -> np.ndarray:
+    """Multipliers that are nothing beside the forces that move other bodies, at many nodes."""
+    function = _force_function(system, active_set.rows, active_set.contacts)
+    return NEAR * over_columns(function, q, v, u, t[:, None], c)[0][:, 0]
 
 
 @per_system

@@ -14,10 +14,11 @@ from varint.integration.events.contacts import (
     Instant,
     View,
     first_contact,
+    least_pull,
     passage_function,
     split,
 )
-from varint.integration.events.impacts import RESTING, TOUCH
+from varint.integration.events.impacts import PULL, RESTING, TOUCH
 from varint.integration.events.roots import LOCATED, find_root
 from varint.integration.problem import InitialValueProblem
 from varint.integration.steppers.stepper import state_layout
@@ -135,6 +136,12 @@ class Passage:
         rows = at.q[None], reached.seen.v[None], reached.u[None], np.array([at.t]), self.problem.c
         return float(multipliers_along(self.system, at.active_set, *rows)[0, slot])
 
+    def least_pull(self, reached: Reached) -> float:
+        """A multiplier that is nothing beside the forces that move other bodies."""
+        at = reached.now
+        rows = at.q[None], reached.seen.v[None], reached.u[None], np.array([at.t]), self.problem.c
+        return float(least_pull(self.system, at.active_set, *rows)[0])
+
 
 class NextEvent(NamedTuple):
     """The first event in the rest of a step, or its end if there is none: whether it is one, the
@@ -171,7 +178,7 @@ def first_event(passage: Passage, left: float, restless: bool = False) -> NextEv
 def release_time(passage: Passage, i: int, end: Reached) -> float | None:
     """Time ahead at which contact i would begin to pull, None if it pushes to the end."""
     last = passage.push(end, i)
-    if not last < 0:
+    if not last < -PULL * passage.least_pull(end):
         return None
     first = passage.push(passage.to(0.0), i)
     if not first > 0:

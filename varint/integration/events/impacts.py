@@ -17,7 +17,7 @@ import numpy as np
 from varint.discrete.consistency import independent
 from varint.discrete.constraints import ActiveSet, multiplier_function, multipliers_along
 from varint.errors import StepRefused
-from varint.integration.events.contacts import Instant, View, first_contact, view
+from varint.integration.events.contacts import Instant, View, first_contact, least_pull, view
 from varint.numerics.arrays import call, lengths
 from varint.results.records import Event
 from varint.scene.system import System, per_system
@@ -254,6 +254,7 @@ def _holding(
         rows = now.q[None], seen.v[None], setting.u[None], np.array([now.t]), setting.c
         lam = multipliers_along(system, active_set, *rows)[0]
         weight = np.abs(lam * lengths(seen.slope)).max()
+        weight = max(weight, float(least_pull(system, active_set, *rows)[0]))
         pressures = lam[slots] * lengths(seen.slope[slots])
         pressures[np.isin(candidates, list(sinking))] = 0.0
         if pressures.min() >= -PULL * weight:

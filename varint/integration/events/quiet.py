@@ -7,7 +7,7 @@ import numpy as np
 from varint.discrete.constraints import multipliers_along
 from varint.integration.cost import steps_at_once
 from varint.integration.events.clearance import Nodes, may_close
-from varint.integration.events.contacts import View, first_contact, rates_function
+from varint.integration.events.contacts import View, first_contact, least_pull, rates_function
 from varint.integration.events.impacts import PULL, TOUCH
 from varint.integration.interpreted_loop import (
     advance,
@@ -100,7 +100,9 @@ def first_event_between(
         )
         lam = multipliers_along(system, active_set, q[1:], v[1:], u, t[1:], problem.c)
         held = lam[:, [first_contact(system) + i for i in active_set.holding]]
-        happens |= (held < -PULL * np.abs(lam).max(axis=1, initial=0.0)[:, None]).any(axis=1)
+        nothing = least_pull(system, active_set, q[1:], v[1:], u, t[1:], problem.c)
+        weight = np.maximum(np.abs(lam).max(axis=1, initial=0.0), nothing)
+        happens |= (held < -PULL * weight[:, None]).any(axis=1)
     return int(np.argmax(happens)) if happens.any() else len(states)
 
 

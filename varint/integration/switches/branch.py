@@ -72,6 +72,19 @@ def slidable(system: System) -> tuple[int, ...]:
 
 
 @per_system
+def passed_straight(system: System) -> tuple[int, ...]:
+    """Switches of coordinates and time that none of the others knows of: the motion comes out on
+    the other side, whatever the forces.
+    """
+    frozen, found = _frozen(system), []
+    for j in range(frozen.s.numel()):
+        alone = not ca.depends_on(frozen.sigma, frozen.s[j])
+        if alone and not frozen.counts[j] and not ca.depends_on(frozen.sigma[j], system.v):
+            found.append(j)
+    return tuple(found)
+
+
+@per_system
 def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene | None:
     """The scene that moves while these switches hold the motion; None where it is not known."""
     frozen = _frozen(system)
@@ -186,10 +199,15 @@ def _sliding(frozen: FrozenScene, sliding: Sequence[int]) -> tuple[ca.SX, ca.SX]
         slopes.append(ca.vertcat(*(_rate(s, frozen.sigma[j], pushed) for j in sliding)) - drift)
     share = ca.solve(ca.horzcat(*slopes), -drift) if count > 1 else -drift / slopes[0]
     total = low + ca.horzcat(*steps) @ share
-    if s.structure.diagonal_mass:
+    # what is held alone, or all that moves: nothing is left of other forces, not even round-off
+    if count == s.structure.n:
+        sigma = ca.vertcat(*(frozen.sigma[j] for j in sliding))
+        rate = ca.jtimes(sigma, s.q, s.v) + ca.jacobian(sigma, s.t)
+        total = -_push(s) - s.mass_matrix @ ca.solve(ca.jacobian(sigma, s.v), rate)
+    elif s.structure.diagonal_mass:
         for j, step in zip(sliding, steps, strict=True):
             i = _held_alone(s, frozen.sigma[j], step)
-            if i is not None:  # nothing is left of the other forces, not even round-off
+            if i is not None:
                 rate = ca.jacobian(frozen.sigma[j], ca.vertcat(s.t, s.v[i]))
                 total[i] = -_push(s)[i] - s.mass_matrix[i, i] * rate[0] / rate[1]
     return total, share

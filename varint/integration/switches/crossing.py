@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -52,9 +53,9 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     NoWayIn
         If a margin is negative from the first node on.
     """
-    if not scene.watched:
-        return None
     t, states, begins = nodes
+    if not scene.watched or len(t) < 2:
+        return None
     at = states[:, 0], states[:, 2], t[:, None]
     value, rate = over_columns(scene.margins, *at, loop.c)
     w = np.diff(t)[:, None]
@@ -121,6 +122,7 @@ def _in_step(
         high, after, rate_after = dip
     width = high - low
     s = low + width * _root(before, after, rate_before * width, rate_after * width)
+    step_size = math.inf
     rounded = max(CLOSE * abs(step.t / step.h), LOCATED)
     for i in range(ROOT_ITERATIONS):
         state, values, rates = step.part(s)
@@ -129,8 +131,10 @@ def _in_step(
         ahead = s - value / rate if rate < 0 else (low + high) / 2
         if not low <= ahead <= high or i > ROOT_ITERATIONS // 2:
             ahead = (low + high) / 2
-        close = LOCATED * s if i < SURELY else rounded
-        if value == 0 or abs(ahead - s) <= close or high - low <= close:
+        step_size, last = abs(ahead - s), step_size
+        stalls = i >= SURELY or (i > 1 and step_size > last / 2)  # it is round-off that moves it
+        close = rounded if stalls else LOCATED * s
+        if value == 0 or step_size <= close or high - low <= close:
             break
         s = ahead
     return s * step.h, state

@@ -15,12 +15,18 @@ from varint.codegen.kernel import Kernel
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.small_motions import frequency_at_start
-from varint.integration.switches.branch import Branch, BranchScene, branch_scene
+from varint.integration.switches.branch import (
+    Branch,
+    BranchScene,
+    branch_scene,
+    passed_straight,
+)
 from varint.integration.switches.corner import past_corner
-from varint.integration.switches.crossing import Nodes, NoWayIn, first_crossing
+from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import ahead_at, all_parameters, decide
+from varint.integration.switches.drive import drive_frequency
 from varint.integration.switches.frozen import frozen_scene
-from varint.integration.switches.loop import Grid, Loop, kernel_of, loop_steps
+from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
 from varint.integration.switches.timetable import Timetable, timed
 from varint.numerics.arrays import call
 from varint.results.records import State
@@ -30,7 +36,8 @@ from varint.scene.system import System
 ANGLE = 4.0  # radians of the fastest small motion in a unit, which has as many steps as asked for
 UNITS = 4  # in the duration at least
 SHORTEN, SHORTER = 4.0, 12  # a unit by so much, so often, whose first piece cannot be followed
-LEAST_UNIT = 0.1  # of a unit, of a piece that is shorter
+LEAST_UNIT = 1 / 16  # of a unit, after a piece that is shorter
+LONGER = 4.0  # units, a piece of which makes them longer again
 FIRST, MOST_IN_BLOCK = 16, 4096  # steps of a block, after each of which switches are looked for
 MOST_PIECES, MOST_NODES = 50_000, 20_000_000
 CROWD, CROWDED = 60, 1e-10  # so many pieces, one after the other, as short as this of the duration
@@ -53,8 +60,8 @@ class Course:
     backend : str
     units : dict
         Size of a unit of time on each branch, found where it first comes up.
-    known : set
-        Branches a piece of which has ended: the unit is no longer than that one.
+    known : dict
+        The unit at first of each branch a piece of which has ended at a switch.
     kernels : dict
         The loop of each scene that moves.
     """
@@ -65,7 +72,7 @@ class Course:
     timetable: Timetable
     backend: str
     units: dict[Branch, float] = field(default_factory=dict)
-    known: set[Branch] = field(default_factory=set)
+    known: dict[Branch, float] = field(default_factory=dict)
     kernels: dict[tuple[int, ...], Kernel | None] = field(default_factory=dict)
 
 
@@ -83,7 +90,7 @@ class Piece(NamedTuple):
     residual: float
 
 
-def follow(course: Course, parts: int, level: float) -> Iterator[Piece | None]:
+def follow(course: Course, parts: int) -> Iterator[Piece | None]:
     """The pieces of the motion with so many steps a unit; None at the end where it is not known how
     it goes on, or the steps are too large.
     """
@@ -97,12 +104,12 @@ def follow(course: Course, parts: int, level: float) -> Iterator[Piece | None]:
         if branch is None or scene is None or short == CROWD or nodes > MOST_NODES:
             break
         until = float(times[row]) if row < len(times) else begin + total
-        found = _piece(course, scene, branch, State(t, q, q, p), until, parts, level)
+        found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         for _ in range(SHORTER):
             if found is not None or branch in course.known or branch not in course.units:
                 break
             course.units[branch] /= SHORTEN
-            found = _piece(course, scene, branch, State(t, q, q, p), until, parts, level)
+            found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         if found is None:
             break
         piece, crossed = found
@@ -166,7 +173,14 @@ def _decided(
     reach = AT_ZERO * np.abs(found[1]) * max(abs(state.t), abs(total))
     near = np.flatnonzero(np.abs(off) <= reach).tolist()
     every = sorted({*at_zero, *near} - set(known))
-    return decide(system, state, c, math.copysign(1.0, total), branch, every, known)
+    direction = math.copysign(1.0, total)
+    if at_zero == every and len(every) == 1 and every[0] in passed_straight(system):
+        (j,) = every
+        values = np.array(branch.values)
+        values[j] = math.copysign(1.0, found[1][j] * direction)
+        if found[1][j] and values[j] != branch.values[j]:
+            return branch._replace(values=tuple(values.tolist()))
+    return decide(system, state, c, direction, branch, every, known)
 
 
 def _piece(
@@ -176,7 +190,6 @@ def _piece(
     start: State,
     until: float,
     parts: int,
-    level: float,
 ) -> tuple[Piece, tuple[int, float] | None] | None:
     """The piece from a state until a time or a switch, and which switch that is; None where its
     steps are too large or do not enter the branch.
@@ -189,27 +202,24 @@ def _piece(
     if not abs(span) / unit * parts < MOST_NODES:
         return None
     steps = parts * max(math.ceil(abs(span) / unit - BORDER), 1)
-    loop = Loop(scene.system, course.rule, kernel, c, level)
+    loop = Loop(scene.system, course.rule, kernel, c)
     h, k, carry, size = span / steps, 0, None, FIRST
     q, p = start.q, start.p
     times, iterations, residual = [np.array([start.t])], 0, 0.0
     states: list[np.ndarray] = []
     while k < steps:
         some = min(size, steps - k)
-        part = loop_steps(loop, q, p, Grid(start.t, h, some, k), carry)
-        if part is None:
-            return None
         t = start.t + h * np.arange(k, k + some + 1)
         if k + some == steps:
             t[-1] = until
+        block = _block(scene, loop, (q, p), Grid(start.t, h, some, k), carry, t)
+        if block is None:
+            return None
+        part, found = block
         if not states:
             states.append(part.rows[:1])
         iterations += part.iterations
         residual = max(residual, part.residual)
-        try:
-            found = first_crossing(scene, loop, Nodes(t, part.rows, k == 0))
-        except NoWayIn:
-            return None
         if found is not None:
             last = found.step + 1
             times += [t[1:last], np.array([found.t])]
@@ -219,14 +229,38 @@ def _piece(
         states.append(part.rows[1:])
         k, carry, size = k + some, part.carry, min(4 * size, MOST_IN_BLOCK)
         q, p = part.rows[-1, :2]
-    if found is not None and branch not in course.known:
-        # the next piece on this branch is as long, more or less
-        course.known.add(branch)
-        course.units[branch] = min(unit, max(abs(found.t - start.t), unit * LEAST_UNIT))
+    if found is not None:  # the next piece on this branch is as long, more or less
+        length, most = abs(found.t - start.t), course.known.setdefault(branch, unit)
+        if most == unit or length > LONGER * unit:
+            course.units[branch] = min(most, max(length, most * LEAST_UNIT))
     piece = Piece(
         branch, h, steps, np.concatenate(times), np.concatenate(states), iterations, residual
     )
     return piece, None if found is None else scene.watched[found.margin]
+
+
+def _block(
+    scene: BranchScene,
+    loop: Loop,
+    start: tuple[np.ndarray, np.ndarray],
+    grid: Grid,
+    carry: np.ndarray | None,
+    t: np.ndarray,
+) -> tuple[Part, Crossing | None] | None:
+    """Some steps of a piece, and the switch in them: steps after it need not be possible. None
+    where those before it are not, or the motion does not enter the branch.
+    """
+    part: Part | None = loop_steps(loop, *start, grid, carry)
+    assert part is not None
+    try:
+        count = len(part.rows)
+        found = first_crossing(scene, loop, Nodes(t[:count], part.rows, grid.first == 0))
+        if found is None and not part.whole:
+            part = other_steps(loop, *start, grid)
+            found = part and first_crossing(scene, loop, Nodes(t, part.rows, grid.first == 0))
+    except NoWayIn:
+        return None
+    return None if part is None else (part, found)
 
 
 def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None:
@@ -244,6 +278,8 @@ def _unit(course: Course, branch: Branch, start: State) -> float:
         v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
         # what holds the motion slows it down
         fastest = frequency_at_start(scene.system, start.q, v, start.t, c) or 0.0
+        drive = drive_frequency(course.system, start._replace(v=v, t=course.problem.t0), c, total)
+        fastest = max(fastest, drive)
         most = abs(total) / UNITS
         course.units[branch] = min(most, ANGLE / fastest) if fastest > 0 else most
     return course.units[branch]

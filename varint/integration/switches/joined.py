@@ -9,15 +9,18 @@ from types import MappingProxyType
 import numpy as np
 
 from varint.codegen.kernel import Kernel
+from varint.errors import InputError
 from varint.integration.many_steps import steps_again, steps_of
 from varint.integration.plan import plan
-from varint.integration.switches.branch import Branch, branch_scene
+from varint.integration.switches.branch import Branch, branch_scene, slidable
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.follow import Course, Piece
+from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.loop import kernel_of
 from varint.results.dense_output import node_tolerance, require_within
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
+from varint.scene.system import System
 
 
 def piece_motion(course: Course, piece: Piece) -> Trajectory:
@@ -66,6 +69,15 @@ class BetweenNodes:
     branch: np.ndarray
     branches: tuple[Branch, ...]
 
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """What a file holds of it."""
+        values = np.array([x.values for x in self.branches])
+        held = np.zeros(values.shape, dtype=int)
+        for row, x in zip(held, self.branches, strict=True):
+            row[list(x.sliding)] = 1
+        nodes = {"t": self.t, "q": self.q, "p": self.p, "branch": self.branch}
+        return nodes | {"values": values, "held": held}
+
     def __call__(self, motion: Trajectory, times: np.ndarray) -> Trajectory:
         slack = require_within(motion, times)
         direction = np.sign(motion.h)
@@ -86,6 +98,36 @@ class BetweenNodes:
         return replace(
             motion, t=times, q=q, p=p, k=node, sizes=None, events=(), solution=None, closure=None
         )
+
+
+def between_nodes(system: System, rule: Rule, arrays: dict[str, np.ndarray]) -> BetweenNodes:
+    """The dense output that `BetweenNodes.to_arrays` wrote down.
+
+    Raises
+    ------
+    InputError
+        If the arrays are none of this system.
+    """
+    frozen, n = frozen_scene(system), system.structure.n
+    if frozen is None or set(arrays) != {"t", "q", "p", "branch", "values", "held"}:
+        raise InputError("switches are told of that the system does not have")
+    t, q, p, branch, values, held = (arrays[x] for x in ("t", "q", "p", "branch", "values", "held"))
+    nodes, rows = t.shape[:1], values.shape[:1]
+    wanted = [nodes, (*nodes, n), (*nodes, n), nodes, (*rows, frozen.s.numel())]
+    given = [x.shape for x in (t, q, p, branch, values)]
+    if given != wanted or held.shape != values.shape or not len(t) or not len(values):
+        raise InputError(f"the switches have shapes {given}; they must be {wanted}")
+    if branch.dtype.kind not in "iu" or held.dtype.kind not in "iu":
+        raise InputError("the branches of the switches are no whole numbers")
+    if not (branch.min() >= 0 and branch.max() < len(values)):
+        raise InputError(f"the branches of the switches are not between 0 and {len(values) - 1}")
+    if not all(x.dtype.kind == "f" and np.isfinite(x).all() for x in (t, q, p, values)):
+        raise InputError("the switches are not finite")
+    sliding = [tuple(np.flatnonzero(row).tolist()) for row in held]
+    if any(j not in slidable(system) for held_ones in sliding for j in held_ones):
+        raise InputError("a switch that holds the motion is none that can")
+    branches = (Branch(tuple(x), y) for x, y in zip(values.tolist(), sliding, strict=True))
+    return BetweenNodes(rule, t, q, p, branch.astype(int), tuple(branches))
 
 
 def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Trajectory:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from varint.codegen.arguments import DONE
 from varint.codegen.cache import CompileError
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, run_loop, take_parts
@@ -23,13 +22,12 @@ from varint.scene.system import System
 
 
 class Loop(NamedTuple):
-    """What steps: a scene by a rule, its loop in C, its parameters, and where iterations end."""
+    """What steps: a scene by a rule, its loop in C, and its parameters."""
 
     system: System
     rule: Rule
     kernel: Kernel
     c: np.ndarray
-    level: float
 
 
 def kernel_of(system: System, rule: Rule, backend: str = "auto") -> Kernel | None:
@@ -54,18 +52,21 @@ class Grid(NamedTuple):
 
 
 class Part(NamedTuple):
-    """(q, p, v) at the nodes, (steps + 1, 3, n), how they were found, and what leads on."""
+    """(q, p, v) at the nodes, (steps + 1, 3, n), how they were found, what leads on, and whether
+    these are all.
+    """
 
     rows: np.ndarray
     iterations: int
     residual: float
     carry: np.ndarray | None
+    whole: bool = True
 
 
 def loop_steps(
     loop: Loop, q: np.ndarray, p: np.ndarray, grid: Grid, carry: np.ndarray | None = None
-) -> Part | None:
-    """The steps of a grid; None where they are too large to be solved."""
+) -> Part:
+    """The steps of a grid, as far as they are solved: beyond its end a branch may be no scene."""
     t0, h, steps, first = grid
     part = run_loop(
         loop.kernel,
@@ -76,17 +77,11 @@ def loop_steps(
         h=h,
         steps=steps,
         first=first,
-        level=loop.level,
         carry=carry,
     )
-    if part.status == DONE:
-        whole = Part(part.rows, part.iterations, part.residual, part.carry)
-    else:
-        other = _otherwise(loop, q, p, grid)
-        if other is None:
-            return None
-        whole = other
-    return whole if np.isfinite(whole.rows[-1]).all() else None
+    finite = np.isfinite(part.rows).all(axis=(1, 2))
+    rows = part.rows if finite.all() else part.rows[: int(np.argmin(finite))]
+    return Part(rows, part.iterations, part.residual, part.carry, len(rows) > steps)
 
 
 def one_part(loop: Loop, start: np.ndarray, t: float, h: float) -> np.ndarray | None:
@@ -96,20 +91,18 @@ def one_part(loop: Loop, start: np.ndarray, t: float, h: float) -> np.ndarray | 
     rows, good = take_parts(loop.kernel, q, p, loop.c, t=at, h=size, u=none)
     if good[0]:
         return np.asarray(rows[0])
-    part = _otherwise(loop, q[0], p[0], Grid(t, h, 1)) if h else None
+    part = other_steps(loop, q[0], p[0], Grid(t, h, 1)) if h else None
     return None if part is None else part.rows[-1]
 
 
-def _otherwise(loop: Loop, q: np.ndarray, p: np.ndarray, grid: Grid) -> Part | None:
+def other_steps(loop: Loop, q: np.ndarray, p: np.ndarray, grid: Grid) -> Part | None:
     """The same steps as those of any run, by Newton's method and with other sizes where one
-    fails.
+    fails; None where that does not help.
     """
     t0, h, steps, first = grid
     n, nodes = len(q), len(loop.rule.nodes)
     whole = np.empty((steps + first, 1, 0))
-    problem = InitialValueProblem(
-        q, p, t0, h, steps + first, 1, whole, loop.c, nodes, first=first, level=loop.level
-    )
+    problem = InitialValueProblem(q, p, t0, h, steps + first, 1, whole, loop.c, nodes, first=first)
     rows, iterations, residual = [np.stack([q, p])[None]], 0, 0.0
     for block in blocks_of(loop.system, loop.rule, problem, loop.kernel):
         if block.good < len(block.k):

@@ -23,7 +23,7 @@ from varint.integration.events.substeps import substeps_of
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
-from varint.integration.rule_choice import choose_rule, iteration_level, phase_error
+from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
 from varint.integration.switches.follow import ANGLE, Course, Piece, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
@@ -37,10 +37,11 @@ from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
-FEWEST, MOST = 4, 4096  # steps of a unit of time
+FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
 MOST_DOUBLINGS = 4  # of the steps at a time
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
+CLOCKS = 4.0  # round-off of a time, in units of it
 LOOKS = 20_000  # times at which forces are looked at for what steps pass over
 STAGES = (2, 4, 6, 8)
 
@@ -111,7 +112,7 @@ def _refined(
     order = float(p) if frozen.system.structure.linear else None
     last, runs, failures, stalls = math.inf, 0, 0, 0
     while parts <= MOST:
-        pieces = _run(course, parts, iteration_level(tol, math.ceil(radians * parts)), stop)
+        pieces = _run(course, parts, stop)
         runs += 1
         if pieces is None:
             failures, before, last = failures + 1, None, math.inf
@@ -125,10 +126,11 @@ def _refined(
         motion = joined(course, pieces, course.kernels.get(pieces[0].branch.sliding))
         scales, ratio = error_scales(system, motion, scale), parts // before[0]
         apart = _apart(course, before[1], pieces, motion, scales)
-        if not frozen.system.structure.linear and ratio == 2 and last < math.inf:
+        if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
-        left = 0.5 if order is None else ratio ** (-CAUTION * order)
-        estimate = max(apart * left / (1 - left), _floor(motion, len(pieces), scales))
+        left = 0.5 if order is None or apart > NO_DIGITS else ratio ** (-CAUTION * order)
+        rounded = _floor(motion, len(pieces), scales)
+        estimate = max(apart * left / (1 - left), rounded)
         if estimate <= tol and not frozen.system.structure.autonomous:
             estimate = max(estimate, missed_impulse(system, rule, motion, scales, LOOKS))
         found = Choice(rule, len(motion) - 1, motion, estimate, runs, estimate <= tol)
@@ -137,7 +139,7 @@ def _refined(
         if found.reached:
             return best
         stalls = stalls + 1 if apart > STALLED * last and apart < NO_DIGITS else 0
-        if stalls == PATIENCE:
+        if stalls == PATIENCE or estimate == rounded:  # more steps would not do
             break
         more = 1.0 if order is None else math.log2(estimate / tol) / (CAUTION * order)
         last, before = apart, (parts, pieces)
@@ -145,10 +147,10 @@ def _refined(
     return best and (replace(best[0], runs=runs), best[1])
 
 
-def _run(course: Course, parts: int, level: float, stop: Watch | None) -> list[Piece] | None:
+def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
-    for piece in follow(course, parts, level):
+    for piece in follow(course, parts):
         if piece is None:
             return None
         end = stop and _cut(course, piece, stop)
@@ -172,7 +174,7 @@ def _cut(course: Course, piece: Piece, stop: Watch) -> Piece | None:
 def _floor(motion: Trajectory, pieces: int, scales: np.ndarray) -> float:
     """What no comparison resolves: round-off, and that of the times of so many switches."""
     fastest, largest = np.abs(motion.v).max(axis=0), np.abs(motion.q).max(axis=0)
-    late = np.finfo(float).eps * np.abs(motion.t).max() * math.sqrt(pieces)
+    late = CLOCKS * np.finfo(float).eps * np.abs(motion.t).max() * math.sqrt(pieces)
     return float((np.maximum(late * fastest, FLOOR * np.maximum(largest, scales)) / scales).max())
 
 

@@ -1,0 +1,51 @@
+"""How fast explicit time changes forces and switches, which small motions about a state do not
+tell.
+"""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from varint.integration.switches.branch import branch_scene
+from varint.integration.switches.frozen import frozen_scene
+from varint.numerics.arrays import over_columns
+from varint.results.records import State
+from varint.scene.system import System, per_system
+
+LOOKS = 256  # times at which it is looked at
+
+
+@per_system
+def _rates(system: System) -> ca.Function | None:
+    """(q, v, t, c) → first and third derivatives by time of forces and of what switches; None where
+    none depends on time.
+    """
+    scene, frozen = branch_scene(system), frozen_scene(system)
+    assert scene is not None and frozen is not None
+    s = scene.system
+    x = ca.vertcat(ca.gradient(s.lagrangian, s.q) + s.force, s.momentum, frozen.sigma)
+    first = ca.jacobian(x, s.t)
+    third = ca.jacobian(ca.jacobian(first, s.t), s.t)
+    if not ca.depends_on(third, s.t):  # a polynomial of low degree
+        return None
+    outputs = [ca.densify(first), ca.densify(third)]
+    return ca.Function("rates", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+
+
+def drive_frequency(system: System, state: State, c: np.ndarray, total: float) -> float:
+    """Largest frequency ω of drives and of switches that depend on time, by |d³x/dt³| = ω² |dx/dt|
+    along the run; zero where there is none.
+
+    `c` are all parameters, the numbers behind the switches included.
+    """
+    function = _rates(system)
+    if function is None:
+        return 0.0
+    t = state.t + total * (np.arange(LOOKS) + 0.5) / LOOKS
+    first, third = over_columns(function, state.q, state.v, t[:, None], c)
+    first, third = np.abs(first).max(axis=0), np.abs(third).max(axis=0)
+    some = (first > 0) & np.isfinite(first + third)
+    return math.sqrt(float((third[some] / first[some]).max(initial=0.0)))
