@@ -83,3 +83,10 @@ def has_steps(system: System) -> bool:
     state = ca.vertcat(s.q, s.v)
     values = ca.vertcat(ca.gradient(s.lagrangian, state), s.force)
     return jumps(values, ca.vertcat(state, s.t, s.control))
+
+
+@per_scene
+def has_switches(system: System) -> bool:
+    """Whether the Lagrangian, forces or momenta have steps or kinks."""
+    s = system
+    return has_steps(s) or jumps(s.lagrangian, ca.vertcat(s.q, s.v, s.t, s.control))

@@ -17,7 +17,7 @@ from varint.integration.fixed_steps import simulate_steps
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, RunOptions, Start, initial_value_problem
 from varint.integration.rule_choice import iteration_level
-from varint.integration.switches.switched_run import choose_switched_steps
+from varint.integration.second_looks import has_switches
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
@@ -56,9 +56,12 @@ def simulate_to_tolerance(
     rows = _rows(system, start)
     whole = RunOptions(steps=rows, duration=options.duration)
     problem = initial_value_problem(system, plan(system, rule).rule, start, whole)
-    switched = choose_switched_steps(system, rule, problem, options, tol, stop, watches)
-    if switched is not None:
-        return with_estimate(switched.motion, switched, tol, began)
+    if has_switches(system):
+        from varint.integration.switches.switched_run import choose_switched_steps
+
+        switched = choose_switched_steps(system, rule, problem, options, tol, stop, watches)
+        if switched is not None:
+            return with_estimate(switched.motion, switched, tol, began)
     choice = choose_varying_steps(system, rule, problem, start, options, tol)
     if choice is None:
         choice = choose_steps(
