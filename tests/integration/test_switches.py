@@ -462,3 +462,16 @@ def test_files_whose_switches_are_none_of_the_scene_are_refused(tmp_path):
     smooth = scene(oscillator)
     with pytest.raises(vi.InputError, match="does not have"):
         between_nodes(smooth, rule, good)
+
+
+def test_derivatives_across_switches_of_the_motion_are_refused_and_those_of_time_are_exact():
+    q, v = vi.coordinates("x")
+    kinked = vi.simulate(vi.System(q, v, v**2 / 2 - ca.fabs(q)), q0=1.0, v0=0.0, duration=5.0)
+    with pytest.raises(vi.InputError, match="jump or kink 2 times"):
+        kinked.transition_matrix()
+    t = vi.time()
+    push = ca.if_else(t > 1, 1.0, 0.0)
+    pushed = vi.System(q, v, v**2 / 2 - q**2 / 2, force=push, t=t)
+    full = vi.simulate(pushed, q0=1.0, v0=0.0, duration=2 * np.pi)
+    assert full.stats["switches"] == 1
+    np.testing.assert_allclose(full.transition_matrix(), np.eye(2), atol=1e-9)

@@ -93,6 +93,12 @@ def course_of(motion: Trajectory) -> Course:
             "a step of this run failed and was taken in parts: its derivatives are not available; "
             "run it with a smaller h"
         )
+    if switches := motion.stats.get("switches_by_motion"):
+        raise InputError(
+            f"the forces or potentials jump or kink {switches} times along this run, where its "
+            "motion has it so: its derivatives are not available there; smooth what jumps, such as "
+            "sign(v) to tanh(v/ε)"
+        )
     if not motion.system.structure.contacts:
         return Course(_of_grid(motion), motion)
     found = _of_contacts(motion)

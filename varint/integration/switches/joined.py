@@ -141,7 +141,7 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
     counts = [len(x.t) - 1 for x in pieces]
     each = np.repeat([places[x.branch] for x in pieces], counts)
     q, p = np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1])
-    steps = len(t) - 1
+    steps, ends = len(t) - 1, [x.t[-1] for x in pieces[:-1]]
     system, rule = course.system, course.rule
     chosen = plan(branch_scene(system, pieces[0].branch.sliding).system, rule)  # type: ignore[union-attr]
     motion = Trajectory(
@@ -166,6 +166,7 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
                 "iterations": sum(x.iterations for x in pieces),
                 "residual": max(x.residual for x in pieces),
                 "switches": len(pieces) - 1,
+                "switches_by_motion": int((~np.isin(ends, course.timetable.times)).sum()),
                 "interrupted": False,
             }
         ),
