@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -50,7 +50,6 @@ from varint.integration.time_transformation.time_scale import (
     TransformedScene,
     transformed_scene,
 )
-from varint.integration.trajectories import Run
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
@@ -127,30 +126,13 @@ def prepare(
 
 def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory:
     """The run with the step, the number of steps and the level of iterations of `problem`."""
-    return _run(prepared, problem, require_level)
-
-
-def try_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory:
-    """The same for those who look at the energies of its nodes themselves."""
-    return _run(prepared, problem, _no_look)
-
-
-def _no_look(scene: TransformedScene, run: Run, inner: Trajectory) -> None:
-    pass
-
-
-def _run(
-    prepared: Prepared,
-    problem: InitialValueProblem,
-    look: Callable[[TransformedScene, Run, Trajectory], None],
-) -> Trajectory:
     system, scene, chosen, _, t0, total, stop, watches, options, _ = prepared
     run = start_run(scene.system, chosen, problem, perf_counter(), backend=options.backend)
     if total is not None:
         run = run._replace(blocks=blocks_until(scene, run, total))
     try:
         inner = collect(run, stop=stop, watches=watches, progress=options.progress, on_failure=None)
-        look(scene, run, inner)
+        require_level(scene, run, inner)
     except ConvergenceError as error:
         motion = in_physical_time(system, t0, error.trajectory)
         raise ConvergenceError(

@@ -24,7 +24,7 @@ from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import (
     Prepared,
     prepare,
-    try_prepared,
+    run_prepared,
 )
 from varint.integration.two_runs import (
     FLOOR,
@@ -107,7 +107,7 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
             assert prepared.total is not None
             ready = prepared._replace(total=prepared.total / part)
         try:
-            motion = try_prepared(ready, problem)
+            motion = run_prepared(ready, problem)
         except ConvergenceError as error:  # steps too large for the motion
             failures.append((steps, error))
             require_way_on(failures, total, varying=True)
