@@ -7,7 +7,7 @@ published errors. The eccentricity of c is hardly told: 0.60 is likeliest, its p
 over all that is possible, is hardly less likely.
 Source: data of the package radvel (Fulton et al., PASP 130 (2018) 044504), whose medians are what
 is published here; its version 1.6.7, with priors and basis of its own example, has its maximum at
-LIKELIEST, from twelve starts. Mass of the star: Fulton et al., ApJ 830 (2016) 46.
+LIKELIEST, from seven starts. Mass of the star: Fulton et al., ApJ 830 (2016) 46.
 Run: python examples/exoplanets.py [folder of the picture], after pip install radvel
 """
 
