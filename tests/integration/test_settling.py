@@ -206,6 +206,7 @@ def steep_friction_of_a_joint(scale):
 @pytest.mark.parametrize("rule", [vi.lobatto(3), vi.lobatto(4)], ids=str)
 @pytest.mark.parametrize("scale", [1e-3, 1e-4])
 @pytest.mark.parametrize("scene", [steep_friction, steep_friction_of_a_joint])
+@pytest.mark.filterwarnings("ignore:the speed of x")  # lobatto(3) rests so: test_false_speed
 def test_friction_with_a_steep_sign_brings_a_motion_to_rest(scene, scale, rule):
     """Steps ten and a hundred times as long as the friction's own time where it turns round."""
     system, q0, v0 = scene(scale)
