@@ -141,7 +141,7 @@ def poincare_section(
     ... )
     >>> runs = vi.ensemble(model.system, vi.gauss(6), **starts, h=0.2, steps=1000)
     >>> section = vi.orbits.poincare_section(runs, q[0])
-    >>> section, bool(abs(section.q[:, 0]).max() < 1e-14)
+    >>> section, bool(abs(section.q[:, 0]).max() < 1e-13)
     (Section(64 crossings of 2 motions), True)
     """
     each = [motions] if isinstance(motions, Trajectory) else motions
