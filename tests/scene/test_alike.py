@@ -13,7 +13,7 @@ from varint.codegen.native import native_gauss
 from varint.codegen.native_newton import native_newton
 from varint.scene import alike
 from varint.scene.alike import first_alike
-from varint.scene.system import per_scene
+from varint.scene.memory import per_scene
 
 
 def spring(k: float = 4.0, quartic: float = 0.5, name: str = "x", **more) -> vi.System:

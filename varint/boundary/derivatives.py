@@ -23,7 +23,8 @@ from varint.numerics.arrays import over_columns
 from varint.results.dense_output import step_controls
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,8 @@ from varint.discrete.lagrangian import interval
 from varint.nlp.assembly import Element, assemble_equations
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 SLOWNESS = 2.0  # R_t in durations: no step is longer than so much time
 LEAST_SPAN = 1e-3  # of the largest momentum, in units of energy: what moves less is not looked at

@@ -17,7 +17,8 @@ from varint.numerics.limits import RECOVERY_ITERATIONS
 from varint.results.dense_output import step_controls
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 LAST_CORRECTION = 1e-9
 ROUNDING = 1e-6  # of a step

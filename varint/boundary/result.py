@@ -18,7 +18,8 @@ from varint.discrete.lagrangian import constraint_function
 from varint.integration.many_steps import steps_again
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 STALLED = 1e3  # the same where Newton's method stalls although nothing is left unbalanced
 RANK = 1e-9  # of the largest singular value

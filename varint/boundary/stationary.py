@@ -20,7 +20,8 @@ from varint.discrete.lagrangian import Interval, interval
 from varint.nlp.assembly import Element, assemble_equations
 from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ import numpy as np
 from varint.errors import InputError
 from varint.integration.error_scale import bodies
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 WAVY = 0.3  # radians, or of the distance: a way round the origin keeps its number of turns
 ALIGNED = 1e-9  # sine of an angle: directions this close leave their plane open

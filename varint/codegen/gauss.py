@@ -14,7 +14,8 @@ from varint.codegen.source import Routine, Source, compiled, emitted, halved, ro
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia, known_velocity
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 FEW = 6  # so many coordinates stay in registers
 # vector operations of an evaluation up to which latency decides its time, not their number

@@ -11,7 +11,8 @@ import casadi as ca
 
 from varint.errors import VarintError
 from varint.numerics.operations import operations_of
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 Built = TypeVar("Built")
 

@@ -12,7 +12,8 @@ from varint.codegen.sweep import SweepKernel, SweepScheme, compiled_sweep, sweep
 from varint.discrete.kick_drift import drift_function
 from varint.discrete.step_map import running, step_map
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @kernel_per_system

@@ -16,7 +16,8 @@ import numpy as np
 
 from varint.discrete.lagrangian import constraint_function
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 Path = Callable[[np.ndarray], np.ndarray]
 CLOSE = 1e-9  # |g| relative to the size of the coordinates: on the manifold

@@ -10,7 +10,8 @@ import numpy as np
 from varint.control.phase import CheckedPhase
 from varint.discrete.constraints import velocity_rows
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 REGULAR = 1e-10  # of the trace: damping, for points where a control does not act
 PROJECTIONS = 12  # steps to the bounds along the path

@@ -14,7 +14,8 @@ from varint.integration.step_function import step_function
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 def lqr(motion: Trajectory, state_cost: Any, control_cost: Any, end_cost: Any = None) -> np.ndarray:

@@ -13,8 +13,9 @@ from varint.discrete.legendre import velocity_function
 from varint.integration.problem import Start
 from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
+from varint.scene.memory import per_system
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import System, per_system
+from varint.scene.system import System
 
 CONSTRAINT, HIDDEN = 1e-12, 1e-10  # |g| and |G v|, relative to the sizes of q and v
 

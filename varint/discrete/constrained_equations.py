@@ -9,7 +9,8 @@ from varint.discrete.equations import Equations
 from varint.discrete.lagrangian import Interval, constraint_function, interval
 from varint.discrete.nonholonomic import half_reaction, slips
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene, per_system
+from varint.scene.memory import per_scene, per_system
+from varint.scene.system import System
 
 # Round-off in g moves a path by 1e-16 |q| times the condition of the rows (N² for a chain). Newton
 # is quadratic: a last correction of LAST_CORRECTION times this part of |q| leaves far less than

@@ -17,7 +17,8 @@ import numpy as np
 from varint.errors import InputError
 from varint.numerics.arrays import call, over_columns
 from varint.numerics.limits import TANGENT_ITERATIONS
-from varint.scene.system import System, per_scene, per_system
+from varint.scene.memory import per_scene, per_system
+from varint.scene.system import System
 
 # equilibrated entries are of size 1; a singular matrix shows in the step's residual, never as a
 # CasADi dump

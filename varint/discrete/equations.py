@@ -10,7 +10,8 @@ import casadi as ca
 
 from varint.discrete.lagrangian import Interval, interval
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import call, is_definite
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 # smallest eigenvalue of the mass matrix, scaled to a unit diagonal, of a direction with inertia
 SINGULAR = 1e-13

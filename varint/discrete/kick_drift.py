@@ -8,7 +8,8 @@ import casadi as ca
 
 from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import mass_solve
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 
 @per_scene

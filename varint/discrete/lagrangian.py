@@ -21,7 +21,8 @@ import casadi as ca
 
 from varint.discrete.suitability import require_discretisable
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene, per_system
+from varint.scene.memory import per_scene, per_system
+from varint.scene.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.numerics.limits import LEGENDRE_ITERATIONS
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
 FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number

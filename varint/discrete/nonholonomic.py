@@ -8,7 +8,8 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.discrete.lagrangian import Interval
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @per_system

@@ -13,8 +13,9 @@ from varint.errors import InputError
 from varint.numerics.arrays import call, is_definite
 from varint.numerics.limits import PROJECTION_ITERATIONS
 from varint.scene.inputs import finite_array, number
+from varint.scene.memory import per_system
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import System, parameter_values, per_system, require_system
+from varint.scene.system import System, parameter_values, require_system
 
 # of what the coordinates themselves contribute to g: larger is a wrong start, smaller is round-off
 OFF = 1e-11

@@ -6,7 +6,8 @@ import casadi as ca
 
 from varint.discrete.constraints import saddle_parts
 from varint.errors import InputError
-from varint.scene.system import System, per_system, require_system
+from varint.scene.memory import per_system
+from varint.scene.system import System, require_system
 
 
 def reactions(system: System) -> ca.SX:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.discrete.constraints import velocity_rows
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 # of the largest distance of a row from the others during the run: nearer ones have energies off by
 # 1e-6 to 10 of the kinetic energy, those that are farther none (four-bar linkages, all rules)

@@ -11,7 +11,8 @@ from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import velocity_function
 from varint.discrete.term_sizes import term_sizes
 from varint.numerics.arrays import call
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 SMALLEST = 1e-6  # of the typical size: a coordinate at rest is measured against the moving ones
 # The same in a step that is differentiated: rows of sizes that differ more cost digits of the

@@ -15,7 +15,8 @@ from varint.discrete.kick_drift import drift_function
 from varint.discrete.lagrangian import constraint_function
 from varint.numerics.arrays import is_definite
 from varint.rules.rule import Rule, lobatto
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 def eliminates_path(system: System, rule: Rule) -> bool:

@@ -22,7 +22,8 @@ from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.kick_drift import drift_function, kick_function
 from varint.discrete.lagrangian import Interval, interval
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @dataclass(frozen=True, eq=False)

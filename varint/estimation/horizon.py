@@ -16,7 +16,8 @@ from varint.estimation.sensors import seen_by
 from varint.estimation.single_steps import single_steps
 from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 SAMPLES = 8  # states around a start at which the kinetic energy is looked at
 ROUNDING = 1e-12  # relative: eigenvalues below are zero

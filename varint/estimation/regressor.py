@@ -17,7 +17,8 @@ from varint.estimation.inertias import is_positive
 from varint.estimation.problem import Estimation, Motion
 from varint.estimation.seen import NEAR, Seen, seen_states, shown_path
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 PASSES = 10  # of Gauss–Newton, where parameters enter non-linearly
 WINDOWS = 60  # at most: of several values each, overlapping by halves

@@ -14,7 +14,8 @@ from varint.integration.steppers.constrained import constrained_stepper
 from varint.integration.steppers.implicit import implicit_stepper
 from varint.integration.steppers.newton import searching_newton
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 SEARCHING = implicit_stepper, constrained_stepper  # steppers whose root finder is given
 

@@ -14,7 +14,8 @@ from varint.discrete.lagrangian import point_function
 from varint.discrete.shake_equations import eliminates_path, hidden_functions, shake_equations
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 PATIENCE = 0.2  # seconds that Ctrl-C, the progress bar and checkpoints wait
 MOST_STEPS = 10_000

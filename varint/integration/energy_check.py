@@ -18,7 +18,8 @@ from varint.integration.work_bound import (
 )
 from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 if TYPE_CHECKING:
     from varint.codegen.rows import RowFunction

@@ -16,7 +16,8 @@ from varint.numerics.arrays import call
 from varint.numerics.places import normal_numbers
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import finite_array
-from varint.scene.system import System, per_scene, per_system
+from varint.scene.memory import per_scene, per_system
+from varint.scene.system import System
 
 RESTS = 1e-12  # of where it is: what moves by less stays there but for round-off
 RADIAN = 1.0  # scale of an angle that turns by more

@@ -13,7 +13,8 @@ import numpy as np
 
 from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 GROUPS = 8  # of coordinates that are taken from another instant together
 RANGE = 2.0  # times the usual change: an oscillator has its energy, as p·v has at most

@@ -13,7 +13,8 @@ import casadi as ca
 import numpy as np
 
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 CALM = 0.01  # change of a speed over two steps, of the speed
 APART = 0.5  # of it: so far are the places from what the speed makes of them

@@ -34,7 +34,8 @@ from varint.integration.steppers.stepper import state_layout
 from varint.numerics.arrays import call, median, over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel

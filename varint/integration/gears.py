@@ -20,7 +20,8 @@ from varint.codegen.native import native_explicit, native_gauss
 from varint.codegen.source import Source
 from varint.integration.cost import compiling_seconds
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 # of the compiler's predicted time: what must have been spent, or be ahead, before the source is
 # written and looked for in the cache, and before the compiler is started

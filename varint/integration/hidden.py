@@ -8,7 +8,8 @@ import numpy as np
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 MOST_LOOKS = 200_000  # times at which the force is looked at
 LEAST_LOOKS, MOST_IN_A_STEP = 16, 4096

@@ -24,7 +24,8 @@ from varint.integration.state import NodeBlock, Passed, RunState
 from varint.integration.steppers.stepper import ITERATIONS, RESIDUAL, state_layout
 from varint.numerics.arrays import call, over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 LARGEST_BLOCK = 1000  # nodes between two looks at the run
 STEP_BY_STEP = 0  # instead of the nodes of the next block: single steps up to the next saved node

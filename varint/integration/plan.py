@@ -17,7 +17,8 @@ from varint.integration.steppers.stepper import Stepper
 from varint.integration.steppers.uniform_field import UNIFORM_FIELD
 from varint.notation.html import table
 from varint.rules.rule import Rule, composition, gauss, lobatto
-from varint.scene.system import System, per_scene, require_system
+from varint.scene.memory import per_scene
+from varint.scene.system import System, require_system
 
 # The first that applies runs: the cheapest correct one. A new stepper is one file and one entry.
 METHODS = (UNIFORM_FIELD, EXPLICIT, RATTLE, CONSTRAINED, LINEAR, IMPLICIT)

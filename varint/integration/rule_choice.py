@@ -15,7 +15,8 @@ from varint.integration.cost import interpreted_seconds
 from varint.integration.plan import default_rule
 from varint.integration.problem import LEVEL
 from varint.rules.rule import Rule, composition, gauss, lobatto
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 RADIANS = 3.0  # of the fastest motion in a step where the trials begin
 SECULAR = 2.0  # divided by the square of the number of steps: what iterations leave adds up

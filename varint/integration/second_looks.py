@@ -13,8 +13,9 @@ import numpy as np
 from varint.integration.run_distance import distance, distance_between_nodes
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
+from varint.scene.memory import per_scene
 from varint.scene.structure import jumps
-from varint.scene.system import System, per_scene
+from varint.scene.system import System
 
 # times the steps of a run over forces that jump, and how far its last step goes beyond the end:
 # runs of fewer steps cost less and err by more

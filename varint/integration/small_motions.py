@@ -9,7 +9,8 @@ import numpy as np
 
 from varint.numerics.arrays import call, is_definite, over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
 

@@ -25,7 +25,8 @@ from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
 from varint.numerics.arrays import call, finite
 from varint.scene.inputs import vector
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 REMEMBERED = 1000  # parameter values whose mass matrix need not be looked at again
 STEEPEST = 1e150  # of a gradient: its square must be a number, too

@@ -18,8 +18,9 @@ from varint.numerics.arrays import call
 from varint.numerics.limits import SHOOTING_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.inputs import number, vector
+from varint.scene.memory import per_system
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import System, parameter_values, per_system
+from varint.scene.system import System, parameter_values
 
 REACHED = 1e-13  # of the size of the coordinates
 

@@ -9,7 +9,8 @@ from varint.discrete.scales import BALANCED, scale_function
 from varint.integration.plan import plan
 from varint.integration.steppers.stepper import State, Stepper, state_parts
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 
 def step_function(system: System, rule: Rule | None = None) -> ca.Function:

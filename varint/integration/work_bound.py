@@ -11,7 +11,8 @@ import numpy as np
 
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_scene
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 # times the work of forces on the nodes: the quadrature is a rough one
 MISSED = 2.0

@@ -8,7 +8,8 @@ import numpy as np
 from varint.errors import InputError
 from varint.numerics.arrays import call
 from varint.orbits.orbit import Orbit
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 CHANGED = 1e-2  # of the parameter: for looking at the drive with another value
 SAME = 1e-9  # of the sizes of L, F and g: differences that are round-off

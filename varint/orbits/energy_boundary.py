@@ -7,7 +7,8 @@ import numpy as np
 
 from varint.discrete.legendre import velocity_function
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 GRID = 121  # points of a side
 WIDER, WIDENINGS = 1.25, 4  # until what is reached lies within, or is taken to have no end

@@ -10,8 +10,9 @@ import numpy as np
 from varint.errors import InputError, parsed_or_refused
 from varint.numerics.arrays import over_columns
 from varint.scene.inputs import number
+from varint.scene.memory import per_system
 from varint.scene.parameters import ParameterValues
-from varint.scene.system import System, parameter_values, per_system, require_system
+from varint.scene.system import System, parameter_values, require_system
 
 CORRECTIONS = 12  # of Newton's method; where H is quadratic in a velocity the first is exact
 HALVINGS = 100  # of steps beyond what H is defined for, such as the speed of light

@@ -17,7 +17,8 @@ from varint.orbits.phase import (
 )
 from varint.orbits.reduction import Reduced, reduce, signature
 from varint.orbits.rest import Equilibrium
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 ZERO = 1e-7  # of the fastest rate: those of neutral modes, which round-off makes of its root
 FREE = 1e-9  # relative: singular values of independent constraints

@@ -13,7 +13,8 @@ from varint.discrete.legendre import velocity_function
 from varint.discrete.projection import project_configuration
 from varint.errors import InputError
 from varint.numerics.arrays import call
-from varint.scene.system import System, parameters_by_name, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System, parameters_by_name
 from varint.sensitivities.start import (
     momentum_function,
     momentum_slopes,

@@ -12,7 +12,8 @@ import numpy as np
 from varint.errors import ConvergenceError, InputError
 from varint.numerics.arrays import call
 from varint.scene.inputs import number
-from varint.scene.system import System, parameters_by_name, per_system, require_system
+from varint.scene.memory import per_system
+from varint.scene.system import System, parameters_by_name, require_system
 
 RANK = 1e-11  # of the largest singular value: directions along which equilibria go on
 MOST_ITERATIONS, HALVINGS = 60, 12

@@ -7,7 +7,8 @@ from __future__ import annotations
 import casadi as ca
 
 from varint.errors import InputError
-from varint.scene.system import System, per_system, require_system
+from varint.scene.memory import per_system
+from varint.scene.system import System, require_system
 
 
 def tangent_lift(system: System) -> System:

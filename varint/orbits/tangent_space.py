@@ -16,7 +16,8 @@ import numpy as np
 from varint.discrete.constraints import tangent_function
 from varint.numerics.arrays import call
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 DEPENDENT = 1e-9  # of the largest singular value: rows that follow from the others
 

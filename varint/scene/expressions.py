@@ -7,7 +7,8 @@ from typing import Any
 import casadi as ca
 
 from varint.errors import InputError, parsed_or_refused
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 def in_own_symbols(expression: Any, system: System, what: str = "the expression") -> ca.SX:

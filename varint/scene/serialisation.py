@@ -23,7 +23,8 @@ from varint.scene.description import (
     trusted_parts_of,
 )
 from varint.scene.expressions import in_own_symbols
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 # of a rule in a file, whose matrices are computed with 50 digits; rules have at most 36 stages
 MOST_NODES, LARGEST = 64, 1e6

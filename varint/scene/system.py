@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, wraps
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -359,48 +358,6 @@ class System:
 
 def _system_of(text: str) -> System:
     return System(**parts_of(json.loads(text)))
-
-
-Built = TypeVar("Built")
-_BUILDING = threading.RLock()
-
-
-def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
-    """Remember what `build(system, *key)` returns as long as the system lives; several threads
-    build it once.
-    """
-
-    return _remembering(build, "_built", lambda system: system)
-
-
-def per_scene(build: Callable[..., Built]) -> Callable[..., Built]:
-    """`per_system` of what holds none of the system's symbols: built once for all systems that are
-    made alike, whatever the values of their parameters.
-    """
-    return _remembering(build, "_built_for_alike", first_alike)
-
-
-def _remembering(
-    build: Callable[..., Built], place: str, whose: Callable[[System], System]
-) -> Callable[..., Built]:
-    """`build`, whose results lie at a place of the system that they are built for."""
-
-    @wraps(build)
-    def remembered(system: System, *key: Any) -> Built:
-        name = (build, *key)
-        known = system.__dict__.get(place)
-        if known is not None and name in known:  # of a short run's time this is no small part
-            return known[name]
-        owner = whose(system)
-        store = owner.__dict__.setdefault(place, {})
-        system.__dict__[place] = store
-        if name not in store:
-            with _BUILDING:
-                if name not in store:
-                    store[name] = build(owner, *key)
-        return store[name]
-
-    return remembered
 
 
 def require_system(x: Any) -> None:

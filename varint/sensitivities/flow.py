@@ -13,7 +13,8 @@ from varint.integration.plan import plan
 from varint.integration.problem import time_grid
 from varint.rules.rule import Rule
 from varint.scene.inputs import number
-from varint.scene.system import System, per_system, require_system
+from varint.scene.memory import per_system
+from varint.scene.system import System, require_system
 from varint.sensitivities.contact_shot import ContactShot
 from varint.sensitivities.external import external
 from varint.sensitivities.loops import sweeper

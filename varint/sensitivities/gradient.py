@@ -13,7 +13,8 @@ from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import finite_array
-from varint.scene.system import System, parameters_by_name, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System, parameters_by_name
 from varint.sensitivities.carrier import Carrier, rows_of
 from varint.sensitivities.carry import Adjoint, carried_back
 from varint.sensitivities.course import course_of, ends_whole, legs_backwards

@@ -14,7 +14,8 @@ from varint.integration.events.roots import find_root
 from varint.numerics.arrays import call, over_columns
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 LOW = 0.05  # of the way that a gap closes and opens in a step: as low by the cubic, it is looked at
 TOUCHED = 1e-9  # of that way: a least gap this small is none

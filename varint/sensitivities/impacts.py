@@ -17,7 +17,8 @@ from varint.discrete.legendre import velocity_function
 from varint.errors import InputError
 from varint.numerics.arrays import call
 from varint.results.records import Event
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 from varint.sensitivities.grazing import grazing
 from varint.sensitivities.parts import Slopes, with_size
 from varint.sensitivities.start import state_function

@@ -9,7 +9,8 @@ import casadi as ca
 from varint.discrete.constrained_equations import CORRECTION_FLOOR
 from varint.discrete.step_map import StepMap, path_guess, running, step_map
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 ITERATIONS = 6  # of Newton's method from the path through both ends: its error, squared each time
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from varint.errors import InputError
 from varint.integration.backend import BACKENDS
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 from varint.sensitivities.linear_steps import operations
 from varint.sensitivities.steps_at_once import Sweeper
 

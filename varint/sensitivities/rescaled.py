@@ -12,7 +12,8 @@ import numpy as np
 
 from varint.numerics.arrays import call, over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 from varint.sensitivities.start import rate_function, slopes_of
 
 LEVEL = 2  # the place of E0 among the last of the rescaled scene's parameters

@@ -14,7 +14,8 @@ from varint.discrete.legendre import velocity_function
 from varint.discrete.step_map import StepMap, step_map
 from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 from varint.sensitivities.linear_steps import unknowns
 from varint.sensitivities.loops import curvature_loop
 from varint.sensitivities.pieces import Piece

@@ -14,7 +14,8 @@ from varint.numerics.arrays import call
 from varint.results.dense_output import controls_at_nodes
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 from varint.sensitivities.pieces import scene_of
 
 REMEMBERED = 64  # expressions of a system that are kept as text

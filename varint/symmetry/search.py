@@ -20,7 +20,8 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 from varint.symmetry import finite_field
 from varint.symmetry.identities import Evaluated, P, evaluate
 from varint.symmetry.sampling import Points, Region, at_points, draw, sample

@@ -12,7 +12,8 @@ from varint.notation.extra import sympy_module
 from varint.notation.names import latex_text, plain_name
 from varint.notation.tidy import tidied
 from varint.scene.letters import READABLE, Letters, in_letters, length_of, letters_of
-from varint.scene.system import System, per_system, require_system
+from varint.scene.memory import per_system
+from varint.scene.system import System, require_system
 from varint.symmetry.noether import symmetries
 from varint.symmetry.symmetry import Symmetry
 from varint.typeset.formula import Conserved, Equation, Quantity

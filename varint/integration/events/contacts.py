@@ -13,7 +13,8 @@ from varint.integration.plan import plan
 from varint.integration.steppers.stepper import state_layout, state_parts
 from varint.numerics.arrays import call, over_columns
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 NEAR = 1e-3  # of the largest coordinate: what the others count at least in the size of a gap
 

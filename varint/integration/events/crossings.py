@@ -28,8 +28,9 @@ from varint.numerics.arrays import over_columns
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
+from varint.scene.memory import per_system
 from varint.scene.serialisation import expression_as_data
-from varint.scene.system import System, per_system
+from varint.scene.system import System
 
 IMPACTS = ("impact", "stop")  # events at which velocities jump
 REMEMBERED = 64  # expressions of a system whose functions are kept

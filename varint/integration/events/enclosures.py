@@ -16,7 +16,8 @@ import numpy as np
 from varint.integration.events.intervals import WHOLE, ZERO, Interval, point
 from varint.integration.events.jets import Jet, enclosures
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 PATH_ERROR, VELOCITY_ERROR, ACCELERATION_ERROR = 1 / 384, 3**0.5 / 216, 1 / 12
 AT_ONCE = 8192  # coordinates of pieces whose boxes are made together: they stay in the cache

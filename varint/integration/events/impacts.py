@@ -20,7 +20,8 @@ from varint.errors import StepRefused
 from varint.integration.events.contacts import Instant, View, first_contact, least_pull, view
 from varint.numerics.arrays import call, lengths
 from varint.results.records import Event
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 TOUCH = 1e-10  # a gap this small against what the coordinates contribute to it is closed
 RESTING = 1e-10  # a rate this small against the velocities in play is zero

@@ -30,7 +30,8 @@ from varint.integration.steppers.stepper import (
     sum_function,
 )
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @per_system

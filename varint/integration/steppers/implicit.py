@@ -18,7 +18,8 @@ from varint.integration.steppers.stepper import (
     state_symbols,
 )
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 
 @per_system

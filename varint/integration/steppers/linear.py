@@ -20,7 +20,8 @@ from varint.integration.steppers.stepper import (
     zeros,
 )
 from varint.rules.rule import Rule
-from varint.scene.system import System, per_scene, per_system
+from varint.scene.memory import per_scene, per_system
+from varint.scene.system import System
 
 MOST_UNKNOWNS = 12  # the inverse is full: beyond, a sparse solve in every step is cheaper
 

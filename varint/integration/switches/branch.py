@@ -16,7 +16,8 @@ import casadi as ca
 
 from varint.integration.switches.frozen import FrozenScene, frozen_scene
 from varint.integration.switches.timetable import timed
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 LARGEST_MASS_MATRIX = 8  # that is solved symbolically, where it is not diagonal
 DERIVATIVES = 3  # in time of what switches, that tell on which side the motion goes on

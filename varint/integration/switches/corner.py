@@ -17,7 +17,8 @@ from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.frozen import frozen_scene
 from varint.numerics.arrays import call
 from varint.results.records import State
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 BESIDE, TINY = 16 * np.finfo(float).eps, 1e-300
 NO_JUMP = 1e-12  # of the Lagrangian's terms: round-off of the place of the switch

@@ -13,7 +13,8 @@ from varint.integration.switches.branch import branch_scene
 from varint.integration.switches.frozen import frozen_scene
 from varint.numerics.arrays import over_columns
 from varint.results.records import State
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 LOOKS = 256  # times at which it is looked at
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from varint.integration.switches.reading import Node, Switches
 from varint.numerics.operations import Operations, operations_of
+from varint.scene.memory import per_system
 from varint.scene.parameters import Parameters, with_more
-from varint.scene.system import System, per_system
+from varint.scene.system import System
 
 MOST_SWITCHES = 40  # of one scene
 

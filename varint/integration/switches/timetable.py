@@ -9,7 +9,8 @@ import numpy as np
 
 from varint.integration.switches.frozen import frozen_scene
 from varint.numerics.arrays import over_columns
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 LOOKS, MOST_LOOKS = 2**10, 2**18  # times at which they are looked at
 SAME = 3  # numbers of looks, each twice the one before, that find the same

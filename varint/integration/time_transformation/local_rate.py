@@ -29,7 +29,8 @@ from varint.discrete.legendre import mass_solve
 from varint.errors import VarintError
 from varint.numerics.operations import Operations, Output, expressions_of, operations_of
 from varint.numerics.places import normal_numbers, uniform_numbers
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 # in expressions of the rate: a small one, a parameter of each run
 SLOWEST_RATE = ca.SX.sym("slowest rate")

@@ -18,7 +18,8 @@ from varint.integration.time_transformation.time_scale import TransformedScene
 from varint.integration.trajectories import Run, first_node, moving_system, trajectory_of
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 # steps before the mean rate of the clock is known well enough to look further ahead
 FIRST_CHUNK = 200

@@ -10,7 +10,8 @@ import numpy as np
 from varint.discrete.legendre import mass_solve
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
 from varint.numerics.arrays import call
-from varint.scene.system import System, per_system
+from varint.scene.memory import per_system
+from varint.scene.system import System
 
 STEPS = 80
 ANGLE = 0.4  # of the local rate in a step: a Runge–Kutta method of order 4 is right to 1e-3

@@ -18,8 +18,9 @@ import casadi as ca
 from varint.errors import InputError
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
 from varint.scene.expressions import in_own_symbols
+from varint.scene.memory import per_system
 from varint.scene.parameters import Parameters
-from varint.scene.system import System, coordinates, per_system
+from varint.scene.system import System, coordinates
 
 # names that no scene of a user's has; σ0 t' changes no motion, but round-off in t' − σ has a
 # momentum to compare with

@@ -1,0 +1,51 @@
+"""What is built for a scene is built once, and kept as long as the scene lives."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+from varint.scene.alike import first_alike
+
+Built = TypeVar("Built")
+_BUILDING = threading.RLock()
+
+
+def per_system(build: Callable[..., Built]) -> Callable[..., Built]:
+    """Remember what `build(system, *key)` returns as long as the system lives; several threads
+    build it once.
+    """
+
+    return _remembering(build, "_built", lambda system: system)
+
+
+def per_scene(build: Callable[..., Built]) -> Callable[..., Built]:
+    """`per_system` of what holds none of the system's symbols: built once for all systems that are
+    made alike, whatever the values of their parameters.
+    """
+    return _remembering(build, "_built_for_alike", first_alike)
+
+
+def _remembering(
+    build: Callable[..., Built], place: str, whose: Callable[[Any], Any]
+) -> Callable[..., Built]:
+    """`build`, whose results lie at a place of the system that they are built for."""
+
+    @wraps(build)
+    def remembered(system: Any, *key: Any) -> Built:
+        name = (build, *key)
+        known = system.__dict__.get(place)
+        if known is not None and name in known:  # of a short run's time this is no small part
+            return known[name]
+        owner = whose(system)
+        store = owner.__dict__.setdefault(place, {})
+        system.__dict__[place] = store
+        if name not in store:
+            with _BUILDING:
+                if name not in store:
+                    store[name] = build(owner, *key)
+        return store[name]
+
+    return remembered
