@@ -70,7 +70,9 @@ print(json.dumps(sorted(resumed)))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork and SIGKILL")
-@pytest.mark.parametrize("kind", ["interpreted", "compiled", "contacts"])
+@pytest.mark.parametrize(
+    "kind", ["interpreted", "compiled", pytest.param("contacts", marks=pytest.mark.long)]
+)
 def test_a_run_killed_at_20_random_moments_ends_with_the_bytes_of_one_that_was_not(tmp_path, kind):
     here = Path(__file__).resolve().parents[1]
     script = tmp_path / "killed.py"

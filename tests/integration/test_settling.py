@@ -97,7 +97,11 @@ def test_a_scene_that_settles_stays_where_its_forces_vanish(name, rule, backend)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("rule", [vi.midpoint(), vi.trapezoidal()], ids=str)
+@pytest.mark.parametrize(
+    "rule",
+    [vi.midpoint(), pytest.param(vi.trapezoidal(), marks=pytest.mark.long)],
+    ids=str,
+)
 def test_a_held_arm_stays_for_a_million_steps(rule, backend):
     motion = settle("held arm", rule, backend, 1_000_000 if backend == "compiled" else 100_000)
     assert np.ptp(motion.q[2:]) < 1e-14

@@ -68,7 +68,7 @@ def test_forces_that_jump_or_last_for_less_than_a_step_are_met_by_the_order_that
     assert motion.stats["error_estimate"] <= tol
 
 
-@pytest.mark.parametrize("tol", [1e-3, 1e-4])
+@pytest.mark.parametrize("tol", [1e-3, pytest.param(1e-4, marks=pytest.mark.long)])
 def test_no_two_runs_agree_by_chance_on_a_force_that_is_switched_on(tol):
     """A control that does nothing: steps go across the switch."""
     q, v, t, u = *vi.coordinates("x"), vi.time(), ca.SX.sym("u")
