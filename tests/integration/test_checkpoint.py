@@ -48,13 +48,14 @@ rule and vi.simulate(scene, rule, **start | dict(steps=3))  # compiles
 began = time.perf_counter()
 vi.simulate(scene, rule, **start).save(os.path.join(folder, "whole"))
 length = time.perf_counter() - began
+share = 1.5 if kind == "contacts" else 0.3  # its flights are short beside the files after them
 path, kills, resumed = os.path.join(folder, "run.checkpoint"), 0, set()
 while kills < 20:
     child = os.fork()
     if not child:
         run(path)
         os._exit(0)
-    time.sleep(moments.uniform(0.0, 0.3) * length)
+    time.sleep(moments.uniform(0.0, share) * length)
     os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     kills += 1
