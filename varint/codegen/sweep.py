@@ -120,6 +120,19 @@ def curvature_kernel(system: System, rule: Rule) -> Sweep:
     return entry_of(loop.curvatures)
 
 
+def numbers_of(system: System, s: StepMap) -> dict[str, int]:
+    """How many of what a step has, as the loops of all sweeps call them."""
+    return {
+        "N": s.q.numel(),
+        "NU": s.u.numel(),
+        "CONTROLS": max(system.control.numel(), 1),
+        "PARTS": len(s.parts),
+        "PART": s.part.numel(),
+        "C": s.c.numel(),
+        "E": s.outside.numel(),
+    }
+
+
 @kernel_per_system
 def sweep_scheme(system: System, rule: Rule, density: str | None = None) -> SweepScheme:
     """Of c/sweep.c; raises NotCompilable."""
@@ -135,17 +148,10 @@ def sweep_scheme(system: System, rule: Rule, density: str | None = None) -> Swee
     }
     order = band(slopes["FY"].sparsity())
     expressions = _functions(s, slopes, None if loss is None else running(s, loss))
-    counts = {
-        "N": s.q.numel(),
-        "NU": s.u.numel(),
-        "CONTROLS": max(system.control.numel(), 1),
-        "PARTS": len(s.parts),
-        "PART": s.part.numel(),
+    counts = numbers_of(system, s) | {
         "Y": s.y.numel(),
         "POINTS": len(s.points),
         "ENDS": s.ends,
-        "C": s.c.numel(),
-        "E": s.outside.numel(),
         "LOSS": int(loss is not None),
         "BELOW": order.below,
         "REACH": order.reach,

@@ -8,7 +8,7 @@ import numpy as np
 from varint.codegen.cache import vector_length
 from varint.codegen.graph import NotCompilable, kernel_per_system, needed
 from varint.codegen.source import routines
-from varint.codegen.sweep import SweepKernel, SweepScheme, compiled_sweep, sweep_scheme
+from varint.codegen.sweep import SweepKernel, SweepScheme, compiled_sweep, numbers_of, sweep_scheme
 from varint.discrete.kick_drift import drift_function
 from varint.discrete.step_map import running, step_map
 from varint.rules.rule import Rule
@@ -63,16 +63,7 @@ def explicit_sweep_scheme(system: System, rule: Rule, density: str | None = None
         "part_of": (inputs, [kq, dp, ke, de, s.after]),
         "density": (inputs, of_loss),
     }
-    counts = {
-        "N": s.q.numel(),
-        "NU": s.u.numel(),
-        "CONTROLS": max(system.control.numel(), 1),
-        "PARTS": len(s.parts),
-        "PART": s.part.numel(),
-        "C": s.c.numel(),
-        "E": s.outside.numel(),
-        "LOSS": int(density is not None),
-    }
+    counts = numbers_of(system, s) | {"LOSS": int(density is not None)}
     places: dict[str, np.ndarray] = {}
     for name, slope in slopes.items():
         begin, rows = slope.sparsity().get_ccs()

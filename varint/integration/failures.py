@@ -69,29 +69,28 @@ def failure(
 
 def _went_astray(motion: Trajectory, jump: EnergyJump, on_failure: str | None) -> ConvergenceError:
     """The error of the step after a motion, which was solved and led to another energy."""
-    step, t = int(motion.k[-1]), float(motion.t[-1])
     hint = "; on_failure='subdivide' redoes steps that fail, not those" if on_failure else ""
-    return ConvergenceError(
-        f"the step after t = {t:g} (step {step}) led astray, and a later one has no solution. "
-        f"Likely: {jump.cause}{hint}. Error.trajectory has the {len(motion)} nodes before it",
-        step=step,
-        time=t,
-        residual=float("nan"),
-        trajectory=motion,
-        cause=jump.cause,
-    )
+    what = f"led astray, and a later one has no solution. Likely: {jump.cause}{hint}"
+    return _without_residual(motion, int(motion.k[-1]), float(motion.t[-1]), what, jump.cause)
 
 
 def refusal(motion: Trajectory, step: int, time: float, why: str) -> ConvergenceError:
     """The error of a step that cannot be done, whatever its size, which begins at that time."""
+    return _without_residual(motion, step, time, f"cannot be done: {why}", why)
+
+
+def _without_residual(
+    motion: Trajectory, step: int, time: float, what: str, cause: str
+) -> ConvergenceError:
+    """The error of a step that is not to be taken, however well it can be solved."""
     return ConvergenceError(
-        f"the step after t = {time:g} (step {step}) cannot be done: {why}. "
+        f"the step after t = {time:g} (step {step}) {what}. "
         f"Error.trajectory has the {len(motion)} nodes before it",
         step=step,
         time=time,
         residual=float("nan"),
         trajectory=motion,
-        cause=why,
+        cause=cause,
     )
 
 
