@@ -49,6 +49,7 @@ from varint.integration.rule_choice import (
 from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import distance, ends_apart
 from varint.integration.second_looks import Trial
+from varint.integration.short_trials import NotShort, by_short_trials
 from varint.integration.small_motions import MOST_COORDINATES, frequencies, frequency_at_start
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
@@ -119,6 +120,12 @@ def choose_steps(
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
     by_two_runs = start.steps == 1 and shows_its_error(system)
+    if by_two_runs and stop is None and has_plain_trials(system, start):
+        with suppress(NotShort):
+            proved = by_short_trials(system, own, start, tol, radians, scale, backend, began)
+            if proved is not None:
+                return proved
+            by_two_runs = False
     if by_two_runs and stop is None and has_plain_trials(system, start):
         with suppress(NotPlain):
             shown = by_plain_trials(system, own, start, tol, radians, scale, backend)
