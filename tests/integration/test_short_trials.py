@@ -10,6 +10,7 @@ import varint as vi
 from varint.integration.plain_trials import by_plain_trials, plain_motion
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.short_trials import NotShort, by_short_trials
+from varint.integration.small_motions import small_motions_at_start
 
 q1, v1 = vi.coordinates("theta")
 q2, v2 = vi.coordinates("x", "y")
@@ -30,6 +31,10 @@ CASES = {
 }
 
 
+def inertia(system, problem):
+    return small_motions_at_start(system, problem.q0, problem.p0, problem.t0, problem.c)[1]
+
+
 @pytest.mark.parametrize("tol", [1e-3, 1e-7, 1e-11])
 @pytest.mark.parametrize("case", CASES)
 def test_the_core_decides_as_python_does(case, tol):
@@ -37,7 +42,9 @@ def test_the_core_decides_as_python_does(case, tol):
     asked = Start(np.array(q0), np.array(v0), t0=0.5), RunOptions(steps=1, duration=duration)
     rule, radians = vi.gauss(4), 4.0 * abs(duration)
     problem = initial_value_problem(system, rule, *asked)
-    found = by_short_trials(system, rule, problem, tol, radians, None, "auto", 0.0)
+    found = by_short_trials(
+        system, rule, problem, inertia(system, problem), tol, radians, "auto", 0.0
+    )
     other = by_plain_trials(system, rule, problem, tol, radians, None, "auto")
     if other is None:
         assert found is None
@@ -54,11 +61,13 @@ def test_a_long_run_is_left_to_a_loop_that_can_be_stopped():
     asked = Start([0.5, 0.0], [0.0, 3**0.5]), RunOptions(steps=1, duration=1e6)
     problem = initial_value_problem(KEPLER, vi.gauss(8), *asked)
     with pytest.raises(NotShort):
-        by_short_trials(KEPLER, vi.gauss(8), problem, 1e-9, 8e6, None, "auto", 0.0)
+        by_short_trials(
+            KEPLER, vi.gauss(8), problem, inertia(KEPLER, problem), 1e-9, 8e6, "auto", 0.0
+        )
 
 
 def test_a_step_that_cannot_be_solved_is_not_taken_for_a_proof():
     free = vi.System(q1, v1, v1**2 / 2 - ca.log(1 - q1))
     asked = Start([0.9], [3.0]), RunOptions(steps=1, duration=50.0)
     problem = initial_value_problem(free, vi.gauss(4), *asked)
-    assert by_short_trials(free, vi.gauss(4), problem, 1e-6, 50.0, None, "auto", 0.0) is None
+    assert by_short_trials(free, vi.gauss(4), problem, np.ones(1), 1e-6, 50.0, "auto", 0.0) is None

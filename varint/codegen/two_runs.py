@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from ctypes import c_void_p, cast
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,7 +75,8 @@ def course_of(
         If the loop was not built with the package and cannot be compiled.
     """
     two_runs_entries()
-    run, rows = (cast(entry, c_void_p).value or 0 for entry in (kernel.entry, rows_entry()))
+    entries: tuple[Any, ...] = (kernel.entry, rows_entry())
+    run, rows = (cast(entry, c_void_p).value or 0 for entry in entries)
     return Course(
         kernel.n,
         kernel.carry_size,

@@ -82,7 +82,7 @@ def scales_of_nodes(
     sizes = [min(x, RADIAN) if turns else x for x, turns in zip(sizes, angles(system), strict=True)]
     mass = [1.0]
     if len(sizes) > 1:
-        mass = np.abs(call(inertia_function(system), q[0], v, t, c)[0]).tolist()
+        mass = np.abs(call(_inertia_function(system), q[0], v, t, c)[0]).tolist()
     some = max([x for x in mass if x > 0], default=1.0)
     mass = [x if x > 0 else some for x in mass]
     moved = max([x * size**2 for x, size in zip(mass, sizes, strict=True)])
@@ -93,7 +93,7 @@ def scales_of_nodes(
 
 
 @per_scene
-def inertia_function(system: System) -> ca.Function:
+def _inertia_function(system: System) -> ca.Function:
     """(q, v, t, c) → diagonal of M."""
     s = system
     diagonal = ca.densify(ca.diag(s.mass_matrix))

@@ -49,11 +49,12 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
 def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
     """The rule of least work for a small oscillation over so many radians."""
 
-    def cost(rule: Rule) -> float:
-        growth = max(radians, 1.0) * phase_error(rule) / tol
-        return rules[rule] * max(growth ** (1 / rule.order), 1 / RADIANS)
-
-    return min(rules, key=cost)
+    turned = max(radians, 1.0) / tol
+    costs = {
+        rule: work * max((turned * phase_error(rule)) ** (1 / rule.order), 1 / RADIANS)
+        for rule, work in rules.items()
+    }
+    return min(costs, key=costs.__getitem__)
 
 
 @cache

@@ -5,7 +5,6 @@ and its error in one call of the core, which decides as `run_twice` does.
 from __future__ import annotations
 
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -17,13 +16,12 @@ from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import energy_rows
-from varint.integration.error_scale import angles, bodies, inertia_function
+from varint.integration.error_scale import angles, bodies
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
 from varint.integration.rule_choice import SECULAR, steps_for
 from varint.integration.trajectories import Run, motion_of
-from varint.numerics.arrays import call
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -43,25 +41,24 @@ def by_short_trials(
     system: System,
     rule: Rule,
     start: InitialValueProblem,
+    mass: np.ndarray,
     tol: float,
     radians: float,
-    scale: Any,
     backend: str,
     began: float,
 ) -> Choice | None:
-    """The choice that two runs and their energies prove; None where they do not.
+    """The choice that two runs and their energies prove; None where they do not. `mass` is the
+    diagonal of the mass matrix at the start.
 
     Raises
     ------
     NotShort
         If a run is long, or of another kind.
     """
-    kernel = None if scale is not None else kernel_for(system, rule, start, backend)
+    kernel = kernel_for(system, rule, start, backend)
     course = None if kernel is None else _course(system, rule, kernel)
     if kernel is None or course is None:
         raise NotShort
-    time = np.array((start.t0,))
-    mass = call(inertia_function(system), start.q0, np.zeros(course.n), time, start.c)[0]
     now = perf_counter()
     found = two_runs(
         course,
