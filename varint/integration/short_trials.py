@@ -30,7 +30,8 @@ from varint.scene.system import System
 _NAMES = (
     *("ROUGH", "HALF", "FLOOR", "LOST", "GAIN", "MARGIN", "SAFETY", "SPREAD", "EVIDENCE"),
     *("ROUNDED", "NO_SHRINKAGE", "NOT_WORSE", "ROUNDING", "STALLED", "PART_CLOSE", "CAUTION"),
-    *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
+    *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT"),
+    *("SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
 )
 _LIMITS = np.array(
     [*(getattr(decided, x) for x in _NAMES), POOR, SECULAR, LEVEL, *decided.QUANTILES]

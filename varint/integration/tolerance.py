@@ -46,7 +46,7 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, short_run, start_run, trajectory_of
-from varint.integration.run_distance import distance, ends_apart
+from varint.integration.run_distance import differences, ends_apart, with_first_half
 from varint.integration.second_looks import Trial
 from varint.integration.short_trials import NotShort, by_short_trials
 from varint.integration.small_motions import MOST_COORDINATES, frequencies, small_motions_at_start
@@ -180,10 +180,10 @@ def _from_two_runs(
 ) -> Choice | None:
     """The choice that two runs and their energies prove, where they do."""
 
-    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
+    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> tuple[float, float]:
         scales = error_scales(system, other, scale)
-        seen = distance(one, few, other, many, scales)
-        return max(seen, ends_apart(one, other, scales)) if ends_early else seen
+        seen, half = with_first_half(differences(one, few, other, many, scales))
+        return max(seen, ends_apart(one, other, scales)) if ends_early else seen, half
 
     def run(steps: int, wanted: float, part: int) -> Attempt | None:
         motion = trial(rule, steps, part, wanted)

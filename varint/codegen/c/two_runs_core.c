@@ -20,7 +20,7 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
 
 typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
-        stalled, part_close, caution, least, good, most, far, clear;
+        stalled, part_close, caution, least, good, most, far, clear, secular_growth, left;
     double samples, most_without_a_part, parts, attempts, poor, secular, level;
     double quantiles[QUANTILES];
 } Limits;
@@ -101,6 +101,12 @@ static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, d
     }
 }
 
+/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+static double level_for(const TwoRuns *a, double wanted, int64_t steps) {
+    const double often = a->limits->secular / ((double)steps * (double)steps);
+    return wanted * (a->limits->level < often ? a->limits->level : often);
+}
+
 /* A run of one of so many parts of the steps; `rows` are 0 where there was no memory. */
 static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, Attempt *to, Proved *found) {
     const Limits *const l = a->limits;
@@ -112,7 +118,6 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     if (!to->rows) return 0;
     double *const room = to->rows + 3 * n * (count + 1), *const carry = room + samples;
     RunStats *const stats = (RunStats *)(carry + a->carry);
-    const double often = l->secular / ((double)steps * (double)steps);
     carry[0] = 0;
     to->steps = steps, to->lost = 0, to->iterations = to->residual = 0;
     int status = DONE;
@@ -120,7 +125,7 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
         piece = k == 0 && a->pilot && a->pilot < count ? a->pilot : count - k;
         status = a->run(&(RunArguments){
             .steps = piece, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
-            .level = wanted * (l->level < often ? l->level : often), .start = a->start, .c = a->c,
+            .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene});
         if (k == 0 && a->pilot && stats->iterations > l->poor * piece) return 0;
         to->iterations += stats->iterations;
@@ -177,16 +182,19 @@ static int64_t common_divisor(int64_t x, int64_t y) {
     return x;
 }
 
-/* The largest difference of two runs at the nodes that they share; no number where one of them is none. */
-static double apart_from(const TwoRuns *a, const Attempt *one, const Attempt *other) {
+/* The largest difference of two runs at the nodes that they share, no number where one of them is none, and that of the first
+   half of them. */
+static double apart_from(const TwoRuns *a, const Attempt *one, const Attempt *other, double *early) {
     const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit;
     double scales[n], largest = 0, zero = 0;
     set_scales(a, other, scales);
-    for (int64_t k = 0; k <= unit; k++)
+    for (int64_t k = 0; k <= unit; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
             zero += off * 0, largest = off > largest ? off : largest;
         }
+        if (k == (unit + 1) / 2) *early = largest;
+    }
     return zero == 0 ? largest : NO_NUMBER;
 }
 
@@ -225,9 +233,9 @@ static double shrinkage(const TwoRuns *a, const Attempt *before, const Attempt *
 int two_runs(const TwoRuns *a) {
     const Limits *const l = a->limits;
     Attempt coarse = {0}, fine = {0};
-    int result = NOT_SHORT, known = 0;
+    int result = NOT_SHORT, known = 0, doubted = 0;
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
-    double expected = INFINITY, before = INFINITY, clear = l->clear;
+    double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1;
     int64_t steps = in_fours((double)a->first);
     a->found->runs = 0;
     for (int looks = 0; steps > l->most_without_a_part && looks < 3; looks++) {
@@ -254,23 +262,37 @@ int two_runs(const TwoRuns *a) {
             known = 1;
         }
         const int64_t more = in_fours(steps * ratio_for(a, l->margin * expected, a->tol, l->far));
-        if (!try_run(a, more, a->tol, 1, &fine, a->found)) goto end;
+        const double wanted = a->tol / growth;
+        double early = 0;
+        if (!try_run(a, more, wanted, 1, &fine, a->found)) goto end;
         if (fine.lost) break;
-        const double apart = apart_from(a, &coarse, &fine), walk = l->rounding * a->radians * sqrt((double)more),
+        const double apart = apart_from(a, &coarse, &fine, &early),
+                     grown = apart / (l->secular_growth * (early > l->rounded ? early : l->rounded));
+        growth = grown > growth ? grown : growth;
+        const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
                      rounded = apart < walk ? apart : walk, left = shrinkage(a, &coarse, &fine, (double)more / (double)steps);
         const int stalls = apart > l->stalled * before;
-        if (!(left == left) || !(apart - apart == 0) || (stalls && rounded > a->tol)) break;
-        double estimate = l->spread * apart * left / (1 - left);
-        estimate = estimate > rounded ? estimate : rounded, estimate = estimate > l->floor ? estimate : l->floor;
+        if (!(apart - apart == 0) || (stalls && rounded > a->tol)) break;
+        const int shrinks = left == left;
+        if (!shrinks) {
+            expected = expected_of(a, &fine), expected = apart > expected ? apart : expected;
+            if (doubted || !(expected <= l->lost)) break;
+        }
+        double shown = l->spread * apart * left / (1 - left);
+        shown = shown > rounded ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
+        const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth,
+                     estimate = shown > iterated ? shown : iterated;
         const int near = apart < l->rough * l->evidence;
-        if (near && estimate <= a->tol) {
+        if (shrinks && near && estimate <= a->tol) {
             *a->found = (Proved){more, a->found->runs, estimate, fine.iterations, fine.residual, fine.rows};
             fine.rows = 0, result = PROVED;
             goto end;
         }
         const Attempt older = coarse;
         coarse = fine, fine = older, fine.rows = older.rows;
-        steps = more, before = apart, expected = near ? estimate : apart;
+        steps = more;
+        if (shrinks) before = apart, expected = near ? shown : apart;
+        else doubted = 1;
     }
     result = NOT_PROVED;
 end:
