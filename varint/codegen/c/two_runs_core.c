@@ -78,8 +78,9 @@ static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, d
     const int64_t n = a->n, samples = (int64_t)a->limits->samples, every = count / samples > 1 ? count / samples : 1,
                   many = (count + every - 1) / every;
     double *const energy = room, *const moving = room + many;
-    a->rows(&(RowsArguments){.count = many, .c = a->c, .scene = a->energy, .arguments = {rows, rows + n, &a->t0},
-                             .apart = {3 * n * every, 3 * n * every, 0}, .results = {energy, moving}, .widths = {1, 1}});
+    const RowsArguments asked = {.count = many, .c = a->c, .scene = a->energy, .arguments = {rows, rows + n, &a->t0},
+                                 .apart = {3 * n * every, 3 * n * every, 0}, .results = {energy, moving}, .widths = {1, 1}};
+    if (a->rows(&asked) != DONE) energy[0] = INFINITY; /* no memory */
     const double start = energy[0];
     double sum = 0;
     for (int64_t k = 0; k < many; k++) {
