@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import varint as vi
+from varint.integration import hidden
 from varint.integration.error_scale import angles, error_scales
 
 
@@ -191,3 +192,29 @@ def test_round_off_of_many_periods_is_part_of_the_estimate(periods, tol):
     known = model.exact(np.remainder(motion.t, length))[0]
     clock = np.finfo(float).eps * motion.t[-1] * np.abs(motion.v).max()  # of times and the period
     assert error(motion, known) - clock <= 12 * max(motion.stats["error_estimate"], tol / 12)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "when"),
+    [(0.18, 1e-4, 11.3), (0.75, 1.5e-3, 6.21), (10.0, 1e-6, 3.7), (3.0, 5e-4, 17.9)],
+)
+def test_a_pulse_however_short_and_weak_is_met(height, width, when):
+    """Beside forces of its own size: x'' + x = A exp(−((t − s)/w)²) is a kick A w √π, less the
+    part of the moved force in w².
+    """
+    q, v, t = *vi.coordinates("x"), vi.time()
+    kick = height * ca.exp(-(((t - when) / width) ** 2))
+    system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=kick, t=t)
+    motion = vi.simulate(system, q0=1.0, v0=0.0, duration=20.0, tol=1e-7)
+    impulse = height * width * np.sqrt(np.pi) * np.exp(-(width**2) / 4)  # of sin and cos alike
+    true = np.cos(20.0) + impulse * np.sin(20.0 - when)
+    assert abs(motion.q[-1, 0] - true) <= 1e-7 * np.ptp(motion.q)
+
+
+def test_a_smooth_drive_is_not_searched_for_pulses(monkeypatch):
+    q, v, t = *vi.coordinates("x"), vi.time()
+    drive = 0.3 * ca.cos(1.2 * t) - 0.2 * v
+    system = vi.System(q, v, v**2 / 2 + q**2 / 2 - q**4 / 4, force=drive, t=t)
+    motion = vi.simulate(system, vi.gauss(8), q0=0.5, v0=0.0, h=0.25, steps=200)
+    monkeypatch.setattr(hidden, "_shown", None)
+    assert hidden.missed_impulse(system, vi.gauss(8), motion, np.ones(1), 1e-9) == 0

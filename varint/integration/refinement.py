@@ -62,6 +62,11 @@ def refine(
             before, steps = (steps, motion), 2 * steps
             continue
         scales = error_scales(system, motion, scale)
+        missed = missed_impulse(system, rule, motion, scales, tol)
+        if missed > tol and 2 * steps <= most and not has_steps(system):
+            # a pulse passed over: what such runs agree on says nothing
+            before, apart, order, stalls, steps = (steps, motion), math.inf, None, 0, 2 * steps
+            continue
         ratio, last = steps / before[0], apart
         seen = distance(before[1], before[0], motion, steps, scales)
         if ends_early:
@@ -87,7 +92,7 @@ def refine(
             if estimate <= tol:
                 hidden = max(
                     transient(trial, rule, steps, motion, scales),
-                    missed_impulse(system, rule, motion, scales),
+                    missed,
                     luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
             found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
