@@ -28,6 +28,7 @@ NAMES = (
     "sweep_",
     "sweep_explicit_",
     "rows_",
+    "two_runs_",
 )  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {

@@ -185,8 +185,8 @@ def run_loop(
             block[kept + 1 : kept + 1 + told.size] = told[0]
     else:
         block[kept:noted] = carry
-    address = _address(block)
-    controls = 0 if u is None else _address(u)
+    address = address_of(block)
+    controls = 0 if u is None else address_of(u)
     results = (address + 8 * place for place in (rows, kept, stats))
     began = perf_counter()
     status = kernel.entry(
@@ -248,7 +248,8 @@ def take_parts(
     return rows, good > 0
 
 
-def _address(array: np.ndarray) -> int:
+def address_of(array: np.ndarray) -> int:
+    """Where the numbers of an array begin."""
     if not array.flags.writeable:
         return array.ctypes.data
     return addressof(c_char.from_buffer(array.data))  # a third of the time of ndarray.ctypes
