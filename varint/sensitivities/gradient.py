@@ -169,7 +169,7 @@ def gradient(
     outer[:many] += at_nodes.c
     outer[many + 1] += found.z[2 * n]  # the first node is where everything begins
     of_q, of_v, of_c, of_t = start_slopes(motion)
-    of_q0, of_p0 = np.split(at_start, 2)
+    of_q0, of_p0 = at_start[:n], at_start[n:]
     if held == "v0":
         of_q0 = of_q0 + of_q.T @ of_p0
         outer[:many] += of_c.T @ of_p0

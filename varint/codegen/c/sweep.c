@@ -84,14 +84,13 @@ static void solve_transposed(Work *k, double *g) {
 /* The derivatives of a part at its solution, F_y factorised. The unknowns are found from both ends of the step by Newton's
    method, those that the ends do not tell from the neighbouring step's. Factors are kept while they make corrections shrink;
    `blocks` comes once more at the solution, where the derivatives are to be taken. */
-static int linearise(Work *k, const double *x, const double *x1, const double *v, const double *t, const double *u,
-                     const double *part) {
+static int linearise(Work *k, const double *x, const double *x1, const double *v, const double *v1, const double *t,
+                     const double *u, const double *part) {
     if (!Y) { /* for tangents alone */
         blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
         return SWEPT;
     }
     double size[ROOM(N)], most = 0, far = 0, before = INFINITY;
-    const double *const v1 = v + N;
     for (int i = 0; i < N; i++) {
         const double mean = (x1[i] - x[i]) / k->h;
         size[i] = fabs(mean) + fabs(v[i]) + fabs(v1[i]), most = fmax(most, size[i]), far = fmax(far, fabs(x[i]));
@@ -163,7 +162,7 @@ static void solve_columns(Work *k, int64_t m, double *right) {
 
 /* Where every part of step s begins. */
 static void begin_parts(Work *k, const SweepArguments *a, int64_t s) {
-    memcpy(k->x, a->x + s * 2 * N, 2 * N * sizeof(double));
+    memcpy(k->x, STATE_AT(a, s), 2 * N * sizeof(double));
     for (int r = 0; r < PARTS - 1; r++) {
         const double *const x = k->x + r * 2 * N;
         after(k->y, x, x + N, a->t + s, a->u + (s * PARTS + r) * NU, PART_TABLE + r * PART, k->w + AFTER_AT, k->x + (r + 1) * 2 * N);
@@ -191,11 +190,11 @@ int tangents(const SweepArguments *a) {
     if (!status && a->every) memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
     for (int64_t s = 0; s < a->steps && !status; s++) {
         prepare(k, a->c, a->h[s], constants);
-        memcpy(k->x, a->x + s * 2 * N, 2 * N * sizeof(double));
+        memcpy(k->x, STATE_AT(a, s), 2 * N * sizeof(double));
         for (int64_t j = 0; j < m; j++) dt[j] = a->outer[(C + 1) * m + j] + (double)(a->first + s) * a->outer[C * m + j];
         for (int r = 0; r < PARTS; r++) {
             const double *const x = k->x + r * 2 * N, *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
-            if ((status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
+            if ((status = linearise(k, x, STATE_AT(a, s + 1), SPEED_AT(a, s), SPEED_AT(a, s + 1), a->t + s, u, part))) break;
             memset(next, 0, (2 * N + ROOM(Y)) * m * sizeof(double));
             if (outer) {
                 outside(k->y, x, x + N, a->t + s, u, part, k->w + OUTSIDE_AT, k->fe, k->ge);
@@ -231,7 +230,7 @@ int adjoints(const SweepArguments *a) {
             const double *const x = k->x + r * 2 * N, *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
             double eta[ROOM(Y)], before[2 * N], outer[E], value, of_x[2 * N], of_e[E];
             memset(eta, 0, sizeof eta);
-            if (Y && (status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
+            if (Y && (status = linearise(k, x, STATE_AT(a, s + 1), SPEED_AT(a, s), SPEED_AT(a, s + 1), a->t + s, u, part))) break;
             if (LOSS) density(k->y, x, x + N, a->t + s, u, part, k->w + DENSITY_AT, &value, eta, of_x, of_e), *a->loss += value;
             if (Y) pull_back(k, mu, eta, before);
             pull(k->y, x, x + N, a->t + s, u, part, mu, eta, k->w + PULL_AT, outer, before);
