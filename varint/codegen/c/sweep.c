@@ -9,6 +9,7 @@
    without unknowns G_x^T mu, shorter than G_x); after(…, G) where there are parts; density(…, loss, its slopes) where LOSS. */
 #include "band.h"
 #include "sweep.h"
+#include "outside.h"
 
 #define BLOCKS_AT 0
 #define OUTSIDE_AT (BLOCKS_AT + BLOCKS_W)
@@ -125,32 +126,6 @@ static int linearise(Work *k, const double *x, const double *x1, const double *v
     return NOT_SOLVED;
 }
 
-/* What changes outside, times its nonzeros, added to the rows of `target`. */
-static void add_outside(const SweepArguments *a, int64_t step, int r, const double *dt, const double *nonzeros,
-                        const int *rows, const int *columns, int count, double *target) {
-    const int64_t m = a->columns;
-    for (int i = 0; i < count; i++) {
-        double *const row = target + rows[i] * m;
-        if (columns[i] < C + 2) {
-            const double *const along = columns[i] == C + 1 ? dt : a->outer + columns[i] * m;
-            for (int64_t j = 0; j < m; j++) row[j] = v_fma(nonzeros[i], along[j], row[j]);
-        } else if (a->control_column >= 0) {
-            const int place = columns[i] - (C + 2) + r * NU;
-            const int64_t node = a->control_nodes == 1 ? 0 : place / CONTROLS;
-            row[a->control_column + ((a->first + step) * a->control_nodes + node) * CONTROLS + place % CONTROLS] += nonzeros[i];
-        }
-    }
-}
-
-static void add_product(const double *nonzeros, const int *rows, const int *columns, int count, const double *x, int64_t m,
-                        double *target) {
-    for (int i = 0; i < count; i++) {
-        const double *const from = x + columns[i] * m, value = nonzeros[i];
-        double *const to = target + rows[i] * m;
-        for (int64_t j = 0; j < m; j++) to[j] = v_fma(value, from[j], to[j]);
-    }
-}
-
 /* The columns of `right` (Y, m) := -F_y^-1 right */
 static void solve_columns(Work *k, int64_t m, double *right) {
     for (int64_t j = 0; j < m; j++) {
@@ -198,8 +173,8 @@ int tangents(const SweepArguments *a) {
             memset(next, 0, (2 * N + ROOM(Y)) * m * sizeof(double));
             if (outer) {
                 outside(k->y, x, x + N, a->t + s, u, part, k->w + OUTSIDE_AT, k->fe, k->ge);
-                add_outside(a, s, r, dt, k->fe, FE_ROW, FE_COLUMN, FE, dy);
-                add_outside(a, s, r, dt, k->ge, GE_ROW, GE_COLUMN, GE, next);
+                add_outside(a, s, r, dt, k->fe, 1, FE_ROW, FE_COLUMN, FE, dy);
+                add_outside(a, s, r, dt, k->ge, 1, GE_ROW, GE_COLUMN, GE, next);
             }
             if (Y) {
                 add_product(k->fx, FX_ROW, FX_COLUMN, FX, a->tangent, m, dy);

@@ -10,6 +10,7 @@
    part_of(q, p, t, u, part, w, k_q, d_p, k_e, d_e, q and p behind the part); density(…, loss, its slopes by (q, p) and by e)
    where LOSS. */
 #include "sweep.h"
+#include "outside.h"
 
 #define PART_AT 0
 #define DENSITY_AT (PART_AT + PART_OF_W)
@@ -47,10 +48,6 @@ static Work *work_space(int64_t more) {
     return k;
 }
 
-/* A lane of a vector in memory, without loading the whole vector. */
-INLINE double lane_at(const V *x, int64_t l) { return ((const double *)x)[l]; }
-INLINE void set_lane_at(V *x, int64_t l, double y) { ((double *)x)[l] = y; }
-
 /* What is the same as long as the steps have one size. */
 static void prepare(Work *k, const double *c, double h) {
     double constants[C + 1];
@@ -77,13 +74,6 @@ static void linearise(Work *k, const SweepArguments *a, int64_t s, int count, in
                     k->x + (r + 1) * 2 * N);
         if (lossy) density(q, p, k->t, u, part, k->w + DENSITY_AT, k->value + r, k->of_x + r * 2 * N, k->of_e + r * E);
     }
-}
-
-/* So many steps of one size from step s on, or back from it, LANES at most. */
-static int alike(const SweepArguments *a, int64_t s, int towards) {
-    int count = 1;
-    for (int64_t i = s + towards; count < LANES && i >= 0 && i < a->steps && a->h[i] == a->h[s]; i += towards) count++;
-    return count;
 }
 
 /* Tangents: rows of `count` vectors; those of parameters, step and start time, and of the time of a step. */
@@ -204,22 +194,15 @@ int adjoints(const SweepArguments *a) {
         if (SHARED && !k->known) keep_kick(k, LAST, (int)some - 1);
         carry_back(k, a, s, (int)some, a->tangent, a->outer);
         if (SHARED) keep_kick(k, 0, 0);
-        V there, step; /* lanes without a step count for nothing */
-        for (int l = 0; l < LANES; l++) set_lane(&there, l, l < some), set_lane(&step, l, (double)(a->first + s + l));
+        V there; /* lanes without a step count for nothing */
+        for (int l = 0; l < LANES; l++) set_lane(&there, l, l < some);
         for (int r = 0; r < PARTS - (SHARED && !LOSS); r++) {
             const V *const of_q = k->mu + r * 2 * N, *const of_p = of_q + N, *const ke = k->ke + r * KE, *const de = k->de + r * DE;
             if (LOSS) *loss = v_fma(there, k->value[r], *loss);
             for (int i = 0; i < E; i++) pulled[i] = LOSS ? k->of_e[r * E + i] : splat(0.0);
             for (int i = 0; i < KE && !(SHARED && r == LAST); i++) pulled[KE_COLUMN[i]] = v_fma(ke[i], of_p[KE_ROW[i]], pulled[KE_COLUMN[i]]);
             for (int i = 0; i < DE && DRIFTS[r]; i++) pulled[DE_COLUMN[i]] = v_fma(de[i], of_q[DE_ROW[i]], pulled[DE_COLUMN[i]]);
-            for (int i = 0; i < C + 2; i++) outer[i] = v_fma(there, pulled[i], outer[i]);
-            outer[C] = v_fma(there * step, pulled[C + 1], outer[C]);
-            for (int i = 0; i < NU; i++) {
-                const int place = i + r * NU;
-                const int64_t node = a->control_nodes == 1 ? 0 : place / CONTROLS;
-                for (int64_t l = 0; l < some; l++)
-                    a->out[((s + l) * a->control_nodes + node) * CONTROLS + place % CONTROLS] += lane_at(&pulled[C + 2 + i], l);
-            }
+            add_pulled(a, s, (int)some, r, pulled, outer);
         }
     }
     for (int i = 0; i < C + 2; i++) a->outer[i] += sum(outer[i]);
