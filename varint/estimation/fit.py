@@ -78,6 +78,7 @@ def fit(
     -------
     Fit
         Estimates, covariance, intervals, residuals, what the data leave open; `report()`, `plot()`.
+        Data that are not met come with a warning.
 
     Raises
     ------
@@ -115,7 +116,7 @@ def fit(
         raise InputError(f"huber must be a positive number of standard deviations, got {huber!r}")
     p = estimation(system, rule, experiments, unknown, h, params, segments, priors)
     made = fit_of(*fit_with_noise(shooter(p, backend), huber))
-    for sentence in filter(None, (*made.unidentifiable, made.step_error)):
+    for sentence in filter(None, (*made.unidentifiable, made.misfit, made.step_error)):
         warnings.warn(sentence, stacklevel=2)
     return made
 

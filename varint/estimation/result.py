@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+FAR = 3.0  # σ: independent errors have half of the residuals below 0.7 of them
 ROUNDED = 1e-12  # of χ² by its degrees of freedom: what is left is round-off, not noise
 
 
@@ -189,13 +190,28 @@ class Fit:
         )
 
     @property
+    def misfit(self) -> str:
+        """That the data are not met, in words, where half of the residuals are far beyond σ."""
+        every = np.concatenate([r.ravel() for parts in self.residuals for r in parts])
+        middle = float(np.nanmedian(np.abs(every))) if np.isfinite(every).any() else 0.0
+        if middle <= FAR or self.freedom <= 0:
+            return ""
+        held = f"the bounds of {', '.join(self.at_bounds)} in its way, " if self.at_bounds else ""
+        return (
+            f"the data are not met: half of the residuals are beyond {middle:.2g} σ; the minimum "
+            "may be a wrong one (try other guesses, more segments, huber=1.5 against outliers), "
+            f"{held}the scene may lack something, or sigma is too small"
+        )
+
+    @property
     def step_error(self) -> str:
         """What the step's own error does to the estimates, in words, where it shows."""
         return moved_in_words(self.names, self.step_shift, self.sigma)
 
     def report(self) -> None:
-        """Print estimates with intervals, the size and independence of the residuals, what the
-        step's own error does where it shows, what bounds hold and what the data leave open.
+        """Print estimates with intervals, the size and independence of the residuals, whether the
+        data are met, what the step's own error does where it shows, what bounds hold and what the
+        data leave open.
         """
         print(self.summary)
 
@@ -225,7 +241,7 @@ class Fit:
                 for m, s in zip(data, spreads, strict=True)
                 if not np.isnan(s)
             ]
-        lines += [self.step_error] if self.step_error else []
+        lines += [sentence for sentence in (self.misfit, self.step_error) if sentence]
         lines += [f"at a bound: {name}" for name in self.at_bounds]
         lines += [f"open: {sentence}" for sentence in self.unidentifiable]
         return "\n".join(lines)
