@@ -21,6 +21,7 @@ from varint.orbits.correct import Patience
 from varint.orbits.curve import Curve, change, product, scaled
 from varint.orbits.guess import MODERATE, PIECES
 from varint.orbits.mesh import EACH
+from varint.orbits.orbit import Orbit
 from varint.orbits.predict import ahead, on_cubic
 from varint.orbits.shooting import Iterate
 
@@ -68,18 +69,25 @@ def _by(
             near = _predicted(here, before, step, curve)
             continue
         # a gap that no correction closes is one of the steps, too, as where a perihelion turns
-        error = max(orbit.error_estimate, orbit.residual)
+        error, finest = max(orbit.error_estimate, orbit.residual), max(1.0, farness(orbit))
         if coarser is not None and error > HALVED * last:
-            if last <= ROUNDED:
+            if last <= ROUNDED * finest:
                 point = coarser  # more steps do not help
-        elif error > LOOSE:
-            wanted = (error / LOOSE) ** (1 / orbit.rule.order)
+        elif error > LOOSE * finest:
+            wanted = (error / (LOOSE * finest)) ** (1 / orbit.rule.order)
             each = int(np.ceil(min(FINER * wanted, MOST_FINER) * base.shooting.each))
             base = replace(base, shooting=replace(base.shooting, each=each))
             last, near, coarser = error, orbit.at, point
             continue
         return point, step, step * (LONGER if point.orbit.iterations <= QUICK else 1.0)
     return None
+
+
+def farness(orbit: Orbit) -> float:
+    """How many times their ranges coordinates and momenta are: so much larger is round-off, in
+    ranges, of a small orbit far from the origin.
+    """
+    return float((np.abs(orbit.at.x) / orbit.units.scale).max())
 
 
 def _predicted(here: Point, before: Point | None, step: float, curve: Curve) -> Iterate | None:
