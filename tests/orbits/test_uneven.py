@@ -178,7 +178,7 @@ def test_a_search_says_how_far_it_is_where_nobody_watches(monkeypatch, capsys, c
     monkeypatch.setattr(progress, "SILENCE", 0.005)
     orbits.periodic(close.system, (close.q0, close.v0), period=close.period, energy=close.energy)
     assert re.search(r"looking for a periodic orbit: \d+ s", capsys.readouterr().err)
-    orbits.family(close, most=3, bifurcations=False)
+    orbits.family(close, most=9, bifurcations=False)
     assert re.search(r"family of orbits: \d+ s, \d orbits, energy=-2\.", capsys.readouterr().err)
     orbits.family(close, most=2, progress=False)
     assert capsys.readouterr().err == ""
