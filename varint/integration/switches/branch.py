@@ -14,21 +14,23 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from varint.integration.switches.frozen import FrozenScene, frozen_scene
+from varint.discrete.constraints import velocity_rows
+from varint.integration.switches.accelerations import acceleration, push_without_force, rate_of
+from varint.integration.switches.frozen import FrozenScene, frozen_scene, with_force
 from varint.integration.switches.timetable import timed
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
-LARGEST_MASS_MATRIX = 8  # that is solved symbolically, where it is not diagonal
 DERIVATIVES = 3  # in time of what switches, that tell on which side the motion goes on
 SEEN = 30_000  # operations of an acceleration at most
 
 
 class Branch(NamedTuple):
-    """The numbers behind all switches, and those that hold the motion."""
+    """The numbers behind all switches, those that hold the motion, and the controls."""
 
     values: tuple[float, ...]
     sliding: tuple[int, ...] = ()
+    controls: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene |
             return None
         force, share = found
         s = frozen.system
-        moving = System(s.q, s.v, s.lagrangian, force=ca.sparsify(force), params=s.params, t=s.t)
+        moving = with_force(s, force)
     a = acceleration(moving, moving.force)
     if a is None or ca.Function("a", ca.symvar(a), [a]).n_instructions() > SEEN:
         return None
@@ -117,16 +119,29 @@ def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene |
         margins += [x, 1 - x]
         watched += [(j, -1.0), (j, 1.0)]
     margin = ca.vertcat(ca.SX(0, 1), *margins)
-    rate = _rate(moving, frozen.sigma, a)
+    rate = rate_of(moving, frozen.sigma, a)
     functions = (
         _function(name, inputs, outputs)
         for name, outputs in (
-            ("margins", [margin, _rate(moving, margin, a)]),
+            ("margins", [margin, rate_of(moving, margin, a)]),
             ("ahead", [frozen.sigma, rate]),
             ("shares", [share]),
         )
     )
     return BranchScene(moving, tuple(watched), *functions)
+
+
+@per_system
+def slope_size(system: System, switch: int) -> int:
+    """Operations of the slopes ∂F/∂(q, v) while this switch holds the motion."""
+    scene = branch_scene(system, (switch,))
+    if scene is None:
+        return 0
+    s = scene.system
+    slopes = ca.jacobian(s.force, ca.vertcat(s.q, s.v))
+    return int(
+        ca.Function("slopes", [s.q, s.v, s.t, s.c], [slopes], {"cse": True}).n_instructions()
+    )
 
 
 @per_system
@@ -138,7 +153,7 @@ def later_rates(system: System, sliding: tuple[int, ...], order: int) -> ca.Func
     a = acceleration(moving, moving.force)
     assert a is not None
     for _ in range(order):
-        rate = _rate(moving, rate, a)
+        rate = rate_of(moving, rate, a)
     return _function("later", [moving.q, moving.v, moving.t, moving.c], [rate])
 
 
@@ -150,29 +165,6 @@ def _frozen(system: System) -> FrozenScene:
     found = frozen_scene(system)
     assert found is not None
     return found
-
-
-def acceleration(system: System, force: ca.SX) -> ca.SX | None:
-    """dv/dt = M⁻¹ (∂L/∂q + F − ∂p/∂q v − ∂p/∂t), where M is diagonal or small; None elsewhere."""
-    s, push = system, _push(system) + force
-    if s.structure.diagonal_mass:
-        return push / ca.diag(s.mass_matrix)
-    return ca.solve(s.mass_matrix, push) if s.structure.n <= LARGEST_MASS_MATRIX else None
-
-
-def _push(system: System) -> ca.SX:
-    """What M dv/dt is without the force."""
-    s, p = system, system.momentum
-    return ca.gradient(s.lagrangian, s.q) - ca.jtimes(p, s.q, s.v) - ca.jacobian(p, s.t)
-
-
-def _rate(system: System, x: ca.SX, a: ca.SX) -> ca.SX:
-    """Derivative in time along the motion."""
-    s = system
-    if not x.numel():
-        return x
-    along = ca.jtimes(x, ca.vertcat(s.q, s.v), ca.vertcat(s.v, a))
-    return along + ca.jacobian(x, s.t)
 
 
 def _sliding(frozen: FrozenScene, sliding: Sequence[int]) -> tuple[ca.SX, ca.SX] | None:
@@ -192,25 +184,26 @@ def _sliding(frozen: FrozenScene, sliding: Sequence[int]) -> tuple[ca.SX, ca.SX]
     at_rest = acceleration(s, low)
     if at_rest is None:
         return None
-    drift = ca.vertcat(*(_rate(s, frozen.sigma[j], at_rest) for j in sliding))
+    drift = ca.vertcat(*(rate_of(s, frozen.sigma[j], at_rest) for j in sliding))
     slopes = []
     for step in steps:
         pushed = acceleration(s, low + step)
         assert pushed is not None
-        slopes.append(ca.vertcat(*(_rate(s, frozen.sigma[j], pushed) for j in sliding)) - drift)
+        slopes.append(ca.vertcat(*(rate_of(s, frozen.sigma[j], pushed) for j in sliding)) - drift)
     share = ca.solve(ca.horzcat(*slopes), -drift) if count > 1 else -drift / slopes[0]
     total = low + ca.horzcat(*steps) @ share
     # what is held alone, or all that moves: nothing is left of other forces, not even round-off
-    if count == s.structure.n:
-        sigma = ca.vertcat(*(frozen.sigma[j] for j in sliding))
-        rate = ca.jtimes(sigma, s.q, s.v) + ca.jacobian(sigma, s.t)
-        total = -_push(s) - s.mass_matrix @ ca.solve(ca.jacobian(sigma, s.v), rate)
-    elif s.structure.diagonal_mass:
+    rows = velocity_rows(s)
+    if count == s.structure.n - rows.numel():
+        held_all = ca.vertcat(*(frozen.sigma[j] for j in sliding), rows)
+        rate = ca.jtimes(held_all, s.q, s.v) + ca.jacobian(held_all, s.t)
+        total = -push_without_force(s) - s.mass_matrix @ ca.solve(ca.jacobian(held_all, s.v), rate)
+    elif s.structure.diagonal_mass and not rows.numel():
         for j, step in zip(sliding, steps, strict=True):
             i = _held_alone(s, frozen.sigma[j], step)
             if i is not None:
                 rate = ca.jacobian(frozen.sigma[j], ca.vertcat(s.t, s.v[i]))
-                total[i] = -_push(s)[i] - s.mass_matrix[i, i] * rate[0] / rate[1]
+                total[i] = -push_without_force(s)[i] - s.mass_matrix[i, i] * rate[0] / rate[1]
     return total, share
 
 

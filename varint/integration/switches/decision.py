@@ -94,7 +94,7 @@ def _held_by_shares(
     values = np.array(branch.values)
     while True:
         values[held] = 0.0
-        one = Branch(tuple(values.tolist()), tuple(held))
+        one = branch._replace(values=tuple(values.tolist()), sliding=tuple(held))
         settled = _settled(system, state, c, one, known)
         scene = settled and branch_scene(system, settled.sliding)
         if settled is None or scene is None or not held:
@@ -141,7 +141,7 @@ def _candidates(
                 values[j] = 0.0
             for j, x in zip(free, chosen, strict=True):
                 values[j] = x
-            yield Branch(tuple(values), sliding)
+            yield branch._replace(values=tuple(values), sliding=sliding)
 
 
 def _settled(
@@ -223,5 +223,5 @@ def _arguments(state: State, c: np.ndarray, branch: Branch) -> tuple[np.ndarray,
 
 
 def all_parameters(c: np.ndarray, branch: Branch) -> np.ndarray:
-    """Those of the user's scene, then the numbers behind the switches."""
-    return np.concatenate([c, branch.values])
+    """Those of the user's scene, then the controls, then the numbers behind the switches."""
+    return np.concatenate([c, branch.controls, branch.values])

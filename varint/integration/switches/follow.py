@@ -14,7 +14,6 @@ import numpy as np
 from varint.codegen.kernel import Kernel
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
-from varint.integration.small_motions import frequency_at_start
 from varint.integration.switches.branch import (
     Branch,
     BranchScene,
@@ -24,7 +23,7 @@ from varint.integration.switches.branch import (
 from varint.integration.switches.corner import past_corner
 from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import ahead_at, all_parameters, decide
-from varint.integration.switches.drive import drive_frequency
+from varint.integration.switches.drive import drive_frequency, fastest_small_motion
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
 from varint.integration.switches.timetable import Timetable, timed
@@ -59,7 +58,7 @@ class Course:
     timetable : Timetable
     backend : str
     units : dict
-        Size of a unit of time on each branch, found where it first comes up.
+        Size of a unit of time on each branch, whatever its controls, found where it first comes up.
     known : dict
         The unit at first of each branch a piece of which has ended at a switch.
     kernels : dict
@@ -106,9 +105,10 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         until = float(times[row]) if row < len(times) else begin + total
         found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         for _ in range(SHORTER):
-            if found is not None or branch in course.known or branch not in course.units:
+            alike = _alike(branch)
+            if found is not None or alike in course.known or alike not in course.units:
                 break
-            course.units[branch] /= SHORTEN
+            course.units[alike] /= SHORTEN
             found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         if found is None:
             break
@@ -120,8 +120,10 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         if crossed is None and row == len(times):
             return
         values, known, at_zero = list(branch.values), list(clocks), list(branch.sliding)
+        acting = branch.controls
         if crossed is None:
             row += 1
+            acting = tuple(course.timetable.controls[row].tolist())
             for j, x in zip(clocks, course.timetable.values[row].tolist(), strict=True):
                 values[j] = x
         elif crossed[0] in branch.sliding:
@@ -130,7 +132,8 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         else:
             at_zero.append(crossed[0])
         state, before = State(t, q, v, p), branch
-        branch = _decided(course, state, branch._replace(values=tuple(values)), at_zero, known)
+        branch = branch._replace(values=tuple(values), controls=acting)
+        branch = _decided(course, state, branch, at_zero, known)
         way = math.copysign(1.0, total)
         passed = branch and past_corner(system, state, problem.c, way, before, branch)
         q, p, branch = passed or (q, p, None)
@@ -152,9 +155,10 @@ def _first_branch(course: Course) -> Branch | None:
     scene, clocks = branch_scene(system), timed(system).places
     if scene is None:
         return None
-    values = np.ones(scene.system.c.numel() - system.c.numel())
+    values = np.ones(frozen_scene(system).s.numel())  # type: ignore[union-attr]
     values[list(clocks)] = course.timetable.values[0]
-    branch = Branch(tuple(values.tolist()))
+    acting = tuple(course.timetable.controls[0].tolist())
+    branch = Branch(tuple(values.tolist()), controls=acting)
     q, p, t = problem.q0, problem.p0, problem.t0
     c = all_parameters(problem.c, branch)
     v = call(velocity_function(scene.system), q, p, np.array([t]), c)[0]
@@ -229,14 +233,24 @@ def _piece(
         states.append(part.rows[1:])
         k, carry, size = k + some, part.carry, min(4 * size, MOST_IN_BLOCK)
         q, p = part.rows[-1, :2]
+    alike = _alike(branch)
     if found is not None:  # the next piece on this branch is as long, more or less
-        length, most = abs(found.t - start.t), course.known.setdefault(branch, unit)
+        length, most = abs(found.t - start.t), course.known.setdefault(alike, unit)
         if most == unit or length > LONGER * unit:
-            course.units[branch] = min(most, max(length, most * LEAST_UNIT))
-    piece = Piece(
-        branch, h, steps, np.concatenate(times), np.concatenate(states), iterations, residual
-    )
+            course.units[alike] = min(most, max(length, most * LEAST_UNIT))
+    nodes = _with_unit_rays(course.system, np.concatenate(states))
+    piece = Piece(branch, h, steps, np.concatenate(times), nodes, iterations, residual)
     return piece, None if found is None else scene.watched[found.margin]
+
+
+def _with_unit_rays(system: System, states: np.ndarray) -> np.ndarray:
+    """The same states (q, p, v), (N, 3, n), of unit quaternions."""
+    for group in system.rays:
+        at = list(group)
+        q, p, v = (states[:, i, at] for i in range(3))
+        length = np.linalg.norm(q, axis=-1, keepdims=True)
+        states[:, :, at] = np.stack([q / length, p * length, v / length], axis=1)
+    return states
 
 
 def _block(
@@ -269,17 +283,23 @@ def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None
     return course.kernels[branch.sliding]
 
 
+def _alike(branch: Branch) -> Branch:
+    """What stands for all branches that differ by their controls alone."""
+    return branch._replace(controls=())
+
+
 def _unit(course: Course, branch: Branch, start: State) -> float:
     """Time in which the fastest small motion turns by `ANGLE`, or a part of the duration."""
-    if branch not in course.units:
+    alike = _alike(branch)
+    if alike not in course.units:
         scene = branch_scene(course.system)
         assert scene is not None
         c, total = all_parameters(course.problem.c, branch), course.problem.h
         v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
         # what holds the motion slows it down
-        fastest = frequency_at_start(scene.system, start.q, v, start.t, c) or 0.0
+        fastest = fastest_small_motion(scene.system, start._replace(v=v), c)
         drive = drive_frequency(course.system, start._replace(v=v, t=course.problem.t0), c, total)
         fastest = max(fastest, drive)
         most = abs(total) / UNITS
-        course.units[branch] = min(most, ANGLE / fastest) if fastest > 0 else most
-    return course.units[branch]
+        course.units[alike] = min(most, ANGLE / fastest) if fastest > 0 else most
+    return course.units[alike]

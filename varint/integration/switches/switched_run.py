@@ -25,6 +25,7 @@ from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
+from varint.integration.switches.branch import slidable, slope_size
 from varint.integration.switches.follow import ANGLE, Course, Piece, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined, nodes_apart, piece_motion
@@ -34,7 +35,7 @@ from varint.integration.trajectories import cut_at
 from varint.integration.two_runs import FLOOR
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
-from varint.rules.rule import Rule, gauss
+from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.system import System
 
 FEWEST, MOST = 4, 2**17  # steps of a unit of time
@@ -43,7 +44,9 @@ MOST_DOUBLINGS = 4  # of the steps at a time
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
 CLOCKS = 4.0  # round-off of a time, in units of it
 LOOKS = 20_000  # times at which forces are looked at for what steps pass over
-STAGES = (2, 4, 6, 8)
+STAGES, NODES = (2, 4, 6, 8), (3, 5, 7)
+# operations of the slopes of what holds, beyond which a loop of many unknowns takes long to write
+LARGE = 1000
 
 
 def choose_switched_steps(
@@ -60,16 +63,18 @@ def choose_switched_steps(
     """
     if not _possible(system, rule, problem, options, tol):
         return None
-    begin, total = problem.t0, problem.h
-    table = timetable(system, problem.c, begin, total)
-    course = Course(system, rule or gauss(STAGES[-1]), problem, table, options.backend)
+    begin, total = problem.t0, problem.h * problem.steps
+    table = timetable(system, problem.c, begin, total, problem.u[:, 0])
+    problem = problem._replace(h=total, steps=1)
+    rules = rules_for(system)
+    course = Course(system, rule or list(rules)[-1], problem, table, options.backend)
     with np.errstate(all="ignore"):
         unit = first_unit(course)
         if unit is None:
             return None
         radians = ANGLE * abs(total) / unit
         if rule is None:
-            course.rule = choose_rule({gauss(k): 5.0 * k / min(k, 4) for k in STAGES}, radians, tol)
+            course.rule = choose_rule(rules, radians, tol)
         found = _refined(course, radians, tol, options.scale, stop)
         if found is None:
             return None
@@ -85,15 +90,27 @@ def _possible(
     options: RunOptions,
     tol: float,
 ) -> bool:
+    every = range(1, 9)
+    known = [lobatto(k) for k in every[1:]] if system.structure.constraints else map(gauss, every)
+    rows = () if problem.active_set is None else problem.active_set.rows
     return (
-        problem.steps == 1
+        problem.u.shape[1] == 1
+        and len(rows) == system.structure.constraints
         and LEAST_TOL <= tol <= MOST_TOL
-        and (rule is None or rule in [gauss(k) for k in range(1, 9)])
+        and (rule is None or rule in known)
         and options.checkpoint is None
         and options.on_failure == "raise"
         and options.backend != "interpreted"
         and frozen_scene(system) is not None
     )
+
+
+def rules_for(system: System) -> dict[Rule, float]:
+    """Rules that the pieces may be stepped by, with the work of a step."""
+    if system.structure.constraints:
+        few = max((slope_size(system, j) for j in slidable(system)), default=0) > LARGE
+        return {lobatto(k): (k - 1) ** 1.5 for k in (NODES[:1] if few else NODES)}
+    return {gauss(k): 5.0 * k / min(k, 4) for k in STAGES}
 
 
 def _refined(
