@@ -200,3 +200,43 @@ def test_a_body_by_a_quaternion_comes_to_rest_about_its_dry_axis(by_rays):
     assert motion.stats["switches"] == 1
     assert np.abs(motion.at(times).q - exact).max() < 3e-11
     assert np.abs(np.linalg.norm(motion.q, axis=1) - 1).max() < 1e-14
+
+
+def hinges(count, mu, relative):
+    """Links of unit length with unit masses at their ends; dry friction in every hinge. In angles
+    to the vertical, or each to the link before.
+    """
+    q, v = vi.coordinates(*(f"a{i}" for i in range(count)))
+    angles = [sum(q[k] for k in range(i + 1)) if relative else q[i] for i in range(count)]
+    rates = [sum(v[k] for k in range(i + 1)) if relative else v[i] for i in range(count)]
+    lagrangian, height, speed = 0, 0, ca.SX.zeros(2)
+    for angle, rate in zip(angles, rates, strict=True):
+        height = height - ca.cos(angle)
+        speed = speed + rate * ca.vertcat(ca.cos(angle), ca.sin(angle))
+        lagrangian = lagrangian + ca.sumsqr(speed) / 2 - GRAVITY * height
+    turning = v if relative else v - ca.vertcat(0, v[:-1])
+    force = ca.jtimes(turning, v, -mu * ca.sign(turning), True)
+    return vi.System(q, v, lagrangian, force=force)
+
+
+def test_hinges_that_stick_and_slip_move_alike_in_both_kinds_of_angles():
+    """Which of three hold is a complementarity problem; what they rub away is their energy."""
+    mu, start = 1.5, np.array([1.2, 0.9, 1.4])
+    two = [
+        vi.simulate(
+            hinges(3, mu, relative),
+            q0=np.diff(start, prepend=0.0) if relative else start,
+            v0=np.zeros(3),
+            duration=2.5,
+        )
+        for relative in (False, True)
+    ]
+    times = np.linspace(0, 2.5, 26)
+    angles, turned = (motion.at(times).q for motion in two)
+    assert np.abs(np.cumsum(turned, axis=1) - angles).max() < 1e-11
+    assert two[0].stats["switches"] == two[1].stats["switches"] >= 6
+    held = np.abs(two[1].v) < 1e-13
+    assert (held.sum(axis=1) == 1).any()
+    assert (held.sum(axis=1) == 2).any()
+    rubbed = mu * np.abs(np.diff(two[1].q, axis=0)).sum(axis=0).sum()
+    assert two[1].energy[-1] - two[1].energy[0] == pytest.approx(-rubbed, abs=1e-10)

@@ -13,8 +13,8 @@ from varint.errors import InputError
 from varint.integration.many_steps import steps_again, steps_of
 from varint.integration.plan import plan
 from varint.integration.switches.branch import Branch, branch_scene, slidable
+from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
-from varint.integration.switches.follow import Course, Piece
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.loop import kernel_of
 from varint.results.dense_output import node_tolerance, require_within

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,18 +27,21 @@ from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
 from varint.integration.switches.branch import slidable, slope_size
-from varint.integration.switches.follow import ANGLE, Course, Piece, first_unit, follow
+from varint.integration.switches.course import Course, Piece
+from varint.integration.switches.follow import ANGLE, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined, nodes_apart, piece_motion
 from varint.integration.switches.timetable import timetable
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import cut_at
 from varint.integration.two_runs import FLOOR
+from varint.numerics.progress import notice
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.system import System
 
+FOLLOWING = "following the motion from switch to switch"
 FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
 MOST_DOUBLINGS = 4  # of the steps at a time
@@ -68,7 +72,8 @@ def choose_switched_steps(
     problem = problem._replace(h=total, steps=1)
     rules = rules_for(system)
     course = Course(system, rule or list(rules)[-1], problem, table, options.backend)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
+        course.say = say
         unit = first_unit(course)
         if unit is None:
             return None
@@ -167,12 +172,15 @@ def _refined(
 def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
+    end = course.problem.t0 + course.problem.h
     for piece in follow(course, parts):
         if piece is None:
             return None
-        end = stop and _cut(course, piece, stop)
-        pieces.append(end or piece)
-        if end:
+        t = float(piece.t[-1])
+        course.say(partial("{} steps a unit of time, t = {:.4g} of {:.4g}".format, parts, t, end))
+        cut = stop and _cut(course, piece, stop)
+        pieces.append(cut or piece)
+        if cut:
             break
     return pieces
 
