@@ -101,6 +101,9 @@ class Flight(NamedTuple):
     iterations : int
     residual : float
     seconds : float
+    located : array (2 + 5n,) or None
+        Of what ends a call BESIDE, where its instant is known: the time, whether the step ends
+        there, and q, p, v, rounding errors of q and p as they are before it.
     """
 
     status: int
@@ -113,6 +116,7 @@ class Flight(NamedTuple):
     iterations: int
     residual: float
     seconds: float
+    located: np.ndarray | None = None
 
 
 def contact_data(
@@ -193,7 +197,7 @@ def fly(
     many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
     state = state.copy()
     rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, 5 + 5 * n))
-    stats = np.empty(4)
+    stats = np.empty(7 + 5 * n)
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
     began = perf_counter()
@@ -220,4 +224,5 @@ def fly(
     made, struck, iterations = (int(x) for x in stats[:3])
     rows, hits = rows[:made].copy(), hits[:struck].copy()
     nodes = rows[:, 0].copy(), rows[:, 1].astype(int), rows[:, 2 : 2 + n], rows[:, 2 + n :]
-    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds)
+    located = stats[5:] if stats[4] else None
+    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds, located)
