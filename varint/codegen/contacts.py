@@ -197,7 +197,7 @@ def fly(
     many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
     state = state.copy()
     rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, 5 + 5 * n))
-    stats = np.empty(7 + 5 * n)
+    stats = np.zeros(7 + 5 * n)  # as they are where there is no memory for the call
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
     began = perf_counter()

@@ -2,13 +2,7 @@
 #define NAMED(name, level) name##_##level
 #define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
 #define rows WITH_ALL(rows, LEVEL)
-#ifdef __AVX512F__
-#define LANES 8
-#elif defined(__AVX2__)
-#define LANES 4
-#else
-#define LANES 2
-#endif
+#include "widest.h"
 #include "lanes.h"
 #include "run.h"
 #include "tape.h"
