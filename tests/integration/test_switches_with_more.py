@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import varint as vi
+from varint.integration.switches import switched_run
 from varint.multibody.kinematics import body_rates
 from varint.multibody.rotations import quaternion_rate
 
@@ -240,3 +241,48 @@ def test_hinges_that_stick_and_slip_move_alike_in_both_kinds_of_angles():
     assert (held.sum(axis=1) == 2).any()
     rubbed = mu * np.abs(np.diff(two[1].q, axis=0)).sum(axis=0).sum()
     assert two[1].energy[-1] - two[1].energy[0] == pytest.approx(-rubbed, abs=1e-10)
+
+
+def test_a_blade_that_turns_against_dry_friction_follows_its_heading():
+    """θ = t − μ t²/2 until it rests; the path is ∫ (cos θ, sin θ) dt, then a straight line."""
+    q, v = vi.coordinates("x", "y", "heading")
+    scene = vi.System(
+        q,
+        v,
+        ca.sumsqr(v) / 2,
+        force=ca.vertcat(0, 0, -RUB * ca.sign(v[2])),
+        nonholonomic=ca.horzcat(ca.sin(q[2]), -ca.cos(q[2]), 0),
+    )
+    motion = vi.simulate(scene, q0=[0, 0, 0], v0=[1.0, 0, 1.0], duration=5.0, tol=1e-7)
+    turning = np.minimum(motion.t, 1 / RUB)
+    heading = turning - RUB * turning**2 / 2
+    assert np.abs(motion.q[:, 2] - heading).max() < 1e-14
+    x, w = np.polynomial.legendre.leggauss(40)
+    way = np.array([np.cos, np.sin])
+    s = (x + 1) / 2 / RUB
+    curve = [f(s - RUB * s**2 / 2) @ w / 2 / RUB for f in way]
+    rest = 5.0 - 1 / RUB
+    exact = [a + rest * f(heading[-1]) for a, f in zip(curve, way, strict=True)]
+    off = np.abs(motion.q[-1, :2] - exact).max()
+    assert off < motion.stats["error_estimate"] * np.ptp(motion.q, axis=0).max() < 2e-7
+
+
+def test_a_checkpoint_holds_a_run_with_switches_once_it_has_ended(tmp_path, monkeypatch):
+    scene, path = angle_pendulum(RUB), tmp_path / "run.npz"
+    call = dict(q0=1.5, v0=0.0, duration=8.0, events={"down": scene.q})
+    whole = vi.simulate(scene, **call)
+    first = vi.simulate(scene, **call, checkpoint=path)
+    monkeypatch.setattr(switched_run, "follow", None)  # no step is taken any more
+    again = vi.simulate(scene, **call, checkpoint=path)
+    for name in ("t", "q", "p", "v", "sizes"):
+        assert (getattr(first, name) == getattr(whole, name)).all()
+        assert (getattr(again, name) == getattr(whole, name)).all()
+    assert again.events == whole.events
+    assert again.stats["error_estimate"] == whole.stats["error_estimate"]
+    times = np.linspace(0, 8, 11)
+    assert (again.at(times).q == whole.at(times).q).all()
+    with pytest.raises(vi.InputError, match="belongs to another run"):
+        vi.simulate(scene, **call | {"q0": 1.4}, checkpoint=path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(vi.InputError, match="torn"):
+        vi.simulate(scene, **call, checkpoint=path)

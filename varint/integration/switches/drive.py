@@ -25,7 +25,7 @@ def fastest_small_motion(system: System, state: State, c: np.ndarray) -> float:
     """Largest frequency ω of small motions about a state of a smooth scene; with constraints, the
     largest |λ| of δq'' = (∂a/∂q) δq + (∂a/∂v) δq' ~ exp(λt), a the accelerations along them.
     """
-    if not system.structure.constraints:
+    if not (system.structure.constraints or system.structure.nonholonomic):
         return frequency_at_start(system, state.q, state.v, state.t, c) or 0.0
     n, at = system.structure.n, (state.q, state.v, np.array([state.t]))
     slopes = call(_slope_function(system), *at, c)[0].reshape(2 * n, n).T

@@ -26,7 +26,7 @@ class FrozenScene(NamedTuple):
     Attributes
     ----------
     system : System
-        With two more vectors of parameters, the controls (k,) and s (m,), and the constraints.
+        With two more vectors of parameters, the controls (k,) and s (m,), and the same rows.
     s, sigma : SX (m,)
         Those parameters, and what switches: s is its sign, or its whole part where it counts.
     counts : array of bool (m,)
@@ -45,17 +45,17 @@ class FrozenScene(NamedTuple):
 @per_system
 def frozen_scene(system: System) -> FrozenScene | None:
     """The scene with its switches as parameters; None where it has none, or more than forces and
-    potentials switch, or it has contacts, non-holonomic rows or known kinetics.
+    potentials switch, or it has contacts or known kinetics.
     """
     s = system
-    if s.contact.numel() or s.nonholonomic.numel() or s.kinetics:
+    if s.contact.numel() or s.kinetics:
         return None
     if s.structure.degenerate:
         return None
     inputs = [s.q, s.v, s.t, s.c, s.control]
     operations = operations_of(ca.Function("scene", inputs, [s.lagrangian, ca.densify(s.force)]))
     moving = ca.vertcat(s.q, s.v, s.t)
-    if jumps(s.constraint, moving):
+    if jumps(ca.vertcat(s.constraint, ca.vec(s.nonholonomic)), moving):
         return None
     read = Switches(moving)
     nodes = _read(read, operations, inputs)
@@ -98,6 +98,7 @@ def _smooth(system: System, lagrangian: ca.SX, force: ca.SX, params: Parameters 
         lagrangian,
         force=ca.sparsify(force),
         constraint=s.constraint,
+        nonholonomic=s.nonholonomic,
         params=params,
         t=s.t,
         rays=s.rays,

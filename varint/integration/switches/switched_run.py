@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.integration.checkpoint import checkpoint_of
 from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import (
@@ -22,6 +23,7 @@ from varint.integration.events.crossings import (
 )
 from varint.integration.events.substeps import substeps_of
 from varint.integration.hidden import missed_impulse
+from varint.integration.plan import default_rule
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.rule_choice import choose_rule, phase_error
@@ -31,6 +33,7 @@ from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.follow import ANGLE, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined, nodes_apart, piece_motion
+from varint.integration.switches.kept import keep, kept_choice, words_of
 from varint.integration.switches.timetable import timetable
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import cut_at
@@ -72,6 +75,15 @@ def choose_switched_steps(
     problem = problem._replace(h=total, steps=1)
     rules = rules_for(system)
     course = Course(system, rule or list(rules)[-1], problem, table, options.backend)
+    file = None
+    if options.checkpoint is not None:
+        words = words_of(options.backend, tol, options.scale, rule, options.save_every)
+        file = checkpoint_of(
+            options.checkpoint, system, course.rule, problem, stop, watches, **words
+        )
+        kept = kept_choice(file, system)
+        if kept is not None:
+            return kept
     with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
         course.say = say
         unit = first_unit(course)
@@ -85,7 +97,10 @@ def choose_switched_steps(
             return None
         choice, pieces = found
         motion = _with_events(course, pieces, choice.motion, watches)
-        return replace(choice, motion=_every(motion, options.save_every))
+        choice = replace(choice, motion=_every(motion, options.save_every))
+    if file is not None:
+        keep(file, choice)
+    return choice
 
 
 def _possible(
@@ -95,15 +110,15 @@ def _possible(
     options: RunOptions,
     tol: float,
 ) -> bool:
-    every = range(1, 9)
-    known = [lobatto(k) for k in every[1:]] if system.structure.constraints else map(gauss, every)
+    made, known = (lobatto if system.structure.constraints else gauss), list(rules_for(system))
+    if not system.structure.nonholonomic:
+        known = [made(k) for k in range(2 if made is lobatto else 1, 9)]
     rows = () if problem.active_set is None else problem.active_set.rows
     return (
         problem.u.shape[1] == 1
         and len(rows) == system.structure.constraints
         and LEAST_TOL <= tol <= MOST_TOL
         and (rule is None or rule in known)
-        and options.checkpoint is None
         and options.on_failure == "raise"
         and options.backend != "interpreted"
         and frozen_scene(system) is not None
@@ -112,6 +127,8 @@ def _possible(
 
 def rules_for(system: System) -> dict[Rule, float]:
     """Rules that the pieces may be stepped by, with the work of a step."""
+    if system.structure.nonholonomic:
+        return {default_rule(system): 1.0}
     if system.structure.constraints:
         few = max((slope_size(system, j) for j in slidable(system)), default=0) > LARGE
         return {lobatto(k): (k - 1) ** 1.5 for k in (NODES[:1] if few else NODES)}
@@ -127,7 +144,7 @@ def _refined(
     assert frozen is not None
     needed = ANGLE * (max(radians, 1.0) * phase_error(rule) / tol) ** (1 / p)
     parts = FEWEST
-    while parts < needed / 2:
+    while parts < min(needed / 2, MOST / 16):
         parts *= 2
     before: tuple[int, list[Piece]] | None = None
     best: tuple[Choice, list[Piece]] | None = None
