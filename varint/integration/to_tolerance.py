@@ -21,6 +21,7 @@ from varint.integration.time_transformation.transformed_run import simulate_tran
 from varint.integration.time_transformation.variable_course import choose_varying_steps
 from varint.integration.tolerance import choose_steps, problem_with_steps
 from varint.integration.trajectories import subsample, with_stats
+from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.inputs import positive_integer
@@ -60,11 +61,14 @@ def simulate_to_tolerance(
         switched = choose_switched_steps(system, rule, problem, options, tol, stop, watches)
         if switched is not None:
             return with_estimate(switched.motion, switched, tol, began)
-    choice = choose_varying_steps(system, rule, problem, start, options, tol)
-    if choice is None:
-        choice = choose_steps(
-            system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
-        )
+    # scenes without switches are over before anyone could wait
+    wanted = options.progress if has_switches(system) else False
+    with notice(f"looking for the steps of tol={tol:g}", wanted):
+        choice = choose_varying_steps(system, rule, problem, start, options, tol)
+        if choice is None:
+            choice = choose_steps(
+                system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
+            )
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
         if choice.level:
