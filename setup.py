@@ -27,6 +27,7 @@ NAMES = (
     "uniform_",
     "sweep_",
     "sweep_explicit_",
+    "sweep_linear_",
     "rows_",
     "two_runs_",
     "few_steps_",

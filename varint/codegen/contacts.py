@@ -92,6 +92,9 @@ class Flight(NamedTuple):
     iterations : int
     residual : float
     seconds : float
+    located : array (2 + 5n,) or None
+        Of what ends a call BESIDE, where its instant is known: the time, whether the step ends
+        there, and q, p, v, rounding errors of q and p as they are before it.
     """
 
     status: int
@@ -104,6 +107,7 @@ class Flight(NamedTuple):
     iterations: int
     residual: float
     seconds: float
+    located: np.ndarray | None = None
 
 
 def contact_data(
@@ -184,7 +188,7 @@ def fly(
     many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
     state = state.copy()
     rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, 5 + 5 * n))
-    stats = np.zeros(4)  # as they are where there is no memory for the call
+    stats = np.zeros(7 + 5 * n)  # as they are where there is no memory for the call
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
     began = perf_counter()
@@ -211,4 +215,5 @@ def fly(
     made, struck, iterations = (int(x) for x in stats[:3])
     rows, hits = rows[:made].copy(), hits[:struck].copy()
     nodes = rows[:, 0].copy(), rows[:, 1].astype(int), rows[:, 2 : 2 + n], rows[:, 2 + n :]
-    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds)
+    located = stats[5:] if stats[4] else None
+    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds, located)

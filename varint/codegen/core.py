@@ -85,6 +85,13 @@ def explicit_sweep_entries() -> tuple[Callable, ...]:
 
 
 @cache
+def linear_sweep_entries() -> tuple[Callable, ...]:
+    """Tangents and adjoints of c/sweep_linear.c; raises CompileError as `gauss_loop` does."""
+    names = "{name}_linear_{level}"
+    return _entries("sweep_linear_core.c", ("tangents", "adjoints"), names, {})
+
+
+@cache
 def rows_entry() -> Callable[[bytes], int]:
     """c/rows_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("rows_core.c", ("rows",), "{name}_{level}", {})

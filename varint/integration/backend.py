@@ -131,7 +131,7 @@ def run_at_once(
     another loop must go on.
     """
     loop = _short_loop()
-    if short and not loop.is_short(kernel, problem.steps):
+    if short and not loop.is_short(kernel, problem.steps - problem.first):
         return None
     return loop.run_at_once(system, rule, problem, kernel)
 

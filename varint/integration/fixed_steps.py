@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from functools import cache
+from functools import cache, partial
 from time import perf_counter
 from types import ModuleType
 
@@ -11,6 +11,7 @@ from varint.integration.energy_check import SAMPLES
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.false_speed import false_speed
+from varint.integration.hard_steps import HardStep, until_hard
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.run import collect, short_run, start_run
@@ -56,7 +57,8 @@ def simulate_steps(
             few = _few_steps().motion_of_few_steps(*how)
         motion, quiet = few or (short_run(*how), False)
     if motion is None:
-        run = start_run(
+        begin = partial(
+            start_run,
             system,
             chosen,
             problem,
@@ -65,14 +67,18 @@ def simulate_steps(
             on_failure=asked.on_failure,
             file=file,
         )
-        motion = collect(
-            run,
+        end = partial(
+            collect,
             stop=stop,
             watches=watches,
             file=file,
             progress=asked.progress,
             on_failure=asked.on_failure,
         )
+        try:
+            motion = end(until_hard(begin()))
+        except HardStep as step:
+            motion = end(begin(by=step.kernel))
     if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)

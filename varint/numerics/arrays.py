@@ -250,10 +250,16 @@ def _rows(a: np.ndarray, count: int, whole: int) -> np.ndarray:
     return rows
 
 
+SAFE = 1e-200  # squares between this and its reciprocal neither vanish nor overflow
+
+
 def lengths(rows: np.ndarray) -> np.ndarray:
     """Euclidean lengths of the last axis, (…, n) → (…,), also where the squares would vanish or
     overflow.
     """
+    squares = (rows * rows).sum(axis=-1)
+    if rows.size and squares.min() > SAFE and squares.max() < 1 / SAFE:
+        return np.sqrt(squares)
     largest = np.abs(rows).max(axis=-1, initial=0.0)
     size = np.where(largest > 0, largest, 1.0)
     return size * np.sqrt(((rows / size[..., None]) ** 2).sum(axis=-1))
