@@ -101,7 +101,7 @@ def course_of(motion: Trajectory) -> Course:
         )
     if not motion.system.structure.contacts:
         return Course(_of_grid(motion), motion)
-    found = _of_contacts(motion)
+    found = _without_arrivals(_of_contacts(motion))
     require_no_touch(found, events_at_nodes(found) or {})
     return Course(found, motion)
 
@@ -201,6 +201,14 @@ def _of_contacts(motion: Trajectory) -> Trajectory:
     return trajectory_of(Run(motion.system, chosen, problem, blocks, iter(()), None, 0.0), blocks)
 
 
+def _without_arrivals(motion: Trajectory) -> Trajectory:
+    """Without the nodes before a blow that falls on the end of a step: the step ends behind it."""
+    events = events_at_nodes(motion) or {}
+    before = np.array([i - 1 for i in events if i and motion.t[i - 1] == motion.t[i]], dtype=int)
+    before = before[~np.isin(before, list(events))]
+    return motion if not len(before) else motion[np.delete(np.arange(len(motion)), before)]
+
+
 def _has_whole(motion: Trajectory, whole: np.ndarray) -> bool:
     """Whether every whole step between the ends has its node."""
     return bool(np.isin(np.arange(motion.k[0] + 1, motion.k[-1] + 1), motion.k[whole]).all())
@@ -221,10 +229,13 @@ def events_at_nodes(motion: Trajectory) -> dict[int, tuple[Event, ...]] | None:
         if not near:
             return None
         groups.setdefault(int(np.searchsorted(times, times[near[0]])), []).append(event)
-    found = {node: _in_turn(events) for node, events in groups.items()}
-    for node, events in found.items():
-        if tuple(motion.p[node]) != events[-1].p_after:
+    found = {}
+    for first, events in groups.items():
+        in_turn, last = _in_turn(events), int(np.searchsorted(times, times[first], side="right"))
+        behind = [i for i in range(first, last) if tuple(motion.p[i]) == in_turn[-1].p_after]
+        if not behind:
             return None
+        found[behind[0]] = in_turn
     return found
 
 
