@@ -31,6 +31,7 @@ from varint.sensitivities.pieces import (
     scene_of,
 )
 
+INSTANT = 1e-12  # of a step: what takes no longer takes no time
 NEAR = 4  # nodes before the time of an event, of which one is its own: that of a stop is when all
 # bounces are over
 
@@ -202,10 +203,14 @@ def _of_contacts(motion: Trajectory) -> Trajectory:
 
 
 def _without_arrivals(motion: Trajectory) -> Trajectory:
-    """Without the nodes before a blow that falls on the end of a step: the step ends behind it."""
-    events = events_at_nodes(motion) or {}
-    before = np.array([i - 1 for i in events if i and motion.t[i - 1] == motion.t[i]], dtype=int)
-    before = before[~np.isin(before, list(events))]
+    """Without the nodes before a blow that falls on the end of a step: the step ends with it. From
+    one side of the node to the other the discrete motion changes by the rule's error; this lies
+    between.
+    """
+    at = np.array(sorted(events_at_nodes(motion) or {}), dtype=int)
+    at = at[at > 1]
+    before = at[np.abs(motion.t[at] - motion.t[at - 1]) <= INSTANT * abs(motion.h)] - 1
+    before = before[~np.isin(before, at)]
     return motion if not len(before) else motion[np.delete(np.arange(len(motion)), before)]
 
 
