@@ -99,6 +99,15 @@ def rows_entry() -> Callable[[bytes], int]:
     return entry
 
 
+@cache
+def two_runs_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
+    """c/two_runs_core.c, and what takes its run; raises CompileError as `gauss_loop` does."""
+    entries = _entries("two_runs_core.c", ("two_runs", "take_run"), "{name}_{level}", {})
+    for entry in entries:
+        entry.argtypes, entry.restype = [c_char_p], c_int
+    return entries[0], entries[1]
+
+
 @lru_cache(maxsize=32)
 def stage_sweep_entries(lanes: int, vectors: int) -> tuple[Callable, ...]:
     """Tangents and adjoints of c/sweep_gauss.c for vectors of so many lanes, so many of them for

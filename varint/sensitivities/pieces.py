@@ -172,13 +172,12 @@ def run_once_more(
     if found is not None and len(found.rows) == k1 - k0 + 1:
         rows, end = found.rows.reshape(k1 - k0 + 1, -1), 2 * motion.q.shape[1]
         return rows[:, :end], rows[:, end:], times_of(motion, a, np.arange(k0, k1))
-    blocks = _blocks(scene, motion.rule, problem, kernel)
-    x, t = np.concatenate([part for part, _ in blocks]), times_of(motion, a, np.arange(k0, k1 + 1))
-    parts = [v for _, v in blocks[1:] if v is not None]
-    if len(parts) < len(blocks) - 1:
+    x, told = nodes_with_velocities(scene, motion.rule, problem, kernel)
+    t = times_of(motion, a, np.arange(k0, k1 + 1))
+    if told is None:
         return x, velocities(scene, x, t, motion.c), t[:-1]
     begin = velocities(scene, x[:1], t[:1], motion.c)
-    return x, np.concatenate([begin, *parts]), t[:-1]
+    return x, np.concatenate([begin, told]), t[:-1]
 
 
 def times_of(motion: Trajectory, a: int, k: np.ndarray) -> np.ndarray:
@@ -228,6 +227,16 @@ def all_nodes(
         If a step cannot be solved.
     """
     return np.concatenate([x for x, _ in _blocks(scene, rule, problem, kernel)])
+
+
+def nodes_with_velocities(
+    scene: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """`all_nodes`, and v at all but the first, None where the loop does not tell it."""
+    blocks = _blocks(scene, rule, problem, kernel)
+    parts = [v for _, v in blocks[1:] if v is not None]
+    told = len(parts) == len(blocks) - 1
+    return np.concatenate([x for x, _ in blocks]), np.concatenate(parts) if told else None
 
 
 def _blocks(
