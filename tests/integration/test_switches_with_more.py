@@ -286,3 +286,23 @@ def test_a_checkpoint_holds_a_run_with_switches_once_it_has_ended(tmp_path, monk
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(vi.InputError, match="torn"):
         vi.simulate(scene, **call, checkpoint=path)
+
+
+def test_arcs_that_become_shorter_and_shorter_end_in_rest():
+    """x'' = −sign x − μ sign x': every half swing takes √((1−μ)/(1+μ)) of the one before."""
+    q, v = vi.coordinates("x")
+    scene = vi.System(q, v, v**2 / 2 - ca.fabs(q), force=-RUB * ca.sign(v))
+    motion = vi.simulate(scene, q0=1.0, v0=0.0, duration=30.0)
+    slow, fast = 1 - RUB, 1 + RUB
+    out, back, shrink = 1 / fast, 1 / np.sqrt(slow * fast), np.sqrt(slow / fast)
+    speed = np.sqrt(2 * slow)
+    end = speed / slow + speed * (out + back) / (1 - shrink)
+    assert motion.t[-2] == pytest.approx(end, abs=1e-9)
+    assert motion.t[-1] == 30.0
+    assert abs(motion.q[-1, 0]) < 1e-18
+    assert motion.v[-1, 0] == 0.0
+    # turning points: (1 − μ)/(1 + μ) of the one before
+    turns = np.abs(motion.q[1:-1, 0])[np.abs(motion.v[1:-1, 0]) < 1e-15]
+    assert turns[:20] == pytest.approx((slow / fast) ** np.arange(1, 21), rel=1e-9)
+    assert motion.stats["error_estimate"] < TOL
+    assert motion.at([20.0]).q[0, 0] == pytest.approx(0.0, abs=1e-18)

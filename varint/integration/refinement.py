@@ -31,7 +31,7 @@ SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
-ENOUGH = 2**20  # steps over forces that jump, where more would not do
+ENOUGH = 2**18  # steps over forces that jump, where more would not do
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
