@@ -7,6 +7,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from machines import plane_chain
 from scipy.integrate import solve_ivp
 
 import varint as vi
@@ -306,3 +307,24 @@ def test_arcs_that_become_shorter_and_shorter_end_in_rest():
     assert turns[:20] == pytest.approx((slow / fast) ** np.arange(1, 21), rel=1e-9)
     assert motion.stats["error_estimate"] < TOL
     assert motion.at([20.0]).q[0, 0] == pytest.approx(0.0, abs=1e-18)
+
+
+def test_a_machine_with_dry_hinges_moves_as_the_scene_written_by_hand():
+    """Machines bring their mass matrix and v(p) along (`System.kinetics`)."""
+    machine = plane_chain(2).system()
+    force = machine.force - 1.5 * ca.sign(machine.v)
+    scene = vi.System(
+        machine.q,
+        machine.v,
+        machine.lagrangian,
+        force=force,
+        params=machine.params,
+        kinetics=machine.kinetics,
+    )
+    assert scene.kinetics is not None
+    by_hand = hinges(2, 1.5, relative=True)
+    one, other = (
+        vi.simulate(x, q0=[1.0, 0.5], v0=[0.0, 0.0], duration=3.0) for x in (scene, by_hand)
+    )
+    assert one.stats["switches"] == other.stats["switches"] >= 5
+    assert np.abs(one.at(other.t).q - other.q).max() < 1e-11
