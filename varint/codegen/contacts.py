@@ -4,7 +4,6 @@ and these as data beside it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from ctypes import Structure, c_double, c_int64, c_void_p, cast
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.codegen.arguments import c_source, packing
+from varint.codegen.arguments import c_names, c_number, c_source, packing
 from varint.codegen.block import block_of, start_of
 from varint.codegen.core import contacts_entry
 from varint.codegen.graph import NotCompilable
@@ -25,21 +24,13 @@ from varint.codegen.source import routines
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _SOURCE = c_source("contacts.c")
-MOST_STEPS, FEW_STEPS = (  # between two looks at the gaps, and before the first
-    int(re.search(rf"#define {name} +(\d+)", _SOURCE)[1])  # type: ignore[index]
-    for name in ("MOST_STEPS", "FEW_STEPS")
-)
+# between two looks at the gaps, and before the first
+MOST_STEPS, FEW_STEPS = (c_number(_SOURCE, name) for name in ("MOST_STEPS", "FEW_STEPS"))
 MOST_ROWS, MOST_HITS = 20_000, 2_000  # of a call
 Expressions = Mapping[str, tuple[list[ca.SX], list[ca.SX]]]
 
 
-def _endings() -> list[str]:
-    found = re.search(r"enum Ended \{(.*?)\}", _SOURCE)
-    assert found is not None
-    return [name.strip() for name in found[1].split(",")]
-
-
-Ended = IntEnum("Ended", _endings(), start=0)  # type: ignore[misc]  # how a call ends
+Ended = IntEnum("Ended", c_names(_SOURCE, "enum Ended {"), start=0)  # type: ignore[misc]  # how a call ends
 ENDED, FULL, BESIDE = Ended
 
 

@@ -185,8 +185,8 @@ def run_loop(
             block[kept + 1 : kept + 1 + told.size] = told[0]
     else:
         block[kept:noted] = carry
-    address = _address(block)
-    controls = 0 if u is None else _address(u)
+    address = address_of(block)
+    controls = 0 if u is None else address_of(u)
     results = (address + 8 * place for place in (rows, kept, stats))
     began = perf_counter()
     status = kernel.entry(
@@ -271,14 +271,15 @@ def take_part(
     block[size + 1 : opening] = c
     if told.size:
         block[opening:rows] = told[0]
-    address = _address(block)
+    address = address_of(block)
     starts = (0, at, size, size + 1, opening, opening, rows, good)
     places = [address + 8 * i for i in starts]
     kernel.parts(_PARTS.pack(1, told.size, 0, FIXED_POINT_ITERATIONS, *places, kernel.scene))
     return block[rows:good].reshape(3, n) if block[good:].view(np.int64)[0] > 0 else None
 
 
-def _address(array: np.ndarray) -> int:
+def address_of(array: np.ndarray) -> int:
+    """Where the numbers of an array begin."""
     if not array.flags.writeable:
         return array.ctypes.data
     return addressof(c_char.from_buffer(array.data))  # a third of the time of ndarray.ctypes

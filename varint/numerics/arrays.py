@@ -177,7 +177,7 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
             raise AssertionError(
                 f"{function.name()}: inputs have {[a.size for a in arguments]} numbers, not {sizes}"
             )
-        if inputs:
+        if inputs and size:
             # faster than [:]
             memory[...] = argument if argument.ndim == 1 else argument.reshape(-1)
     if inputs is None:
@@ -185,7 +185,10 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
         _hand_over(prepared.buffer, arguments, outputs)
         prepared.run(outputs)
         return outputs
-    prepared.run(outputs)
+    if prepared.fails:
+        prepared.run(outputs)
+    else:
+        prepared.trigger()
     return [memory.copy() for memory in outputs]
 
 

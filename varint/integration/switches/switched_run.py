@@ -50,7 +50,6 @@ FAILURES = 3  # numbers of steps that do not come to the end, after which it is 
 MOST_DOUBLINGS = 4  # of the steps at a time
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
 CLOCKS = 4.0  # round-off of a time, in units of it
-LOOKS = 20_000  # times at which forces are looked at for what steps pass over
 STAGES, NODES = (2, 4, 6, 8), (3, 5, 7)
 # operations of the slopes of what holds, beyond which a loop of many unknowns takes long to write
 LARGE = 1000
@@ -171,7 +170,7 @@ def _refined(
         rounded = _floor(motion, len(pieces), scales)
         estimate = max(apart * left / (1 - left), rounded)
         if estimate <= tol and not frozen.system.structure.autonomous:
-            estimate = max(estimate, missed_impulse(system, rule, motion, scales, LOOKS))
+            estimate = max(estimate, missed_impulse(system, rule, motion, scales, tol))
         found = Choice(rule, len(motion) - 1, motion, estimate, runs, estimate <= tol)
         if best is None or estimate < best[0].estimate:
             best = found, pieces
