@@ -261,9 +261,10 @@ LARGE void rescale(double *scale, double *seen) {
         most = fmax(most, scale[d] * root[d]);
         seen[d] = seen[N + d] = 0;
     }
+    const double least = fmax(SMALLEST * most, UNKNOWN); /* of what has come to rest: sizes that vanish divide zero by zero */
     for (int d = 0; d < N; d++) {
-        scale[d] = fmax(scale[d], SMALLEST * most / root[d]);
-        scale[N + d] = fmax(scale[N + d], SMALLEST * most * root[d]);
+        scale[d] = fmax(scale[d], least / root[d]);
+        scale[N + d] = fmax(scale[N + d], least * root[d]);
     }
 }
 
