@@ -27,6 +27,7 @@ from varint.integration.gears import (
     gears_with,
     kernel_after,
     kernel_now,
+    native_loop,
     newton,
 )
 from varint.integration.interpreted_loop import interpreted_blocks
@@ -63,7 +64,7 @@ def native_kernel(system: System, rule: Rule) -> Kernel:
     NotCompilable, CompileError
         If there is none.
     """
-    return scheme_of(system, rule).native(system, rule)
+    return native_loop(system, rule, scheme_of(system, rule))
 
 
 @per_scene

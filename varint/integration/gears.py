@@ -7,6 +7,7 @@ cache holds or on what ran before. The compiler works in a process of its own me
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from varint.codegen.kernel import Kernel
 from varint.codegen.native import native_explicit, native_gauss
 from varint.codegen.source import Source
 from varint.integration.cost import compiling_seconds
+from varint.numerics.progress import notice
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -26,6 +28,7 @@ from varint.scene.system import System
 # of the compiler's predicted time: what must have been spent, or be ahead, before the source is
 # written and looked for in the cache, and before the compiler is started
 LOOK, START = 0.1, 0.5
+MANY = 24  # coordinates from which on arranging a scene's operations may take seconds
 
 
 class Scheme(NamedTuple):
@@ -82,10 +85,21 @@ def gears_of(system: System, rule: Rule, scheme: Scheme) -> Gears | None:
     is neither a loop that was built with the package nor a compiler.
     """
     try:
-        low = scheme.native(system, rule)
+        low = native_loop(system, rule, scheme)
     except (NotCompilable, CompileError):
         return None
     return Gears(system, rule, scheme, replace(low))  # not that of backend="native"
+
+
+def native_loop(system: System, rule: Rule, scheme: Scheme) -> Kernel:
+    """The low gear; raises NotCompilable, CompileError."""
+    with _said(system, f"arranging the operations of {system.structure.n} coordinates"):
+        return scheme.native(system, rule)
+
+
+def _said(system: System, what: str) -> AbstractContextManager[None]:
+    """Nobody waits for small scenes."""
+    return notice(what) if system.structure.n >= MANY else nullcontext()
 
 
 @per_scene
@@ -129,7 +143,8 @@ def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
 def _prepare(gears: Gears, start: bool) -> None:
     """Take the compiled loop from the cache; where it is not there, start the compiler."""
     try:
-        source = gears.scheme.source(gears.system, gears.rule)
+        with _said(gears.system, "writing the operations as C"):
+            source = gears.scheme.source(gears.system, gears.rule)
         if in_cache(source.text, source.contraction):
             _shift(gears)
         elif start:
