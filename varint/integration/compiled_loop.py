@@ -10,7 +10,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
-from varint.codegen.frozen import no_whole_derivatives
+from varint.codegen.frozen import no_whole_derivatives, stiff_tree
 from varint.codegen.gauss import gauss_form
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
@@ -114,6 +114,7 @@ def compiled_blocks(
     scheme, cautious = newton() if kernel.opening else scheme_of(system, rule), False
     by_stages = scheme is BY_STAGES
     no_other_way = scheme is EXPLICIT or no_whole_derivatives(system)
+    stiff = by_stages and stiff_tree(system)
     gears = gears_with(system, rule, scheme, kernel)
     piloted = by_stages and at is None and not no_other_way
     most = first_piece(kernel, piloted)
@@ -141,7 +142,9 @@ def compiled_blocks(
         # compositions have no other way, and whole derivatives of large machines take minutes;
         # else, where an iteration fails or overflows, Newton's method or the
         # interpreted loop may not
-        goes_on = part.status != DONE and not no_other_way
+        goes_on = part.status != DONE and (
+            not no_other_way or (stiff and _newton_in_gear(system, rule) is not None)
+        )
         if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:
