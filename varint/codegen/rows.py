@@ -9,6 +9,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.codegen.arguments import DONE
 from varint.codegen.block import block_of, start_of
 from varint.codegen.cache import CompileError
 from varint.codegen.core import rows_entry
@@ -62,7 +63,7 @@ class RowFunction(NamedTuple):
             found.append(block[first : first + count * width].reshape(count, width))
             first += count * width
         where = constants.__array_interface__["data"][0]
-        self.entry(
+        status = self.entry(
             _LAYOUT.pack(
                 count,
                 where,
@@ -77,6 +78,8 @@ class RowFunction(NamedTuple):
                 *rest,
             )
         )
+        if status != DONE:
+            raise MemoryError(f"no memory for a function at {count} points")
         return found
 
 

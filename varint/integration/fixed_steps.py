@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from time import perf_counter
 
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.false_speed import false_speed
+from varint.integration.hard_steps import HardStep, until_hard
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.run import collect, short_run, start_run
@@ -47,7 +49,8 @@ def simulate_steps(
     if unwatched and asked.on_failure == "raise":
         motion = short_run(system, chosen, problem, began, asked.backend)
     if motion is None:
-        run = start_run(
+        begin = partial(
+            start_run,
             system,
             chosen,
             problem,
@@ -56,14 +59,18 @@ def simulate_steps(
             on_failure=asked.on_failure,
             file=file,
         )
-        motion = collect(
-            run,
+        end = partial(
+            collect,
             stop=stop,
             watches=watches,
             file=file,
             progress=asked.progress,
             on_failure=asked.on_failure,
         )
+        try:
+            motion = end(until_hard(begin()))
+        except HardStep as step:
+            motion = end(begin(by=step.kernel))
     if alarm := energy_alarm(motion) or false_speed(motion):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)

@@ -11,6 +11,7 @@
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RENEWED 8   /* corrections by one frozen matrix: from a start that was far off, the next one is nearer */
+#define EASY 4      /* iterations of a step after which the next begins with what several steps continue, which leads far where steps are long */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
 
 /* Numbers of a node, of a note, and of what is carried along: the largest pivot and the last nodes; see folds.h. */
@@ -393,6 +394,7 @@ int run(const RunArguments *a) {
             for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
             y[0] = oldest;
             *state.known += *state.known < HISTORY;
+            if (!FROZEN && count > EASY && *state.known > 1) *state.known = 1;
         }
         *state.age += 1;
         if ((int64_t)*state.age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);

@@ -2,28 +2,11 @@
 #define NAMED(name, level) name##_##level
 #define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
 #define rows WITH_ALL(rows, LEVEL)
-#ifdef __AVX512F__
-#define LANES 8
-#elif defined(__AVX2__)
-#define LANES 4
-#else
-#define LANES 2
-#endif
+#include "widest.h"
 #include "lanes.h"
 #include "run.h"
 #include "tape.h"
-#define MOST_ARGUMENTS 8
-
-/* varint/codegen/rows.py has the same layout */
-typedef struct {
-    int64_t count;                          /* points */
-    const double *c;                        /* parameters */
-    const void *scene;                      /* a Tape */
-    const double *arguments[MOST_ARGUMENTS]; /* component k of argument i at point r: arguments[i][r apart[i] + k] */
-    int64_t apart[MOST_ARGUMENTS];           /* 0 where all points have the same */
-    double *results[MOST_ARGUMENTS];         /* results[j][r widths[j] + k] */
-    int64_t widths[MOST_ARGUMENTS];
-} RowsArguments;
+#include "rows.h"
 
 int rows(const RowsArguments *a) {
     const Tape *const tape = a->scene;

@@ -4,13 +4,7 @@
 #define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
 #define tangents WITH_ALL(tangents_explicit, LEVEL)
 #define adjoints WITH_ALL(adjoints_explicit, LEVEL)
-#if defined(__AVX512F__)
-#define LANES 8
-#elif defined(__AVX2__)
-#define LANES 4
-#else
-#define LANES 2
-#endif
+#include "widest.h"
 #include "lanes.h"
 #include "run.h"
 #include "tape.h"
