@@ -7,6 +7,7 @@ import pytest
 
 import varint as vi
 import varint.multibody as mb
+from varint.codegen import frozen
 from varint.codegen.gauss import gauss_scheme
 from varint.integration import gears
 from varint.numerics import progress
@@ -40,6 +41,15 @@ def test_a_machine_of_many_motors_runs_as_data():
     assert abs(native.q[-1] - native.q[0]).max() > 1e-3
     # the compiler's source is made of what the data were made of
     assert gauss_scheme(scene, 2) is gauss_scheme(scene, 2, gauss_scheme(scene, 2).form)
+
+
+def test_the_plan_of_a_machine_says_what_its_loop_in_c_does(monkeypatch):
+    few, many = str(vi.plan(branched(3).system())), str(vi.plan(branched(24).system()))
+    assert "no matrix; Newton's method where that fails" in few and "no matrix\n" in many
+    monkeypatch.setattr(frozen, "LARGE_TREE", 2)
+    world = branched(2)
+    world.spring("link0", "link1", stiffness=1.0)
+    assert "stiffness and damping in the middle of the step" in str(vi.plan(world.system()))
 
 
 @pytest.mark.long

@@ -14,14 +14,16 @@ from typing import NamedTuple
 
 from varint.codegen.cache import Compilation, CompileError, begin_compilation, finished, in_cache
 from varint.codegen.explicit import explicit_kernel, explicit_source
-from varint.codegen.gauss import gauss_kernel, gauss_source
+from varint.codegen.gauss import gauss_form, gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import native_explicit, native_gauss
+from varint.codegen.solution import CLOSED
 from varint.codegen.source import Source
 from varint.integration.cost import compiling_seconds
 from varint.numerics.progress import notice
-from varint.rules.rule import Rule
+from varint.rules.polynomials import MOST_STAGES
+from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
@@ -50,6 +52,23 @@ def newton() -> Scheme:
     from varint.codegen.newton import newton_kernel, newton_source
 
     return Scheme(native_newton, newton_source, newton_kernel)
+
+
+@per_scene
+def scheme_of(system: System, rule: Rule) -> Scheme:
+    """Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss
+    rules, which beats Newton's method by far except for the midpoint rule in few coordinates
+    (double pendulum: 0.35 against 0.16 µs a step); else Newton's method.
+    """
+    s = system.structure
+    if rule.kicks and s.explicit:
+        return EXPLICIT
+    few = rule == gauss(1) and s.n <= CLOSED
+    return BY_STAGES if _has_stages(system, rule) and not s.linear and not few else newton()
+
+
+def _has_stages(system: System, rule: Rule) -> bool:
+    return rule == gauss(min(len(rule.nodes), MOST_STAGES)) and bool(gauss_form(system))
 
 
 @dataclass(eq=False)
@@ -97,7 +116,7 @@ def native_loop(system: System, rule: Rule, scheme: Scheme) -> Kernel:
         return scheme.native(system, rule)
 
 
-def _said(system: System, what: str) -> AbstractContextManager[None]:
+def _said(system: System, what: str) -> AbstractContextManager[object]:
     """Nobody waits for small scenes."""
     return notice(what) if system.structure.n >= MANY else nullcontext()
 
