@@ -7,6 +7,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from machines import plane_chain
 from scipy.integrate import solve_ivp
 
 import varint as vi
@@ -286,3 +287,44 @@ def test_a_checkpoint_holds_a_run_with_switches_once_it_has_ended(tmp_path, monk
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(vi.InputError, match="torn"):
         vi.simulate(scene, **call, checkpoint=path)
+
+
+def test_arcs_that_become_shorter_and_shorter_end_in_rest():
+    """x'' = −sign x − μ sign x': every half swing takes √((1−μ)/(1+μ)) of the one before."""
+    q, v = vi.coordinates("x")
+    scene = vi.System(q, v, v**2 / 2 - ca.fabs(q), force=-RUB * ca.sign(v))
+    motion = vi.simulate(scene, q0=1.0, v0=0.0, duration=30.0)
+    slow, fast = 1 - RUB, 1 + RUB
+    out, back, shrink = 1 / fast, 1 / np.sqrt(slow * fast), np.sqrt(slow / fast)
+    speed = np.sqrt(2 * slow)
+    end = speed / slow + speed * (out + back) / (1 - shrink)
+    assert motion.t[-2] == pytest.approx(end, abs=1e-9)
+    assert motion.t[-1] == 30.0
+    assert abs(motion.q[-1, 0]) < 1e-18
+    assert motion.v[-1, 0] == 0.0
+    # turning points: (1 − μ)/(1 + μ) of the one before
+    turns = np.abs(motion.q[1:-1, 0])[np.abs(motion.v[1:-1, 0]) < 1e-15]
+    assert turns[:20] == pytest.approx((slow / fast) ** np.arange(1, 21), rel=1e-9)
+    assert motion.stats["error_estimate"] < TOL
+    assert motion.at([20.0]).q[0, 0] == pytest.approx(0.0, abs=1e-18)
+
+
+def test_a_machine_with_dry_hinges_moves_as_the_scene_written_by_hand():
+    """Machines bring their mass matrix and v(p) along (`System.kinetics`)."""
+    machine = plane_chain(2).system()
+    force = machine.force - 1.5 * ca.sign(machine.v)
+    scene = vi.System(
+        machine.q,
+        machine.v,
+        machine.lagrangian,
+        force=force,
+        params=machine.params,
+        kinetics=machine.kinetics,
+    )
+    assert scene.kinetics is not None
+    by_hand = hinges(2, 1.5, relative=True)
+    one, other = (
+        vi.simulate(x, q0=[1.0, 0.5], v0=[0.0, 0.0], duration=3.0) for x in (scene, by_hand)
+    )
+    assert one.stats["switches"] == other.stats["switches"] >= 5
+    assert np.abs(one.at(other.t).q - other.q).max() < 1e-11

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import struct
-from ctypes import c_void_p, cast
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import DONE
-from varint.codegen.core import rows_entry, two_runs_entries
+from varint.codegen.core import two_runs_entries
+from varint.codegen.few_steps import Entries, entries_of
 from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
@@ -24,12 +24,7 @@ PROVED, NOT_PROVED, NOT_SHORT = range(3)
 class Course(NamedTuple):
     """What runs, and how its errors are measured; see `course_of`."""
 
-    n: int
-    carry: int
-    scene: int
-    run: int
-    rows: int
-    energy: int
+    entries: Entries
     limits: int
     body: int
     turns: int
@@ -75,22 +70,15 @@ def course_of(
         If the loop was not built with the package and cannot be compiled.
     """
     two_runs_entries()
-    entries: tuple[Any, ...] = (kernel.entry, rows_entry())
-    run, rows = (cast(entry, c_void_p).value or 0 for entry in entries)
     return Course(
-        kernel.n,
-        kernel.carry_size,
-        kernel.scene,
-        run,
-        rows,
-        energy.at,
+        entries_of(kernel, energy),
         address_of(limits),
         address_of(body),
         address_of(turns),
         order,
         int(linear),
         *pieces,
-        (kernel, energy, limits, body, turns),
+        (limits, body, turns),
     )
 
 
@@ -138,16 +126,16 @@ def two_runs(
         How far the fastest small motions turn.
     tol : float
     """
-    n = course.n
+    entries, n = course.entries, course.entries.n
     room = np.concatenate((q0, p0, mass, _NOTHING, c))
     at, (many, take) = address_of(room), two_runs_entries()
     found = at + 24 * n
     status = many(
         _ASKED.pack(
-            course.run,
-            course.scene,
-            course.rows,
-            course.energy,
+            entries.run,
+            entries.scene,
+            entries.rows,
+            entries.energy,
             course.limits,
             at,
             found + _FOUND.size,
@@ -156,7 +144,7 @@ def two_runs(
             course.turns,
             found,
             n,
-            course.carry,
+            entries.carry,
             course.order,
             first,
             course.linear,

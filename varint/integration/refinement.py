@@ -32,6 +32,7 @@ NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but th
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
 ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
+HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
@@ -105,7 +106,7 @@ def refine(
             if found.estimate <= tol:
                 return found
             hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
-            if hopeless and steps >= ENOUGH and has_steps(system):
+            if hopeless and steps >= HOPELESS and has_steps(system):
                 break
             more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
             steps = (

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.integration.switches.accelerations import acceleration, rate_of
+from varint.integration.switches.accelerations import acceleration, push_without_force, rate_of
 from varint.integration.switches.frozen import FrozenScene, frozen_scene, with_force
 from varint.integration.switches.holding import force_by_numbers, held_force
 from varint.integration.switches.timetable import timed
@@ -99,6 +99,8 @@ def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene |
     frozen = _frozen(system)
     if not sliding:
         return _watched(system, frozen.system, {})
+    if not set(sliding) <= set(slidable(system)):
+        return _resting(system)
     if many_may_hold(system):
         every = _any_held(system)
         return every and _of_those(every, slidable(system), sliding)
@@ -107,6 +109,22 @@ def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene |
         return None
     shares = dict(zip(sliding, ca.vertsplit(force[1]), strict=True))
     return _watched(system, with_force(frozen.system, force[0]), shares, sliding)
+
+
+@per_system
+def _resting(system: System) -> BranchScene:
+    """The scene of one coordinate in which nothing pushes, at rest where switches meet that hold it
+    together.
+    """
+    s = _frozen(system).system
+    moving = with_force(s, -push_without_force(s))
+    inputs, nothing = [s.q, s.v, s.t, s.c], ca.SX(0, 1)
+    sigma = _frozen(system).sigma
+    margins, ahead, shares = (
+        _function("resting", inputs, outputs)
+        for outputs in ([nothing, nothing], [sigma, 0 * sigma], [nothing])
+    )
+    return BranchScene(moving, (), margins, ahead, shares, ())
 
 
 @per_system

@@ -26,6 +26,7 @@ from varint.integration.switches.drive import drive_frequency, fastest_small_mot
 from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
 from varint.integration.switches.next_branch import first_branch, next_branch
 from varint.integration.switches.timetable import timed
+from varint.integration.switches.zeno import ARCS, rest_after
 from varint.numerics.arrays import call
 from varint.results.records import State
 from varint.scene.system import System
@@ -49,6 +50,8 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
     begin, total = problem.t0, problem.h
     clocks = timed(system).places
     q, p, t, row, short, nodes = problem.q0, problem.p0, begin, 0, 0, 0
+    lately: list[Piece] = []
+    passed_by: list[int] = []
     branch = first_branch(course)
     for _ in range(MOST_PIECES):
         scene = branch and branch_scene(system, branch.sliding)
@@ -66,6 +69,12 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
             break
         piece, crossed = found
         yield piece
+        if crossed is not None:
+            lately, passed_by = [*lately, piece][-ARCS:], [*passed_by, crossed[0]][-ARCS:]
+            rest = rest_after(course, lately, passed_by) if row == len(times) else None
+            if rest is not None:
+                yield rest
+                return
         short = short + 1 if abs(piece.t[-1] - t) < CROWDED * abs(total) else 0
         nodes += len(piece.t)
         t, (q, p, v) = float(piece.t[-1]), piece.states[-1]

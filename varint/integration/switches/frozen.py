@@ -45,12 +45,10 @@ class FrozenScene(NamedTuple):
 @per_system
 def frozen_scene(system: System) -> FrozenScene | None:
     """The scene with its switches as parameters; None where it has none, or more than forces and
-    potentials switch, or it has contacts or known kinetics.
+    potentials switch, or it has contacts or no masses.
     """
     s = system
-    if s.contact.numel() or s.kinetics:
-        return None
-    if s.structure.degenerate:
+    if s.contact.numel() or s.structure.degenerate:
         return None
     inputs = [s.q, s.v, s.t, s.c, s.control]
     operations = operations_of(ca.Function("scene", inputs, [s.lagrangian, ca.densify(s.force)]))
@@ -101,6 +99,7 @@ def _smooth(system: System, lagrangian: ca.SX, force: ca.SX, params: Parameters 
         nonholonomic=s.nonholonomic,
         params=params,
         t=s.t,
+        kinetics=s.kinetics,
         rays=s.rays,
     )
 

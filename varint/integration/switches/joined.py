@@ -127,7 +127,9 @@ def between_nodes(system: System, rule: Rule, arrays: dict[str, np.ndarray]) -> 
     if not all(x.dtype.kind == "f" and np.isfinite(x).all() for x in (t, q, p, values, controls)):
         raise InputError("the switches are not finite")
     sliding = [tuple(np.flatnonzero(row).tolist()) for row in held]
-    if any(j not in slidable(system) for held_ones in sliding for j in held_ones):
+    may_hold = slidable(system) if n > 1 else range(frozen.s.numel())  # or rest, see zeno.py
+    known = all(j in may_hold for held_ones in sliding for j in held_ones)
+    if not known or values[held != 0].any():
         raise InputError("a switch that holds the motion is none that can")
     branches = map(Branch, map(tuple, values.tolist()), sliding, map(tuple, controls.tolist()))
     return BetweenNodes(rule, t, q, p, branch.astype(int), tuple(branches))
