@@ -6,9 +6,10 @@ as its neighbour, in the length
     ∫ √(|dq/R_q|² + |dp/R_p|² + (dt/R_t)²)
 
 of the path among coordinates, momenta and time, by its control points (equidistribution; Ascher,
-Mattheij & Russell, Numerical Solution of Boundary Value Problems, §9.1). A path that passes a centre of attraction
-closely stays resolved there while Newton's method bends it, and a first path of the right shape
-that comes there too early or too late is near the true one: on fixed nodes it is far away.
+Mattheij & Russell, Numerical Solution of Boundary Value Problems, §9.1). A path that passes a
+centre of attraction closely stays resolved there while Newton's method bends it, and a first path
+of the right shape that comes there too early or too late is near the true one: on fixed nodes it is
+far away.
 """
 
 from __future__ import annotations
