@@ -51,3 +51,12 @@ def test_segments_that_grow_and_shrink_by_many_orders_lose_nothing():
     left = chain.matrix @ found - chain.whole_right
     assert np.abs(left).max() < 1e-11 * np.abs(found).max()
     assert np.linalg.norm(np.linalg.multi_dot(list(chain.here))) > 1e15
+
+
+@pytest.mark.parametrize("growth", [30.0, 300.0])
+def test_what_is_left_is_as_regular_as_the_whole(growth):
+    """Else directions would be taken for undetermined where rows went through growing segments."""
+    chain = links(10, 4, 3, 3, growth)
+    whole = chain.matrix / np.linalg.norm(chain.matrix, axis=1)[:, None]
+    values = condensed(chain).parts[1], np.linalg.svd(whole, compute_uv=False)
+    assert values[0][-1] / values[0][0] > 0.1 * values[1][-1] / values[1][0]

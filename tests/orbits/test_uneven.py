@@ -81,7 +81,7 @@ def test_a_narrow_ellipse_of_kepler_has_keplers_period():
 
 @pytest.mark.long
 def test_a_family_towards_a_collision_takes_as_many_steps_at_its_end_as_at_its_beginning(close):
-    found = orbits.family(close, most=30, progress=False)
+    found = orbits.family(close, most=60, progress=False)
     nearest = [np.linalg.norm(one.motion.q, axis=1).min() for one in (found[0], found[-1])]
     assert nearest[1] < nearest[0] / 20
     assert found[-1].steps < 4 * found[0].steps < MOST_STEPS

@@ -9,9 +9,9 @@ import numpy as np
 from varint.errors import ConvergenceError
 from varint.orbits.bifurcations import Point, passing, point_of
 from varint.orbits.continuation import (
-    HASTY,
     PATIENT,
     at_value,
+    hasty,
     quantity,
     remeshed,
     same_way,
@@ -43,7 +43,7 @@ def next_point(
     here: Point, before: Point | None, step: float, curve: Curve
 ) -> tuple[Point, float, float] | None:
     """The next point, the arclength to it, and the next step; None where every step fails."""
-    made = _by(HASTY, here, before, step, curve)
+    made = _by(hasty(here.orbit.shooting), here, before, step, curve)
     return _by(PATIENT, here, None, step, curve) if made is None else made
 
 
@@ -118,7 +118,7 @@ def exactly(
 ) -> tuple[Point, float]:
     """The point at which the quantity has its last value, and the arclength to it."""
     try:
-        return _between(HASTY, here, beyond, length, to, curve)
+        return _between(hasty(here.orbit.shooting), here, beyond, length, to, curve)
     except ConvergenceError:
         return _between(PATIENT, here, beyond, length, to, curve)
 

@@ -156,4 +156,6 @@ def condensed(links: Links) -> Condensed:
         else:
             first = first - carried
     matrix = np.block([[begin + end, side], [first, corner]])
-    return Condensed(matrix, np.append(rest, below), tuple(inner))
+    size = np.linalg.norm(matrix, axis=1)
+    size = np.where(size > 0, size, 1.0)  # rows across have grown with what they went through
+    return Condensed(matrix / size[:, None], np.append(rest, below) / size, tuple(inner))

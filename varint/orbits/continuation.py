@@ -26,13 +26,17 @@ from varint.orbits.orbit import Orbit
 from varint.orbits.periodic import orbit_of
 from varint.orbits.phase import units_of
 from varint.orbits.predict import ahead
-from varint.orbits.shooting import Iterate, Linear, Shooting, hasty_runs, linearise, runs
+from varint.orbits.shooting import Iterate, Linear, Shooting, linearise, run_for_trials, runs
 
 NULL = 1e-11  # of the largest singular value: further null vectors, at a branch point
 NEWTON_STEPS = 8  # of a continuation step: more mean that it was too long
 CONTRACTS = 0.5  # of Newton's corrections: more mean so after two (Deuflhard, Newton Methods, 5.1)
 PATIENT = Patience(NEWTON_STEPS, HALVINGS, np.inf, runs)
-HASTY = Patience(NEWTON_STEPS, 1, CONTRACTS, hasty_runs)
+
+
+def hasty(shooting: Shooting) -> Patience:
+    """For steps that are made shorter where Newton's method does not converge at once."""
+    return Patience(NEWTON_STEPS, 1, CONTRACTS, run_for_trials(shooting))
 
 
 def linear_of(orbit: Orbit, curve: Curve) -> Linear:
@@ -253,7 +257,7 @@ def remeshed(orbit: Orbit, curve: Curve, tol: float) -> Orbit | None:
         i = places.get(part)
         return None if i is None else orbit.at.x[i]
 
-    mesh = uneven(orbit.shooting, orbit.at, known, tol)
+    mesh = uneven(orbit.shooting, orbit.at, known, tol, run_for_trials(orbit.shooting))
     if mesh is None or len(mesh.parts) * EACH > WORTH * orbit.steps:
         return None
     shooting, by = meshed(orbit.shooting, mesh), measures(orbit, curve)

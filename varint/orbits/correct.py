@@ -14,6 +14,7 @@ from varint.orbits.phase import Units, on_manifold
 from varint.orbits.shooting import (
     Iterate,
     Linear,
+    Run,
     Shooting,
     gaps,
     is_finite,
@@ -112,7 +113,7 @@ class Patience(NamedTuple):
     iterations: int
     trials: int
     slowest: float
-    run: Callable[[Shooting, Iterate], list[Piece]]
+    run: Run
 
 
 SEARCH = Patience(MOST_ITERATIONS, HALVINGS, np.inf, runs)

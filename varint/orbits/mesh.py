@@ -10,7 +10,7 @@ import numpy as np
 
 from varint.errors import ConvergenceError
 from varint.orbits.phase import units_of
-from varint.orbits.shooting import Iterate, Shooting, hasty_runs
+from varint.orbits.shooting import Iterate, Run, Shooting, runs
 
 COARSEST = 8  # segments of a period at least, all of them halves of halves of these
 EACH = 16  # steps of a segment: with fewer the linear algebra costs more than the steps
@@ -41,7 +41,9 @@ class Mesh(NamedTuple):
     nodes: np.ndarray
 
 
-def uneven(shooting: Shooting, at: Iterate, known: State, tol: float) -> Mesh | None:
+def uneven(
+    shooting: Shooting, at: Iterate, known: State, tol: float, run: Run = runs
+) -> Mesh | None:
     """Segments whose steps leave errors below `tol`, of the sizes that coordinates and momenta
     have had until then; None where there would be too many, or hardly fewer steps than equal ones.
 
@@ -61,7 +63,7 @@ def uneven(shooting: Shooting, at: Iterate, known: State, tol: float) -> Mesh | 
         part, before = todo.pop()
         given = known(begin)
         x = x if given is None else given
-        tried = _ends(shooting, at, x, begin, part)
+        tried = _ends(shooting, at, x, begin, part, run)
         error = np.inf
         if tried is not None:
             seen, ends = tried
@@ -85,7 +87,7 @@ def uneven(shooting: Shooting, at: Iterate, known: State, tol: float) -> Mesh | 
 
 
 def _ends(
-    shooting: Shooting, at: Iterate, x: np.ndarray, begin: float, part: float
+    shooting: Shooting, at: Iterate, x: np.ndarray, begin: float, part: float, run: Run
 ) -> tuple[np.ndarray, list[np.ndarray]] | None:
     """Nodes of a segment, and its end by its steps and by half as long ones."""
     alone = replace(
@@ -98,7 +100,7 @@ def _ends(
     )
     there = Iterate(x[None], at.period * part, at.c)
     try:
-        pieces = [hasty_runs(one, there)[0].x for one in (alone, replace(alone, each=2 * EACH))]
+        pieces = [run(one, there)[0].x for one in (alone, replace(alone, each=2 * EACH))]
     except ConvergenceError:
         return None
     if not all(np.isfinite(piece).all() for piece in pieces):

@@ -190,6 +190,15 @@ def hasty_runs(shooting: Shooting, at: Iterate) -> list[Piece]:
 
 
 Nodes = tuple[np.ndarray, np.ndarray | None]
+Run = Callable[[Shooting, Iterate], list[Piece]]
+
+
+def run_for_trials(shooting: Shooting) -> Run:
+    """How trials are run that are made shorter where they fail: hastily where nothing is damped,
+    for there a step whose iteration does not converge is too long for its motion, too; stiff
+    motions have such steps all along.
+    """
+    return hasty_runs if shooting.integrals.energy else runs
 
 
 def _by(
