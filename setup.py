@@ -27,7 +27,10 @@ NAMES = (
     "uniform_",
     "sweep_",
     "sweep_explicit_",
+    "sweep_linear_",
     "rows_",
+    "two_runs_",
+    "few_steps_",
 )  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {

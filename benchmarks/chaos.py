@@ -8,7 +8,7 @@ them (of scenes with few coordinates); against the latter varint runs and takes 
 `transition_matrix`. Errors: of the positions and of the displacement at the end, whichever is
 larger (REBOUND's: positions), each relative to the largest, against order 32 with many steps.
 Processor time of the thread
-that runs, best of three turns, the tools taking turns. Run: python benchmarks/chaos.py
+that runs, best of fifteen turns, the tools taking turns. Run: python benchmarks/chaos.py
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from varint.codegen.algebra import graph_of
 from varint.codegen.mechanics import acceleration, force
 from varint.discrete.legendre import mass_solve
 
-TURNS = 3
+TURNS = 15
 WANTED = (1e-5, 1e-8, 1e-10)
 TOLERANCES = (1e-9, 1e-12, 1e-15)
 SEED = 7

@@ -135,7 +135,7 @@ KNOWN = {
         "Displacements beside a motion",
         "A run with MEGNO beside REBOUND's, and beside heyoka's variational equations, of one "
         "displacement and of all: the cheapest setting that reaches an error of the end, of the "
-        "motion and the displacement, best of three turns.",
+        "motion and the displacement, best of fifteen turns.",
     ),
     "long_run": Benchmark(
         "Long runs",

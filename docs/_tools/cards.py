@@ -205,6 +205,15 @@ def hoisted() -> Shown:
     return Shown(motion, mb.skeleton(world, ["load"]), 1.0)
 
 
+def leapt() -> Shown:
+    """The quadruped in the air, its legs let go: what it does without its motors."""
+    animal = runpy.run_path(str(EXAMPLES / "quadruped.py"))["quadruped"]()
+    motors = {f"{end} swing": 0.2 for end in ("left front", "right front")}
+    q0, v0 = mb.start_values(animal, motors, {"trunk": [1.0, 0, 2.5, 0.3, 0, -0.8]})
+    start = dict(q0=q0, v0=v0, u=[0] * 8, h=0.01)
+    return Shown(vi.simulate(animal.system(), **start, duration=0.5), mb.skeleton(animal), 0.3)
+
+
 def populations() -> Card:
     found = MODELS.lotka_volterra()
     motion = vi.simulate(found.system, q0=found.q0, v0=found.v0, h=found.h, duration=12.0)
@@ -392,6 +401,7 @@ SCENES: dict[str, Callable[[], Shown | Card]] = {
     "mpc_cart_pole": optimal("swing_up_rod"),
     "six_axis_arm": swung_arm,
     "crane_and_leap": hoisted,
+    "quadruped": leapt,
     "two_link_arm_in_c": let_go,
     "learnt_from_data": measured,
     "exoplanets": wobble,

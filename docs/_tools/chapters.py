@@ -135,6 +135,8 @@ CHAPTERS: dict[str, dict[str, str]] = {
         "six_axis_arm": r"\min \int_0^T 1 + \varepsilon \sum_i (u_i / \hat u_i)^2\,dt,\qquad"
         r" L = \sum_k \tfrac12 m_k |\dot{\mathbf r}_k|^2"
         r" + \tfrac12 \boldsymbol\omega_k^{\mathsf T} I_k \boldsymbol\omega_k - m_k g z_k",
+        "quadruped": r"\min \int_0^T |u|^2\,dt,\qquad L = \sum_k \tfrac12 m_k |\dot{\mathbf r}_k|^2"
+        r" + \tfrac12 \boldsymbol\omega_k^{\mathsf T} I_k \boldsymbol\omega_k - m_k g z_k",
         "crane_and_leap": r"\min \int_0^T \ell(u)\,dt,\qquad"
         r" L = \sum_k \tfrac12 m_k |\dot{\mathbf r}_k|^2 + \tfrac12 I_k \omega_k^2 - m_k g z_k",
         "two_link_arm_in_c": r"L = \tfrac12 \sum_i \bigl(m_i\,|\dot{\mathbf r}_i|^2 + I_i\,\omega_i^2\bigr),"

@@ -187,7 +187,7 @@ def test_what_has_no_native_loop_is_refused():
     start = {"q0": ball.q0, "v0": ball.v0, "h": -0.1, "steps": 3, "backend": "native"}
     with pytest.raises(vi.InputError, match="runs with contacts are interpreted"):
         vi.simulate(ball.system, **start)
-    q, v = ca.SX.sym("q", 129), ca.SX.sym("v", 129)
+    q, v = ca.SX.sym("q", 257), ca.SX.sym("v", 257)
     large = vi.System(q, v, ca.sumsqr(v) / 2 + ca.sum1(ca.cos(q)))
     with pytest.raises(NotCompilable, match="too large"):
         native_gauss(large, vi.gauss(4))

@@ -230,3 +230,19 @@ def test_a_guess_where_the_sensor_has_no_value_is_told(sensor):
         vi.fit(ball, data=seen, unknown=["a"], h=0.1, q0=0.0, v0=0.0)
     found = vi.fit(ball, data=seen, unknown=dict(a=2.0), h=0.1, q0=0.0, v0=0.0)
     assert float(sensor(found.params["a"].item())) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_minimum_that_does_not_meet_the_data_is_told():
+    """From p = 0 the frequency 5 is behind a hill: ∫ t sin 5t dt < 0 sends p below zero."""
+    x, rate, t = *vi.coordinates("x"), vi.time()
+    c = vi.Parameters(p=0.0)
+    drive = (30.0**2 + c.p**2) * ca.sin(c.p * t)
+    system = vi.System(x, rate, rate**2 / 2 + 30.0**2 * x**2 / 2 - drive * x, params=c, t=t)
+    times = np.linspace(0, 1, 21)
+    seen = vi.Measurement(x, times, np.sin(5 * times), 0.05)
+    given = dict(data=seen, h=1 / 40, q0=0.0, v0=0.0, segments=8)
+    with pytest.warns(UserWarning, match=r"half of the residuals are beyond .* other guesses"):
+        wrong = vi.fit(system, vi.gauss(4), unknown=["p", "q0", "v0"], **given)
+    assert wrong.estimates[0] < 0 and wrong.misfit in wrong.summary
+    right = vi.fit(system, vi.gauss(4), unknown={"p": 4.0, "q0": None, "v0": None}, **given)
+    assert right.estimates[0] == pytest.approx(5, abs=1e-3) and not right.misfit

@@ -88,6 +88,6 @@ def test_residuals_are_tested_in_the_order_of_time():
     q, v = vi.coordinates("x")
     t = np.linspace(0, 1, 40)
     mixed = np.random.default_rng(0).permutation(40)
-    seen = vi.Measurement(q, t[mixed], np.sin(6 * t)[mixed], 0.1)
+    seen = vi.Measurement(q, t[mixed], np.sin(6 * t)[mixed], 0.5)
     found = vi.fit(vi.System(q, v, v**2 / 2), data=seen, unknown=["q0"], h=0.1, q0=0.0, v0=0.0)
     assert found.whiteness[0][0] > 4 and "NOT white" in found.summary

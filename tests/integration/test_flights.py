@@ -171,3 +171,24 @@ def test_bounces_die_out_and_the_ball_rests():
 def test_too_many_coordinates_for_the_loop_are_refused():
     with pytest.raises(vi.VarintError, match="too large"):
         contact_data(1000, 1, np.ones(1), ca.SX(0, 1), {})
+
+
+def test_every_blow_of_a_stack_that_chatters_to_rest_takes_its_part_of_the_energy():
+    """½ Λ |ġ| (1 − e) by Newton's law, e = 0 where the flight would be too short."""
+    q, v = vi.coordinates("a", "b")
+    gaps, e = ca.vertcat(q[0], q[1] - q[0] - 0.2), 0.7
+    lagrangian = (ca.sumsqr(v) - 2 * G * ca.sum1(q)) / 2
+    scene = vi.System(q, v, lagrangian, contact=gaps, restitution=[e, e])
+    motion = vi.simulate(scene, q0=[1.0, 2.0], v0=[0.0, 0.0], h=0.01, steps=220)
+    blows = [x for x in motion.events if x.kind in ("impact", "stop")]
+    assert len(blows) > 100
+    assert {x.kind for x in blows} == {"impact", "stop"}
+    for blow in blows:
+        before = np.array(blow.v_before)
+        rate = before[0] if blow.contact == 0 else before[1] - before[0]
+        loss = blow.impulse * -rate / 2
+        kept = {loss * (1 - e), loss}  # what bounced too shortly has stopped
+        taken = blow.energy_before - blow.energy_after
+        assert min(abs(taken - x) for x in kept) < 1e-13
+    assert motion.q[-1] == pytest.approx([0.0, 0.2], abs=1e-12)
+    assert np.abs(motion.v[-1]).max() < 1e-12

@@ -218,3 +218,17 @@ def test_friction_with_a_steep_sign_brings_a_motion_to_rest(scene, scale, rule):
     assert np.abs(motion.v[-50:]).max() < 0.01  # of a step of its deceleration
     if scene is steep_friction:
         assert motion.q[-1, 0] == pytest.approx(0.5, abs=1e-5)  # v²/2a
+
+
+def test_what_rests_for_long_stays_in_its_loop(monkeypatch):
+    """Typical sizes of what has come to rest went down until they divided zero by zero: the run
+    went on interpreted, a hundred times slower.
+    """
+    monkeypatch.setattr("varint.integration.compiled_loop.interpreted_blocks", None)
+    q, v = vi.coordinates("x")
+    spring = vi.System(q, v, v**2 / 2 - ca.cosh(q), force=-v)
+    run = dict(q0=0.0, v0=0.0, h=0.01, steps=330_000, save_every=30_000, backend="native")
+    motion = vi.simulate(spring, vi.gauss(1), **run)
+    assert motion.k[-1] == 330_000
+    assert not motion.q.any()
+    assert not motion.p.any()

@@ -191,3 +191,52 @@ def test_round_off_of_many_periods_is_part_of_the_estimate(periods, tol):
     known = model.exact(np.remainder(motion.t, length))[0]
     clock = np.finfo(float).eps * motion.t[-1] * np.abs(motion.v).max()  # of times and the period
     assert error(motion, known) - clock <= 12 * max(motion.stats["error_estimate"], tol / 12)
+
+
+Q, V = vi.coordinates("a", "b")
+LENGTH = 0.561732925016411
+DOUBLE_PENDULUM = vi.System(
+    Q,
+    V,
+    V[0] ** 2
+    + LENGTH**2 * V[1] ** 2 / 2
+    + LENGTH * V[0] * V[1] * ca.cos(Q[0] - Q[1])
+    + 9.81 * (2 * ca.cos(Q[0]) + LENGTH * ca.cos(Q[1])),
+)
+SWINGING_SPRING = vi.System(
+    Q,
+    V,
+    (V[0] ** 2 + Q[0] ** 2 * V[1] ** 2) / 2
+    + 9.81 * Q[0] * ca.cos(Q[1])
+    - 25.7394853379794 / 2 * (Q[0] - 1) ** 2,
+)
+
+
+@pytest.mark.parametrize(
+    ("system", "q0", "v0", "duration", "tol"),
+    [
+        (
+            DOUBLE_PENDULUM,
+            [1.1619813602255704, 0.2786088572008836],
+            [-0.5083930105077796, 0.2555726528754769],
+            22.68882551893968,
+            1e-3,
+        ),
+        (
+            SWINGING_SPRING,
+            [1.4423981638487733, 0.969852456513381],
+            [0.34224560762817036, -0.1004195077554525],
+            90.90688939932996,
+            1e-6,
+        ),
+    ],
+    ids=["double pendulum", "swinging spring"],
+)
+def test_where_errors_grow_a_thousandfold_so_does_what_iterations_leave(
+    system, q0, v0, duration, tol
+):
+    start = dict(q0=q0, v0=v0, duration=duration)
+    motion = vi.simulate(system, tol=tol, **start)
+    steps = 8 * motion.stats["steps"]
+    close = vi.simulate(system, vi.gauss(8), steps=steps, save_every=8, **start)
+    assert error(motion, close.q) <= motion.stats["error_estimate"] <= tol

@@ -9,6 +9,8 @@ import pytest
 import varint as vi
 import varint.multibody as mb
 from varint.codegen import frozen
+from varint.codegen.cache import compiler
+from varint.codegen.newton import newton_scheme
 
 AXES = ((0, 1, 0), (1, 0, 0), (0, 0, 1))
 
@@ -98,3 +100,41 @@ def test_a_chain_that_moves_violently_runs_by_tolerance_and_says_why_a_step_fail
         vi.simulate(scene, vi.gauss(2), **large)
     with pytest.raises(vi.InputError, match="give tol in place of h"):
         vi.simulate(scene, vi.gauss(2), on_failure="subdivide", **large)
+
+
+def four_bars() -> mb.Model:
+    world, rod = mb.Model(), {"inertia": (0, 1 / 12, 1 / 12)}
+    for name, foot in (("crank", 0.0), ("rocker", 1.5)):
+        body = world.body(1.0, (0.5, 0, 0), **rod, name=name)
+        world.revolute(world, body, (0, -1, 0), (foot, 0, 0))
+    coupler = world.body(1.0, (0.5, 0, 0), **rod, name="coupler")
+    world.revolute("crank", coupler, (0, -1, 0), (1, 0, 0))
+    world.loop("point", ("coupler", (1, 0, 0)), ("rocker", (1, 0, 0)))
+    return world
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
+@pytest.mark.parametrize(
+    "bars", [pytest.param(True), pytest.param(False, marks=pytest.mark.long)], ids=["four", "ring"]
+)
+def test_a_frozen_matrix_gives_the_same_bytes_in_both_gears(bars, monkeypatch):
+    """A four-bar, and a ring of 12 hinges that floats."""
+    if bars:
+        monkeypatch.setattr(frozen, "LARGE", 3)
+        scene = four_bars().system()
+        q0, v0 = vi.project(scene, [1.2, 1.9, -1.2], [1.0, 0, 0])
+    else:
+        model = ring(12)
+        scene = model.system()
+        start = mb.start_values(model, {}, {"trunk": [0.1, 0.2, 0.3, 1, 2, 3]})
+        q0, v0 = vi.project(scene, *start)
+    rule = vi.lobatto(2 if bars else 3)
+    assert newton_scheme(scene, rule).counts["FROZEN"]
+    run = {"q0": q0, "v0": v0, "h": 2e-3, "steps": 60}
+    one, other = (
+        vi.simulate(scene, rule, **run, backend=backend) for backend in ("native", "compiled")
+    )
+    assert one.stats["backend"].startswith("native: ")
+    assert one.q.tobytes() == other.q.tobytes() and one.p.tobytes() == other.p.tobytes()
+    assert one.multipliers.tobytes() == other.multipliers.tobytes()
+    assert one.stats["iterations"] == other.stats["iterations"]

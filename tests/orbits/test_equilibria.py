@@ -160,3 +160,19 @@ def test_frames_of_symmetries_that_do_not_suit_are_refused():
         orbits.corotating(planet, "rotation", 1.0)
     with pytest.raises(vi.InputError, match="give rate="):
         orbits.relative_equilibria(planet, found["rotation about z"], [1.0, 0.0])
+
+
+def test_where_coordinates_describe_no_motions_is_told():
+    """Euler's angles of a top that stands upright: a relative equilibrium with a singular mass."""
+    q, v = vi.coordinates("phi", "theta", "psi")
+    turning = (v[1] ** 2 + v[0] ** 2 * ca.sin(q[1]) ** 2) / 2
+    spin = 0.3 * (v[2] + v[0] * ca.cos(q[1])) ** 2
+    top = vi.System(q, v, turning + spin - 2 * ca.cos(q[1]))
+    turn = vi.symmetries(top)["cyclic coordinate phi"]
+    found = vi.orbits.relative_equilibria(top, turn, [0.0, 0.7, 0.0], rate=1.5)
+    assert abs(np.sin(found[0].q[1])) < 1e-9
+    assert "unknown: the coordinates describe no motions" in str(found)
+    with pytest.raises(vi.InputError, match=r"mass matrix is singular at phi=.*Cartesian"):
+        assert found.modes
+    steady = vi.orbits.relative_equilibria(top, turn, [0.0, 2.2, 0.0], rate=3.0)
+    assert np.cos(steady[0].q[1]) == pytest.approx(-2 / (0.4 * 9), rel=1e-12)

@@ -7,11 +7,17 @@ import re
 import casadi as ca
 import numpy as np
 import pytest
+from references import entries
 
 import varint as vi
 from varint import orbits
+from varint.integration import compiled_loop
 from varint.numerics import progress
+from varint.orbits.bifurcations import point_of
+from varint.orbits.continuation import stepped
+from varint.orbits.curve import Curve
 from varint.orbits.family import MOST_STEPS
+from varint.orbits.predict import ahead, on_cubic
 
 
 def hill() -> vi.System:
@@ -92,6 +98,64 @@ def test_a_family_towards_a_collision_takes_as_many_steps_at_its_end_as_at_its_b
     assert np.abs(run.y[:, -1] - start).max() < 1e-7  # a neighbour's distance grows 1e4-fold
 
 
+@pytest.mark.parametrize("more", [0.01, pytest.param(0.02, marks=pytest.mark.long)])
+def test_a_family_past_the_moon_ends_at_its_value_by_steps_alone(more, monkeypatch):
+    """The energy bends between two orbits, and steps that were too long set nothing up."""
+    table = entries("orbits")["Lyapunov orbits of Earth and Moon"]
+    row = table["reference"]["L2, least stability index"]
+    start = [row["x"], 0, 0], [0, row["vy"], 0]
+    space = vi.models.restricted_three_body().system
+    first = orbits.periodic(space, start, period=row["period"], params=table["params"])
+
+    def refused(*args):
+        raise AssertionError("Newton's method was set up for a step that is made shorter anyway")
+
+    monkeypatch.setattr(compiled_loop, "_by_newton", refused)
+    to = first.energy + more
+    found = orbits.family(first, to=to, bifurcations=False, progress=False)
+    assert found.ended == f"at energy={to:.10g}"
+    assert found[-1].energy == pytest.approx(to, abs=1e-12)
+    assert np.diff(found.energies).min() > 0 and np.diff(found.periods).min() > 0
+    assert max(one.residual for one in found) < 1e-12
+
+
+def test_small_orbits_far_from_the_origin_take_no_more_steps_along_their_family():
+    """About L1 of Sun and Earth ranges are 1e-5 of the coordinates: round-off of 1e-11 in ranges is
+    not mistaken for an error of the steps.
+    """
+    space, held = vi.models.restricted_three_body().system, dict(mu=3.0404e-6)
+    modes = orbits.normal_modes(space, orbits.equilibria(space, [0.99, 0, 0], params=held)[0])
+    found = orbits.family(modes.orbit(2, 1e-5), most=8, bifurcations=False, progress=False)
+    assert len(found) == 8 and max(one.steps for one in found) < 1.5 * found[0].steps
+    assert found.periods == pytest.approx(2 * np.pi / modes.frequencies[2], rel=1e-4)
+    assert np.diff(found.periods).min() > 0
+
+
+def test_the_next_orbit_is_looked_for_on_a_cubic():
+    """Its distance from there is of fourth order in the step, from the tangent of second."""
+    q, v = vi.coordinates("x", "y")
+    well = ca.sumsqr(q) / 2 + q[0] ** 2 * q[1] - q[1] ** 3 / 3
+    first = orbits.normal_modes(vi.System(q, v, ca.sumsqr(v) / 2 - well), [0.0, 0.0])
+    start = orbits.periodic(
+        first.system, ([0.0, 0.3], [0.0, 0.0]), period=6.4, energy=0.04, steps=60
+    )
+    curve = Curve("energy", None, None, 0.0)
+    here = point_of(start, curve, None, 1.0)
+    apart = []
+    for step in (0.04, 0.08):
+        orbit, by = here.orbit, here.by
+        back = stepped(orbit, here.tangent, -step, curve, by)
+        on = stepped(orbit, here.tangent, step, curve, by)
+        other = back, point_of(back, curve, here.tangent, 1.0).tangent
+        guesses = [
+            on_cubic(orbit, here.tangent, other, step, curve, by),
+            ahead(orbit, here.tangent, step, curve),
+        ]
+        apart.append([abs(one.period - on.period) for one in guesses])
+    order = np.log2(np.array(apart[1]) / np.array(apart[0]))
+    assert 3.5 < order[0] < 4.5 and 1.8 < order[1] < 2.2
+
+
 def test_a_poor_guess_comes_to_an_orbit_by_small_steps():
     """A loop in a logarithmic potential, guessed at another energy and with another period."""
     q, v = vi.coordinates("x", "y")
@@ -113,8 +177,8 @@ def test_an_orbit_far_from_the_guess_is_found_with_a_warning():
 def test_a_search_says_how_far_it_is_where_nobody_watches(monkeypatch, capsys, close):
     monkeypatch.setattr(progress, "SILENCE", 0.005)
     orbits.periodic(close.system, (close.q0, close.v0), period=close.period, energy=close.energy)
-    assert "looking for a periodic orbit: 0 s" in capsys.readouterr().err
-    orbits.family(close, most=3, bifurcations=False)
-    assert re.search(r"family of orbits: \d s, \d orbits, energy=-2\.", capsys.readouterr().err)
+    assert re.search(r"looking for a periodic orbit: \d+ s", capsys.readouterr().err)
+    orbits.family(close, most=9, bifurcations=False)
+    assert re.search(r"family of orbits: \d+ s, \d orbits, energy=-2\.", capsys.readouterr().err)
     orbits.family(close, most=2, progress=False)
     assert capsys.readouterr().err == ""

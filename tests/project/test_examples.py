@@ -22,7 +22,7 @@ CLOSE = {
 
 
 # data that come as packages, and their fits take some ten seconds
-PLANS = {"six_axis_arm", "crane_and_leap", "control_films"}
+PLANS = {"six_axis_arm", "crane_and_leap", "quadruped", "control_films"}
 # of many scenes, each of them arranged anew, or of many searches
 MANY = {
     "arenstorf",

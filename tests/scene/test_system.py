@@ -40,6 +40,10 @@ def refused(message: str):
             r"constraint may not depend on \['x_dot'\].*nonholonomic=",
         ),
         (
+            lambda: vi.System(q, v, free, nonholonomic=q[0] * v[1] - v[0]),
+            r"takes the matrix A of the rows .* nonholonomic=ca.jacobian\(rows, v\)",
+        ),
+        (
             lambda: vi.System(q, v, free - vi.abs(q[0])),
             r"\['abs\(x\)'\] in the Lagrangian: vi.abs and vi.max belong to the costs",
         ),

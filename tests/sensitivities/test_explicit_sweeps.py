@@ -12,7 +12,7 @@ import pytest
 
 import varint as vi
 from varint.codegen import sweep
-from varint.codegen.sweep_explicit import has_explicit_sweep
+from varint.codegen.sweep_explicit import explicit_sweep_scheme, has_explicit_sweep
 from varint.sensitivities import shifting
 from varint.sensitivities.loops import is_built, sweeper
 from varint.sensitivities.pieces import pieces
@@ -61,6 +61,44 @@ def test_a_run_of_any_length_has_the_gradient_and_the_tangents_of_step_after_ste
     wrt = ["q0", "m", "h", "t0", "u"]
     one, two = (vi.sensitivity(motion, wrt, backend=x) for x in ("native", "interpreted"))
     assert np.abs(one - two).max() < 1e-13 * np.abs(two).max()
+
+
+def wells() -> vi.System:
+    """Two coupled masses that nothing pushes: a step's last kick is the first of the next."""
+    q, v = vi.coordinates("x", "y")
+    c = vi.Parameters(m=1.3, k=2.0)
+    kinetic = c.m * v[0] ** 2 / 2 + v[1] ** 2 / 2 + 0.2 * v[0] * v[1]
+    return vi.System(q, v, kinetic - c.k * ca.sumsqr(q) / 2 - ca.cos(q[0] - q[1]), params=c)
+
+
+@pytest.mark.parametrize("rule", [vi.composition("verlet"), vi.composition("yoshida4")], ids=str)
+def test_only_a_kick_that_time_and_controls_leave_alone_is_shared_by_two_steps(rule):
+    assert explicit_sweep_scheme(wells(), rule).counts["SHARED"]
+    assert not explicit_sweep_scheme(pushed_pair(), rule).counts["SHARED"]
+
+
+@NEEDS_CORE
+@pytest.mark.parametrize("steps", [1, 8, 9, 30])
+@pytest.mark.parametrize("lossy", [False, True])
+def test_a_kick_that_two_steps_share_pulls_back_as_that_of_each(steps, lossy):
+    rule, system, rng = vi.composition("yoshida4"), wells(), np.random.default_rng(steps)
+    sizes = np.repeat(rng.uniform(0.05, 0.2, 8), [1, 9, 3, 8, 1, 1, 5, 2])[:steps]
+    start = dict(q0=[0.4, -0.3], v0=[0.2, 0.5])
+    motion = vi.simulate(system, rule, **start, h=0.1, steps=steps)
+    x = [np.hstack([motion.q[0], motion.p[0]])]
+    for h in sizes:
+        last = vi.simulate(system, rule, q0=x[-1][:2], p0=x[-1][2:], h=h, steps=1)
+        x.append(np.hstack([last.q[1], last.p[1]]))
+    text = as_text(system, ca.sumsqr(system.q) * system.v[1]) if lossy else None
+    (piece,) = pieces(motion)
+    for one in (piece, piece._replace(x=np.array(x), h=sizes)):
+        found = []
+        for backend in ("native", "interpreted"):
+            by = sweeper(system, rule, steps, backend, text)
+            mu, seeds = np.array([0.3, -1.0, 0.7, 0.2]), np.sin(np.arange(4.0 * steps))
+            mu, pulled = backwards(by, one, motion.c, mu, seeds.reshape(-1, 4), 1)
+            found.append(np.concatenate([mu, pulled.outer, [pulled.loss]]))
+        assert np.abs(found[0] - found[1]).max() < 1e-13 * np.abs(found[1]).max()
 
 
 @NEEDS_CORE

@@ -312,3 +312,21 @@ def test_walls_that_are_hit_together_have_no_derivative_either():
     motion = vi.simulate(corner, vi.lobatto(2), q0=[1.0, 1.0], v0=[-1.0, -1.0], h=0.3, steps=6)
     with pytest.raises(vi.ConvergenceError, match="together"):
         motion.transition_matrix()
+
+
+@pytest.mark.parametrize("x", [0.3, 0.31])
+def test_a_blow_that_falls_on_the_end_of_a_step_is_one_like_others(x):
+    """In a square the motion unfolds: δx = ± (δx0 + t δv0); from 0.3 at 0.7 it is hit at t = 1."""
+    q, v = vi.coordinates("x", "y")
+    walls = ca.vertcat(q[0], 1 - q[0], q[1], 1 - q[1])
+    square = vi.System(q, v, ca.sumsqr(v) / 2, contact=walls, restitution=1.0)
+    start = dict(q0=[x, 0.4], v0=[0.7, 0.45])
+    motion = vi.simulate(square, vi.lobatto(2), **start, h=0.05, steps=40)
+    assert (np.abs(motion.events[0].time - 1) < 1e-12) == (x == 0.3)
+    signs = (-1) ** np.floor(np.array([x, 0.4]) + np.array([0.7, 0.45]) * 2)
+    wanted = np.kron([[1, 2], [0, 1]], np.diag(signs))
+    found = vi.sensitivity(motion, ["q0", "v0"])
+    assert np.abs(found[-1] - wanted).max() < 1e-12
+    pulled = vi.gradient(motion, terminal_loss=q[0] + 3 * v[1])
+    assert np.abs(pulled.q0 - [signs[0], 0]).max() < 1e-12
+    assert np.abs(pulled.v0 - [2 * signs[0], 3 * signs[1]]).max() < 1e-12

@@ -152,11 +152,51 @@ def test_coordinates_that_do_not_occur_make_no_division_by_zero():
     assert expected <= set(names)
 
 
-def test_rows_of_a_lagrangian_that_may_jump_say_so():
-    """A step in the potential has no slope that a search could see."""
+ALONG_Y = ["translation along y", "Galilean boost along y"]
+
+
+@pytest.mark.parametrize(
+    ("step", "kept"),
+    [
+        (lambda x, y: ca.if_else(x > 1e4, y, 0), []),
+        (lambda x, y: ca.sign(x), ALONG_Y),
+        (lambda x, y: ca.floor(x) * y, []),
+        (lambda x, y: ca.if_else(ca.logic_and(x > 1, x < 2), 3, 0), ALONG_Y),
+        (lambda x, y: ca.fmod(x, 2) - x, ALONG_Y),
+        (lambda x, y: 1e-6 * ca.if_else(ca.exp(x) > 1e3, 1, 0), ALONG_Y),
+        (lambda x, y: ca.if_else(x**2 + y**2 < 4, 1, 0), ["rotation about z"]),
+        (
+            lambda x, y: ca.sign(x + y),
+            ["translation along (-1, 1)", "Galilean boost along (-1, 1)"],
+        ),
+    ],
+)
+def test_a_step_breaks_what_leads_across_it(step, kept):
+    """It has no slope that a search could see: on either side nothing depends on x."""
     q, v = vi.coordinates("x", "y")
-    for potential in (ca.if_else(q[0] > 1e4, q[1], 0), ca.sign(q[0]), ca.floor(q[0]) * q[1]):
-        found = vi.symmetries(vi.System(q, v, ca.sumsqr(v) / 2 - potential))
-        assert "has conditions" in found.note
-    for potential in (ca.fabs(q[0]), ca.fmax(q[0] - 3, 0) ** 2):
-        assert "conditions" not in vi.symmetries(vi.System(q, v, ca.sumsqr(v) / 2 - potential)).note
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - step(q[0], q[1]))
+    assert names(system) == ["time translation", *kept]
+    with pytest.raises(vi.InputError, match=r"L jumps where|no symmetry"):
+        vi.noether(system, [1, 0])
+
+
+def test_a_potential_switched_on_with_a_step_breaks_the_translation_of_time():
+    q, v = vi.coordinates("x", "y")
+    t = vi.time()
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - ca.if_else(t > 1, q[1], 0), t=t)
+    assert names(system) == ["translation along x", "Galilean boost along x"]
+
+
+@pytest.mark.parametrize(
+    "potential",
+    [
+        lambda x, y: ca.if_else(x > 3, 1, 0) + ca.if_else(x <= 3, 1, 0),
+        lambda x, y: ca.if_else(x > 3, 0, 0 * x),
+    ],
+)
+def test_conditions_without_a_jump_break_nothing(potential):
+    q, v = vi.coordinates("x", "y")
+    found = vi.symmetries(vi.System(q, v, ca.sumsqr(v) / 2 - potential(q[0], q[1])))
+    assert [s.name for s in found] == GALILEI
+    assert not found.note
+    assert vi.noether(vi.System(q, v, ca.sumsqr(v) / 2 - potential(q[0], q[1])), [1, 0])

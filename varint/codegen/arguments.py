@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from collections.abc import Iterable
 from ctypes import Structure, c_double, c_int64, c_void_p
@@ -14,8 +13,25 @@ from pathlib import Path
 @cache
 def c_source(name: str) -> str:
     """A C file of this package, with those of its own that it includes in their places."""
-    text = (Path(__file__).parent / "c" / name).read_text()
-    return re.sub(r'#include "(.*?)"\n', lambda found: c_source(found[1]), text)
+    before, ours, after = '#include "', '"\n', (Path(__file__).parent / "c" / name).read_text()
+    return "".join(
+        [
+            c_source(line[len(before) : -len(ours)])
+            if line.startswith(before) and line.endswith(ours)
+            else line
+            for line in after.splitlines(keepends=True)
+        ]
+    )
+
+
+def c_number(text: str, name: str) -> int:
+    """A whole number that C source defines."""
+    return int(text.partition(f"#define {name} ")[2].split(maxsplit=1)[0])
+
+
+def c_names(text: str, before: str) -> list[str]:
+    """Names of an enumeration in C source."""
+    return [name.strip() for name in text.partition(before)[2].partition("}")[0].split(",")]
 
 
 def c_table(kind: str, name: str, values: Iterable[str]) -> str:
@@ -24,18 +40,9 @@ def c_table(kind: str, name: str, values: Iterable[str]) -> str:
     return f"static const {kind} {name}[] __attribute__((unused)) = {{{entries}}};\n"
 
 
-def _status_names() -> list[str]:
-    found = re.search(r"enum Status \{(.*?)\}", c_source("run.h"))
-    assert found is not None
-    return [name.strip() for name in found[1].split(",")]
-
-
-Status = IntEnum("Status", _status_names(), start=0)  # type: ignore[misc]  # how a run ended
+Status = IntEnum("Status", c_names(c_source("run.h"), "enum Status {"), start=0)  # type: ignore[misc]  # how a run ended
 DONE, NOT_CONVERGED, NOT_FINITE = Status
-LATELY, MOST_NOTED = (
-    int(re.search(rf"#define {name} +(\d+)", c_source("run.h"))[1])  # type: ignore[index]
-    for name in ("LATELY", "MOST_NOTED")
-)
+LATELY, MOST_NOTED = (c_number(c_source("run.h"), name) for name in ("LATELY", "MOST_NOTED"))
 
 
 class RunArguments(Structure):

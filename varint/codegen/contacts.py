@@ -4,7 +4,6 @@ and these as data beside it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from ctypes import Structure, c_double, c_int64, c_void_p, cast
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.codegen.arguments import c_source, packing
+from varint.codegen.arguments import c_names, c_number, c_source, packing
 from varint.codegen.block import block_of, start_of
 from varint.codegen.core import contacts_entry
 from varint.codegen.graph import NotCompilable
@@ -25,21 +24,13 @@ from varint.codegen.source import routines
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _SOURCE = c_source("contacts.c")
-MOST_STEPS, FEW_STEPS = (  # between two looks at the gaps, and before the first
-    int(re.search(rf"#define {name} +(\d+)", _SOURCE)[1])  # type: ignore[index]
-    for name in ("MOST_STEPS", "FEW_STEPS")
-)
+# between two looks at the gaps, and before the first
+MOST_STEPS, FEW_STEPS = (c_number(_SOURCE, name) for name in ("MOST_STEPS", "FEW_STEPS"))
 MOST_ROWS, MOST_HITS = 20_000, 2_000  # of a call
 Expressions = Mapping[str, tuple[list[ca.SX], list[ca.SX]]]
 
 
-def _endings() -> list[str]:
-    found = re.search(r"enum Ended \{(.*?)\}", _SOURCE)
-    assert found is not None
-    return [name.strip() for name in found[1].split(",")]
-
-
-Ended = IntEnum("Ended", _endings(), start=0)  # type: ignore[misc]  # how a call ends
+Ended = IntEnum("Ended", c_names(_SOURCE, "enum Ended {"), start=0)  # type: ignore[misc]  # how a call ends
 ENDED, FULL, BESIDE = Ended
 
 
@@ -101,6 +92,9 @@ class Flight(NamedTuple):
     iterations : int
     residual : float
     seconds : float
+    located : array (2 + 5n,) or None
+        Of what ends a call BESIDE, where its instant is known: the time, whether the step ends
+        there, and q, p, v, rounding errors of q and p as they are before it.
     """
 
     status: int
@@ -113,6 +107,7 @@ class Flight(NamedTuple):
     iterations: int
     residual: float
     seconds: float
+    located: np.ndarray | None = None
 
 
 def contact_data(
@@ -193,7 +188,7 @@ def fly(
     many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
     state = state.copy()
     rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, 5 + 5 * n))
-    stats = np.zeros(4)  # as they are where there is no memory for the call
+    stats = np.zeros(7 + 5 * n)  # as they are where there is no memory for the call
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
     began = perf_counter()
@@ -220,4 +215,5 @@ def fly(
     made, struck, iterations = (int(x) for x in stats[:3])
     rows, hits = rows[:made].copy(), hits[:struck].copy()
     nodes = rows[:, 0].copy(), rows[:, 1].astype(int), rows[:, 2 : 2 + n], rows[:, 2 + n :]
-    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds)
+    located = stats[5:] if stats[4] else None
+    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds, located)

@@ -85,11 +85,35 @@ def explicit_sweep_entries() -> tuple[Callable, ...]:
 
 
 @cache
+def linear_sweep_entries() -> tuple[Callable, ...]:
+    """Tangents and adjoints of c/sweep_linear.c; raises CompileError as `gauss_loop` does."""
+    names = "{name}_linear_{level}"
+    return _entries("sweep_linear_core.c", ("tangents", "adjoints"), names, {})
+
+
+@cache
 def rows_entry() -> Callable[[bytes], int]:
     """c/rows_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("rows_core.c", ("rows",), "{name}_{level}", {})
     entry.argtypes, entry.restype = [c_char_p], c_int
     return entry
+
+
+@cache
+def few_steps_entry() -> Callable[[bytes], int]:
+    """c/few_steps_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("few_steps_core.c", ("few_steps",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
+def two_runs_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
+    """c/two_runs_core.c, and what takes its run; raises CompileError as `gauss_loop` does."""
+    entries = _entries("two_runs_core.c", ("two_runs", "take_run"), "{name}_{level}", {})
+    for entry in entries:
+        entry.argtypes, entry.restype = [c_char_p], c_int
+    return entries[0], entries[1]
 
 
 @lru_cache(maxsize=32)

@@ -152,10 +152,13 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
     )
 
 
-@per_scene
 def gauss_scheme(system: System, stages: int, form: int | None = None) -> Scheme:
     """What the Gauss method with so many stages needs of a scene; raises NotCompilable."""
-    form = gauss_form(system) if form is None else form
+    return _scheme_of(system, stages, gauss_form(system) if form is None else form)
+
+
+@per_scene
+def _scheme_of(system: System, stages: int, form: int) -> Scheme:
     if not form:
         raise NotCompilable(
             "the compiled Gauss method needs a regular scene without constraints, quadratic in "

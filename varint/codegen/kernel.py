@@ -185,8 +185,8 @@ def run_loop(
             block[kept + 1 : kept + 1 + told.size] = told[0]
     else:
         block[kept:noted] = carry
-    address = _address(block)
-    controls = 0 if u is None else _address(u)
+    address = address_of(block)
+    controls = 0 if u is None else address_of(u)
     results = (address + 8 * place for place in (rows, kept, stats))
     began = perf_counter()
     status = kernel.entry(
@@ -248,7 +248,38 @@ def take_parts(
     return rows, good > 0
 
 
-def _address(array: np.ndarray) -> int:
+def take_part(
+    kernel: Kernel, start: np.ndarray, c: np.ndarray, t: float, h: float
+) -> np.ndarray | None:
+    """One step of its own size from a state (q, p) of a scene without controls, (2, n): (q, p, v)
+    there, (3, n); None where it is not solved.
+
+    What `take_parts` does for many, for those who look for an instant: a third of its time.
+    """
+    n, many = kernel.n, c.size
+    told = np.empty((1, 0))
+    at, size = 2 * n, 2 * n + 1
+    if kernel.opening:
+        q, p = start[:1], start[1:]
+        told = kernel.opening(q, p, None, np.array([t]), np.array([h]), c)
+    opening = size + 1 + many
+    rows = opening + told.size
+    good = rows + 3 * n
+    block = np.empty(good + 1)
+    block[:at] = start.reshape(-1)
+    block[at], block[size] = t, h
+    block[size + 1 : opening] = c
+    if told.size:
+        block[opening:rows] = told[0]
+    address = address_of(block)
+    starts = (0, at, size, size + 1, opening, opening, rows, good)
+    places = [address + 8 * i for i in starts]
+    kernel.parts(_PARTS.pack(1, told.size, 0, FIXED_POINT_ITERATIONS, *places, kernel.scene))
+    return block[rows:good].reshape(3, n) if block[good:].view(np.int64)[0] > 0 else None
+
+
+def address_of(array: np.ndarray) -> int:
+    """Where the numbers of an array begin."""
     if not array.flags.writeable:
         return array.ctypes.data
     return addressof(c_char.from_buffer(array.data))  # a third of the time of ndarray.ctypes

@@ -16,7 +16,7 @@ from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of, start_of
 from varint.codegen.core import Loop, explicit_loop, gauss_loop
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
-from varint.codegen.gauss import gauss_scheme, numbers_taken
+from varint.codegen.gauss import gauss_scheme
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import Kernel
 from varint.codegen.source import FEW_ROOTS, Routine
@@ -25,9 +25,9 @@ from varint.codegen.tape import NOTHING_TO_DO, Tape, tape_of
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-MOST_COORDINATES, MOST_CONTROLS, MOST_TAKEN = 128, 16, 4096  # MOST_N, … of c/scene.h
+MOST_COORDINATES, MOST_CONTROLS = 256, 64  # MOST_N and MOST_NU of c/scene.h
 MOST_OPERATIONS = 60_000  # of a scene: more are worth the compiler's time
-MOST_OF_LOOPS = 250_000  # of a large machine with loops, which takes the compiler minutes
+MOST_OF_MACHINES = 250_000  # of a machine of many links, which takes the compiler minutes
 LAST = ("velocity", "momentum")  # at a single point
 TOO_LARGE = "the scene is too large to be run as data; use backend='compiled'"
 
@@ -45,10 +45,9 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
     """
     x = gauss_scheme(system, len(rule.nodes))
     n, controls = system.q.numel(), system.control.numel()
-    taken = numbers_taken(x)
-    if x.geometry or n > MOST_COORDINATES or controls > MOST_CONTROLS or taken > MOST_TAKEN:
+    if x.geometry or n > MOST_COORDINATES or controls > MOST_CONTROLS:
         raise NotCompilable(TOO_LARGE)
-    tapes = tapes_of(x.functions)
+    tapes = tapes_of(x.functions, MOST_OF_MACHINES if x.by_defect else MOST_OPERATIONS)
     names = ("rhs", "drift") if x.form == 2 else ("kick", "drift")
     ordered = [tapes.get(name, NOTHING_TO_DO) for name in (*names, "inertia", *LAST)]
     tables = list(tableau_arrays(x.stages, x.lanes, x.diagonals).values())

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from varint.codegen.block import block_of
 from varint.codegen.core import newton_loop
-from varint.codegen.frozen import freezes
+from varint.codegen.frozen import no_whole_derivatives
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import (
-    MOST_OF_LOOPS,
+    MOST_OF_MACHINES,
     MOST_OPERATIONS,
     TOO_LARGE,
     kernel_on,
@@ -29,7 +29,9 @@ def native_newton(system: System, rule: Rule) -> Kernel:
     if x.by_nodes:
         raise NotCompilable(TOO_LARGE)
     functions = newton_routines(system, rule)
-    tapes = tapes_of(functions, MOST_OF_LOOPS if freezes(system) else MOST_OPERATIONS)
+    tapes = tapes_of(
+        functions, MOST_OF_MACHINES if no_whole_derivatives(system) else MOST_OPERATIONS
+    )
     members = members_by_name("newton_scene.h", x.counts | x.limits, x.places, x.tables, tapes)
     first = next(iter(functions.values()))
     heads = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)

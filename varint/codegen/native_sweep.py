@@ -15,6 +15,7 @@ from varint.codegen.block import block_of, start_of
 from varint.codegen.core import (
     curvature_entry,
     explicit_sweep_entries,
+    linear_sweep_entries,
     stage_sweep_entries,
     sweep_entries,
 )
@@ -31,6 +32,7 @@ from varint.codegen.sweep import (
 )
 from varint.codegen.sweep_explicit import explicit_sweep_scheme
 from varint.codegen.sweep_gauss import shape_for, stage_sweep_scheme
+from varint.codegen.sweep_linear import linear_sweep_scheme
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -57,6 +59,13 @@ def native_explicit_sweep(system: System, rule: Rule, density: str | None = None
     """The loops of `explicit_sweep_kernel` with the scene as data; raises as `native_sweep`."""
     block = _block("sweep_explicit_scene.h", explicit_sweep_scheme(system, rule, density))
     return SweepKernel(*(_on(block, entry) for entry in explicit_sweep_entries()))
+
+
+@kernel_per_system
+def native_linear_sweep(system: System, rule: Rule, density: str | None = None) -> SweepKernel:
+    """The loops of `linear_sweep_kernel` with the scene as data; raises as `native_sweep` does."""
+    block = _block("sweep_linear_scene.h", linear_sweep_scheme(system, rule, density))
+    return SweepKernel(*(_on(block, entry) for entry in linear_sweep_entries()))
 
 
 @kernel_per_system

@@ -29,7 +29,7 @@ from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.kick_drift import kick_function
 from varint.discrete.legendre import HALVINGS, legendre_expressions, velocity_function
 from varint.discrete.row_independence import FOLDED, VANISHED, folds, pivot_and_lengths
-from varint.discrete.scales import SMALLEST, scale_function
+from varint.discrete.scales import SMALLEST, UNKNOWN, scale_function
 from varint.discrete.shake_equations import eliminates_path, shake_equations
 from varint.discrete.shake_equations import hidden_functions as multiplier_parts
 from varint.discrete.tolerances import RESIDUAL_LIMIT
@@ -195,6 +195,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             "LAST_CORRECTION": solve.last_correction,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
             "SMALLEST": SMALLEST,
+            "UNKNOWN": UNKNOWN,
             "FOLDED": FOLDED,
             "VANISHED": VANISHED,
         },

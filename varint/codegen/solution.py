@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.band import Band, band
-from varint.codegen.frozen import freezes, frozen_slope
+from varint.codegen.frozen import frozen_slope, no_whole_derivatives
 from varint.discrete.equations import Equations
 from varint.discrete.tolerances import (
     LAST_CORRECTION,
@@ -58,12 +58,10 @@ class Solution:
 
 def solution_of(system: System, rule: Rule, e: Equations, held: bool) -> Solution:
     """The cheapest way to the unknowns of the equations; `held`: there are constraints."""
-    at_nodes = None if held else _at_nodes(system, rule, e)
-    if at_nodes:
-        return at_nodes
-    if held and freezes(system):
+    if no_whole_derivatives(system) and not system.structure.linear:
         return _frozen(e, frozen_slope(system, rule, e))
-    return _written_out(e, system.structure.linear and not held)
+    at_nodes = None if held else _at_nodes(system, rule, e)
+    return at_nodes or _written_out(e, system.structure.linear and not held)
 
 
 def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:

@@ -43,6 +43,8 @@ _INTEGERS = (
     "control_column",
     "control_nodes",
     "smooth",
+    "x_apart",
+    "v_apart",
 )
 _ARRAYS = (
     *("x", "v", "t", "h", "c", "u", "outer", "tangent", "out", "seeds", "loss", "failed"),

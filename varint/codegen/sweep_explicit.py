@@ -10,7 +10,7 @@ from varint.codegen.graph import NotCompilable, kernel_per_system, needed
 from varint.codegen.source import routines
 from varint.codegen.sweep import SweepKernel, SweepScheme, compiled_sweep, numbers_of, sweep_scheme
 from varint.discrete.kick_drift import drift_function
-from varint.discrete.step_map import running, step_map
+from varint.discrete.step_map import StepMap, running, step_map
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
 from varint.scene.system import System
@@ -63,8 +63,8 @@ def explicit_sweep_scheme(system: System, rule: Rule, density: str | None = None
         "part_of": (inputs, [kq, dp, ke, de, s.after]),
         "density": (inputs, of_loss),
     }
-    counts = numbers_of(system, s) | {"LOSS": int(density is not None)}
-    places: dict[str, np.ndarray] = {}
+    counts = numbers_of(system, s) | {"LOSS": int(density is not None), "SHARED": _shared(s)}
+    places: dict[str, np.ndarray] = {"DRIFTS": (s.parts[:, 1] != 0).astype(int)}
     for name, slope in slopes.items():
         begin, rows = slope.sparsity().get_ccs()
         places |= {f"{name}_ROW": np.array(rows, int), f"{name}_BEGIN": np.array(begin, int)}
@@ -77,6 +77,15 @@ def explicit_sweep_scheme(system: System, rule: Rule, density: str | None = None
         places,
         {"PART_TABLE": s.parts},
     )
+
+
+def _shared(s: StepMap) -> int:
+    """Whether the last kick of a step is the first of the next, which nothing but its own place in
+    time could tell from it.
+    """
+    of_time = ca.depends_on(s.after[s.q.numel() :], ca.vertcat(s.t, s.u))
+    first, last = s.parts[0], s.parts[-1]
+    return int(len(s.parts) > 1 and not of_time and first[0] == last[0] and not last[1])
 
 
 @per_system

@@ -18,6 +18,7 @@ from varint.discrete.legendre import full_inertia
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
+from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 WINDOW = 8  # nodes around a step whose q and v tell its stages: a polynomial of degree 15
@@ -27,9 +28,10 @@ CLOSE = 1e-13
 CONTINUED_DEGREE = (
     6  # of the adjoints of a step continued over the one before; more amplifies errors
 )
-FEWEST = 6  # unknowns, coordinates times stages, below which factors of F_y are as fast
+FEWEST = 3
 
 
+@per_scene
 def has_stage_sweep(system: System, rule: Rule) -> bool:
     """Whether the stages' iteration is the way to derivatives: that of nonstiff scenes."""
     stages = len(rule.nodes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import cache
 from heapq import heappop, heappush
@@ -63,12 +62,10 @@ NOTHING_TO_DO = Tape(0, 0, 0, _NO_OPERATION, _NO_OPERATION, np.zeros(1), _NO_PLA
 @cache
 def operation_codes() -> dict[str, int]:
     """The machine's operations by name, as c/tape.h lists them."""
-    text = c_source("tape.h").replace("\\\n", "")
-    lists = (
-        re.search(rf"#define {name}\(.*?\)(.*)", text)
-        for name in ("OPERATIONS", "ONLY_ONCE", "ONLY_OFTEN")
-    )
-    names = [name for found in lists if found for name in re.findall(r"\w+\((\w+)\)", found[1])]
+    text, names = c_source("tape.h").replace("\\\n", ""), list[str]()
+    for name in ("OPERATIONS", "ONLY_ONCE", "ONLY_OFTEN"):
+        calls = text.partition(f"#define {name}(")[2].partition("\n")[0].partition(")")[2]
+        names += [call.partition("(")[2] for call in calls.split(")") if "(" in call]
     return {name: k for k, name in enumerate(["end", *names])}
 
 

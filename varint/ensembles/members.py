@@ -189,14 +189,11 @@ def momenta(system: System, members: Members) -> np.ndarray:
     s, n, count = system.structure, system.structure.n, len(members)
     v = np.zeros((count, n)) if members.v0 is None else members.v0
     t = np.full((count, 1), members.t0)
-    p, mass, generalised_force, _ = over_columns(
+    (values,) = over_columns(
         start_function(system), members.q0, v, np.zeros((count, s.controls)), t, members.c
     )
-    bad = ~(
-        np.isfinite(p).all(axis=1)
-        & np.isfinite(mass).all(axis=1)
-        & np.isfinite(generalised_force).all(axis=1)
-    )
+    p, mass = values[:, :n].copy(), values[:, 2 * n + 1 :]
+    bad = ~(np.isfinite(values[:, : 2 * n]).all(axis=1) & np.isfinite(mass).all(axis=1))
     if bad.any():
         raise InputError(
             "the Lagrangian's derivatives are not finite at the start of "

@@ -16,11 +16,13 @@ NEGLIGIBLE = 1e-5  # part of an open direction that is none of it
 
 class Information(NamedTuple):
     """Covariance of the unknowns with names (k, k), infinite on the diagonal where the data tell
-    nothing, and the directions that they leave open (open, k), relative to the sizes; `swamped`:
-    some that seem open would show by more than σ, but for the round-off of others.
+    nothing, S with S Sᵀ that of all unknowns without those, and the directions that they leave open
+    (open, k), relative to the sizes; `swamped`: some that seem open would show by more than σ, but
+    for the round-off of others.
     """
 
     covariance: np.ndarray
+    spread: np.ndarray
     open: np.ndarray
     swamped: bool
 
@@ -34,7 +36,7 @@ def information(found: Residuals, size: np.ndarray, held: np.ndarray, many: int)
     open_ones = reduced(left[:, :many])
     blind = (np.abs(open_ones) > 0).any(axis=0) if len(open_ones) else np.zeros(many, dtype=bool)
     covariance[blind, blind] = np.inf
-    return Information(covariance, open_ones, swamped)
+    return Information(covariance, spread, open_ones, swamped)
 
 
 def directions(

@@ -14,6 +14,7 @@ from varint.estimation.ray_rows import ray_row_count
 from varint.estimation.residuals import parameters_at, start_of
 from varint.estimation.result import Fit
 from varint.estimation.search import Minimum, sizes
+from varint.estimation.step_error import shift_by_half_steps
 from varint.estimation.unidentified import in_words
 from varint.integration.simulate import simulate
 from varint.results.trajectory import Trajectory
@@ -60,6 +61,7 @@ def fit_of(minimum: Minimum, levels: dict[int, Free]) -> Fit:
         solved.converged,
         solved.steps,
         tuple(p.names[i] for i in np.flatnonzero(held[: p.many])),
+        shift_by_half_steps(minimum, told.spread),
         _by_motion(p, level_sigma(minimum, levels)),
         minimum,
     )

@@ -13,6 +13,7 @@ from varint.errors import InputError
 from varint.estimation.measurement import Measurement
 from varint.estimation.profile import Profile, profile
 from varint.estimation.search import Minimum
+from varint.estimation.step_error import moved_in_words
 from varint.results.trajectory import Trajectory
 from varint.scene.parameters import values_by_name
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+FAR = 3.0  # σ: independent errors have half of the residuals below 0.7 of them
 ROUNDED = 1e-12  # of χ² by its degrees of freedom: what is left is round-off, not noise
 
 
@@ -57,6 +59,9 @@ class Fit:
         Gauss–Newton steps.
     at_bounds : tuple of str
         What bounds hold.
+    step_shift : ndarray (k,)
+        How far half the step would move the estimates, to first order: what the step's own error
+        does to them. More than a tenth of a standard deviation comes with a warning.
     jitter_sigma : tuple of tuple of float
         Standard deviation of every estimated noise level, which stands in `data`; NaN where the
         level was given, infinite where it came out as zero.
@@ -79,6 +84,7 @@ class Fit:
     converged: bool
     steps: int
     at_bounds: tuple[str, ...]
+    step_shift: np.ndarray
     jitter_sigma: tuple[tuple[float, ...], ...]
     origin: Minimum
 
@@ -183,9 +189,29 @@ class Fit:
             for data, parts in zip(self.data, self.residuals, strict=True)
         )
 
+    @property
+    def misfit(self) -> str:
+        """That the data are not met, in words, where half of the residuals are far beyond σ."""
+        every = np.concatenate([r.ravel() for parts in self.residuals for r in parts])
+        middle = float(np.nanmedian(np.abs(every))) if np.isfinite(every).any() else 0.0
+        if middle <= FAR or self.freedom <= 0:
+            return ""
+        held = f"the bounds of {', '.join(self.at_bounds)} in its way, " if self.at_bounds else ""
+        return (
+            f"the data are not met: half of the residuals are beyond {middle:.2g} σ; the minimum "
+            "may be a wrong one (try other guesses, more segments, huber=1.5 against outliers), "
+            f"{held}the scene may lack something, or sigma is too small"
+        )
+
+    @property
+    def step_error(self) -> str:
+        """What the step's own error does to the estimates, in words, where it shows."""
+        return moved_in_words(self.names, self.step_shift, self.sigma)
+
     def report(self) -> None:
-        """Print estimates with intervals, the size and independence of the residuals, what bounds
-        hold and what the data leave open.
+        """Print estimates with intervals, the size and independence of the residuals, whether the
+        data are met, what the step's own error does where it shows, what bounds hold and what the
+        data leave open.
         """
         print(self.summary)
 
@@ -215,6 +241,7 @@ class Fit:
                 for m, s in zip(data, spreads, strict=True)
                 if not np.isnan(s)
             ]
+        lines += [sentence for sentence in (self.misfit, self.step_error) if sentence]
         lines += [f"at a bound: {name}" for name in self.at_bounds]
         lines += [f"open: {sentence}" for sentence in self.unidentifiable]
         return "\n".join(lines)

@@ -17,6 +17,7 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock, RunState
 from varint.integration.steppers.stepper import state_layout
 from varint.rules.rule import Rule
+from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 if TYPE_CHECKING:
@@ -73,12 +74,14 @@ def kernel_for(
 
 def runs_by_stages(system: System, rule: Rule, backend: str) -> bool:
     """Whether the rule iterates all stages at once, in a loop that need not be compiled first."""
+    return backend in ("auto", "native") and _by_stages_at_once(system, rule)
+
+
+@per_scene
+def _by_stages_at_once(system: System, rule: Rule) -> bool:
     loop = _compiled_loop()
-    return (
-        backend in ("auto", "native")
-        and loop.scheme_of(system, rule) is loop.BY_STAGES
-        and loop.kernel_in_gear(system, rule) is not None
-    )
+    by_stages = loop.scheme_of(system, rule) is loop.BY_STAGES
+    return by_stages and loop.kernel_in_gear(system, rule) is not None
 
 
 @cache
@@ -128,7 +131,7 @@ def run_at_once(
     another loop must go on.
     """
     loop = _short_loop()
-    if short and not loop.is_short(kernel, problem.steps):
+    if short and not loop.is_short(kernel, problem.steps - problem.first):
         return None
     return loop.run_at_once(system, rule, problem, kernel)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -55,11 +55,15 @@ class Checkpoint:
         """Write the nodes so far and where to go on from; the old file stays until the new one
         is whole. A full disk does not end the run: it is said once, and tried again later.
         """
-        if nodes[-1].after is None:
-            return
+        last = nodes[-1].after
+        if last is not None:
+            self.put(lambda: self._contents(t0, h, nodes, events, last))
+
+    def put(self, contents: Callable[[], tuple[dict[str, Any], dict[str, Any]]]) -> None:
+        """Write a header and arrays."""
         began = perf_counter()
         try:
-            header, arrays = self._contents(t0, h, nodes, events, nodes[-1].after)
+            header, arrays = contents()
             write_atomically(
                 self.path, lambda file: write_archive(file, header, arrays, compress=False)
             )

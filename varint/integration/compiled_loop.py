@@ -10,32 +10,29 @@ import numpy as np
 
 from varint.codegen.arguments import DONE, NOT_CONVERGED
 from varint.codegen.cache import CompileError
-from varint.codegen.frozen import no_whole_derivatives
-from varint.codegen.gauss import gauss_form
+from varint.codegen.frozen import no_whole_derivatives, stiff_tree
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.codegen.kernel import run_loop as compiled_run
-from varint.codegen.solution import CLOSED
 from varint.discrete.scales import rounding_sizes
 from varint.integration.cost import newton_repays
 from varint.integration.gears import (
     BY_STAGES,
     EXPLICIT,
-    Scheme,
     compiled_kernel,
     gears_of,
     gears_with,
     kernel_after,
     kernel_now,
+    native_loop,
     newton,
+    scheme_of,
 )
 from varint.integration.interpreted_loop import interpreted_blocks
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock, Passed, RunState
 from varint.numerics.progress import notice
-from varint.rules.polynomials import MOST_STAGES
-from varint.rules.rule import Rule, gauss
-from varint.scene.memory import per_scene
+from varint.rules.rule import Rule
 from varint.scene.system import System
 
 NODES_IN_BLOCK = 200_000  # of a compiled run between two looks at it
@@ -63,20 +60,7 @@ def native_kernel(system: System, rule: Rule) -> Kernel:
     NotCompilable, CompileError
         If there is none.
     """
-    return scheme_of(system, rule).native(system, rule)
-
-
-@per_scene
-def scheme_of(system: System, rule: Rule) -> Scheme:
-    """Kick and drift where they exist; all stages at once by fixed-point iteration for Gauss
-    rules, which beats Newton's method by far except for the midpoint rule in few coordinates
-    (double pendulum: 0.35 against 0.16 µs a step); else Newton's method.
-    """
-    s = system.structure
-    if rule.kicks and s.explicit:
-        return EXPLICIT
-    few = rule == gauss(1) and s.n <= CLOSED
-    return BY_STAGES if _has_stages(system, rule) and not s.linear and not few else newton()
+    return native_loop(system, rule, scheme_of(system, rule))
 
 
 @kernel_per_system
@@ -84,10 +68,6 @@ def kernel_of(system: System, rule: Rule) -> Kernel:
     """The compiled loop of a system and a rule."""
     with notice(f"compiling {rule} for this scene (once; it is kept)"):
         return compiled_kernel(system, rule, scheme_of(system, rule))
-
-
-def _has_stages(system: System, rule: Rule) -> bool:
-    return rule == gauss(min(len(rule.nodes), MOST_STAGES)) and bool(gauss_form(system))
 
 
 def compiled_blocks(
@@ -113,6 +93,7 @@ def compiled_blocks(
     scheme, cautious = newton() if kernel.opening else scheme_of(system, rule), False
     by_stages = scheme is BY_STAGES
     no_other_way = scheme is EXPLICIT or no_whole_derivatives(system)
+    stiff = by_stages and stiff_tree(system)
     gears = gears_with(system, rule, scheme, kernel)
     piloted = by_stages and at is None and not no_other_way
     most = first_piece(kernel, piloted)
@@ -140,7 +121,9 @@ def compiled_blocks(
         # compositions have no other way, and whole derivatives of large machines take minutes;
         # else, where an iteration fails or overflows, Newton's method or the
         # interpreted loop may not
-        goes_on = part.status != DONE and not no_other_way
+        goes_on = part.status != DONE and (
+            not no_other_way or (stiff and _newton_in_gear(system, rule) is not None)
+        )
         if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:

@@ -122,8 +122,9 @@ def _statements(system: System, rule: Rule) -> int:
 def _by_right_sides(system: System, rule: Rule) -> bool:
     """Whether the compiled loop needs no derivatives of a step's equations, or constant ones."""
     s, stages = system.structure, len(rule.nodes)
-    by_stages = s.quadratic_kinetic and rule == gauss(min(stages, MOST_STAGES))
-    return s.linear or bool(rule.kicks and s.explicit) or by_stages
+    if s.linear or (rule.kicks and s.explicit):
+        return True
+    return s.quadratic_kinetic and rule == gauss(min(stages, MOST_STAGES))
 
 
 @per_scene

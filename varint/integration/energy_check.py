@@ -117,7 +117,7 @@ def energies_along(
     system: System, q: np.ndarray, p: np.ndarray, t: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Energy and p·v at nodes (N, n) at their times (N,), or one time for all."""
-    f = _energy_rows(system)
+    f = energy_rows(system)
     if f is None:
         function, times = _energy_of_momentum(system), t if len(t) == 1 else t[:, None]
         found = over_columns(function, q, p, times, c, np.zeros(1))
@@ -258,7 +258,7 @@ def _energy_function(system: System) -> ca.Function:
 
 
 @per_scene
-def _energy_rows(system: System) -> RowFunction | None:
+def energy_rows(system: System) -> RowFunction | None:
     """(q, p, t) → H, p·v as data; None where they have no such form."""
     from varint.codegen.rows import row_function_or_none
 

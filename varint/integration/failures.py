@@ -43,6 +43,11 @@ def failure(
     t = float(motion.t[0] + motion.h * (step - motion.k[0]))
     if np.isfinite(residual):
         what = f"left a residual of {residual:.1e} (limit {RESIDUAL_LIMIT:g})"
+        if residual <= RESIDUAL_LIMIT:
+            what = (
+                f"did not settle: little is left of its equations ({residual:.1e}), but what "
+                "solves them still changed when the iteration ended"
+            )
     else:
         what = "gave values that are not finite"
     hint = "; on_failure='subdivide' redoes such a step in smaller parts" if on_failure else ""

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import warnings
+from functools import cache, partial
 from time import perf_counter
+from types import ModuleType
 
+from varint.integration.energy_check import SAMPLES
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.false_speed import false_speed
+from varint.integration.hard_steps import HardStep, until_hard
 from varint.integration.plan import plan
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.run import collect, short_run, start_run
@@ -16,6 +20,8 @@ from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
+
+FEW = SAMPLES - 1  # steps of which every node is looked at
 
 
 def simulate_steps(
@@ -40,14 +46,19 @@ def simulate_steps(
         file = checkpoint_of(asked.checkpoint, system, chosen.rule, problem, stop, watches, **words)
     if stop or watches:  # every node is looked at; those not asked for are dropped at the end
         problem = problem._replace(save_every=1)
-    motion = None
+    motion, quiet = None, False
     unwatched = not (stop or watches or file) and (
         asked.progress is None or asked.progress is False
     )
     if unwatched and asked.on_failure == "raise":
-        motion = short_run(system, chosen, problem, began, asked.backend)
+        how = system, chosen, problem, began, asked.backend
+        few = None
+        if asked.backend != "interpreted" and problem.steps <= FEW:
+            few = _few_steps().motion_of_few_steps(*how)
+        motion, quiet = few or (short_run(*how), False)
     if motion is None:
-        run = start_run(
+        begin = partial(
+            start_run,
             system,
             chosen,
             problem,
@@ -56,14 +67,26 @@ def simulate_steps(
             on_failure=asked.on_failure,
             file=file,
         )
-        motion = collect(
-            run,
+        end = partial(
+            collect,
             stop=stop,
             watches=watches,
             file=file,
             progress=asked.progress,
             on_failure=asked.on_failure,
         )
-    if alarm := energy_alarm(motion) or false_speed(motion):
+        try:
+            motion = end(until_hard(begin()))
+        except HardStep as step:
+            motion = end(begin(by=step.kernel))
+    if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)
+
+
+@cache
+def _few_steps() -> ModuleType:
+    """The module of runs of a few steps in C, which loads what a first run compiles with."""
+    from varint.integration import few_steps
+
+    return few_steps

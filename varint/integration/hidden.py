@@ -2,71 +2,186 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
 import casadi as ca
 import numpy as np
 
+from varint.codegen.rows import row_function_or_none
+from varint.integration.events.intervals import ZERO, Interval, point
+from varint.integration.events.jets import Jet, enclosures
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
-from varint.rules.rule import Rule
+from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
-MOST_LOOKS = 200_000  # times at which the force is looked at
-LEAST_LOOKS, MOST_IN_A_STEP = 16, 4096
-TIMES = 4.0  # as large as what the rule sees: a force that acts between its nodes
+PARTS = 8  # into which a part of a step is cut that may hide something, LEVELS times
+LEVELS, MOST_PARTS = 10, 100_000
+WITHIN = 4  # looks in each part, at the nodes of a Gauss rule
+# |d²F/dt²| h² over |F|: of steps that hide no pulse, and of parts that show it to `WITHIN` looks
+BENDS, SHOWN = 100.0, 1.0
+NOTHING = 0.01  # of tol: what a force may do all along the run without being looked at
+BOUNDED = 2_000  # operations of a force whose bounds along a step are worth their set-up
+BLIND = 64  # parts into which steps are cut without such bounds
+
+Rows = Callable[..., list[np.ndarray]]  # (c, arguments) → values at many points
 
 
-@per_system
-def _push_function(system: System) -> ca.Function:
-    """(q, v, t, c) → ∂L/∂q + F without controls, and the diagonal of M."""
-    s = system
-    force = ca.substitute(s.force, s.control, ca.SX.zeros(s.control.shape))
-    generalised_force = ca.gradient(s.lagrangian, s.q) + force
-    outputs = [ca.densify(generalised_force), ca.densify(ca.fabs(ca.diag(s.mass_matrix)))]
-    return ca.Function("push", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+class Parts(NamedTuple):
+    """Parts of steps, (M,) each: which step, where they begin and end as fractions of it."""
+
+    step: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+
+    def at(self, which: np.ndarray) -> Parts:
+        return Parts(*(x[which] for x in self))
+
+    def cut(self, count: int) -> Parts:
+        """Each into so many."""
+        ends = self.begin + np.arange(count + 1)[:, None] / count * (self.end - self.begin)
+        return Parts(np.tile(self.step, count), ends[:-1].ravel(), ends[1:].ravel())
 
 
 def missed_impulse(
-    system: System,
-    rule: Rule,
-    motion: Trajectory,
-    scales: np.ndarray,
-    most_looks: int = MOST_LOOKS,
+    system: System, rule: Rule, motion: Trajectory, scales: np.ndarray, tol: float
 ) -> float:
     """What a force that depends on time does between the times at which the rule looks at it.
 
-    Where many looks within a step find a force several times as large as the rule finds at its
-    nodes in that step and beside it, a pulse is stepped over: its impulse, carried on to the end of
-    the run, relative to the scales. Zero for autonomous scenes, whose forces are met wherever the
-    motion goes.
+    Where bounds do not rule out that the force bends sharply within a step, the step is cut into
+    parts until they do, which finds a pulse however short. How far the rule's quadrature is off
+    the impulse along the straight way between the nodes is carried on to the end of the run,
+    relative to the scales. Zero for autonomous scenes, whose forces are met wherever the motion
+    goes.
     """
     if system.structure.autonomous or len(motion) < 2:
         return 0.0
-    looks = int(np.clip(most_looks // (len(motion) - 1), LEAST_LOOKS, MOST_IN_A_STEP))
-    seen, _ = _force_within(system, motion, np.array(rule.nodes))
-    true, impulse = _force_within(system, motion, (np.arange(looks) + 0.5) / looks)
-    around = np.maximum(seen, np.maximum(np.roll(seen, 1, axis=0), np.roll(seen, -1, axis=0)))
-    over = true > TIMES * np.maximum(around, np.median(true, axis=0))
-    mass = over_columns(
-        _push_function(system), motion.q[:1], motion.v[:1], motion.t[:1, None], motion.c
-    )[1]
+    count = len(motion) - 1
+    every = Parts(np.arange(count), np.zeros(count), np.ones(count))
+    mass = _push(system)(motion.c, motion.q[:1], motion.v[:1], motion.t[:1, None])[1][0]
     mass = np.where(mass > 0, mass, mass.max(initial=0.0) or 1.0)
     left = abs(motion.t[-1] - motion.t[:-1])[:, None]
-    return float((np.where(over, impulse, 0.0) * left / mass / scales).sum(axis=0).max())
+    error = left / mass / scales  # of an impulse in a step
+    nothing = NOTHING * tol / (error * abs(motion.t[-1] - motion.t[0]))
+    size, seen = _impulses(system, motion, every, np.array(rule.nodes), np.array(rule.weights))
+    around = np.maximum(size, np.maximum(np.roll(size, 1, axis=0), np.roll(size, -1, axis=0)))
+    usual = np.maximum(around, np.median(size, axis=0))
+    doubtful = np.flatnonzero(_may_hide(system, motion, every, BENDS * usual, nothing))
+    if not len(doubtful):
+        return 0.0
+    few, true = gauss(WITHIN), np.zeros_like(seen)
+    for some in _shown(system, motion, every.at(doubtful), usual, nothing):
+        _, part = _impulses(system, motion, some, np.array(few.nodes), np.array(few.weights))
+        np.add.at(true, some.step, part)
+    missed = np.abs(true - seen)[doubtful]
+    return float((missed * error[doubtful]).sum(axis=0).max())
 
 
-def _force_within(
-    system: System, motion: Trajectory, nodes: np.ndarray
+def _shown(
+    system: System, motion: Trajectory, parts: Parts, usual: np.ndarray, nothing: np.ndarray
+) -> Iterator[Parts]:
+    """Parts that make up these, each small enough to be seen by a few looks."""
+    if _bounds(system) is None:
+        yield parts.cut(BLIND)
+        return
+    for _ in range(LEVELS):
+        parts = parts.cut(PARTS)
+        hides = _may_hide(system, motion, parts, SHOWN * usual, nothing)
+        yield parts.at(~hides)
+        parts = parts.at(hides)
+        if not len(parts.step) or len(parts.step) > MOST_PARTS // PARTS:
+            break
+    yield parts
+
+
+@np.errstate(all="ignore")  # infinite where nothing is certain
+def _may_hide(
+    system: System, motion: Trajectory, parts: Parts, smooth: np.ndarray, nothing: np.ndarray
+) -> np.ndarray:
+    """Whether the force may bend by more than `smooth` within parts, and be more than nothing."""
+    bounds = _bounds(system)
+    if bounds is None:
+        return np.ones(len(parts.step), dtype=bool)
+    ends = _on_way(motion, parts.step, parts.begin), _on_way(motion, parts.step, parts.end)
+    (q0, _, t0), (q1, _, t1) = ends
+    low, high, down, up = bounds(motion.c, q0, q1, t0, t1)
+    bends = np.maximum(-down, up) * (t1 - t0) ** 2 <= smooth[parts.step]
+    return ~(bends | (np.maximum(-low, high) <= nothing[parts.step])).all(axis=1)
+
+
+def _on_way(
+    motion: Trajectory, step: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q, v and t (M, 1) at fractions of steps, on the straight line between their nodes."""
+    t, h = motion.t[step, None], (motion.t[step + 1] - motion.t[step])[:, None]
+    q, way = motion.q[step], motion.q[step + 1] - motion.q[step]
+    return q + x[:, None] * way, way / h, t + x[:, None] * h
+
+
+def _impulses(
+    system: System, motion: Trajectory, parts: Parts, nodes: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Largest |F| and mean |F| times h at fractions of every step, on the straight line between
-    its nodes, (N, n) each.
+    """Largest |F| and the impulse ∫F dt by a quadrature, of each part, (M, n)."""
+    largest, total = np.zeros((2, len(parts.step), motion.q.shape[1]))
+    for x, weight in zip(nodes, weights, strict=True):
+        q, v, t = _on_way(motion, parts.step, parts.begin + x * (parts.end - parts.begin))
+        force = _push(system)(motion.c, q, v, t)[0]
+        largest, total = np.maximum(largest, np.abs(force)), total + weight * force
+    h = (motion.t[parts.step + 1] - motion.t[parts.step]) * (parts.end - parts.begin)
+    return largest, total * h[:, None]
+
+
+def _force(system: System) -> ca.SX:
+    """∂L/∂q + F without controls."""
+    s = system
+    force = ca.substitute(s.force, s.control, ca.SX.zeros(s.control.shape))
+    return ca.densify(ca.gradient(s.lagrangian, s.q) + force)
+
+
+@per_system
+def _push(system: System) -> Rows:
+    """(c, q, v, t) → the force and the diagonal of M."""
+    s = system
+    mass = ca.densify(ca.fabs(ca.diag(s.mass_matrix)))
+    return _rows("push", [s.q, s.v, s.t], s, [_force(s), mass])
+
+
+@per_system
+def _bounds(system: System) -> Rows | None:
+    """(c, q at both ends of a part, when it begins and ends) → bounds of the force and of its
+    second derivative in time on the straight line between; None where they take too much to be set
+    up.
     """
-    h = np.diff(motion.t)[:, None]
-    largest, total = np.zeros((2, len(h), motion.q.shape[1]))
-    for x in nodes:
-        q = (1 - x) * motion.q[:-1] + x * motion.q[1:]
-        v = (1 - x) * motion.v[:-1] + x * motion.v[1:]
-        t = motion.t[:-1, None] + x * h
-        size = np.abs(over_columns(_push_function(system), q, v, t, motion.c)[0])
-        largest, total = np.maximum(largest, size), total + size
-    return largest, total * np.abs(h) / len(nodes)
+    s, force = system, _force(system)
+    value = ca.Function("force", [s.q, s.v, s.t, s.c], [force])
+    if value.n_instructions() > BOUNDED:
+        return None
+    q0, q1 = ca.SX.sym("q0", s.structure.n), ca.SX.sym("q1", s.structure.n)
+    begin, end = ca.SX.sym("begin"), ca.SX.sym("end")
+    speeds = [point(x) for x in ca.vertsplit((q1 - q0) / (end - begin))]
+    ways = [_hull(*x) for x in zip(ca.vertsplit(q0), ca.vertsplit(q1), strict=True)]
+    path = [Jet(way, speed, ZERO) for way, speed in zip(ways, speeds, strict=True)]
+    still = [Jet(x, ZERO, ZERO) for x in (*speeds, *map(point, ca.vertsplit(s.c)))]
+    clock, n = Jet(_hull(begin, end), point(1.0), ZERO), len(speeds)
+    jets = enclosures(value, [path, still[:n], [clock], still[n:]])
+    ends = [
+        ca.densify(ca.vertcat(*(getattr(interval, side) for interval in of_all)))
+        for of_all in ([x.value for x in jets], [x.curvature for x in jets])
+        for side in ("low", "high")
+    ]
+    return _rows("bounds", [q0, q1, begin, end], s, ends)
+
+
+def _hull(a: ca.SX, b: ca.SX) -> Interval:
+    return Interval(ca.fmin(a, b), ca.fmax(a, b))
+
+
+def _rows(name: str, arguments: list[ca.SX], system: System, results: list[ca.SX]) -> Rows:
+    """The function at many points, in C where it can be."""
+    as_data = row_function_or_none(name, arguments, system.c, results)
+    if as_data is not None:
+        return as_data.values
+    function = ca.Function(name, [*arguments, system.c], results, {"cse": True})
+    return lambda c, *points: over_columns(function, *points, c)

@@ -5,7 +5,7 @@ there is one, else by the interpreted step.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -64,6 +64,7 @@ def interpreted(rule: Rule, system: System, c: np.ndarray) -> Steps:
     return steps_of(system, rule, None, c)
 
 
+@lru_cache(maxsize=64)
 def steps_again(
     rule: Rule, by: Callable[[Rule, System, np.ndarray], Steps] = in_gear
 ) -> StepsAgain:

@@ -16,6 +16,7 @@ from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.rule_choice import iteration_level, steps_for
 from varint.integration.run import motion_at_once
+from varint.integration.run_distance import with_first_half
 from varint.integration.trajectories import Run
 from varint.integration.two_runs import (
     FLOOR,
@@ -93,7 +94,7 @@ def by_plain_trials(
         energy = energies_along(system, some[:, 0], some[:, 1], time, start.c)
         return Attempt(PlainTrial(problem, kernel, found), quantiles(*energy))
 
-    def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> float:
+    def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> tuple[float, float]:
         q = other.found.rows[:, 0].copy()  # side by side: three times as fast
         if scale is None:
             v = still if quadratic else np.nan_to_num(other.found.rows[0, 2])
@@ -102,7 +103,7 @@ def by_plain_trials(
             scales = error_scales(system, plain_motion(system, rule, other, 0.0), scale)
         unit = math.gcd(few, many)
         off = one.found.rows[:: few // unit, 0] - q[:: many // unit]
-        return float((np.abs(off, out=off) / scales).max())
+        return with_first_half(np.abs(off, out=off) / scales)
 
     course = Course(trial, apart, radians, system.structure.linear)
     return run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)

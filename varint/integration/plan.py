@@ -119,7 +119,39 @@ def _plan(system: System, rule: Rule | None) -> Plan:
     skipped = method.skips(system, rule)
     if system.structure.autonomous:
         skipped = (*skipped, "time: the scene is autonomous")
-    return Plan(rule, method.name, method.runs(system, rule), skipped, method.build)
+    runs = method.runs(system, rule)
+    if system.kinetics is not None:
+        runs = (*_of_machines(system, rule), *(f"interpreted: {text}" for text in runs))
+    return Plan(rule, method.name, runs, skipped, method.build)
+
+
+def _of_machines(system: System, rule: Rule) -> tuple[str, ...]:
+    """What the loops in C do instead, for scenes that know their mass matrix."""
+    # these take longer to import than a plan of any other scene to make
+    from varint.codegen.frozen import freezes, no_whole_derivatives, stiff_tree
+    from varint.codegen.native import MOST_CONTROLS, MOST_COORDINATES
+    from varint.integration.gears import BY_STAGES, scheme_of
+
+    s, large = system.structure, no_whole_derivatives(system)
+    loop = []
+    if scheme_of(system, rule) is BY_STAGES:
+        loop.append(
+            "in C: all stages at once, velocities improved by recursion over the tree, no matrix"
+            + ("; Newton's method where that fails" if not large or stiff_tree(system) else "")
+        )
+    if freezes(system) or stiff_tree(system):
+        loop.append(
+            "Newton's matrix in C: inertia, rows, stiffness and damping in the middle of the step, "
+            "factorised once"
+        )
+    if s.n > MOST_COORDINATES or s.controls > MOST_CONTROLS:
+        loop.append(
+            f"its operations are compiled: they are data up to {MOST_COORDINATES} coordinates and "
+            f"{MOST_CONTROLS} motors"
+        )
+    else:
+        loop.append("its operations as data, compiled beside the run where that repays")
+    return tuple(loop)
 
 
 def _with_contacts(system: System, rule: Rule) -> Plan:

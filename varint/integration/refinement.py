@@ -31,7 +31,8 @@ SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
-ENOUGH = 2**20  # steps over forces that jump, where more would not do
+ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
+HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
@@ -62,6 +63,15 @@ def refine(
             before, steps = (steps, motion), 2 * steps
             continue
         scales = error_scales(system, motion, scale)
+        missed = missed_impulse(system, rule, motion, scales, tol)
+        if missed > tol and not has_steps(system):
+            # a pulse passed over: what such runs agree on says nothing
+            before, apart, order, stalls = (steps, motion), math.inf, None, 0
+            if 2 * steps > min(most, ENOUGH):
+                best = Choice(rule, steps, motion, missed, runs, False)
+                break
+            steps *= 2
+            continue
         ratio, last = steps / before[0], apart
         seen = distance(before[1], before[0], motion, steps, scales)
         if ends_early:
@@ -87,7 +97,7 @@ def refine(
             if estimate <= tol:
                 hidden = max(
                     transient(trial, rule, steps, motion, scales),
-                    missed_impulse(system, rule, motion, scales),
+                    missed,
                     luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
             found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
@@ -96,7 +106,7 @@ def refine(
             if found.estimate <= tol:
                 return found
             hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
-            if hopeless and steps >= ENOUGH and has_steps(system):
+            if hopeless and steps >= HOPELESS and has_steps(system):
                 break
             more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
             steps = (

@@ -20,6 +20,8 @@ from varint.scene.system import System
 
 RADIANS = 3.0  # of the fastest motion in a step where the trials begin
 SECULAR = 2.0  # divided by the square of the number of steps: what iterations leave adds up
+# of the fastest frequency: what rules of low order resolve worst
+OVERTONES = 2.0
 ANHARMONIC = 1.5  # more steps than a small oscillation takes
 ROUGH = 0.01  # error of a run that says something
 
@@ -36,8 +38,8 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
         return {lobatto(3): 1.0}
     if s.constraints:
         return {lobatto(k): (k - 1) ** 1.5 for k in (3, 5, 7)}
-    # stages run side by side in vector registers
-    rules = {gauss(k): 5.0 * k / min(k, 4) for k in (2, 4, 6, 8)}
+    # stages run side by side in vectors of four or eight
+    rules = {gauss(k): 5.0 * math.ceil(k / 4) for k in (2, 4, 6, 8)}
     if by_stages:
         return rules
     if s.explicit:
@@ -49,11 +51,12 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
 def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
     """The rule of least work for a small oscillation over so many radians."""
 
-    def cost(rule: Rule) -> float:
-        growth = max(radians, 1.0) * phase_error(rule) / tol
-        return rules[rule] * max(growth ** (1 / rule.order), 1 / RADIANS)
-
-    return min(rules, key=cost)
+    turned = max(radians, 1.0) / tol
+    costs = {
+        rule: work * max(OVERTONES * (turned * phase_error(rule)) ** (1 / rule.order), 1 / RADIANS)
+        for rule, work in rules.items()
+    }
+    return min(costs, key=costs.__getitem__)
 
 
 @cache

@@ -28,6 +28,7 @@ from varint.integration.events.crossings import (
 )
 from varint.integration.events.substeps import substeps_of
 from varint.integration.fold_watch import with_folds_watched
+from varint.integration.hard_steps import loop_that_took_over
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.row_watch import BlocksFrom, watch_rows
@@ -65,8 +66,10 @@ def start_run(
     backend: str,
     on_failure: str = "raise",
     file: Checkpoint | None = None,
+    by: Kernel | None = None,
 ) -> Run:
-    """The run that `problem` describes, from its checkpoint on where there is one.
+    """The run that `problem` describes, from its checkpoint on where there is one; anew `by` a loop
+    that takes it over from its start.
 
     Raises
     ------
@@ -77,6 +80,7 @@ def start_run(
         raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
     kernel: Kernel | None = None
     blocks_from: BlocksFrom
+    scene = active_scene(system, problem)
     if system.structure.contacts:
         from varint.integration.events.contact_loop import contact_run
         from varint.integration.events.subdivide import subdivide_contact_step
@@ -88,19 +92,21 @@ def start_run(
         blocks_from = partial(contact_run, system, chosen.rule, problem, flights=flights)
         remedy = partial(subdivide_contact_step, system, chosen.rule, problem)
     else:
-        scene = active_scene(system, problem)
-        kernel = kernel_for(scene, chosen.rule, problem, backend)
+        kernel = by or kernel_for(scene, chosen.rule, problem, backend)
+    if file:  # "auto" may choose otherwise next time, where no compiler is found
+        file.identity["loop"] = "interpreted" if kernel is None or by else kernel.about
+    nodes = file.read() if file and by is None else []
+    if not nodes and not system.structure.contacts:
+        nodes = [first_node(problem)]
+    if not system.structure.contacts:
+        if kernel is None:
+            kernel = loop_that_took_over(nodes[-1].after, scene, chosen.rule)
         blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
         if folds(scene):
             blocks_from = with_folds_watched(blocks_from, scene, chosen.rule, problem, kernel)
         if scene is not system:
             blocks_from = watch_rows(blocks_from, system, chosen.rule, problem)
         remedy = partial(subdivide_failed_step, scene, chosen.rule, problem, kernel)
-    if file:  # "auto" may choose otherwise next time, where no compiler is found
-        file.identity["loop"] = "interpreted" if kernel is None else kernel.about
-    nodes = file.read() if file else []
-    if not nodes and not system.structure.contacts:
-        nodes = [first_node(problem)]
     at = nodes[-1].after if nodes else None
     blocks = blocks_from(at)
     if on_failure == "subdivide":

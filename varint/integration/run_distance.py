@@ -13,14 +13,26 @@ LOOKS = 65  # nodes at which runs without common ones are compared
 
 def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
     """Largest difference of two runs with so many steps at the nodes of both, by the scales."""
+    return float(differences(one, few, other, many, scales).max())
+
+
+def differences(
+    one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray
+) -> np.ndarray:
+    """All of them, node by node."""
     unit = math.gcd(few, many)
     if _equally_spaced(one) and _equally_spaced(other):
         q1, q2 = one.q[:: few // unit], other.q[:: many // unit]
         count = min(len(q1), len(q2))
-        return float((np.abs(q1[:count] - q2[:count]) / scales).max())
+        return np.abs(q1[:count] - q2[:count]) / scales
     (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
     _, i, j = np.intersect1d(k1, k2, return_indices=True)
-    return float((np.abs(q1[i] - q2[j]) / scales).max())
+    return np.abs(q1[i] - q2[j]) / scales
+
+
+def with_first_half(off: np.ndarray) -> tuple[float, float]:
+    """The largest of differences (nodes, n), and that of the first half of the nodes."""
+    return float(off.max()), float(off[: len(off) // 2 + 1].max())
 
 
 def distance_between_nodes(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:

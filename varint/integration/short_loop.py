@@ -23,14 +23,16 @@ from varint.scene.system import System
 def run_at_once(
     system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel
 ) -> LoopResult | None:
-    """The compiled run without a look at it on the way; None where its iteration contracts so
-    poorly that another loop should go on, or saved nodes lie further apart than the first steps.
+    """The compiled run from the problem's first step on without a look at it on the way; None where
+    its iteration contracts so poorly that another loop should go on, or saved nodes lie further
+    apart than the first steps.
     """
     scheme = newton() if kernel.opening else scheme_of(system, rule)
     piloted, gears = scheme is BY_STAGES, gears_with(system, rule, scheme, kernel)
     steps, every, most = problem.steps, problem.save_every, first_piece(kernel, piloted)
     parts: list[LoopResult] = []
-    k, carry = 0, None
+    first = k = problem.first
+    carry = None
     while k < steps:
         count = next_piece(k, steps, every, most)[0]
         if count % every:
@@ -40,7 +42,7 @@ def run_at_once(
         per_step = max(part.seconds / count, 1e-12)
         if gears:
             kernel = kernel_after(gears, part.seconds, per_step * (steps - k - count))
-        if piloted and not k and part.iterations > POOR * count:
+        if piloted and k == first and part.iterations > POOR * count:
             return None
         if part.status != DONE:
             break

@@ -7,7 +7,8 @@ import math
 import casadi as ca
 import numpy as np
 
-from varint.numerics.arrays import call, is_definite, over_columns
+from varint.discrete.legendre import velocity_function
+from varint.numerics.arrays import DEFINITE, call, is_definite, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -34,19 +35,22 @@ def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
     """Largest ω with det(∂²L/∂q² + ω² M) = 0; not finite where the matrices are not, None where a
     coordinate has no inertia.
     """
-    if not math.isfinite(mass.sum() + stiffness.sum()):
+    m, k = mass.ravel().tolist(), stiffness.ravel().tolist()
+    if not math.isfinite(sum(m) + sum(k)):
         return math.nan
-    inertia = mass.diagonal().tolist()
+    inertia = m[:: len(mass) + 1]
     if min(inertia, default=1.0) <= 0:
         return None
     if len(inertia) == 1:
-        return math.sqrt(abs(stiffness.item(0) / inertia[0]))
-    if len(inertia) == 2 and mass.item(1) == 0 == mass.item(2):
-        a, b, c, d = (x / inertia[i // 2] for i, x in enumerate(stiffness.ravel().tolist()))
-        mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
-        if apart < 0:  # a pair of complex numbers
-            return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
-        return math.sqrt(abs(mean) + math.sqrt(apart))
+        return math.sqrt(abs(k[0] / m[0]))
+    if len(inertia) == 2:
+        volume = m[0] * m[3] - m[1] * m[2]
+        if m[1] == 0 == m[2]:
+            return _fastest_of_two(k[0] / m[0], k[1] / m[0], k[2] / m[3], k[3] / m[3])
+        if volume > DEFINITE * m[0] * m[3]:
+            columns = [m[3] * k[0] - m[1] * k[2], m[3] * k[1] - m[1] * k[3]]
+            columns += [m[0] * k[2] - m[2] * k[0], m[0] * k[3] - m[2] * k[1]]
+            return _fastest_of_two(*[x / volume for x in columns])
     if is_definite(mass):
         square = np.linalg.solve(mass, stiffness)
     else:
@@ -54,6 +58,24 @@ def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
     if not np.isfinite(square).all():
         return math.nan
     return math.sqrt(np.abs(np.linalg.eigvals(square)).max())
+
+
+def _fastest_of_two(a: float, b: float, c: float, d: float) -> float:
+    """√ of the largest size of an eigenvalue of [[a, b], [c, d]]."""
+    mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
+    if apart < 0:  # a pair of complex numbers
+        return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
+    return math.sqrt(abs(mean) + math.sqrt(apart))
+
+
+def small_motions_at_start(
+    system: System, q: np.ndarray, p: np.ndarray, t: float, c: np.ndarray
+) -> tuple[float | None, np.ndarray]:
+    """`frequency` at one state, and the diagonal of M."""
+    mass, stiffness = call(_local_function_of_momentum(system), q, p, np.array((t,)), c)
+    n = system.structure.n
+    mass, stiffness = mass.reshape(n, n).T, stiffness.reshape(n, n).T
+    return frequency(mass, stiffness), mass.diagonal()
 
 
 def frequency_at_start(
@@ -83,3 +105,14 @@ def _local_function(system: System) -> ca.Function:
     )
     outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(generalised_force, s.q))]
     return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+
+
+@per_scene
+def _local_function_of_momentum(system: System) -> ca.Function:
+    """(q, p, t, c) → the same."""
+    n, velocity = system.structure.n, velocity_function(system)
+    symbol = ca.SX.sym if velocity.is_a("SXFunction") else ca.MX.sym
+    sizes = (n, n, 1, system.c.numel())
+    q, p, t, c = (symbol(x, k) for x, k in zip("qptc", sizes, strict=True))
+    found = _local_function(system)(q, velocity(q, p, t, c), t, c)
+    return ca.Function("local", [q, p, t, c], found)

@@ -74,11 +74,11 @@ def put_on_manifold(
 
 @per_scene
 def start_function(system: System) -> ca.Function:
-    """(q, v, u, t, c) → (p, M, ∂L/∂q + F, L) at the start."""
+    """(q, v, u, t, c) → p, ∂L/∂q + F, L and M at the start, one below the other."""
     s = system
     value, momentum, gradient, force = point_function(s)(s.q, s.v, s.control, s.t, s.c)
-    outputs = [ca.densify(x) for x in (momentum, s.mass_matrix, gradient + force, value)]
-    return ca.Function("start_values", [s.q, s.v, s.control, s.t, s.c], outputs)
+    values = ca.vertcat(momentum, gradient + force, value, ca.vec(s.mass_matrix))
+    return ca.Function("start_values", [s.q, s.v, s.control, s.t, s.c], [ca.densify(values)])
 
 
 def start_momentum_of(
@@ -97,11 +97,12 @@ def start_momentum_of(
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
     t = np.array((t0,))
-    p, mass, generalised_force, value = call(start_function(system), q, v, u, t, c)
-    if not finite(p, mass, generalised_force, value):
+    values = call(start_function(system), q, v, u, t, c)[0]
+    p = values[:n]
+    if not finite(values):
         what = (
             "the Lagrangian"
-            if np.isfinite(p).all() and np.isfinite(generalised_force).all()
+            if np.isfinite(values[: 2 * n]).all()
             else "the Lagrangian's derivatives"
         )
         raise InputError(
@@ -112,7 +113,7 @@ def start_momentum_of(
     if structure.degenerate:
         _check_first_order(system, q, p, t, c)
     elif not (structure.constraints or structure.nonholonomic):
-        _check_mass(system, mass.reshape(n, n), c)
+        _check_mass(system, values[2 * n + 1 :], c)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
 
 
@@ -141,6 +142,6 @@ def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     """`check_inertia`, once for each parameter values where the mass matrix is constant."""
     known, key = _regular_at(system), c.tobytes()
     if key not in known:
-        check_inertia(system, mass)
+        check_inertia(system, mass.reshape(system.structure.n, -1))
         if system.structure.constant_mass and len(known) < REMEMBERED:
             known.add(key)

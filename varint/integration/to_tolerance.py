@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from time import perf_counter
-from types import MappingProxyType
 
 import numpy as np
 
@@ -22,7 +20,8 @@ from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
 from varint.integration.tolerance import choose_steps, problem_with_steps
-from varint.integration.trajectories import subsample
+from varint.integration.trajectories import subsample, with_stats
+from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.inputs import positive_integer
@@ -62,11 +61,14 @@ def simulate_to_tolerance(
         switched = choose_switched_steps(system, rule, problem, options, tol, stop, watches)
         if switched is not None:
             return with_estimate(switched.motion, switched, tol, began)
-    choice = choose_varying_steps(system, rule, problem, start, options, tol)
-    if choice is None:
-        choice = choose_steps(
-            system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
-        )
+    # scenes without switches are over before anyone could wait
+    wanted = options.progress if has_switches(system) else False
+    with notice(f"looking for the steps of tol={tol:g}", wanted):
+        choice = choose_varying_steps(system, rule, problem, start, options, tol)
+        if choice is None:
+            choice = choose_steps(
+                system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
+            )
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
         if choice.level:
@@ -100,18 +102,18 @@ def with_estimate(motion: Trajectory, choice: Choice, tol: float, began: float) 
         warnings.warn(
             f"tol={tol:g} is out of reach: with more than {choice.steps} steps of {choice.rule} "
             f"the error is still estimated at {choice.estimate:.1e}. Round-off times the growth of "
-            "errors (chaos), or a force that jumps, is the limit: take a shorter duration or a "
-            "larger tol, or judge invariants and statistics",
+            "errors (chaos), or a force that jumps or acts for less than a step, is the limit: "
+            "take a shorter duration or a larger tol, or judge invariants and statistics",
             stacklevel=3,
         )
-    stats = dict(motion.stats) | {
-        "tol": tol,
-        "error_estimate": choice.estimate,
-        "rule": str(choice.rule),
-        "runs": choice.runs,
-        "seconds": perf_counter() - began,
-    }
-    return replace(motion, stats=MappingProxyType(stats))
+    return with_stats(
+        motion,
+        tol=tol,
+        error_estimate=choice.estimate,
+        rule=str(choice.rule),
+        runs=choice.runs,
+        seconds=perf_counter() - began,
+    )
 
 
 def _rows(system: System, start: Start) -> int:

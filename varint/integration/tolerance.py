@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
-from varint.discrete.legendre import velocity_function
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
@@ -47,9 +46,10 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, short_run, start_run, trajectory_of
-from varint.integration.run_distance import distance, ends_apart
+from varint.integration.run_distance import differences, ends_apart, with_first_half
 from varint.integration.second_looks import Trial
-from varint.integration.small_motions import MOST_COORDINATES, frequencies, frequency_at_start
+from varint.integration.short_trials import NotShort, by_short_trials
+from varint.integration.small_motions import MOST_COORDINATES, frequencies, small_motions_at_start
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
     FLOOR,
@@ -60,7 +60,6 @@ from varint.integration.two_runs import (
     shows_its_error,
 )
 from varint.integration.walls import Failure
-from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -110,7 +109,7 @@ def choose_steps(
         )
     began, own = perf_counter(), plan(system, rule).rule
     check_steps(start.t0, start.h * start.steps, 1)
-    radians = _radians(system, own, start)
+    radians, mass = _at_start(system, own, start)
     if rule is None and start.steps == 1:
         by_stages = runs_by_stages(system, gauss(8), backend)
         compiled = backend == "compiled" or (
@@ -119,7 +118,14 @@ def choose_steps(
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
     by_two_runs = start.steps == 1 and shows_its_error(system)
-    if by_two_runs and stop is None and has_plain_trials(system, start):
+    plain = by_two_runs and stop is None and has_plain_trials(system, start)
+    if plain and scale is None and mass is not None:
+        with suppress(NotShort):
+            proved = by_short_trials(system, own, start, mass, tol, radians, backend, began)
+            if proved is not None:
+                return proved
+            plain = by_two_runs = False
+    if plain:
         with suppress(NotPlain):
             shown = by_plain_trials(system, own, start, tol, radians, scale, backend)
             if shown is not None:
@@ -174,10 +180,10 @@ def _from_two_runs(
 ) -> Choice | None:
     """The choice that two runs and their energies prove, where they do."""
 
-    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
+    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> tuple[float, float]:
         scales = error_scales(system, other, scale)
-        seen = distance(one, few, other, many, scales)
-        return max(seen, ends_apart(one, other, scales)) if ends_early else seen
+        seen, half = with_first_half(differences(one, few, other, many, scales))
+        return max(seen, ends_apart(one, other, scales)) if ends_early else seen, half
 
     def run(steps: int, wanted: float, part: int) -> Attempt | None:
         motion = trial(rule, steps, part, wanted)
@@ -207,20 +213,21 @@ def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> In
     return start._replace(h=h, steps=steps, save_every=1, u=u, nodes=len(rule.nodes))
 
 
-def _radians(system: System, rule: Rule, start: InitialValueProblem) -> float:
-    """How many radians the fastest small motion about the start turns in the duration."""
+def _at_start(
+    system: System, rule: Rule, start: InitialValueProblem
+) -> tuple[float, np.ndarray | None]:
+    """How many radians the fastest small motion about the start turns in the duration, and the
+    diagonal of the mass matrix where it is known from that.
+    """
     s = system.structure
-    fastest: float | None
+    fastest: float | None = 0.0
+    mass = None
     if s.degenerate or s.constraints or s.nonholonomic or s.contacts or system.rays:
         every_row = ActiveSet(tuple(range(s.constraints)))
         node = first_node(start)._replace(active_set=start.active_set or every_row)
         rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
         fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
-    elif s.n > MOST_COORDINATES:
-        fastest = 0.0
-    else:
-        velocity = velocity_function(system)
-        v = call(velocity, start.q0, start.p0, np.array((start.t0,)), start.c)[0]
-        fastest = frequency_at_start(system, start.q0, v, start.t0, start.c)
+    elif s.n <= MOST_COORDINATES:
+        fastest, mass = small_motions_at_start(system, start.q0, start.p0, start.t0, start.c)
     turned = abs(start.h * start.steps) * (fastest or 0.0)
-    return min(float(turned), 1e6) if math.isfinite(turned) else 0.0
+    return (min(float(turned), 1e6) if math.isfinite(turned) else 0.0), mass

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -150,6 +150,13 @@ def motion_of(
             }
         ),
     )
+
+
+def with_stats(motion: Trajectory, **more: Any) -> Trajectory:
+    """The same motion with more told of how it was found; what is known of it stays known."""
+    told = object.__new__(Trajectory)
+    told.__dict__.update(motion.__dict__, stats=MappingProxyType({**motion.stats, **more}))
+    return told
 
 
 def with_velocities(motion: Trajectory, nodes: Sequence[NodeBlock]) -> Trajectory:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varint.integration.energy_check import energies_along, keeps_energy
+from varint.integration.rule_choice import iteration_level
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -48,6 +49,10 @@ CAUTION = 0.85  # of the rule's order is counted on at most
 # error that is predicted of the first coarse one is not clearly small, and otherwise
 LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
 CLEAR = 0.03  # such an error
+# of differences from the middle to the end, where they grow with the square of time; what grows
+# more is taken for a growth of all errors: what iterations leave in a step, and round-off, grow too
+SECULAR_GROWTH = 4.0
+LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
 
 
 class Attempt(NamedTuple):
@@ -58,7 +63,8 @@ class Attempt(NamedTuple):
 
 
 Trial = Callable[[int, float, int], Attempt | None]  # (steps, wanted error, part of the run)
-Apart = Callable[[Any, int, Any, int], float]  # two runs and their steps → distance
+# two runs and their steps → largest difference, and that of their first half
+Apart = Callable[[Any, int, Any, int], tuple[float, float]]
 
 
 class Course(NamedTuple):
@@ -107,7 +113,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     steps, runs = _by_a_part(course, _in_fours(first), rough, p)
     coarse: Attempt | None = None
     expected = before = math.inf
-    clear = CLEAR
+    clear, growth, doubted = CLEAR, 1.0, False  # once, for steps may lie in a resonance
     for _ in range(course.attempts):
         if coarse is None:
             tried, runs = course.trial(steps, rough, 1), runs + 1
@@ -121,27 +127,36 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 continue
             coarse = tried
         more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, FAR))
-        fine, runs = course.trial(more, tol, 1), runs + 1
+        wanted = tol / growth
+        fine, runs = course.trial(more, wanted, 1), runs + 1
         if fine is None:
             return None
-        apart = course.apart(coarse.run, steps, fine.run, more)
-        rounded, stalls = rounding(apart, course.radians, more), apart > STALLED * before
+        apart, early = course.apart(coarse.run, steps, fine.run, more)
+        growth = max(growth, apart / (SECULAR_GROWTH * max(early, ROUNDED)))
+        rounded, stalls = rounding(apart, course.radians, more, growth), apart > STALLED * before
         shrinkage = _shrinkage(coarse.swing, fine.swing, more / steps, p, course.linear)
-        if shrinkage is None or not math.isfinite(apart) or (stalls and rounded > tol):
+        if not math.isfinite(apart) or (stalls and rounded > tol):
             return None
-        estimate = max(SPREAD * apart * shrinkage / (1 - shrinkage), rounded, floor)
-        if apart < ROUGH * EVIDENCE and estimate <= tol:
-            return Proved(more, fine.run, estimate, runs)
+        if shrinkage is None:
+            expected = max(_expected(course, fine), apart)
+            if doubted or not expected <= LOST:
+                return None
+            coarse, steps, doubted = fine, more, True
+            continue
+        shown = max(SPREAD * apart * shrinkage / (1 - shrinkage), rounded, floor)
+        left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
+        if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
+            return Proved(more, fine.run, max(shown, left), runs)
         coarse, steps, before = fine, more, apart
-        expected = estimate if apart < ROUGH * EVIDENCE else apart
+        expected = shown if apart < ROUGH * EVIDENCE else apart
     return None
 
 
-def rounding(apart: float, radians: float, steps: int) -> float:
+def rounding(apart: float, radians: float, steps: int, growth: float = 1.0) -> float:
     """As much of the difference of two runs as round-off may have made in so many radians and
-    steps: this does not shrink with the steps.
+    steps, where errors grow by as much: this does not shrink with the steps.
     """
-    return min(apart, ROUNDING * radians * math.sqrt(steps))
+    return min(apart, ROUNDING * radians * math.sqrt(steps) * growth)
 
 
 def energy_errors(motion: Trajectory) -> list[float]:

@@ -13,6 +13,7 @@ from varint.multibody.kinematics import Motions
 from varint.multibody.lagrangian import gravity_potential, joint_energies, kinetic_energy
 from varint.multibody.loops import constraint_rows
 from varint.multibody.motion import motions_of
+from varint.multibody.resistance import stiffness_and_damping
 from varint.multibody.stretching import (
     rays_of,
     stretching_energy,
@@ -57,8 +58,9 @@ def kinetics_of(machine: Machine, tree: Tree, motions: Motions) -> Kinetics:
     stretching = stretching_inertias(machine, tree)
     matrix = mass_matrix(tree, motions, v) + armature_matrix(joints, motions, v)
     matrix += stretching_matrix(machine.joints, motions, stretching, v)
+    resistance = stiffness_and_damping(machine, tree, motions)
     if machine.couplings:
-        return Kinetics(matrix)
+        return Kinetics(matrix)._replace(**resistance)
     momenta = {joint.name: ca.SX.sym(f"p_{joint.name}", joint.v.numel()) for joint in joints}
     armatures = {joint.name: joint.passive.armature for joint in joints}
     rates = velocity_of_momentum(tree, motions, momenta, armatures, stretching)
@@ -67,4 +69,5 @@ def kinetics_of(machine: Machine, tree: Tree, motions: Motions) -> Kinetics:
         matrix,
         ca.vertcat(*(momenta[name] for name in order)),
         ca.vertcat(*(rates[name] for name in order)),
+        **resistance,
     )

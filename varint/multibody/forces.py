@@ -21,10 +21,10 @@ def spring_potential(machine: Machine, tree: Tree, motions: Motions) -> ca.SX:
     total, springs = ca.SX(0), list(machine.springs.values())
     ends = fixed_frames(tree, motions, [end for x in springs for end in (x.a, x.b)])
     for spring, a, b in zip(springs, ends[::2], ends[1::2], strict=True):
-        square = ca.sumsqr(_gap(a, b))
+        square = ca.sumsqr(gap_between(a, b))
         # without a rest length the ends may meet, and no root is taken
-        stretched = square if _is_zero(spring.rest) else (ca.sqrt(square) - spring.rest) ** 2
-        if not _is_zero(spring.stiffness):
+        stretched = square if is_zero(spring.rest) else (ca.sqrt(square) - spring.rest) ** 2
+        if not is_zero(spring.stiffness):
             total += spring.stiffness * stretched / 2
     return total
 
@@ -48,24 +48,30 @@ def dissipation(machine: Machine, tree: Tree, motions: Motions) -> ca.SX:
     """Rayleigh's function: ½ d v² of dampers, f (√(v² + creep²) − creep) of dry friction, and the
     drag of a medium.
     """
-    total = medium_dissipation(machine, tree, motions)
+    total = medium_dissipation(machine, tree, motions) + joint_dissipation(machine, motions)
+    dampers = [x for x in machine.springs.values() if not is_zero(x.damping)]
+    ends = fixed_frames(tree, motions, [end for x in dampers for end in (x.a, x.b)])
+    for damper, a, b in zip(dampers, ends[::2], ends[1::2], strict=True):
+        gap = gap_between(a, b)
+        growth = ca.dot(gap, _velocity(b) - _velocity(a))
+        total += damper.damping * growth**2 / ca.sumsqr(gap) / 2
+    return total
+
+
+def joint_dissipation(machine: Machine, motions: Motions) -> ca.SX:
+    """That of the joints alone."""
+    total = ca.SX(0)
     for joint in machine.joints.values():
         (q, v), passive = motions[joint.name], joint.passive
-        if not _is_zero(passive.damping):
+        if not is_zero(passive.damping):
             first = QUATERNION_AT.get(joint.kind, v.numel())
             square = ca.sumsqr(v[:first])
             if joint.kind in QUATERNION_AT:
                 square += ca.sumsqr(body_rates(q[first:], v[first:]))
             total += passive.damping * square / 2
-        if not _is_zero(passive.friction):
+        if not is_zero(passive.friction):
             smooth = ca.sqrt(v**2 + machine.creep**2) - machine.creep
             total += passive.friction * ca.sum1(smooth)
-    dampers = [x for x in machine.springs.values() if not _is_zero(x.damping)]
-    ends = fixed_frames(tree, motions, [end for x in dampers for end in (x.a, x.b)])
-    for damper, a, b in zip(dampers, ends[::2], ends[1::2], strict=True):
-        gap = _gap(a, b)
-        growth = ca.dot(gap, _velocity(b) - _velocity(a))
-        total += damper.damping * growth**2 / ca.sumsqr(gap) / 2
     return total
 
 
@@ -76,7 +82,7 @@ def _speed(actuator: Actuator, tree: Tree, motions: Motions) -> ca.SX:
     return (twist.v if actuator.kind == "thrust" else twist.omega)[2]
 
 
-def _gap(a: Fixed, b: Fixed) -> ca.SX:
+def gap_between(a: Fixed, b: Fixed) -> ca.SX:
     return ca.SX(b[0].position) - ca.SX(a[0].position)
 
 
@@ -85,5 +91,5 @@ def _velocity(fixed: Fixed) -> ca.SX:
     return ca.mtimes(ca.SX(place.rotation), twist.v)
 
 
-def _is_zero(x: Any) -> bool:
+def is_zero(x: Any) -> bool:
     return not isinstance(x, ca.SX) and x == 0

@@ -177,7 +177,7 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
             raise AssertionError(
                 f"{function.name()}: inputs have {[a.size for a in arguments]} numbers, not {sizes}"
             )
-        if inputs:
+        if inputs and size:
             # faster than [:]
             memory[...] = argument if argument.ndim == 1 else argument.reshape(-1)
     if inputs is None:
@@ -185,7 +185,10 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
         _hand_over(prepared.buffer, arguments, outputs)
         prepared.run(outputs)
         return outputs
-    prepared.run(outputs)
+    if prepared.fails:
+        prepared.run(outputs)
+    else:
+        prepared.trigger()
     return [memory.copy() for memory in outputs]
 
 
@@ -247,10 +250,16 @@ def _rows(a: np.ndarray, count: int, whole: int) -> np.ndarray:
     return rows
 
 
+SAFE = 1e-200  # squares between this and its reciprocal neither vanish nor overflow
+
+
 def lengths(rows: np.ndarray) -> np.ndarray:
     """Euclidean lengths of the last axis, (…, n) → (…,), also where the squares would vanish or
     overflow.
     """
+    squares = (rows * rows).sum(axis=-1)
+    if rows.size and squares.min() > SAFE and squares.max() < 1 / SAFE:
+        return np.sqrt(squares)
     largest = np.abs(rows).max(axis=-1, initial=0.0)
     size = np.where(largest > 0, largest, 1.0)
     return size * np.sqrt(((rows / size[..., None]) ** 2).sum(axis=-1))

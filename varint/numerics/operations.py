@@ -91,13 +91,6 @@ def operations_of(f: ca.Function) -> Operations:
     return Operations(nodes, outputs)
 
 
-def has_jumps(expression: ca.SX) -> bool:
-    """Whether it holds operations that may jump: conditions, signs, roundings."""
-    f = ca.Function("whole", [ca.vertcat(*ca.symvar(expression))], [ca.densify(expression)])
-    jumps = {_CODES[name] for name in WITH_STEPS - KINKS}
-    return any(f.instruction_id(k) in jumps for k in range(f.n_instructions()))
-
-
 def expressions_of(operations: Operations, inputs: Sequence[ca.SX]) -> list[ca.SX]:
     """The outputs as expressions of other symbols: operation by operation what was read.
 

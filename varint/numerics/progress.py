@@ -72,15 +72,15 @@ def _bar(total: int | None, unit: str, wanted: bool, done: int) -> Iterator[Move
 
 
 @contextmanager
-def notice(what: str) -> Iterator[None]:
+def notice(what: str, wanted: bool | None = None) -> Iterator[Callable[[Callable[[], str]], None]]:
     """Say what is being done where that takes longer than `SILENCE`, and again every so often, if
-    someone watches.
+    someone watches and `wanted` is not False: a function that takes () → how far it is.
     """
-    if not _is_watched():
-        yield
+    if wanted is False or not _is_watched():
+        yield _unheard
         return
-    with _lines(what):
-        yield
+    with _lines(what) as say:
+        yield say
 
 
 @contextmanager

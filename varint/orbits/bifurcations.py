@@ -11,24 +11,19 @@ import numpy as np
 
 from varint.errors import ConvergenceError, InputError
 from varint.orbits.continuation import (
-    Curve,
-    Direction,
-    Measures,
     arclength_row,
     corrected,
     held_rows,
     linear_of,
-    measures,
     null_directions,
-    product,
     quantity,
-    scaled,
     slope_of,
     stepped,
     tangent_near,
     together,
 )
 from varint.orbits.correct import driven_period
+from varint.orbits.curve import Curve, Direction, Measures, measures, product, scaled
 from varint.orbits.multipliers import ON_CIRCLE, ROUNDED
 from varint.orbits.orbit import Orbit
 from varint.orbits.reduction import reduce
@@ -43,12 +38,15 @@ DOUBLING, BRANCH, COLLISION = "period doubling", "branch point", "collision of m
 
 
 class Point(NamedTuple):
-    """An orbit on its curve, the tangent there, and what changes sign where something happens."""
+    """An orbit on its curve, the tangent there, what changes sign where something happens, and
+    whether there is no other curve through it.
+    """
 
     orbit: Orbit
     tangent: Direction
     by: Measures
     tests: dict[str, float]
+    alone: bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -178,8 +176,9 @@ def tests_of(orbit: Orbit, tangent: Direction, curve: Curve) -> dict[str, float]
 def point_of(orbit: Orbit, curve: Curve, before: Direction | None, sign: float) -> Point:
     """The orbit with its tangent and tests."""
     by, linear = measures(orbit, curve), linear_of(orbit, curve)
-    tangent = tangent_near(orbit.shooting, orbit.at, linear, curve, by, before, sign)
-    return Point(orbit, tangent, by, tests_of(orbit, tangent, curve))
+    several = null_directions(orbit.shooting, orbit.at, linear, curve, by)
+    tangent = tangent_near(several, orbit.shooting, orbit.at, linear, curve, by, before, sign)
+    return Point(orbit, tangent, by, tests_of(orbit, tangent, curve), len(several) == 1)
 
 
 def passing(point: Point) -> list[tuple[str, float]]:

@@ -1,106 +1,43 @@
-"""One curve of orbits: its tangent, steps along it, and the measure of both."""
+"""Along a curve of orbits: its tangent, and steps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
+from varint.orbits.chain import condensed
 from varint.orbits.correct import (
+    HALVINGS,
+    Patience,
     Row,
     Rows,
     Wanted,
     bordered,
     correct,
-    driven_period,
     energy_row,
     no_row,
     period_row,
 )
+from varint.orbits.curve import Curve, Direction, Measures, change, measures, product, scaled
 from varint.orbits.guess import kept
 from varint.orbits.mesh import EACH, WORTH, meshed, uneven
 from varint.orbits.orbit import Orbit
 from varint.orbits.periodic import orbit_of
-from varint.orbits.phase import Units, units_of
-from varint.orbits.shooting import Iterate, Linear, Shooting, linearise, runs
+from varint.orbits.phase import units_of
+from varint.orbits.predict import ahead
+from varint.orbits.shooting import Iterate, Linear, Shooting, hasty_runs, linearise, runs
 
 NULL = 1e-11  # of the largest singular value: further null vectors, at a branch point
 NEWTON_STEPS = 8  # of a continuation step: more mean that it was too long
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """What is continued, and what is held meanwhile.
-
-    Attributes
-    ----------
-    along : str
-        "energy", "period" or a parameter's name.
-    index : int or None
-        Of the parameter in ``system.c``.
-    hold : str or None
-        "energy" or "period", held where a parameter is varied.
-    value : float
-        Its value.
-    drive : int
-        The power of the parameter that the period of a driven scene goes with: −1 of a driving
-        frequency, 1 of a driving period, 0 of others.
-    """
-
-    along: str
-    index: int | None
-    hold: str | None
-    value: float
-    drive: int = 0
-
-
-class Direction(NamedTuple):
-    """A change of an orbit: of the states (M, 2n), of the period, of the parameter."""
-
-    x: np.ndarray
-    period: float
-    parameter: float
-
-
-class Measures(NamedTuple):
-    """What changes are measured by along a curve."""
-
-    units: Units
-    period: float
-    parameter: float
-
-
-def measures(orbit: Orbit, curve: Curve) -> Measures:
-    """Ranges of the orbit, its period, and the size of the parameter."""
-    value = 0.0 if curve.index is None else abs(float(orbit.at.c[curve.index]))
-    return Measures(orbit.units, orbit.period, value or 1.0)
-
-
-def product(a: Direction, b: Direction, by: Measures) -> float:
-    """The inner product of two changes."""
-    inner = float((a.x / by.units.scale * (b.x / by.units.scale)).sum() / len(a.x))
-    inner += a.period * b.period / by.period**2
-    return inner + a.parameter * b.parameter / by.parameter**2
-
-
-def change(new: Iterate, old: Iterate, curve: Curve) -> Direction:
-    """What leads from one orbit to another, at all beginnings where they are the same ones, else
-    at the first.
-    """
-    moved = 0.0 if curve.index is None else float(new.c[curve.index] - old.c[curve.index])
-    if new.x.shape != old.x.shape:
-        new, old = (one._replace(x=one.x[:1]) for one in (new, old))
-    return Direction(new.x - old.x, new.period - old.period, moved)
-
-
-def scaled(a: Direction, factor: float) -> Direction:
-    return Direction(factor * a.x, factor * a.period, factor * a.parameter)
+CONTRACTS = 0.5  # of Newton's corrections: more mean so after two (Deuflhard, Newton Methods, 5.1)
+PATIENT = Patience(NEWTON_STEPS, HALVINGS, np.inf, runs)
+HASTY = Patience(NEWTON_STEPS, 1, CONTRACTS, hasty_runs)
 
 
 def linear_of(orbit: Orbit, curve: Curve) -> Linear:
     """The segments' maps with their derivatives by the parameter that is varied."""
-    if curve.index is None:
+    if curve.index is None or orbit.linear.parameter == curve.index:
         return orbit.linear
     s = orbit.shooting
     found = linearise(s, orbit.at, runs(s, orbit.at), orbit.units, curve.index)
@@ -188,21 +125,21 @@ def null_directions(
         rows or (lambda a, b: []),
         curve.drive,
     )
-    matrix = bordered(wanted, at, linear).matrix
-    m, d = linear.by_period.shape
-    used = np.ones(matrix.shape[1], dtype=bool)
-    used[m * d], used[m * d + 1] = shooting.autonomous, curve.index is not None
-    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
-    _, values, right = np.linalg.svd(matrix[:, used] / size[:, None])
-    surplus = int(used.sum()) - len(values)
+    links = bordered(wanted, at, linear)
+    m, d, border = links.aside.shape
+    used = np.ones(border, dtype=bool)
+    used[:2] = shooting.autonomous, curve.index is not None
+    chain = condensed(links._replace(aside=links.aside[:, :, used], corner=links.corner[:, used]))
+    values = chain.parts[1]
+    surplus = chain.matrix.shape[1] - len(values)
     many = max(surplus + int((values <= NULL * values[0]).sum()), least)
     found = []
-    for row in right[len(right) - many :]:
-        whole = np.zeros(matrix.shape[1])
-        whole[used] = row
-        xi = whole[: m * d].reshape(m, d)
-        x = np.array([f.into @ y for f, y in zip(linear.frames, xi, strict=True)])
-        found.append(Direction(x, whole[m * d] * by.period, whole[m * d + 1] * by.parameter))
+    for row in chain.null(many):
+        y = np.zeros(border)
+        y[used] = row[m * d :]
+        xi = row[: m * d].reshape(m, d)
+        x = np.array([f.into @ u for f, u in zip(linear.frames, xi, strict=True)])
+        found.append(Direction(x, y[0] * by.period, y[1] * by.parameter))
     return found
 
 
@@ -219,6 +156,7 @@ def slope_of(
 
 
 def tangent_near(
+    several: list[Direction],
     shooting: Shooting,
     at: Iterate,
     linear: Linear,
@@ -227,10 +165,9 @@ def tangent_near(
     before: Direction | None,
     sign: float,
 ) -> Direction:
-    """The unit tangent that goes on from the one before; at the first orbit, where the quantity
-    goes the way of `sign`.
+    """The unit tangent, of several null directions, that goes on from the one before; at the first
+    orbit, where the quantity goes the way of `sign`.
     """
-    several = null_directions(shooting, at, linear, curve, by)
     if before is None:
         weights = [slope_of(curve, shooting, at, linear, one) for one in several]
         if not any(weights):
@@ -251,16 +188,6 @@ def tangent_near(
     return scaled(found, 1 / float(length))
 
 
-def predicted(orbit: Orbit, tangent: Direction, length: float, curve: Curve) -> Iterate:
-    """The orbit a step along the tangent."""
-    x = orbit.at.x + length * tangent.x
-    period, c = orbit.period + length * tangent.period, orbit.at.c.copy()
-    if curve.index is not None:
-        c[curve.index] += length * tangent.parameter
-        period = driven_period(period, orbit.at.c, c, curve.index, curve.drive)
-    return Iterate(kept(orbit.shooting, x, period, c), period, c)
-
-
 def stepped(
     orbit: Orbit,
     tangent: Direction,
@@ -268,6 +195,7 @@ def stepped(
     curve: Curve,
     by: Measures,
     near: Iterate | None = None,
+    patience: Patience = PATIENT,
 ) -> Orbit:
     """The orbit at an arclength from another, from a step along the tangent or from `near`.
 
@@ -277,27 +205,43 @@ def stepped(
         If the corrections do not come to one.
     """
     shooting = orbit.shooting
-    start = predicted(orbit, tangent, length, curve) if near is None else near
+    start = ahead(orbit, tangent, length, curve) if near is None else near
     rows = together(
         arclength_row(orbit.at, tangent, length, curve, by), held_rows(curve, shooting, by)
     )
-    return corrected(shooting, start, rows, curve, by)
+    return corrected(shooting, start, rows, curve, by, patience)
 
 
-def at_value(orbit: Orbit, start: Iterate, value: float, curve: Curve, by: Measures) -> Orbit:
+def at_value(
+    orbit: Orbit,
+    start: Iterate,
+    value: float,
+    curve: Curve,
+    by: Measures,
+    patience: Patience = PATIENT,
+) -> Orbit:
     """The orbit with a value of the quantity, near a start."""
     rows = together(
         value_rows(curve, value, orbit.shooting, by), held_rows(curve, orbit.shooting, by)
     )
-    return corrected(orbit.shooting, start, rows, curve, by)
+    return corrected(orbit.shooting, start, rows, curve, by, patience)
 
 
-def corrected(shooting: Shooting, start: Iterate, rows: Rows, curve: Curve, by: Measures) -> Orbit:
+def corrected(
+    shooting: Shooting,
+    start: Iterate,
+    rows: Rows,
+    curve: Curve,
+    by: Measures,
+    patience: Patience = PATIENT,
+) -> Orbit:
     """The orbit that fulfils the rows, near a start, in units of its own motion."""
     wanted = Wanted(shooting, by.units, by.period, by.parameter, curve.index, rows, curve.drive)
-    orbit = orbit_of(wanted, correct(wanted, start, NEWTON_STEPS))
-    nodes = np.concatenate([piece.x for piece in runs(shooting, orbit.at)])
-    return replace(orbit, units=units_of(nodes))
+    found = correct(wanted, start, patience)
+    units = units_of(np.concatenate([piece.x for piece in found.pieces]))
+    orbit = replace(orbit_of(wanted, found), units=units)
+    orbit.__dict__["linear"] = linearise(shooting, orbit.at, found.pieces, units, curve.index)
+    return orbit
 
 
 def remeshed(orbit: Orbit, curve: Curve, tol: float) -> Orbit | None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.errors import ConvergenceError
+from varint.orbits.chain import Links, condensed
 from varint.orbits.phase import Units, on_manifold
 from varint.orbits.shooting import (
     Iterate,
@@ -55,15 +56,6 @@ class Row(NamedTuple):
 Rows = Callable[[Iterate, Linear | None], list[Row]]
 
 
-class Bordered(NamedTuple):
-    """The equations of an orbit as one matrix: columns ξ of all segments, period, parameter, and
-    the unfolding of the integrals.
-    """
-
-    matrix: np.ndarray
-    right: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class Wanted:
     """What is to be solved.
@@ -93,16 +85,42 @@ class Wanted:
 
 
 class Corrected(NamedTuple):
-    """An orbit that closes, with its segments' maps there."""
+    """An orbit that closes, with its segments, and their maps, there."""
 
     at: Iterate
+    pieces: list[Piece]
     linear: Linear
     residual: float
     iterations: int
 
 
-def bordered(wanted: Wanted, at: Iterate, linear: Linear) -> Bordered:
-    """Σ: Φ_i ξ_i − ξ_{i+1} + ∂x/∂T δT + Σ_j α_j ∇J_j = −gap, phases · ξ = 0, and the rows.
+class Patience(NamedTuple):
+    """How long Newton's method is tried.
+
+    Attributes
+    ----------
+    iterations : int
+        Corrections at most.
+    trials : int
+        Lengths of one that are tried, each half the one before.
+    slowest : float
+        Of the correction before: one that is longer, and no round-off, is the last.
+    run : callable
+        How segments are run.
+    """
+
+    iterations: int
+    trials: int
+    slowest: float
+    run: Callable[[Shooting, Iterate], list[Piece]]
+
+
+SEARCH = Patience(MOST_ITERATIONS, HALVINGS, np.inf, runs)
+
+
+def bordered(wanted: Wanted, at: Iterate, linear: Linear) -> Links:
+    """Σ: Φ_i ξ_i − ξ_{i+1} + ∂x/∂T δT + ∂x/∂c δc + Σ_j α_j ∇J_j = −gap, phases · ξ = 0, and the
+    rows; besides ξ the unknowns are δT, δc, in their units, and α.
 
     ∇J are left null vectors of Φ − 1, so their multipliers α vanish at a solution; with the phases
     of the flow and of the symmetries, which are right null vectors, the matrix is regular (Muñoz
@@ -117,34 +135,32 @@ def bordered(wanted: Wanted, at: Iterate, linear: Linear) -> Bordered:
         )
     rows = wanted.rows(at, linear)
     rows += [Row(phase, 0.0, 0.0, 0.0) for phase in np.moveaxis(linear.phases, 1, 0)]
-    columns = m * d + 2
-    matrix = np.zeros((m * d + len(rows), columns + k))
-    right = np.zeros(len(matrix))
-    for i in range(m):
-        here, following = slice(i * d, (i + 1) * d), (i + 1) % m
-        matrix[here, here] += linear.maps[i]
-        matrix[here, following * d : (following + 1) * d] -= np.eye(d)
-        matrix[here, m * d] = linear.by_period[i] * wanted.period * free
-        matrix[here, m * d + 1] = by_parameter[i] * wanted.parameter
-        right[here] = -linear.gaps[i]
-    matrix[(m - 1) * d : m * d, columns:] = linear.gradients.T
-    for i, row in enumerate(rows, start=m * d):
-        matrix[i, : m * d] = row.by_x.ravel()
-        matrix[i, m * d], matrix[i, m * d + 1] = row.by_period, row.by_parameter
-        right[i] = row.missing
-    return Bordered(matrix, right)
+    aside = np.zeros((m, d, 2 + k))
+    aside[:, :, 0] = linear.by_period * wanted.period * free
+    aside[:, :, 1] = by_parameter * wanted.parameter
+    aside[-1, :, 2:] = linear.gradients.T
+    corner = np.zeros((len(rows), 2 + k))
+    for border, row in zip(corner, rows, strict=True):
+        border[:2] = row.by_period, row.by_parameter
+    return Links(
+        linear.maps,
+        np.broadcast_to(-np.eye(d), (m, d, d)),
+        aside,
+        -linear.gaps,
+        np.array([row.by_x for row in rows]).reshape(len(rows), m, d),
+        corner,
+        np.array([row.missing for row in rows]),
+    )
 
 
-def corrections(equations: Bordered) -> list[np.ndarray]:
+def corrections(equations: Links) -> list[np.ndarray]:
     """Least solutions, those of the ranks that differ: directions along families of orbits that
     nothing tells apart stay.
     """
-    matrix, right = equations
-    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
-    left, values, across = np.linalg.svd(matrix / size[:, None], full_matrices=False)
-    parts = left.T @ (right / size)
+    chain = condensed(equations)
+    values = chain.parts[1]
     ranks = sorted({int((values > cut * values[0]).sum()) for cut in RANKS}, reverse=True)
-    return [across[:k].T @ (parts[:k] / values[:k]) for k in ranks]
+    return [chain.least(k) for k in ranks]
 
 
 def moved(wanted: Wanted, at: Iterate, linear: Linear, change: np.ndarray) -> Iterate:
@@ -172,7 +188,7 @@ def driven_period(
     return period * ratio**drive if ratio > 0 else np.nan
 
 
-def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Corrected:
+def correct(wanted: Wanted, at: Iterate, patience: Patience = SEARCH) -> Corrected:
     """Damped Newton steps until corrections are round-off.
 
     Raises
@@ -180,34 +196,38 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
     ConvergenceError
         If the gaps do not close.
     """
-    shooting, units = wanted.shooting, wanted.units
-    pieces = runs(shooting, at)
+    shooting, units, most = wanted.shooting, wanted.units, patience.iterations
+    pieces = patience.run(shooting, at)
     merit, before = _merit(wanted, at, gaps(shooting, at, pieces, units)), np.inf
+    last = np.inf
     for count in range(most + 1):
         linear = linearise(shooting, at, pieces, units, wanted.index)
         if merit == 0.0:
-            return Corrected(at, linear, merit, count)
+            return Corrected(at, pieces, linear, merit, count)
         steps = corrections(bordered(wanted, at, linear))
         length = float(np.abs(steps[0]).max())
         over = count == most or (merit <= SETTLED and length > STALLED * before)
-        if length <= FINE or (over and merit <= CLOSED and length <= LOOSE):
-            return Corrected(at, linear, merit, count)
-        before = length
-        if not np.isfinite(length) or count == most:
-            break
-        trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]
-        best = min((_tried(wanted, at, linear, x) for x in trials), key=lambda x: x[0])
+        fine = length <= FINE
+        if (fine and merit <= SETTLED) or (over and merit <= CLOSED and length <= LOOSE):
+            return Corrected(at, pieces, linear, merit, count)
         shortest = float(np.abs(steps[-1]).max())
+        if not np.isfinite(length) or count == most or shortest > patience.slowest * last:
+            break
+        before, last = length, max(shortest, CLOSED)
+        trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]
+        best = min((_tried(wanted, at, linear, x, patience) for x in trials), key=lambda x: x[0])
+        if fine and best[0] > STALLED * merit:
+            return Corrected(at, pieces, linear, merit, count)
         rounded = merit <= SETTLED and shortest <= LOOSE  # then shorter steps say nothing
-        for k in range(1, HALVINGS):
+        for k in range(1, patience.trials):
             if best[0] < merit or rounded:
                 break
-            best = _tried(wanted, at, linear, trials[0] / 2**k)
+            best = _tried(wanted, at, linear, trials[0] / 2**k, patience)
         if best[0] < merit:
             merit, at, pieces = best
         else:
             if merit <= CLOSED and shortest <= LOOSE:
-                return Corrected(at, linear, merit, count)
+                return Corrected(at, pieces, linear, merit, count)
             break
     raise ConvergenceError(
         f"no periodic orbit was found near the guess: after {count} Newton steps the ends are "
@@ -220,14 +240,14 @@ def correct(wanted: Wanted, at: Iterate, most: int = MOST_ITERATIONS) -> Correct
 
 
 def _tried(
-    wanted: Wanted, at: Iterate, linear: Linear, change: np.ndarray
+    wanted: Wanted, at: Iterate, linear: Linear, change: np.ndarray, patience: Patience
 ) -> tuple[float, Iterate, list[Piece]]:
     """How far apart the ends are after a correction, infinite where it cannot be run."""
     trial = moved(wanted, at, linear, change)
     if not is_finite(trial) or trial.period <= 0:
         return np.inf, at, []
     try:
-        pieces = runs(wanted.shooting, trial)
+        pieces = patience.run(wanted.shooting, trial)
     except ConvergenceError:
         return np.inf, at, []
     left = gaps(wanted.shooting, trial, pieces, wanted.units)

@@ -12,6 +12,7 @@ import numpy as np
 
 from varint.errors import ConvergenceError, InputError
 from varint.orbits.modes import NormalModes, normal_modes
+from varint.orbits.oscillations import is_regular, linearised
 from varint.orbits.rest import Equilibrium, require_restful, rest
 from varint.scene.inputs import finite_array, generator, positive_integer, vector
 from varint.scene.parameters import ParameterValues
@@ -46,10 +47,15 @@ class Equilibria:
         """Small oscillations about each."""
         return tuple(normal_modes(one.system, one) for one in self)
 
-    @property
+    @cached_property
     def verdicts(self) -> tuple[str, ...]:
         """Stability of each in words."""
-        return tuple(one.verdict for one in self.modes)
+        return tuple(
+            normal_modes(one.system, one).verdict
+            if is_regular(linearised(one).mass)
+            else "unknown: the coordinates describe no motions about it"
+            for one in self
+        )
 
     def rows(self) -> list[tuple[str, ...]]:
         """Head and rows of the table: coordinates, energy, stability."""

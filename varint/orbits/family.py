@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from varint.errors import ConvergenceError, InputError
+from varint.errors import InputError
 from varint.notation.html import table
 from varint.numerics.progress import progress_bar, told_beside
-from varint.orbits.bifurcations import Bifurcation, Point, located, passing, point_of
-from varint.orbits.continuation import (
-    Curve,
-    at_value,
-    change,
-    predicted,
-    product,
-    quantity,
-    remeshed,
-    same_way,
-    scaled,
-    stepped,
-)
+from varint.orbits.advance import FIRST, exactly, in_new_segments, next_point
+from varint.orbits.bifurcations import Bifurcation, Point, located, point_of
+from varint.orbits.continuation import quantity
+from varint.orbits.curve import Curve, change, product
 from varint.orbits.drive import drive_of
-from varint.orbits.guess import MODERATE, PIECES
-from varint.orbits.mesh import EACH
 from varint.orbits.orbit import Orbit
 from varint.orbits.save import save_orbits, saved_orbit
 from varint.scene.inputs import number, positive_integer
@@ -36,18 +25,8 @@ from varint.scene.system import parameter_entries
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIRST, LONGEST, SHORTEST = 0.03, 0.15, 1e-7  # arclengths of steps, in ranges of the orbit
-LONGER, SHORTER = 1.5, 0.5
-QUICK = 5  # Newton steps: then the next step may be longer
-BENT = 0.97  # cosine of the angle between tangents: a step round a sharper bend is too long
-LOOSE = 2e-14  # in ranges: errors of the steps at which they are made shorter
-ROUNDED = 1e-13  # in ranges: errors that may be round-off
-FINER, MOST_FINER = 1.1, 4.0  # times the steps: beyond what is needed, and at once
-FAST = 0.3  # of all that (1 ∓ ν)/2 can change by: more may hide two bifurcations
-MESHED = 1e-14  # in sizes of the coordinates: errors of the steps of new segments
-OUTGROWN = 1.6  # times the steps of a segment: then segments are made anew
+LONGEST = 0.15  # arclength of a step, in ranges of the orbit
 MOST_STEPS = 30_000  # of an orbit: more mean a collision ahead, and seconds an orbit
-HALVED = 0.5  # of the error before: what shorter steps must bring, or it is round-off
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -247,13 +226,14 @@ def family(
     ahead = increasing if to is None else number("to", to) > value
     here = point_of(orbit, curve, None, 1.0 if ahead else -1.0)
     orbits, found, ended = [orbit], [], f"after {most} orbits"
+    before: Point | None = None
     bar, told = progress_bar(most, "orbit", progress), told_beside("family of orbits", progress)
     with bar as move, told as say:
         while len(orbits) < most:
             if here.orbit.steps > MOST_STEPS:
                 ended = f"where an orbit takes more than {MOST_STEPS} steps: near a collision"
                 break
-            made = _next(here, step, curve)
+            made = next_point(here, before, step, curve)
             if made is None:
                 ended = "where steps of any length fail: near a collision, or where orbits end"
                 break
@@ -265,7 +245,7 @@ def family(
                 <= 0
             )
             if reached:
-                following, length = _exactly(here, following, length, float(to), curve)  # type: ignore[arg-type]
+                following, length = exactly(here, following, length, float(to), curve)  # type: ignore[arg-type]
                 ended = f"at {along}={to:.10g}"
             if bifurcations:
                 found += located(here, following, length, curve)
@@ -277,7 +257,7 @@ def family(
             if _is_back(orbits, following, length, curve):
                 ended = "where it began: the family is closed"
                 break
-            here = _in_new_segments(following, curve)
+            before, here = here, in_new_segments(following, curve)
     return Family(tuple(orbits), along, tuple(found), ended)
 
 
@@ -297,67 +277,6 @@ def _curve(orbit: Orbit, along: Any, hold: str) -> Curve:
     drive = 0 if orbit.shooting.autonomous else drive_of(orbit, along, index)
     value = orbit.period if hold == "period" else orbit.energy
     return Curve(along, index, held, value, drive)
-
-
-def _next(here: Point, step: float, curve: Curve) -> tuple[Point, float, float] | None:
-    """The next point, the arclength to it, and the next step; None where every step fails."""
-    base, last, near = here.orbit, np.inf, None
-    coarser: Point | None = None
-    while step >= SHORTEST:
-        try:
-            orbit = stepped(base, here.tangent, step, curve, here.by, near)
-            point = point_of(orbit, curve, here.tangent, 1.0)
-        except (ConvergenceError, np.linalg.LinAlgError):
-            step, near, coarser = SHORTER * step, None, None
-            continue
-        size = np.sqrt(product(point.tangent, point.tangent, here.by))
-        straight = product(scaled(point.tangent, 1 / size), here.tangent, here.by)
-        leap = max((abs(x - here.tests[name]) for name, x in passing(point)), default=0.0)
-        if (straight < BENT or leap > FAST) and step > FIRST / 30:
-            step, near, coarser = SHORTER * step, None, None
-            continue
-        # a gap that no correction closes is one of the steps, too, as where a perihelion turns
-        error = max(orbit.error_estimate, orbit.residual)
-        if coarser is not None and error > HALVED * last:
-            if last <= ROUNDED:
-                point = coarser  # more steps do not help
-        elif error > LOOSE:
-            wanted = (error / LOOSE) ** (1 / orbit.rule.order)
-            each = int(np.ceil(min(FINER * wanted, MOST_FINER) * base.shooting.each))
-            base = replace(base, shooting=replace(base.shooting, each=each))
-            last, near, coarser = error, orbit.at, point
-            continue
-        return point, step, step * (LONGER if point.orbit.iterations <= QUICK else 1.0)
-    return None
-
-
-def _in_new_segments(here: Point, curve: Curve) -> Point:
-    """The point in segments that are made for its orbit, where that saves most of its steps."""
-    orbit = here.orbit
-    fit = orbit.shooting.parts is not None and orbit.shooting.each <= OUTGROWN * EACH
-    if orbit.steps <= PIECES * MODERATE or fit:
-        return here
-    try:
-        made = remeshed(orbit, curve, MESHED)
-    except ConvergenceError:
-        return here
-    if made is None:
-        return here
-    found = point_of(made, curve, None, 1.0)
-    return found._replace(tangent=same_way(found.tangent, here.tangent, found.by))
-
-
-def _exactly(
-    here: Point, beyond: Point, length: float, to: float, curve: Curve
-) -> tuple[Point, float]:
-    """The point at which the quantity has its last value, and the arclength to it."""
-    a, b = quantity(here.orbit, curve), quantity(beyond.orbit, curve)
-    part = 1.0 if a == b else (to - a) / (b - a)
-    start = predicted(here.orbit, here.tangent, part * length, curve)
-    finer = replace(here.orbit, shooting=beyond.orbit.shooting)
-    orbit = at_value(finer, start, to, curve, here.by)
-    moved = change(orbit.at, here.orbit.at, curve)
-    return point_of(orbit, curve, here.tangent, 1.0), product(moved, here.tangent, here.by)
 
 
 def _is_back(orbits: list[Orbit], here: Point, length: float, curve: Curve) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from varint.errors import ConvergenceError
 from varint.orbits.phase import units_of
-from varint.orbits.shooting import Iterate, Shooting, runs
+from varint.orbits.shooting import Iterate, Shooting, hasty_runs
 
 COARSEST = 8  # segments of a period at least, all of them halves of halves of these
 EACH = 16  # steps of a segment: with fewer the linear algebra costs more than the steps
@@ -98,7 +98,7 @@ def _ends(
     )
     there = Iterate(x[None], at.period * part, at.c)
     try:
-        pieces = [runs(one, there)[0].x for one in (alone, replace(alone, each=2 * EACH))]
+        pieces = [hasty_runs(one, there)[0].x for one in (alone, replace(alone, each=2 * EACH))]
     except ConvergenceError:
         return None
     if not all(np.isfinite(piece).all() for piece in pieces):

@@ -32,7 +32,8 @@ def nearer(wanted: Wanted, at: Iterate) -> Iterate:
         if left <= CLOSE or slow > 2:
             break
         linear = linearise(shooting, at, pieces, units, wanted.index)
-        matrix, right = bordered(wanted, at, linear)
+        links = bordered(wanted, at, linear)
+        matrix, right = links.matrix, links.whole_right
         many = linear.by_period.size + 2
         outward, values, across = np.linalg.svd(matrix[:, :many], full_matrices=False)
         parts, unit = outward.T @ right, values[0] ** 2

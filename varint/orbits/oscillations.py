@@ -7,6 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.errors import InputError
 from varint.numerics.arrays import call, is_definite
 from varint.orbits.phase import (
     VANISHING,
@@ -23,6 +24,7 @@ from varint.scene.system import System
 ZERO = 1e-7  # of the fastest rate: those of neutral modes, which round-off makes of its root
 FREE = 1e-9  # relative: singular values of independent constraints
 TOGETHER = 1e-6  # of the fastest rate: exponents this close count as one
+SINGULAR = 1e-13  # of the largest singular value: a direction without mass
 AWAY = 0.1  # of the coordinates, or of 1: how far elsewhere is
 
 
@@ -84,9 +86,24 @@ class Modes(NamedTuple):
     neutral: int
 
 
+def is_regular(mass: np.ndarray) -> bool:
+    """Whether a mass matrix has an inverse, whatever its coordinates are measured by."""
+    own = np.sqrt(np.abs(np.diag(mass)))
+    if not own.all():
+        return False
+    values = np.linalg.svd(mass / np.outer(own, own), compute_uv=False)
+    return bool((values > SINGULAR * values.max(initial=0.0)).all())
+
+
 def modes_at(at: Equilibrium) -> Modes:
     """Small oscillations about an equilibrium, across its symmetries."""
     linear = linearised(at)
+    if not is_regular(linear.mass):
+        there = ", ".join(f"{n}={x:.6g}" for n, x in zip(at.system.names, at.q, strict=True))
+        raise InputError(
+            f"the mass matrix is singular at {there}: the coordinates describe no motions about "
+            "it, as angles at their pole; take others, such as Cartesian ones with a constraint"
+        )
     m, z = len(linear.mass), linear.tangents
     damped = at.system.structure.forced
     inverse = np.linalg.inv(linear.mass)

@@ -4,13 +4,14 @@ the run itself.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from varint.errors import InputError
-from varint.integration.backend import kernel_for
+from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import finite
@@ -26,9 +27,17 @@ from varint.orbits.phase import (
 from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.system import System
 from varint.sensitivities.loops import sweeper
-from varint.sensitivities.pieces import Piece, all_nodes, velocities
+from varint.sensitivities.pieces import (
+    Piece,
+    cannot_go_on,
+    nodes_with_velocities,
+    velocities,
+)
 from varint.sensitivities.steps_at_once import Directions
 from varint.sensitivities.sweeps import carried
+
+if TYPE_CHECKING:
+    from varint.codegen.kernel import Kernel
 
 CALLS = 100  # tangent maps that a search is expected to take, when it is decided what to compile
 STAGES, LOBATTO = 6, 5  # of the rules that orbits are found with: round-off in some 100 steps
@@ -111,6 +120,8 @@ class Linear(NamedTuple):
         Directions of the flow and the symmetries at each beginning.
     levels : ndarray (M, k, d)
         The gradients of the same combinations at each beginning.
+    parameter : int or None
+        That of by_parameter.
     """
 
     frames: list[Frame]
@@ -121,6 +132,7 @@ class Linear(NamedTuple):
     gradients: np.ndarray
     phases: np.ndarray
     levels: np.ndarray
+    parameter: int | None = None
 
     @property
     def monodromy(self) -> np.ndarray:
@@ -162,24 +174,59 @@ def runs(shooting: Shooting, at: Iterate) -> list[Piece]:
     ConvergenceError
         If a step cannot be solved.
     """
+    return _by(nodes_with_velocities, shooting, at)
+
+
+def hasty_runs(shooting: Shooting, at: Iterate) -> list[Piece]:
+    """The same, unless the iteration of a step fails, as where a guess was far off: then it is left
+    at that, instead of setting up Newton's method.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step cannot be solved so.
+    """
+    return _by(_at_once, shooting, at)
+
+
+Nodes = tuple[np.ndarray, np.ndarray | None]
+
+
+def _by(
+    run: Callable[[System, Rule, InitialValueProblem, Kernel | None], Nodes],
+    shooting: Shooting,
+    at: Iterate,
+) -> list[Piece]:
+    """The segments by a way to run one."""
     system, rule, n = shooting.system, shooting.rule, at.x.shape[1] // 2
     each, sizes = shooting.each, at.period * shooting.sizes
     begin = shooting.t0 + at.period * shooting.beginnings
+    first = velocities(system, at.x, begin, at.c)
+    held, steps, kept = np.empty((each, 1, 0)), np.arange(each + 1), np.array([0, each])
     found = []
-    for i, x in enumerate(at.x):
-        h, t0 = float(sizes[i]), float(begin[i])
-        held = np.empty((each, 1, 0))
+    for x0, v0, h, t0 in zip(at.x, first, sizes, begin, strict=True):
         problem = InitialValueProblem(
-            x[:n].copy(), x[n:].copy(), t0, h, each, 1, held, at.c, len(rule.nodes)
+            x0[:n].copy(), x0[n:].copy(), float(t0), float(h), each, 1, held, at.c, len(rule.nodes)
         )
         kernel = kernel_for(system, rule, problem._replace(steps=LONG_RUN), "auto")
-        nodes = all_nodes(system, rule, problem, kernel)
-        t = t0 + h * np.arange(each + 1)
-        v = velocities(system, nodes, t, at.c)
+        x, told = run(system, rule, problem, kernel)
+        t = t0 + h * steps
+        v = velocities(system, x, t, at.c) if told is None else np.vstack([v0, told])
         controls = problem.controls(0, each)
-        steps, kept = np.full(each, h), np.array([0, each])
-        found.append(Piece(0, 1, 0, nodes, v, t[:-1], steps, controls, kept))
+        found.append(Piece(0, 1, 0, x, v, t[:-1], np.full(each, h), controls, kept))
     return found
+
+
+def _at_once(
+    system: System, rule: Rule, problem: InitialValueProblem, kernel: Kernel | None
+) -> Nodes:
+    if kernel is None:
+        return nodes_with_velocities(system, rule, problem, kernel)
+    found = run_at_once(system, rule, problem, kernel, short=False)
+    if found is None or not found.done:
+        raise cannot_go_on(problem, 0 if found is None else found.steps)
+    rows = found.rows
+    return np.ascontiguousarray(rows[:, :2]).reshape(len(rows), -1), rows[1:, 2]
 
 
 def ends(shooting: Shooting, pieces: list[Piece]) -> np.ndarray:
@@ -228,7 +275,8 @@ def linearise(
     flow = np.roll(whole[:, :, d], 1, axis=0)  # ∂x/∂T at the end of a segment begins the next
     gradients, phases, levels = _conserved(shooting, at, frames, flow)
     maps, by_period, by_parameter = whole[:, :, :d], whole[:, :, d], whole[:, :, d + 1]
-    return Linear(frames, maps, by_period, by_parameter, apart, gradients, phases, levels)
+    columns = by_period, by_parameter
+    return Linear(frames, maps, *columns, apart, gradients, phases, levels, parameter)
 
 
 def _conserved(

@@ -39,7 +39,8 @@ def _key(system: Any) -> tuple[str | bytes, ...]:
     outputs = [s.lagrangian, s.force, s.constraint, s.nonholonomic, s.contact]
     if s.kinetics is not None:
         inputs.append(s.kinetics.momentum)
-        outputs += [s.kinetics.mass_matrix, s.kinetics.velocity]
+        k = s.kinetics
+        outputs += [k.mass_matrix, k.velocity, k.stiffness, k.damping]
     text: str | bytes = ca.Function("scene", inputs, outputs).serialize()
     if isinstance(text, str) and len(text) > LONG:
         import hashlib  # which takes longer to import than to describe a small scene

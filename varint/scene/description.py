@@ -17,7 +17,7 @@ from varint.scene.parameters import Parameters
 
 EXPRESSIONS = ("lagrangian", "force", "constraint", "nonholonomic", "contact")
 SYMBOLS = ("q", "v", "t", "control")
-KINETICS = ("mass_matrix", "velocity")  # of scenes that have them
+KINETICS = ("mass_matrix", "velocity", "stiffness", "damping")  # of scenes that have them
 FUNCTION = "functions"  # where files of format 1 have a serialised CasADi function
 
 
@@ -107,8 +107,10 @@ def parts_of(data: Any) -> dict[str, Any]:
     found = dict(
         zip(written, expressions_of(Operations(nodes, outputs), [*inputs, momentum]), strict=True)
     )
-    matrix, velocity = (found.pop(name, None) for name in KINETICS)
-    kinetics = None if matrix is None or velocity is None else Kinetics(matrix, momentum, velocity)
+    matrix, velocity, *resistance = (found.pop(name, None) for name in KINETICS)
+    kinetics = None
+    if matrix is not None and velocity is not None:
+        kinetics = Kinetics(matrix, momentum, velocity, *(x for x in resistance if x is not None))
     return {
         **symbols,
         **found,

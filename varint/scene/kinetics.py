@@ -25,11 +25,21 @@ class Kinetics(NamedTuple):
     velocity : SX (n,)
         v(q, p, t) with ∂L/∂v = p, as by articulated bodies for a tree of links; empty where M⁻¹ is
         to be taken.
+    stiffness, damping : SX (n, n)
+        Roughly −∂F/∂q and −∂F/∂v of springs and dampers, for a matrix near the derivative of a
+        step's equations; empty where there are none.
     """
 
     mass_matrix: ca.SX
     momentum: ca.SX = ca.SX(0, 1)
     velocity: ca.SX = ca.SX(0, 1)
+    stiffness: ca.SX = ca.SX(0, 0)
+    damping: ca.SX = ca.SX(0, 0)
+
+    @property
+    def resists(self) -> bool:
+        """Are there springs or dampers?"""
+        return bool(self.stiffness.nnz() or self.damping.nnz())
 
 
 def check_kinetics(system: Any) -> None:
@@ -44,13 +54,18 @@ def check_kinetics(system: Any) -> None:
     n = s.q.numel()
     if given.mass_matrix.shape != (n, n) or given.velocity.numel() not in (0, n):
         raise InputError(f"kinetics has the wrong shape for {n} coordinates")
+    if not {given.stiffness.shape, given.damping.shape} <= {(0, 0), (n, n)}:
+        raise InputError(f"stiffness and damping of kinetics must be ({n}, {n}) or empty")
     if given.momentum.numel() != given.velocity.numel():
         raise InputError("kinetics needs a symbol of momentum for every velocity")
     known = {x.element_hash() for x in ca.symvar(ca.vertcat(s.q, s.t, s.c))}
     own = known | {x.element_hash() for x in ca.symvar(given.momentum)}
+    moving = known | {x.element_hash() for x in ca.symvar(s.v)}
     for what, expression, may in (
         ("mass matrix", given.mass_matrix, known),
         ("velocity", given.velocity, own),
+        ("stiffness", given.stiffness, moving),
+        ("damping", given.damping, moving),
     ):
         strange = sorted(x.name() for x in ca.symvar(expression) if x.element_hash() not in may)
         if strange:

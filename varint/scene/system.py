@@ -25,7 +25,13 @@ from varint.scene.parameters import (
 )
 from varint.scene.rays import Rays, checked_rays
 from varint.scene.structure import Structure, structure_of
-from varint.scene.validation import check_symbols, expression, restitution_of, symbols
+from varint.scene.validation import (
+    check_symbols,
+    expression,
+    pfaffian,
+    restitution_of,
+    symbols,
+)
 
 if TYPE_CHECKING:
     from varint.typeset.equations import Equations
@@ -235,9 +241,7 @@ class System:
             constraint=expression(
                 "the constraint", ca.SX(0, 1) if constraint is None else constraint, (None, 1)
             ),
-            nonholonomic=expression(
-                "nonholonomic", ca.SX(0, n) if nonholonomic is None else nonholonomic, (None, n)
-            ),
+            nonholonomic=pfaffian(nonholonomic, v),
             contact=expression(
                 "the contact", ca.SX(0, 1) if contact is None else contact, (None, 1)
             ),

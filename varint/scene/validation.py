@@ -43,6 +43,17 @@ def expression(what: str, x: Any, shape: tuple[int | None, int]) -> ca.SX:
     return x
 
 
+def pfaffian(x: Any, v: ca.SX) -> ca.SX:
+    """The matrix A of rows A(q, t) v = 0, (any, n); none for None."""
+    if isinstance(x, ca.SX) and x.shape[1] != v.numel() and ca.depends_on(x, v):
+        raise InputError(
+            f"nonholonomic takes the matrix A of the rows A(q, t) v = 0, {v.numel()} columns wide, "
+            f"got what depends on v, of shape {x.shape}; give nonholonomic=ca.jacobian(rows, v) of "
+            "rows that are linear in v"
+        )
+    return expression("nonholonomic", ca.SX(0, v.numel()) if x is None else x, (None, v.numel()))
+
+
 def _hashes(x: ca.SX) -> set[int]:
     return {s.element_hash() for s in ca.symvar(x)}
 

@@ -31,8 +31,7 @@ from varint.sensitivities.pieces import (
 )
 
 FEWEST = 5  # states with which a run can be taken once more
-STORED = 2**24  # bytes of nodes that are no shortage of memory: what fits is run once more whole
-PIECE = 2**21  # bytes of a piece of what does not, that are quicker than more
+STORED = 2**24  # bytes of the nodes of a piece that are no shortage of memory
 
 
 class Room(NamedTuple):
@@ -44,8 +43,7 @@ class Room(NamedTuple):
 
 def room_for(steps: int, states: int | None, numbers: int) -> Room:
     """Half of the states for checkpoints, half for a piece of steps. By default 2√N of N steps,
-    but for a piece as many as fit into `STORED`, with so many numbers each, where these are all
-    steps, and into `PIECE` where they are not.
+    but for a piece as many as fit into `STORED`, with so many numbers each.
 
     Raises
     ------
@@ -59,8 +57,7 @@ def room_for(steps: int, states: int | None, numbers: int) -> Room:
     room = Room(checkpoints, int(some) - checkpoints - 2)
     if states is not None:
         return room
-    whole = 8 * numbers * steps <= STORED
-    return room._replace(steps=max(room.steps, steps if whole else PIECE // (8 * numbers)))
+    return room._replace(steps=max(room.steps, min(steps, STORED // (8 * numbers))))
 
 
 def numbers_of(motion: Trajectory) -> int:

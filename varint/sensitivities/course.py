@@ -31,6 +31,7 @@ from varint.sensitivities.pieces import (
     scene_of,
 )
 
+INSTANT = 1e-12  # of a step: what takes no longer takes no time
 NEAR = 4  # nodes before the time of an event, of which one is its own: that of a stop is when all
 # bounces are over
 
@@ -101,7 +102,7 @@ def course_of(motion: Trajectory) -> Course:
         )
     if not motion.system.structure.contacts:
         return Course(_of_grid(motion), motion)
-    found = _of_contacts(motion)
+    found = _without_arrivals(_of_contacts(motion))
     require_no_touch(found, events_at_nodes(found) or {})
     return Course(found, motion)
 
@@ -201,6 +202,18 @@ def _of_contacts(motion: Trajectory) -> Trajectory:
     return trajectory_of(Run(motion.system, chosen, problem, blocks, iter(()), None, 0.0), blocks)
 
 
+def _without_arrivals(motion: Trajectory) -> Trajectory:
+    """Without the nodes before a blow that falls on the end of a step: the step ends with it. From
+    one side of the node to the other the discrete motion changes by the rule's error; this lies
+    between.
+    """
+    at = np.array(sorted(events_at_nodes(motion) or {}), dtype=int)
+    at = at[at > 1]
+    before = at[np.abs(motion.t[at] - motion.t[at - 1]) <= INSTANT * abs(motion.h)] - 1
+    before = before[~np.isin(before, at)]
+    return motion if not len(before) else motion[np.delete(np.arange(len(motion)), before)]
+
+
 def _has_whole(motion: Trajectory, whole: np.ndarray) -> bool:
     """Whether every whole step between the ends has its node."""
     return bool(np.isin(np.arange(motion.k[0] + 1, motion.k[-1] + 1), motion.k[whole]).all())
@@ -221,10 +234,13 @@ def events_at_nodes(motion: Trajectory) -> dict[int, tuple[Event, ...]] | None:
         if not near:
             return None
         groups.setdefault(int(np.searchsorted(times, times[near[0]])), []).append(event)
-    found = {node: _in_turn(events) for node, events in groups.items()}
-    for node, events in found.items():
-        if tuple(motion.p[node]) != events[-1].p_after:
+    found = {}
+    for first, events in groups.items():
+        in_turn, last = _in_turn(events), int(np.searchsorted(times, times[first], side="right"))
+        behind = [i for i in range(first, last) if tuple(motion.p[i]) == in_turn[-1].p_after]
+        if not behind:
             return None
+        found[behind[0]] = in_turn
     return found
 
 

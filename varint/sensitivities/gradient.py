@@ -122,7 +122,7 @@ def gradient(
         States (q, p) that may stand in memory at a time where nodes were left out, beside those
         kept; 2√N of N steps cost one run more, fewer some more by a binomial schedule. Default:
         all steps where what is stored of them, 5n + 3 numbers and the controls each, takes no more
-        than 16 MB; else 2√N, or √N and a piece of 2 MB, whichever is more.
+        than 16 MB; else 2√N, or √N and a piece of 16 MB, whichever is more.
     backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
@@ -169,7 +169,7 @@ def gradient(
     outer[:many] += at_nodes.c
     outer[many + 1] += found.z[2 * n]  # the first node is where everything begins
     of_q, of_v, of_c, of_t = start_slopes(motion)
-    of_q0, of_p0 = np.split(at_start, 2)
+    of_q0, of_p0 = at_start[:n], at_start[n:]
     if held == "v0":
         of_q0 = of_q0 + of_q.T @ of_p0
         outer[:many] += of_c.T @ of_p0

@@ -78,7 +78,10 @@ def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
     from varint.codegen.sweep import sweep_kernel
     from varint.codegen.sweep_explicit import explicit_sweep_kernel, has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep, stage_sweep_kernel
+    from varint.codegen.sweep_linear import has_linear_sweep, linear_sweep_kernel
 
+    if has_linear_sweep(system, rule):
+        return (linear_sweep_kernel(system, rule, density),)
     if has_stage_sweep(system, rule):
         return (stage_sweep_kernel(system, rule, density),)
     if has_explicit_sweep(system, rule):
@@ -91,12 +94,16 @@ def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKerne
     """`_kernels` with the scene as data."""
     from varint.codegen.native_sweep import (
         native_explicit_sweep,
+        native_linear_sweep,
         native_stage_sweep,
         native_sweep,
     )
     from varint.codegen.sweep_explicit import has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep
+    from varint.codegen.sweep_linear import has_linear_sweep
 
+    if has_linear_sweep(system, rule):
+        return (native_linear_sweep(system, rule, density),)
     if has_stage_sweep(system, rule):
         return (native_stage_sweep(system, rule, density),)
     if has_explicit_sweep(system, rule):
@@ -114,11 +121,15 @@ def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
         steps_at_once,
     )
     from varint.codegen.sweep_gauss import has_stage_sweep, shape_for, stage_sweep_scheme
+    from varint.codegen.sweep_linear import has_linear_sweep, linear_sweep_scheme
     from varint.sensitivities.shifting import SweepGears, shifting
 
     by_stages = has_stage_sweep(system, rule)
 
     def source() -> str:
+        if has_linear_sweep(system, rule):
+            scheme = linear_sweep_scheme(system, rule, density)
+            return sweep_source(scheme, steps_at_once(), "sweep_linear.c")
         if has_explicit_sweep(system, rule):
             scheme = explicit_sweep_scheme(system, rule, density)
             return sweep_source(scheme, steps_at_once(), "sweep_explicit.c")

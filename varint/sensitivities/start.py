@@ -80,21 +80,19 @@ def as_text(system: System, expression: ca.SX) -> str:
     """The function (q, v, t, u, c) → an expression, serialised: the same for the same expression,
     which is not written again.
     """
-    known = _texts(system)
-    key = tuple(x.element_hash() for x in expression.elements()), expression.shape
-    if key not in known:
+    known, written = _texts(system), expression.serialize()  # symbols by their names
+    if written not in known:
         if len(known) >= REMEMBERED:
             known.clear()
         s, own = system, in_own_symbols(expression, system)
         made = ca.Function("density", [s.q, s.v, s.t, s.control, s.c], [own], {"cse": True})
-        kept = ca.SX(expression)  # as long as its nodes are, no others have their numbers
-        known[key] = kept, made.serialize()
-    return known[key][1]
+        known[written] = made.serialize()
+    return known[written]
 
 
 @per_system
-def _texts(system: System) -> dict[tuple, tuple[ca.SX, str]]:
-    """Expressions that were written down."""
+def _texts(system: System) -> dict[str, str]:
+    """Functions by the expressions that they were made of."""
     return {}
 
 

@@ -116,6 +116,7 @@ def arguments(
     failed: np.ndarray,
 ) -> dict:
     """What every loop over a piece is told, by the names in c/sweep.h."""
+    x, v = (y if y.strides[1] == y.itemsize else y.copy() for y in (piece.x, piece.v))
     return dict(
         steps=len(piece.t),
         first=piece.first,
@@ -125,8 +126,10 @@ def arguments(
         control_column=directions.controls,
         control_nodes=directions.nodes,
         smooth=int(not piece.u.shape[2] and bool((piece.h == piece.h[0]).all())),
-        x=piece.x,
-        v=piece.v,
+        x=x,
+        v=v,
+        x_apart=x.strides[0] // x.itemsize,
+        v_apart=v.strides[0] // v.itemsize,
         t=piece.t,
         h=piece.h,
         c=np.ascontiguousarray(c),

@@ -8,13 +8,12 @@ from varint.integration.time_transformation.time_scale import TIME
 from varint.rules.polynomials import lagrange_slopes, lagrange_values
 from varint.scene.system import System
 from varint.sensitivities.carrier import Carrier, Rows
-from varint.sensitivities.course import Leg, grid_times
+from varint.sensitivities.course import INSTANT, Leg, grid_times
 from varint.sensitivities.grazing import grazing
 from varint.sensitivities.impacts import blow, event_slopes, to_event
 from varint.sensitivities.parts import Parts, Slopes, part_slopes, to_time, with_size
 from varint.sensitivities.steps_at_once import Directions, Sweeper
 
-INSTANT = 1e-12  # of a step: what takes no longer takes no time
 COMING = ("impact", "stop")
 
 

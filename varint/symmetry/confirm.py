@@ -15,9 +15,10 @@ import numpy as np
 from varint.symmetry.finite_field import null_space, reconstruct
 from varint.symmetry.gauge import quadratic_gauge
 from varint.symmetry.identities import P
+from varint.symmetry.jumps import moved
 from varint.symmetry.sampling import Region
 from varint.symmetry.search import Pairs
-from varint.symmetry.verify import IDENTICAL, balances, proof
+from varint.symmetry.verify import IDENTICAL, balances, identities, proof
 
 
 class Draft(NamedTuple):
@@ -42,14 +43,16 @@ def draft(region: Region, groups: list[Pairs], vector: list, rng: np.random.Gene
 
 
 def confirm(
-    region: Region, drafts: list[Draft], rng: np.random.Generator
+    region: Region, drafts: list[Draft], jumps: tuple[ca.SX, ...], rng: np.random.Generator
 ) -> tuple[list[tuple[Draft, str]], int]:
     """The drafts, or combinations of them, that are symmetries, each with how that is known; and
-    the number of those that are none.
+    the number of those that are none. They leave alone where L jumps.
     """
     if not drafts:
         return [], 0
-    rows = balances(region, list(drafts)).rows
+    moving = moves(region, drafts, jumps)
+    rows = np.concatenate([balances(region, list(drafts)).rows, *moving])
+    crosses = np.any([x.any(axis=0) for x in (*moving, 0 * rows[:1])], axis=0)
     open_ = [int(i) for i in np.flatnonzero(rows.any(axis=0))]
     kept = {i: (x, IDENTICAL.tested) for i, x in enumerate(drafts) if i not in open_}
     basis, free = null_space(rows[:, open_], P)
@@ -60,11 +63,22 @@ def confirm(
             parts = [(float(x), drafts[i]) for x, i in zip(factors, open_, strict=True) if x]
             kept[open_[k]] = (_combine(parts), IDENTICAL.tested)
     for i in (i for i in open_ if i not in kept):
-        shown = proof(region, *drafts[i], rng)
-        if shown.holds:
+        shown = None if crosses[i] else proof(region, *drafts[i], rng)
+        if shown and shown.holds:
             kept[i] = (drafts[i], shown.tested)
-        lost += not shown.holds
+        lost += i not in kept
     return [kept[i] for i in sorted(kept)], lost
+
+
+def moves(region: Region, drafts: list[Draft], jumps: tuple[ca.SX, ...]) -> list[np.ndarray]:
+    """For each place where L jumps, values modulo a prime that vanish for generators that leave
+    it where it is; a column each.
+    """
+    s = region.system
+    return [
+        identities(region, [moved(s, jump, draft.xi, draft.tau) for draft in drafts]).rows
+        for jump in jumps
+    ]
 
 
 def _combine(parts: list[tuple[float, Draft]]) -> Draft:

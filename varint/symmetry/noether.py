@@ -11,14 +11,14 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
-from varint.numerics.operations import has_jumps
 from varint.rules.rule import Rule
 from varint.scene.inputs import finite_array
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
 from varint.symmetry.basis import generators
-from varint.symmetry.confirm import Draft, confirm, draft
+from varint.symmetry.confirm import Draft, confirm, draft, moves
 from varint.symmetry.gauge import quadratic_gauge
+from varint.symmetry.jumps import jumps
 from varint.symmetry.naming import groups_of, name_of, reach
 from varint.symmetry.sampling import Region
 from varint.symmetry.search import null_space
@@ -101,13 +101,14 @@ def symmetries(
     groups = groups_of(system, MOST_COORDINATES)
     basis = generators(region, groups, rng)
     drafts = [draft(region, groups, vector, rng) for vector in basis.vectors]
-    kept, lost = confirm(region, drafts, rng)
+    places = jumps(region, rng)
+    kept, lost = confirm(region, drafts, places.at, rng)
     found = sorted((_symmetry(region, *x, rng=rng) for x in kept), key=_order)
     notes = [reach(system, groups)] if reach(system, groups) else []
-    if found and has_jumps(system.lagrangian):
+    if found and places.unseen:
         notes.append(
-            "the Lagrangian has conditions: rows hold between the places where these change, and "
-            "beyond only where it does not jump there"
+            "the Lagrangian has conditions that change where no point was found: rows hold beyond "
+            "these only if it does not jump there"
         )
     if lost:
         notes.append(
@@ -209,6 +210,12 @@ def noether(
     shown = proof(region, field, shift, gauge, rng)
     if not shown.holds:
         raise InputError(_refusal(region, Draft(field, shift, gauge), shown, rng))
+    for jump in jumps(region, rng).at:
+        if any(x.any() for x in moves(region, [Draft(field, shift, gauge)], (jump,))):
+            raise InputError(
+                f"no symmetry of the Lagrangian: L jumps where {jump} passes zero or a whole "
+                "number, and the generator leads across; smooth the step, or take one along it"
+            )
     return _symmetry(region, Draft(field, shift, gauge), shown.tested, name, rng=rng)
 
 

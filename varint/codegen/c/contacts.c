@@ -28,7 +28,8 @@ typedef struct {
     double *state;                          /* k, t, impacts in step k, steps of the next look; q, p, v, rests of q and p; carry */
     double *rows;                           /* t, k, q, p of every node */
     double *hit;                            /* row, contact, impulse, energies, q, v and p before, v and p after */
-    double *stats;                          /* rows, hits, iterations, residual */
+    double *stats;                          /* rows, hits, iterations, residual; whether an instant was located that is no
+                                               clean impact, when, whether its step ends there, q, p, v, rests of q and p */
     const void *scene;
 } ContactArguments;
 
@@ -425,7 +426,8 @@ int contacts(const ContactArguments *a) {
     Work *const x = &work;
     double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;
-    double now[POINT], end[POINT], at[POINT], moved[N];
+    double now[POINT], end[POINT], at[POINT], before[POINT], moved[N];
+    a->stats[4] = 0;
     int status = FULL;
     prepare_tape(&scene->gaps, a->c, w + GAPS_AT), prepare_tape(&scene->bounds, a->c, w + BOUNDS_AT);
     prepare_tape(&scene->blow, a->c, w + BLOW_AT);
@@ -484,7 +486,15 @@ int contacts(const ContactArguments *a) {
         double when = *t + at[0];
         const int ends = at[0] == end[0] || fabs(stop - when) <= LOCATED * fabs(stop);
         if (ends) when = stop;
-        if (found == DOUBT || *impacts >= MOST_IMPACTS || !bounce(x, at, when, hit + 1)) { status = BESIDE; break; }
+        if (found == DOUBT || *impacts >= MOST_IMPACTS) { status = BESIDE; break; }
+        COPY(before, at, POINT);
+        if (!bounce(x, at, when, hit + 1)) {
+            status = BESIDE;
+            if (lets_go(x, before, when)) break;
+            a->stats[4] = 1, a->stats[5] = when, a->stats[6] = ends;
+            COPY(a->stats + 7, before + 1, NUMBERS);
+            break;
+        }
         hit[0] = (double)((row - a->rows) / ROW_SIZE), hit += HIT_SIZE;
         k += ends, *t = when, *impacts = ends ? 0 : *impacts + 1, *next = FEW_STEPS;
         COPY(now + 1, at + 1, POINT - 1);

@@ -60,7 +60,7 @@ int curvatures(const SweepArguments *a) {
         for (int r = 0; r < PARTS; r++) {
             const double *const x = k->x + r * 2 * N, *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
             double *const here = z + r * ALL * m, *const next = here + (ALL + Y) * m;
-            if ((status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
+            if ((status = linearise(k, x, STATE_AT(a, s + 1), SPEED_AT(a, s), SPEED_AT(a, s + 1), a->t + s, u, part))) break;
             outside(k->y, x, x + N, a->t + s, u, part, k->w + OUTSIDE_AT, k->fe, k->ge);
             vary(k, a, s, r, here);
             if (r == PARTS - 1) break;

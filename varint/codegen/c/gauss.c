@@ -42,9 +42,6 @@
 #else
 #define KICK(q, p, t, u, w, f, had, taken) kick(q, p, t, u, w, f, taken)
 #endif
-#ifndef MOST_TAKEN
-#define MOST_TAKEN TAKEN
-#endif
 #ifndef INERTIA_W
 #define INERTIA_W 0
 #define inertia(q, t, w, taken) ((void)0)
@@ -241,7 +238,7 @@ LARGE void set_speeds(const Nodes *at, const double *m, const Unknowns x, const 
 
 /* fresh = h b V for the speeds V that the step's momenta ask for, improved from speeds that had other ones. */
 LARGE void improve_speeds(const Step *s, const Nodes *at, double h, const double *w, V had[MOST_N][VECTORS],
-                          V taken[MOST_TAKEN + 1][VECTORS], V speeds[MOST_N][VECTORS], Unknowns fresh) {
+                          V (*taken)[VECTORS], V speeds[MOST_N][VECTORS], Unknowns fresh) {
     V rates[MOST_N][VECTORS];
     EACH for (int d = 0; d < N; d++) {
         V missed[VECTORS];
@@ -472,8 +469,12 @@ typedef struct {
     double y[2 * MOST_N], rest[2 * MOST_N]; /* the state at the last node, compensated */
     Unknowns last, older;         /* of the last two steps; `known` of them are there */
     Step now, next;               /* the step that is solved; the one after it, begun where that costs little time */
-#if HALVES
-    V taken[MOST_TAKEN + 1][VECTORS]; /* of one of them at a time */
+#if HALVES /* of one of them at a time */
+#ifdef SCENE_AS_DATA
+    V (*taken)[VECTORS];
+#else
+    V taken[TAKEN + 1][VECTORS];
+#endif
 #endif
     Change change;
     int64_t known, expected, iterations, most_iterations;
@@ -647,6 +648,13 @@ int run(const RunArguments *a) {
     scene = a->scene;
     r.w = registers();
     if (!r.w) return NOT_FINITE;
+#if HALVES
+    r.taken = (V (*)[VECTORS])taken_room();
+    if (!r.taken) {
+        free(r.w);
+        return NOT_FINITE;
+    }
+#endif
 #endif
     restore(&r, a);
     double *rows = a->rows, t = r.t0 + r.h * (double)r.first;
@@ -670,6 +678,9 @@ int run(const RunArguments *a) {
     store(&r, a, status, done);
 #ifdef SCENE_AS_DATA
     free(r.w);
+#if HALVES
+    free(r.taken);
+#endif
 #endif
     return status;
 }

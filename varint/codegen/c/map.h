@@ -17,14 +17,7 @@ INLINE void offset_now(const double *matrix, double t, const double *u, const do
         for (int i = 0; i < BOTH; i++) o[i] = v_fma(from_left[k * BOTH + i], parts[k], o[i]);
 }
 
-/* high + low += a b: every step repeats the round-off of the matrices, so that it must be their last digit's */
-INLINE void add_product(double *high, double *low, double a, double b) {
-    const double product = a * b, sum = *high + product, part = sum - *high;
-    *low += ((*high - (sum - part)) + (product - part)) + v_fma(a, b, -product);
-    *high = sum;
-}
-
-/* The matrices, once A is factorised. */
+/* The matrices, once A is factorised: every step repeats their round-off, so that it must be their last digit's. */
 LARGE void prepare_map(const double *w, double *matrix, const int *pivots) {
     const int width = BELOW + REACH;
     double jacobian[NONZEROS + 1], parts[2 * BOTH * Y + BOTH * BOTH], a[BAND_SIZE], b[Y + REACH], low[BOTH * Y];
@@ -49,7 +42,7 @@ LARGE void prepare_map(const double *w, double *matrix, const int *pivots) {
             for (int k = 0; k < Y; k++) {
                 double high = by_y[PERM[k] * BOTH + i], rest = 0;
                 for (int r = 0; r < Y; r++)
-                    if (r - k <= BELOW && k - r <= REACH) add_product(&high, &rest, x[r], a[r * width + BELOW + k]);
+                    if (r - k <= BELOW && k - r <= REACH) add_exactly(&high, &rest, x[r], a[r * width + BELOW + k]);
                 b[k] = high + rest;
             }
         }
@@ -59,7 +52,7 @@ LARGE void prepare_map(const double *w, double *matrix, const int *pivots) {
         for (int i = 0; i < BOTH; i++) {
             double high = by_start[j * BOTH + i], rest = 0;
             for (int k = 0; k < Y; k++) {
-                add_product(&high, &rest, from_left[k * BOTH + i], left[j * Y + k]);
+                add_exactly(&high, &rest, from_left[k * BOTH + i], left[j * Y + k]);
                 rest = v_fma(low[k * BOTH + i], left[j * Y + k], rest);
             }
             map[j * BOTH + i] = high + rest;

@@ -4,12 +4,14 @@
    tables of start values, PERM and the scene's functions. CLOSED: `equations` gives the correction; else the residual and the
    nonzeros of the Jacobian, which go to the places `AT` of a band matrix (BELOW, REACH: see below). LINEAR: the
    equations are linear, the matrix is factorised once and `equations` is their residual alone; FROZEN: a matrix near the
-   Jacobian, `frozen`, is factorised once a step; MAP: the equations are few, and a step is a constant affine map of q and p,
+   Jacobian, `frozen`, is factorised once a step, and once more where many corrections follow; MAP: the equations are few, and a step is a constant affine map of q and p,
    see map.h. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see legendre.h. */
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
+#define RENEWED 8   /* corrections by one frozen matrix: from a start that was far off, the next one is nearer */
+#define EASY 4      /* iterations of a step after which the next begins with what several steps continue, which leads far where steps are long */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
 
 /* Numbers of a node, of a note, and of what is carried along: the largest pivot and the last nodes; see folds.h. */
@@ -142,6 +144,10 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
     }
     for (int i = 0; i < most; i++) {
         double b[Y + REACH], worst = 0;
+        if (FROZEN && i && i % RENEWED == 0) {
+            frozen(y, q, &t, w + FROZEN_AT, jacobian);
+            factors_of(jacobian, matrix, pivots);
+        }
         ZEROS(b, Y + REACH);
         *count += 1;
         if (CLOSED || LINEAR || FROZEN) residual_of(y, q, p, &t, u, w + EQUATIONS_AT, b);
@@ -260,9 +266,10 @@ LARGE void rescale(double *scale, double *seen) {
         most = fmax(most, scale[d] * root[d]);
         seen[d] = seen[N + d] = 0;
     }
+    const double least = fmax(SMALLEST * most, UNKNOWN); /* of what has come to rest: sizes that vanish divide zero by zero */
     for (int d = 0; d < N; d++) {
-        scale[d] = fmax(scale[d], SMALLEST * most / root[d]);
-        scale[N + d] = fmax(scale[N + d], SMALLEST * most * root[d]);
+        scale[d] = fmax(scale[d], least / root[d]);
+        scale[N + d] = fmax(scale[N + d], least * root[d]);
     }
 }
 
@@ -388,6 +395,7 @@ int run(const RunArguments *a) {
             for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
             y[0] = oldest;
             *state.known += *state.known < HISTORY;
+            if (!FROZEN && count > EASY && *state.known > 1) *state.known = 1;
         }
         *state.age += 1;
         if ((int64_t)*state.age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);

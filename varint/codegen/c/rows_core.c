@@ -6,18 +6,7 @@
 #include "lanes.h"
 #include "run.h"
 #include "tape.h"
-#define MOST_ARGUMENTS 8
-
-/* varint/codegen/rows.py has the same layout */
-typedef struct {
-    int64_t count;                          /* points */
-    const double *c;                        /* parameters */
-    const void *scene;                      /* a Tape */
-    const double *arguments[MOST_ARGUMENTS]; /* component k of argument i at point r: arguments[i][r apart[i] + k] */
-    int64_t apart[MOST_ARGUMENTS];           /* 0 where all points have the same */
-    double *results[MOST_ARGUMENTS];         /* results[j][r widths[j] + k] */
-    int64_t widths[MOST_ARGUMENTS];
-} RowsArguments;
+#include "rows.h"
 
 int rows(const RowsArguments *a) {
     const Tape *const tape = a->scene;

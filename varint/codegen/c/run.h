@@ -45,6 +45,13 @@ typedef struct {
 DEFINE_COMPENSATED(compensated, double)
 DEFINE_COMPENSATED(v_compensated, V)
 
+/* high + low += a b */
+INLINE void add_exactly(double *high, double *low, double a, double b) {
+    const double product = a * b, sum = *high + product, part = sum - *high;
+    *low += ((*high - (sum - part)) + (product - part)) + s_fma(a, b, -product);
+    *high = sum;
+}
+
 /* 0 where all numbers are finite, else no number at all */
 INLINE double unsound(const double *x, int count) {
     double zero = 0;

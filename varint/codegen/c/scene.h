@@ -2,9 +2,8 @@
 
    tape.h stands before this file. varint/codegen/core.py has the same layout. */
 #define SCENE_AS_DATA
-#define MOST_N 128
-#define MOST_NU 16
-#define MOST_TAKEN 4096
+#define MOST_N 256
+#define MOST_NU 64
 
 typedef struct {
     int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect;
@@ -60,6 +59,10 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 
 INLINE double *registers(void) {
     return aligned_alloc(64, ((RHS_W + VELOCITY_W + MOMENTUM_W + LANES) * sizeof(double) + 63) / 64 * 64);
+}
+/* Room for what one function of the right-hand side leaves to another. */
+INLINE V *taken_room(void) {
+    return aligned_alloc(64, (size_t)(scene->rhs[0].outputs + scene->inertia.outputs + 1) * VECTORS * sizeof(V) / 64 * 64 + 64);
 }
 INLINE void kick_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[0], c, w); }
 INLINE void drift_prepare(const double *c, double *w) { prepare_tape(&scene->rhs[1], c, w); }

@@ -9,6 +9,7 @@
    without unknowns G_x^T mu, shorter than G_x); after(…, G) where there are parts; density(…, loss, its slopes) where LOSS. */
 #include "band.h"
 #include "sweep.h"
+#include "outside.h"
 
 #define BLOCKS_AT 0
 #define OUTSIDE_AT (BLOCKS_AT + BLOCKS_W)
@@ -84,14 +85,13 @@ static void solve_transposed(Work *k, double *g) {
 /* The derivatives of a part at its solution, F_y factorised. The unknowns are found from both ends of the step by Newton's
    method, those that the ends do not tell from the neighbouring step's. Factors are kept while they make corrections shrink;
    `blocks` comes once more at the solution, where the derivatives are to be taken. */
-static int linearise(Work *k, const double *x, const double *x1, const double *v, const double *t, const double *u,
-                     const double *part) {
+static int linearise(Work *k, const double *x, const double *x1, const double *v, const double *v1, const double *t,
+                     const double *u, const double *part) {
     if (!Y) { /* for tangents alone */
         blocks(k->y, x, x + N, t, u, part, k->w + BLOCKS_AT, k->f, k->fy, k->fx, k->gy, k->gx);
         return SWEPT;
     }
     double size[ROOM(N)], most = 0, far = 0, before = INFINITY;
-    const double *const v1 = v + N;
     for (int i = 0; i < N; i++) {
         const double mean = (x1[i] - x[i]) / k->h;
         size[i] = fabs(mean) + fabs(v[i]) + fabs(v1[i]), most = fmax(most, size[i]), far = fmax(far, fabs(x[i]));
@@ -126,32 +126,6 @@ static int linearise(Work *k, const double *x, const double *x1, const double *v
     return NOT_SOLVED;
 }
 
-/* What changes outside, times its nonzeros, added to the rows of `target`. */
-static void add_outside(const SweepArguments *a, int64_t step, int r, const double *dt, const double *nonzeros,
-                        const int *rows, const int *columns, int count, double *target) {
-    const int64_t m = a->columns;
-    for (int i = 0; i < count; i++) {
-        double *const row = target + rows[i] * m;
-        if (columns[i] < C + 2) {
-            const double *const along = columns[i] == C + 1 ? dt : a->outer + columns[i] * m;
-            for (int64_t j = 0; j < m; j++) row[j] = v_fma(nonzeros[i], along[j], row[j]);
-        } else if (a->control_column >= 0) {
-            const int place = columns[i] - (C + 2) + r * NU;
-            const int64_t node = a->control_nodes == 1 ? 0 : place / CONTROLS;
-            row[a->control_column + ((a->first + step) * a->control_nodes + node) * CONTROLS + place % CONTROLS] += nonzeros[i];
-        }
-    }
-}
-
-static void add_product(const double *nonzeros, const int *rows, const int *columns, int count, const double *x, int64_t m,
-                        double *target) {
-    for (int i = 0; i < count; i++) {
-        const double *const from = x + columns[i] * m, value = nonzeros[i];
-        double *const to = target + rows[i] * m;
-        for (int64_t j = 0; j < m; j++) to[j] = v_fma(value, from[j], to[j]);
-    }
-}
-
 /* The columns of `right` (Y, m) := -F_y^-1 right */
 static void solve_columns(Work *k, int64_t m, double *right) {
     for (int64_t j = 0; j < m; j++) {
@@ -163,7 +137,7 @@ static void solve_columns(Work *k, int64_t m, double *right) {
 
 /* Where every part of step s begins. */
 static void begin_parts(Work *k, const SweepArguments *a, int64_t s) {
-    memcpy(k->x, a->x + s * 2 * N, 2 * N * sizeof(double));
+    memcpy(k->x, STATE_AT(a, s), 2 * N * sizeof(double));
     for (int r = 0; r < PARTS - 1; r++) {
         const double *const x = k->x + r * 2 * N;
         after(k->y, x, x + N, a->t + s, a->u + (s * PARTS + r) * NU, PART_TABLE + r * PART, k->w + AFTER_AT, k->x + (r + 1) * 2 * N);
@@ -191,16 +165,16 @@ int tangents(const SweepArguments *a) {
     if (!status && a->every) memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
     for (int64_t s = 0; s < a->steps && !status; s++) {
         prepare(k, a->c, a->h[s], constants);
-        memcpy(k->x, a->x + s * 2 * N, 2 * N * sizeof(double));
+        memcpy(k->x, STATE_AT(a, s), 2 * N * sizeof(double));
         for (int64_t j = 0; j < m; j++) dt[j] = a->outer[(C + 1) * m + j] + (double)(a->first + s) * a->outer[C * m + j];
         for (int r = 0; r < PARTS; r++) {
             const double *const x = k->x + r * 2 * N, *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
-            if ((status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
+            if ((status = linearise(k, x, STATE_AT(a, s + 1), SPEED_AT(a, s), SPEED_AT(a, s + 1), a->t + s, u, part))) break;
             memset(next, 0, (2 * N + ROOM(Y)) * m * sizeof(double));
             if (outer) {
                 outside(k->y, x, x + N, a->t + s, u, part, k->w + OUTSIDE_AT, k->fe, k->ge);
-                add_outside(a, s, r, dt, k->fe, FE_ROW, FE_COLUMN, FE, dy);
-                add_outside(a, s, r, dt, k->ge, GE_ROW, GE_COLUMN, GE, next);
+                add_outside(a, s, r, dt, k->fe, 1, FE_ROW, FE_COLUMN, FE, dy);
+                add_outside(a, s, r, dt, k->ge, 1, GE_ROW, GE_COLUMN, GE, next);
             }
             if (Y) {
                 add_product(k->fx, FX_ROW, FX_COLUMN, FX, a->tangent, m, dy);
@@ -231,7 +205,7 @@ int adjoints(const SweepArguments *a) {
             const double *const x = k->x + r * 2 * N, *const u = a->u + (s * PARTS + r) * NU, *const part = PART_TABLE + r * PART;
             double eta[ROOM(Y)], before[2 * N], outer[E], value, of_x[2 * N], of_e[E];
             memset(eta, 0, sizeof eta);
-            if (Y && (status = linearise(k, x, a->x + (s + 1) * 2 * N, a->v + s * N, a->t + s, u, part))) break;
+            if (Y && (status = linearise(k, x, STATE_AT(a, s + 1), SPEED_AT(a, s), SPEED_AT(a, s + 1), a->t + s, u, part))) break;
             if (LOSS) density(k->y, x, x + N, a->t + s, u, part, k->w + DENSITY_AT, &value, eta, of_x, of_e), *a->loss += value;
             if (Y) pull_back(k, mu, eta, before);
             pull(k->y, x, x + N, a->t + s, u, part, mu, eta, k->w + PULL_AT, outer, before);

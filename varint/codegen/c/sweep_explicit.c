@@ -4,21 +4,26 @@
    derivatives are depends on the node alone: those of LANES steps are taken in the lanes of vectors. From step to step go
    the products with tangents, dp += k_q dq + k_e de, then dq += d_p dp + d_e de, or with adjoints, from the end to the start.
    Defined before this file, by generated source or by sweep_explicit_scene.h: N, NU (controls of a part at CONTROLS a node),
-   PARTS with PART numbers each in PART_TABLE, C (parameters), E = C + 2 + NU; the places of the nonzeros of k_q (KQ) and d_p
-   (DP), column by column: their rows, and where each column begins; and those of k_e (KE) and d_e (DE). part_of(q, p, t, u, part, w, k_q, d_p, k_e, d_e, q and p
-   behind the part); density(…, loss, its slopes by (q, p) and by e) where LOSS. */
+   PARTS with PART numbers each in PART_TABLE, of which DRIFTS says whether a drift follows the kick, C (parameters), E = C + 2
+   + NU; whether a step's last kick is SHARED, the same as the first of the next; the places of the nonzeros of k_q (KQ) and
+   d_p (DP), column by column: their rows, and where each column begins; and those of k_e (KE) and d_e (DE).
+   part_of(q, p, t, u, part, w, k_q, d_p, k_e, d_e, q and p behind the part); density(…, loss, its slopes by (q, p) and by e)
+   where LOSS. */
 #include "sweep.h"
+#include "outside.h"
 
 #define PART_AT 0
 #define DENSITY_AT (PART_AT + PART_OF_W)
 #define SWEEP_W ((DENSITY_AT + DENSITY_W + LANES - 1) / LANES * LANES) /* vectors begin behind it */
 #define KINDS 13
+#define LAST (PARTS - 1)
 
-/* Of every part of LANES steps: state, controls, derivatives, the adjoints of drift and kick; of the steps: time. */
+/* Of every part of LANES steps: state, controls, derivatives, the adjoints of drift and kick; of the steps: time. Of a shared
+   kick behind them, `known` where the steps there were taken: its derivatives. */
 typedef struct {
     V *x, *u, *part, *kq, *dp, *ke, *de, *mu, *of_x, *of_e, *value, *t, *more;
-    double *w, h;
-    int prepared;
+    double *w, *kq_behind, *ke_behind, h;
+    int prepared, known;
 } Work;
 
 /* With room for `more` vectors. */
@@ -26,7 +31,7 @@ static Work *work_space(int64_t more) {
     const int64_t vectors[KINDS] = {(PARTS + 1) * 2 * N, PARTS * NU, PARTS * PART, PARTS * KQ, PARTS * DP, PARTS * KE, PARTS * DE,
                                     PARTS * 2 * N, PARTS * 2 * N, PARTS * E, PARTS, 1, more};
     const int64_t head = (sizeof(Work) + 63) / 64 * 64;
-    int64_t all = head + SWEEP_W * sizeof(double);
+    int64_t all = head + (SWEEP_W + KQ + KE) * sizeof(double);
     for (int i = 0; i < KINDS; i++) all += ROOM(vectors[i]) * sizeof(V);
     all = (all + 63) / 64 * 64;
     char *const at = aligned_alloc(64, all);
@@ -38,13 +43,10 @@ static Work *work_space(int64_t more) {
     k->w = (double *)(at + head); /* first, for functions as data have vectors there */
     V *vector = (V *)(k->w + SWEEP_W);
     for (int i = 0; i < KINDS; i++) *places[i] = vector, vector += ROOM(vectors[i]);
+    k->kq_behind = (double *)vector, k->ke_behind = k->kq_behind + KQ;
     for (int i = 0; i < PARTS * PART; i++) k->part[i] = splat(PART_TABLE[i]);
     return k;
 }
-
-/* A lane of a vector in memory, without loading the whole vector. */
-INLINE double lane_at(const V *x, int64_t l) { return ((const double *)x)[l]; }
-INLINE void set_lane_at(V *x, int64_t l, double y) { ((double *)x)[l] = y; }
 
 /* What is the same as long as the steps have one size. */
 static void prepare(Work *k, const double *c, double h) {
@@ -52,31 +54,26 @@ static void prepare(Work *k, const double *c, double h) {
     if (k->prepared && k->h == h) return;
     memcpy(constants, c, C * sizeof(double)), constants[C] = h;
     part_of_prepare(constants, k->w + PART_AT), density_prepare(constants, k->w + DENSITY_AT);
-    k->h = h, k->prepared = 1;
+    k->h = h, k->prepared = 1, k->known = 0;
 }
 
-/* The derivatives of `count` steps of one size from step s on; lanes beyond them repeat the last. */
-static void linearise(Work *k, const SweepArguments *a, int64_t s, int count, int lossy) {
+/* The derivatives of `count` steps of one size from step s on; lanes beyond them repeat the last. Those of the last kick where
+   it is to be `taken`. */
+static void linearise(Work *k, const SweepArguments *a, int64_t s, int count, int lossy, int taken) {
     prepare(k, a->c, a->h[s]);
     for (int l = 0; l < LANES; l++) {
         const int64_t step = s + (l < count ? l : count - 1);
-        for (int d = 0; d < 2 * N; d++) set_lane_at(&k->x[d], l, a->x[step * 2 * N + d]);
+        for (int d = 0; d < 2 * N; d++) set_lane_at(&k->x[d], l, STATE_AT(a, step)[d]);
         for (int i = 0; i < PARTS * NU; i++) set_lane_at(&k->u[i], l, a->u[step * PARTS * NU + i]);
         set_lane_at(k->t, l, a->t[step]);
     }
     for (int r = 0; r < PARTS; r++) {
         const V *const q = k->x + r * 2 * N, *const p = q + N, *const u = k->u + r * NU, *const part = k->part + r * PART;
-        part_of(q, p, k->t, u, part, k->w + PART_AT, k->kq + r * KQ, k->dp + r * DP, k->ke + r * KE, k->de + r * DE,
-                k->x + (r + 1) * 2 * N);
+        if (taken || r < LAST)
+            part_of(q, p, k->t, u, part, k->w + PART_AT, k->kq + r * KQ, k->dp + r * DP, k->ke + r * KE, k->de + r * DE,
+                    k->x + (r + 1) * 2 * N);
         if (lossy) density(q, p, k->t, u, part, k->w + DENSITY_AT, k->value + r, k->of_x + r * 2 * N, k->of_e + r * E);
     }
-}
-
-/* So many steps of one size from step s on, or back from it, LANES at most. */
-static int alike(const SweepArguments *a, int64_t s, int towards) {
-    int count = 1;
-    for (int64_t i = s + towards; count < LANES && i >= 0 && i < a->steps && a->h[i] == a->h[s]; i += towards) count++;
-    return count;
 }
 
 /* Tangents: rows of `count` vectors; those of parameters, step and start time, and of the time of a step. */
@@ -127,14 +124,15 @@ int tangents(const SweepArguments *a) {
     if (a->every) memcpy(out, a->tangent, 2 * N * m * sizeof(double)), out += 2 * N * m;
     for (int64_t s = 0, some; s < a->steps; s += some) {
         some = alike(a, s, 1);
-        linearise(k, a, s, (int)some, 0);
+        linearise(k, a, s, (int)some, 0, 1);
         for (int l = 0; l < some; l++) {
             const int64_t step = a->first + s + l;
             for (int64_t j = 0; j < count; j++) x.dt[j] = v_fma(splat((double)step), x.along[C * count + j], x.along[(C + 1) * count + j]);
             for (int r = 0; r < PARTS; r++) {
                 add_changes(a, &x, r, l, step, k->kq + r * KQ, KQ_ROW, KQ_BEGIN, k->ke + r * KE, KE_ROW, KE_COLUMN,
                             outer ? KE : 0, x.q, x.p);
-                add_changes(a, &x, r, l, step, k->dp + r * DP, DP_ROW, DP_BEGIN, k->de + r * DE, DE_ROW, DE_COLUMN,
+                if (DRIFTS[r])
+                    add_changes(a, &x, r, l, step, k->dp + r * DP, DP_ROW, DP_BEGIN, k->de + r * DE, DE_ROW, DE_COLUMN,
                             outer ? DE : 0, x.p, x.q);
             }
             if (a->every && (s + l + 1) % a->every == 0) narrowed(x.q, 2 * N, m, count, out), out += 2 * N * m;
@@ -145,29 +143,43 @@ int tangents(const SweepArguments *a) {
     return SWEPT;
 }
 
-/* to += J^T from, of lane l; a column is summed up where it does not wait for memory */
-INLINE void add_transposed(const V *slopes, const int *rows, const int *begin, int l, const double *from, double *to) {
+/* to += J^T from, J with its numbers `apart`; a column is summed up where it does not wait for memory */
+INLINE void add_transposed(const double *slopes, int apart, const int *rows, const int *begin, const double *from, double *to) {
     for (int d = 0; d < N; d++) {
         double sum = to[d];
-        for (int i = begin[d]; i < begin[d + 1]; i++) sum = s_fma(lane_at(&slopes[i], l), from[rows[i]], sum);
+        for (int i = begin[d]; i < begin[d + 1]; i++) sum = s_fma(slopes[i * apart], from[rows[i]], sum);
         to[d] = sum;
     }
 }
 
 /* The adjoint (of q, of p) behind `count` steps from step s on is carried to where they begin; those of every drift and kick
-   are kept. */
-static void carry_back(Work *k, const SweepArguments *a, int64_t s, int count, double *of_q) {
+   are kept, that of a shared kick with the step it opens, or added to `outer` with what is known of it behind the steps. */
+static void carry_back(Work *k, const SweepArguments *a, int64_t s, int count, double *of_q, double *outer) {
     double *const of_p = of_q + N;
     for (int l = count - 1; l >= 0; l--) {
-        for (int r = PARTS - 1; r >= 0; r--) {
+        if (SHARED) {
+            const int behind = l == count - 1;
+            if (behind) for (int i = 0; i < KE; i++) outer[KE_COLUMN[i]] = s_fma(k->ke_behind[i], of_p[KE_ROW[i]], outer[KE_COLUMN[i]]);
+            else for (int d = 0; d < N; d++) set_lane_at(&k->mu[N + d], l + 1, lane_at(&k->mu[N + d], l + 1) + of_p[d]);
+            add_transposed(behind ? k->kq_behind : (const double *)k->kq + l + 1, behind ? 1 : LANES, KQ_ROW, KQ_BEGIN, of_p, of_q);
+            if (LOSS) for (int d = 0; d < 2 * N; d++) of_q[d] += lane_at(&k->of_x[LAST * 2 * N + d], l);
+        }
+        for (int r = SHARED ? LAST - 1 : LAST; r >= 0; r--) {
             V *const mu = k->mu + r * 2 * N;
-            add_transposed(k->dp + r * DP, DP_ROW, DP_BEGIN, l, of_q, of_p);
+            if (DRIFTS[r]) add_transposed((const double *)(k->dp + r * DP) + l, LANES, DP_ROW, DP_BEGIN, of_q, of_p);
             for (int d = 0; d < N; d++) set_lane_at(&mu[d], l, of_q[d]), set_lane_at(&mu[N + d], l, of_p[d]);
-            add_transposed(k->kq + r * KQ, KQ_ROW, KQ_BEGIN, l, of_p, of_q);
+            add_transposed((const double *)(k->kq + r * KQ) + l, LANES, KQ_ROW, KQ_BEGIN, of_p, of_q);
             if (LOSS) for (int d = 0; d < 2 * N; d++) of_q[d] += lane_at(&k->of_x[r * 2 * N + d], l);
         }
         if (a->seeds) for (int d = 0; d < 2 * N; d++) of_q[d] += a->seeds[(s + l) * 2 * N + d];
     }
+}
+
+/* The derivatives of the kick of part r in lane l are those of the kick behind the steps before. */
+static void keep_kick(Work *k, int r, int l) {
+    for (int i = 0; i < KQ; i++) k->kq_behind[i] = lane_at(&k->kq[r * KQ + i], l);
+    for (int i = 0; i < KE; i++) k->ke_behind[i] = lane_at(&k->ke[r * KE + i], l);
+    k->known = 1;
 }
 
 int adjoints(const SweepArguments *a) {
@@ -177,24 +189,20 @@ int adjoints(const SweepArguments *a) {
     V *const outer = k->more, *const loss = outer + C + 2, *const pulled = loss + 1;
     for (int64_t s = a->steps, some; s > 0;) {
         some = alike(a, s - 1, -1), s -= some;
-        linearise(k, a, s, (int)some, LOSS);
-        carry_back(k, a, s, (int)some, a->tangent);
-        V there, step; /* lanes without a step count for nothing */
-        for (int l = 0; l < LANES; l++) set_lane(&there, l, l < some), set_lane(&step, l, (double)(a->first + s + l));
-        for (int r = 0; r < PARTS; r++) {
+        prepare(k, a->c, a->h[s]);
+        linearise(k, a, s, (int)some, LOSS, !(SHARED && k->known));
+        if (SHARED && !k->known) keep_kick(k, LAST, (int)some - 1);
+        carry_back(k, a, s, (int)some, a->tangent, a->outer);
+        if (SHARED) keep_kick(k, 0, 0);
+        V there; /* lanes without a step count for nothing */
+        for (int l = 0; l < LANES; l++) set_lane(&there, l, l < some);
+        for (int r = 0; r < PARTS - (SHARED && !LOSS); r++) {
             const V *const of_q = k->mu + r * 2 * N, *const of_p = of_q + N, *const ke = k->ke + r * KE, *const de = k->de + r * DE;
             if (LOSS) *loss = v_fma(there, k->value[r], *loss);
             for (int i = 0; i < E; i++) pulled[i] = LOSS ? k->of_e[r * E + i] : splat(0.0);
-            for (int i = 0; i < KE; i++) pulled[KE_COLUMN[i]] = v_fma(ke[i], of_p[KE_ROW[i]], pulled[KE_COLUMN[i]]);
-            for (int i = 0; i < DE; i++) pulled[DE_COLUMN[i]] = v_fma(de[i], of_q[DE_ROW[i]], pulled[DE_COLUMN[i]]);
-            for (int i = 0; i < C + 2; i++) outer[i] = v_fma(there, pulled[i], outer[i]);
-            outer[C] = v_fma(there * step, pulled[C + 1], outer[C]);
-            for (int i = 0; i < NU; i++) {
-                const int place = i + r * NU;
-                const int64_t node = a->control_nodes == 1 ? 0 : place / CONTROLS;
-                for (int64_t l = 0; l < some; l++)
-                    a->out[((s + l) * a->control_nodes + node) * CONTROLS + place % CONTROLS] += lane_at(&pulled[C + 2 + i], l);
-            }
+            for (int i = 0; i < KE && !(SHARED && r == LAST); i++) pulled[KE_COLUMN[i]] = v_fma(ke[i], of_p[KE_ROW[i]], pulled[KE_COLUMN[i]]);
+            for (int i = 0; i < DE && DRIFTS[r]; i++) pulled[DE_COLUMN[i]] = v_fma(de[i], of_q[DE_ROW[i]], pulled[DE_COLUMN[i]]);
+            add_pulled(a, s, (int)some, r, pulled, outer);
         }
     }
     for (int i = 0; i < C + 2; i++) a->outer[i] += sum(outer[i]);

@@ -4,10 +4,10 @@
    tape.h stands before this file. varint/codegen/native_sweep.py reads the names here. */
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
-    DO(N) DO(NU) DO(CONTROLS) DO(PARTS) DO(PART) DO(C) DO(E) DO(LOSS) DO(KQ) DO(DP) DO(KE) DO(DE)
+    DO(N) DO(NU) DO(CONTROLS) DO(PARTS) DO(PART) DO(C) DO(E) DO(LOSS) DO(SHARED) DO(KQ) DO(DP) DO(KE) DO(DE)
 #define LIMITS(DO) /* none */
 #define PLACES(DO) \
-    DO(KQ_ROW) DO(KQ_BEGIN) DO(DP_ROW) DO(DP_BEGIN) DO(KE_ROW) DO(KE_COLUMN) DO(DE_ROW) DO(DE_COLUMN)
+    DO(DRIFTS) DO(KQ_ROW) DO(KQ_BEGIN) DO(DP_ROW) DO(DP_BEGIN) DO(KE_ROW) DO(KE_COLUMN) DO(DE_ROW) DO(DE_COLUMN)
 #define TABLES(DO) \
     DO(PART_TABLE)
 #define FUNCTIONS(DO) \
@@ -22,10 +22,12 @@
 #define C ((int)scene->C_)
 #define E ((int)scene->E_)
 #define LOSS ((int)scene->LOSS_)
+#define SHARED ((int)scene->SHARED_)
 #define KQ ((int)scene->KQ_)
 #define DP ((int)scene->DP_)
 #define KE ((int)scene->KE_)
 #define DE ((int)scene->DE_)
+#define DRIFTS scene->DRIFTS_
 #define KQ_ROW scene->KQ_ROW_
 #define KQ_BEGIN scene->KQ_BEGIN_
 #define DP_ROW scene->DP_ROW_

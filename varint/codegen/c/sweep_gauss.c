@@ -129,7 +129,7 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
     if (wide) from = from < 0 ? 0 : from > a->steps + 1 - WINDOW ? a->steps + 1 - WINDOW : from;
     const int place = wide ? (int)(s - from) : WINDOW - 1; /* the last tables are those of two nodes */
     const double *const tq = GUESS_Q + place * 2 * WINDOW * STRIDE * LANES, *const tv = GUESS_V + place * 2 * WINDOW * STRIDE * LANES;
-    const double *const x0 = a->x + s * 2 * N;
+    const double *const x0 = STATE_AT(a, s), *const x1 = STATE_AT(a, s + 1);
     for (int j = 0; j < STAGES && k->h != h; j++)
         for (int b = 0; b < STRIDE; b++) {
             k->a[j * STRIDE + b] = h * part(COLUMN_A + (j * STRIDE + b) * LANES);
@@ -143,7 +143,7 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
         for (int d = 0; d < N; d++) {
             V path = splat(x0[d]), rise = splat(0.0);
             for (int i = 0; i < count; i++) { /* from q at the start on, so that differences lose no digits */
-                const double q = a->x[(from + i) * 2 * N + d] - x0[d], v = h * a->v[(from + i) * N + d];
+                const double q = STATE_AT(a, from + i)[d] - x0[d], v = h * SPEED_AT(a, from + i)[d];
                 const int at = (2 * i * STRIDE + b) * LANES, behind = at + STRIDE * LANES;
                 path = v_fma(part(tq + at), splat(q), v_fma(part(tq + behind), splat(v), path));
                 rise = v_fma(part(tv + at), splat(q), v_fma(part(tv + behind), splat(v), rise));
@@ -157,7 +157,7 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
         }
     }
     for (int d = 0; d < 2 * N; d++) {
-        k->size[d] = fmax(fabs(x0[d]), fabs(x0[2 * N + d]));
+        k->size[d] = fmax(fabs(x0[d]), fabs(x1[d]));
         most[d / N] = fmax(most[d / N], k->size[d]);
     }
     for (int d = 0; d < 2 * N; d++) k->size[d] = most[d / N] > 0 ? fmax(k->size[d], LEAST_SPEED * most[d / N]) : 1.0;

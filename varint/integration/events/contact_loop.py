@@ -17,7 +17,7 @@ from varint.discrete.constraints import ActiveSet
 from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import StepRefused
 from varint.integration.events.contacts import Instant, View, view
-from varint.integration.events.flights import Flights, flight_blocks
+from varint.integration.events.flights import Flights, Located, flight_blocks
 from varint.integration.events.gaps import Passage, first_event
 from varint.integration.events.impacts import (
     MOST_IMPACTS,
@@ -85,11 +85,14 @@ def with_flights(
     """The run, its flights in C; what is no clean impact or rests is as `every_node` has it."""
     while at is None or at.k < problem.steps:
         if at is not None:
-            for block in flight_blocks(system, rule, problem, flights, at):
+            at, located = yield from flight_blocks(system, rule, problem, flights, at)
+            if at.k == problem.steps:
+                return
+            if located is not None:
+                block = _at_instant(system, rule, problem, at, located)
                 yield block
                 at = block.after
-            if at is None or at.k == problem.steps:
-                return
+                continue
             if at.active_set and flights.loop_in(at.active_set):  # the flight ends in this step
                 here = at._replace(carry=None)
                 block, _ = _pass_to_event(
@@ -107,6 +110,20 @@ def with_flights(
                 return
             if block.good:
                 break
+
+
+def _at_instant(
+    system: System, rule: Rule, problem: InitialValueProblem, at: RunState, located: Located
+) -> NodeBlock:
+    """What happens where a flight has located it: a block of that one node."""
+    now, k = located.now, at.k + located.ends
+    reach = abs(problem.h) * at.scale[: len(now.q)]
+    setting = Setting(system, problem.c, np.empty(0), problem.h, reach)
+    seen, tired = view(system, now, problem.c), at.events >= MOST_IMPACTS
+    there, _, events = settle(setting, now, seen, tired=tired)
+    after = position(system, rule, problem, there, k, at._replace(carry=None))
+    after = after._replace(events=0 if located.ends else at.events + 1)
+    return _node(after, 0.0, tuple(events), 0)
 
 
 def _without_flight(

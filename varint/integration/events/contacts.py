@@ -89,6 +89,7 @@ class View:
         return self.slope[len(self.slope) - len(self.gap) :]
 
 
+@per_system
 def first_contact(system: System) -> int:
     """How many rows come before those of the contacts: holonomic and non-holonomic ones."""
     return system.constraint.numel() + system.nonholonomic.shape[0]

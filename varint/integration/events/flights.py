@@ -4,7 +4,7 @@ is more than that is left to the loop that knows all of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from varint.codegen.kernel import Kernel
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
 from varint.integration.compiled_loop import CAUTION, PATIENCE
-from varint.integration.events.contacts import first_contact
+from varint.integration.events.contacts import Instant, first_contact
 from varint.integration.gears import gears_with, kernel_after, newton
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock, RunState
@@ -41,6 +41,13 @@ class Flights(NamedTuple):
     contacts: ContactData
 
 
+class Located(NamedTuple):
+    """An instant at which a gap closes, before the impact, and whether its step ends there."""
+
+    now: Instant
+    ends: bool
+
+
 def flight_state(
     system: System, problem: InitialValueProblem, kernel: Kernel, at: RunState
 ) -> np.ndarray:
@@ -55,15 +62,15 @@ def flight_state(
 
 def flight_blocks(
     system: System, rule: Rule, problem: InitialValueProblem, flights: Flights, at: RunState
-) -> Iterator[NodeBlock]:
+) -> Generator[NodeBlock, None, tuple[RunState, Located | None]]:
     """The run from a position on, block by block, up to where something else than a clean impact
-    is to be dealt with.
+    is to be dealt with: where the run stands then, and the instant of that, where it is known.
     """
     assert at.active_set is not None
     n, active_set = system.structure.n, at.active_set
     kernel = flights.loop_in(active_set)
     if kernel is None:
-        return
+        return at, None
     scene, first = active_set.scene(system), first_contact(system)
     fixed = (*active_set.rows, *range(system.constraint.numel(), first))
     held = (*fixed, *(first + i for i in active_set.contacts))
@@ -101,6 +108,13 @@ def flight_blocks(
         if gears:
             kernel = kernel_after(gears, found.seconds, per_step * (problem.steps - state[0]))
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
+    return at, None if found.located is None else _located(found.located, active_set, n)
+
+
+def _located(flat: np.ndarray, active_set: ActiveSet, n: int) -> Located:
+    q, p, _, q_rest, p_rest = flat[2:].reshape(5, n)
+    x = np.concatenate([q, q_rest, p, p_rest])
+    return Located(Instant(float(flat[0]), x, active_set), bool(flat[1]))
 
 
 def _block(found: Flight, at: RunState, n: int) -> NodeBlock:

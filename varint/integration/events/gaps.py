@@ -100,13 +100,13 @@ class Passage:
         )[0]
         there = Instant(now.t + ahead, flat[state_layout(n).moving].copy(), now.active_set)
         seen = split(flat[4 * n + 2 :], n, self.system.contact.numel())
-        residual, count = float(flat[4 * n]), flat[4 * n + 1]
+        residual, count = float(flat[4 * n]), float(flat[4 * n + 1])
         return Reached(
             ahead,
             there,
             seen,
             residual,
-            int(np.nan_to_num(count)),
+            int(count) if count == count else 0,
             self.controls(ahead, (1.0,)).ravel(),
         )
 

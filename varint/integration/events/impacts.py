@@ -9,6 +9,7 @@ a blow elsewhere unless it is elastic itself: then it hands the blow on.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -179,12 +180,19 @@ def _reflect(
     system, first = setting.system, first_contact(setting.system)
     fixed = [*now.active_set.rows, *range(system.constraint.numel(), first)]
     holding = list(now.active_set.holding)
+    row = seen.slope[first + hit]
     while True:
-        rows = seen.slope[[*fixed, *(first + i for i in holding), first + hit]]
-        rates = np.array([seen.rate[hit], rows[-1] @ _velocity(seen.mass, rows[:-1], now.carry)])
-        impulse, rest = _impulses(seen.mass, rows, -(1 + bounce) * rates).T
-        blows = impulse * lengths(rows)
-        felt = blows[len(fixed) : -1] / np.abs(blows).max()
+        rows = seen.slope[[*fixed, *(first + i for i in holding)]]
+        y, shares = _answer(seen.mass, rows, row)
+        unit = float(row @ y)
+        impulse = -(1 + bounce) * float(seen.rate[hit]) / unit
+        rest = -(1 + bounce) * float(y @ now.carry) / unit
+        felt = np.empty(0)
+        if holding:
+            blows = np.append(shares[len(fixed) :], 1.0) * lengths(
+                seen.slope[[*(first + i for i in holding), first + hit]]
+            )
+            felt = math.copysign(1.0, impulse) * blows[:-1] / np.abs(blows).max()
         elastic = [
             i
             for i, x in zip(holding, felt, strict=True)
@@ -196,44 +204,41 @@ def _reflect(
             holding.pop(int(np.argmin(felt)))
         else:
             break
-            break
     active_set = _solvable(system, now, seen, holding)
-    after = replace(now.pushed(rows.T @ impulse, rows.T @ rest), active_set=active_set)
-    return after, view(system, after, setting.c), float(impulse[-1])
+    blow = row + rows.T @ shares
+    after = replace(now.pushed(impulse * blow, rest * blow), active_set=active_set)
+    return after, view(system, after, setting.c), impulse
 
 
-def _impulses(mass: np.ndarray, rows: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Impulses along the rows that change the rate of the last by `rates` and no other, a column
-    for each.
+def _answer(mass: np.ndarray, rows: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities that a unit impulse along `row` makes, and the impulses along `rows`, which hold,
+    that come with it: M y = row + rowsᵀ μ, rows y = 0.
     """
-    upper, lower = np.zeros((len(mass), len(rates))), np.zeros((len(rows), len(rates)))
-    lower[-1] = rates
-    return _saddle(mass, rows, upper, lower)[len(mass) :]
+    found = _saddle(mass, rows, np.concatenate([row, np.zeros(len(rows))]))
+    return found[: len(mass)], found[len(mass) :]
 
 
-def _velocity(mass: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Velocity along the rows that belongs to a momentum p."""
-    return _saddle(mass, rows, p[:, None], np.zeros((len(rows), 1)))[: len(mass), 0]
-
-
-def _saddle(mass: np.ndarray, rows: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Solution of [M −Wᵀ; W 0] [Δv; Λ] = [upper; lower], equilibrated."""
+def _saddle(mass: np.ndarray, rows: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of [M −Wᵀ; W 0] [y; μ] = right, equilibrated."""
     n, m = len(mass), len(rows)
+    scales = np.empty(n + m)
     size = np.sqrt(np.abs(mass.diagonal()))
-    size = np.where(size > 0, size, size.max())
-    scaled = rows / size
-    length = lengths(scaled)
-    length = np.where(length > 0, length, 1.0)  # a row of zeros: no impulse along it
-    scaled /= length[:, None]
+    if not size.all():
+        size = np.where(size > 0, size, size.max())
+    scales[:n] = size
     matrix = np.zeros((n + m, n + m))
-    matrix[:n, :n] = mass / np.outer(size, size)
-    matrix[:n, n:], matrix[n:, :n] = -scaled.T, scaled
-    scales = np.concatenate([size, length])[:, None]
-    right = np.concatenate([upper, lower]) / scales
+    matrix[:n, :n] = mass / (size[:, None] * size)
+    if m:
+        scaled = rows / size
+        length = lengths(scaled)
+        length = np.where(length > 0, length, 1.0)  # a row of zeros: no impulse along it
+        scaled /= length[:, None]
+        matrix[:n, n:], matrix[n:, :n] = -scaled.T, scaled
+        scales[n:] = length
     try:
-        found = np.linalg.solve(matrix, right)  # exact where an elastic impact only turns a sign
+        found = np.linalg.solve(matrix, right / scales)  # exact where a blow only turns a sign
     except np.linalg.LinAlgError:
-        found = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+        found = np.linalg.lstsq(matrix, right / scales, rcond=1e-12)[0]
     return found / scales
 
 

@@ -1,34 +1,35 @@
 """One branch of a scene with switches: the smooth scene that moves there, how far each switch is,
 and what it does next.
-
-Where both branches of a switch that depends on velocities push the motion back, as dry friction
-does at rest, it stays on the switch: the force is then the mean of both with which the switch does
-not change (Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, §4).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
-from varint.integration.switches.frozen import FrozenScene, frozen_scene
+from varint.integration.switches.accelerations import acceleration, push_without_force, rate_of
+from varint.integration.switches.frozen import FrozenScene, frozen_scene, with_force
+from varint.integration.switches.holding import force_by_numbers, held_force
 from varint.integration.switches.timetable import timed
+from varint.numerics.arrays import call
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
-LARGEST_MASS_MATRIX = 8  # that is solved symbolically, where it is not diagonal
 DERIVATIVES = 3  # in time of what switches, that tell on which side the motion goes on
+MANY = 3  # switches that may hold a motion, in 2³ ways
 SEEN = 30_000  # operations of an acceleration at most
 
 
 class Branch(NamedTuple):
-    """The numbers behind all switches, and those that hold the motion."""
+    """The numbers behind all switches, those that hold the motion, and the controls."""
 
     values: tuple[float, ...]
     sliding: tuple[int, ...] = ()
+    controls: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,9 @@ class BranchScene:
     ahead : Function
         (q, v, t, c) → what switches, (m,), and its rate.
     shares : Function
-        (q, v, t, c) → how much of the upper branch each switch that holds has.
+        (q, v, t, c) → how much of the upper branch switches have that hold or may hold.
+    rows : tuple of int
+        Which of these are of those that hold.
     """
 
     system: System
@@ -54,6 +57,11 @@ class BranchScene:
     margins: ca.Function
     ahead: ca.Function
     shares: ca.Function
+    rows: tuple[int, ...]
+
+    def shares_at(self, *arguments: np.ndarray) -> np.ndarray:
+        """The shares of the switches that hold, at (q, v, t, c)."""
+        return call(self.shares, *arguments)[0][list(self.rows)]
 
 
 @per_system
@@ -89,23 +97,85 @@ def passed_straight(system: System) -> tuple[int, ...]:
 def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene | None:
     """The scene that moves while these switches hold the motion; None where it is not known."""
     frozen = _frozen(system)
-    moving, share = frozen.system, ca.SX(0, 1)
-    if sliding:
-        found = _sliding(frozen, sliding)
-        if found is None:
-            return None
-        force, share = found
-        s = frozen.system
-        moving = System(s.q, s.v, s.lagrangian, force=ca.sparsify(force), params=s.params, t=s.t)
-    a = acceleration(moving, moving.force)
+    if not sliding:
+        return _watched(system, frozen.system, {})
+    if not set(sliding) <= set(slidable(system)):
+        return _resting(system)
+    if many_may_hold(system):
+        every = _any_held(system)
+        return every and _of_those(every, slidable(system), sliding)
+    force = held_force(frozen, sliding)
+    if force is None:
+        return None
+    shares = dict(zip(sliding, ca.vertsplit(force[1]), strict=True))
+    return _watched(system, with_force(frozen.system, force[0]), shares, sliding)
+
+
+@per_system
+def _resting(system: System) -> BranchScene:
+    """The scene of one coordinate in which nothing pushes, at rest where switches meet that hold it
+    together.
+    """
+    s = _frozen(system).system
+    moving = with_force(s, -push_without_force(s))
+    inputs, nothing = [s.q, s.v, s.t, s.c], ca.SX(0, 1)
+    sigma = _frozen(system).sigma
+    margins, ahead, shares = (
+        _function("resting", inputs, outputs)
+        for outputs in ([nothing, nothing], [sigma, 0 * sigma], [nothing])
+    )
+    return BranchScene(moving, (), margins, ahead, shares, ())
+
+
+@per_system
+def many_may_hold(system: System) -> bool:
+    """Whether so many switches may hold a motion, in so many ways, that all of them are one scene
+    in which the numbers behind the switches tell which do.
+    """
+    return len(slidable(system)) >= MANY and not system.structure.diagonal_mass
+
+
+@per_system
+def _any_held(system: System) -> BranchScene | None:
+    """The scene in which any of the switches hold the motion: of each that may there are two
+    margins, its own and a one where it is free, those of its share where it holds.
+    """
+    frozen, may_hold = _frozen(system), slidable(system)
+    force = force_by_numbers(frozen, may_hold)
+    if force is None:
+        return None
+    shares = dict(zip(may_hold, ca.vertsplit(force[1]), strict=True))
+    return _watched(system, with_force(frozen.system, force[0]), shares)
+
+
+def _of_those(every: BranchScene, may_hold: Sequence[int], sliding: Sequence[int]) -> BranchScene:
+    """The scene of all switches that may hold, where these do."""
+    watched = list(every.watched)
+    for place in range(0, 2 * len(may_hold), 2):
+        j = watched[place][0]
+        watched[place] = (j, -1.0 if j in sliding else 0.0)
+    rows = tuple(may_hold.index(j) for j in sliding)
+    return replace(every, watched=tuple(watched), rows=rows)
+
+
+def _watched(
+    system: System, moving: System, shares: dict[int, ca.SX], sliding: tuple[int, ...] = ()
+) -> BranchScene | None:
+    """A scene that moves, with what ends its branch."""
+    frozen, a = _frozen(system), acceleration(moving, moving.force)
     if a is None or ca.Function("a", ca.symvar(a), [a]).n_instructions() > SEEN:
         return None
     inputs, clocks = [moving.q, moving.v, moving.t, moving.c], set(timed(system).places)
     watched: list[tuple[int, float]] = []
     margins = []
+    for j, x in shares.items():
+        s, sigma = frozen.s[j], frozen.sigma[j]
+        holds = 1 if j in sliding else 1 - s**2
+        margins += [holds * x + (1 - holds) * s * sigma, holds * (1 - x) + (1 - holds)]
+        watched += [(j, -1.0), (j, 1.0)]
     for j in range(frozen.s.numel()):
         s, sigma = frozen.s[j], frozen.sigma[j]
-        if j in clocks or j in sliding:
+        if j in clocks or j in shares:
             continue
         if frozen.counts[j]:
             margins += [sigma - s, s + 1 - sigma]
@@ -113,20 +183,31 @@ def branch_scene(system: System, sliding: tuple[int, ...] = ()) -> BranchScene |
         else:
             margins.append(s * sigma)
             watched.append((j, 0.0))
-    for j, x in zip(sliding, ca.vertsplit(share) if sliding else (), strict=True):
-        margins += [x, 1 - x]
-        watched += [(j, -1.0), (j, 1.0)]
     margin = ca.vertcat(ca.SX(0, 1), *margins)
-    rate = _rate(moving, frozen.sigma, a)
-    functions = (
+    rate = rate_of(moving, frozen.sigma, a)
+    margins_at, ahead, shares_at = (
         _function(name, inputs, outputs)
         for name, outputs in (
-            ("margins", [margin, _rate(moving, margin, a)]),
+            ("margins", [margin, rate_of(moving, margin, a)]),
             ("ahead", [frozen.sigma, rate]),
-            ("shares", [share]),
+            ("shares", [ca.vertcat(ca.SX(0, 1), *shares.values())]),
         )
     )
-    return BranchScene(moving, tuple(watched), *functions)
+    rows = tuple(range(len(sliding)))
+    return BranchScene(moving, tuple(watched), margins_at, ahead, shares_at, rows)
+
+
+@per_system
+def slope_size(system: System, switch: int) -> int:
+    """Operations of the slopes ∂F/∂(q, v) while this switch holds the motion."""
+    scene = branch_scene(system, (switch,))
+    if scene is None:
+        return 0
+    s = scene.system
+    slopes = ca.jacobian(s.force, ca.vertcat(s.q, s.v))
+    return int(
+        ca.Function("slopes", [s.q, s.v, s.t, s.c], [slopes], {"cse": True}).n_instructions()
+    )
 
 
 @per_system
@@ -138,7 +219,7 @@ def later_rates(system: System, sliding: tuple[int, ...], order: int) -> ca.Func
     a = acceleration(moving, moving.force)
     assert a is not None
     for _ in range(order):
-        rate = _rate(moving, rate, a)
+        rate = rate_of(moving, rate, a)
     return _function("later", [moving.q, moving.v, moving.t, moving.c], [rate])
 
 
@@ -150,72 +231,3 @@ def _frozen(system: System) -> FrozenScene:
     found = frozen_scene(system)
     assert found is not None
     return found
-
-
-def acceleration(system: System, force: ca.SX) -> ca.SX | None:
-    """dv/dt = M⁻¹ (∂L/∂q + F − ∂p/∂q v − ∂p/∂t), where M is diagonal or small; None elsewhere."""
-    s, push = system, _push(system) + force
-    if s.structure.diagonal_mass:
-        return push / ca.diag(s.mass_matrix)
-    return ca.solve(s.mass_matrix, push) if s.structure.n <= LARGEST_MASS_MATRIX else None
-
-
-def _push(system: System) -> ca.SX:
-    """What M dv/dt is without the force."""
-    s, p = system, system.momentum
-    return ca.gradient(s.lagrangian, s.q) - ca.jtimes(p, s.q, s.v) - ca.jacobian(p, s.t)
-
-
-def _rate(system: System, x: ca.SX, a: ca.SX) -> ca.SX:
-    """Derivative in time along the motion."""
-    s = system
-    if not x.numel():
-        return x
-    along = ca.jtimes(x, ca.vertcat(s.q, s.v), ca.vertcat(s.v, a))
-    return along + ca.jacobian(x, s.t)
-
-
-def _sliding(frozen: FrozenScene, sliding: Sequence[int]) -> tuple[ca.SX, ca.SX] | None:
-    """The force that holds the motion on these switches, and the share of their upper branches."""
-    s, held = frozen.system, ca.vertcat(*(frozen.s[j] for j in sliding))
-    count = len(sliding)
-
-    def force(*on: int) -> ca.SX:
-        return ca.substitute(s.force, held, ca.DM([1.0 if i in on else -1.0 for i in range(count)]))
-
-    low = force()
-    steps = [force(i) - low for i in range(count)]
-    if (
-        ca.depends_on(ca.jtimes(s.force, held, ca.SX.sym("d", count)), held) and count > 1
-    ):  # the shares of two switches would multiply each other
-        return None
-    at_rest = acceleration(s, low)
-    if at_rest is None:
-        return None
-    drift = ca.vertcat(*(_rate(s, frozen.sigma[j], at_rest) for j in sliding))
-    slopes = []
-    for step in steps:
-        pushed = acceleration(s, low + step)
-        assert pushed is not None
-        slopes.append(ca.vertcat(*(_rate(s, frozen.sigma[j], pushed) for j in sliding)) - drift)
-    share = ca.solve(ca.horzcat(*slopes), -drift) if count > 1 else -drift / slopes[0]
-    total = low + ca.horzcat(*steps) @ share
-    # what is held alone, or all that moves: nothing is left of other forces, not even round-off
-    if count == s.structure.n:
-        sigma = ca.vertcat(*(frozen.sigma[j] for j in sliding))
-        rate = ca.jtimes(sigma, s.q, s.v) + ca.jacobian(sigma, s.t)
-        total = -_push(s) - s.mass_matrix @ ca.solve(ca.jacobian(sigma, s.v), rate)
-    elif s.structure.diagonal_mass:
-        for j, step in zip(sliding, steps, strict=True):
-            i = _held_alone(s, frozen.sigma[j], step)
-            if i is not None:
-                rate = ca.jacobian(frozen.sigma[j], ca.vertcat(s.t, s.v[i]))
-                total[i] = -_push(s)[i] - s.mass_matrix[i, i] * rate[0] / rate[1]
-    return total, share
-
-
-def _held_alone(system: System, sigma: ca.SX, step: ca.SX) -> int | None:
-    """The one coordinate whose velocity a switch is of, and on which alone it acts."""
-    by = [i for i in range(system.structure.n) if ca.depends_on(sigma, system.v[i])]
-    acts = ca.sparsify(step).sparsity().row()
-    return by[0] if by == acts and not ca.depends_on(sigma, system.q) else None

@@ -71,7 +71,8 @@ def past_corner(
     crossed = [j for j in range(m) if before.values[j] != after.values[j] and normals[j].any()]
     if not crossed:  # by time alone
         return stays
-    if len(crossed) > 1 or not system.structure.quadratic_kinetic:
+    s = system.structure
+    if len(crossed) > 1 or not s.quadratic_kinetic or s.constraints:
         return None
     normal = normals[crossed[0]]
     pace = float(normal @ state.v + rates[crossed[0]])

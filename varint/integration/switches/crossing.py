@@ -9,7 +9,7 @@ import numpy as np
 
 from varint.integration.switches.branch import BranchScene
 from varint.integration.switches.loop import Loop, one_part
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import call, over_columns
 from varint.numerics.limits import ROOT_ITERATIONS
 
 # of the way there: an error would change the energy at every switch
@@ -94,9 +94,9 @@ class _Step(NamedTuple):
         state = one_part(self.loop, self.start, self.t, s * self.h)
         if state is None:
             raise NoWayIn
-        at = state[:1], state[2:], np.array([[self.t + s * self.h]])
-        value, rate = over_columns(self.scene.margins, *at, self.loop.c)
-        return state, value[0], rate[0] * self.h
+        at = state[0], state[2], np.array([self.t + s * self.h])
+        value, rate = call(self.scene.margins, *at, self.loop.c)
+        return state, value, rate * self.h
 
 
 def _in_step(

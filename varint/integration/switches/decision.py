@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 
+import casadi as ca
 import numpy as np
 
 from varint.integration.switches.branch import (
@@ -16,9 +17,11 @@ from varint.integration.switches.branch import (
     later_rates,
     slidable,
 )
+from varint.integration.switches.complementarity import numbers_at_zero
 from varint.integration.switches.frozen import frozen_scene
 from varint.numerics.arrays import call
 from varint.results.records import State
+from varint.scene.memory import per_system
 from varint.scene.system import System
 
 MOST_AT_ONCE = 40  # switches at one instant
@@ -62,7 +65,8 @@ def decide(
     found: list[Branch] = []
     may_hold = [j for j in slidable(system) if j in at_zero]
     if len(may_hold) > 1 or set(may_hold) & set(branch.sliding):
-        one = _held_by_shares(system, state, c, branch, may_hold, (*at_zero, *fixed))
+        known = (*at_zero, *fixed)
+        one = _held_together(system, state, c, direction, branch, may_hold, known)
         if one and _fits(system, state, c, direction, one, at_zero)[0]:
             return one
     if len(at_zero) > ALL:
@@ -79,32 +83,57 @@ def decide(
     return found[0] if len(found) == 1 else None
 
 
-def _held_by_shares(
+def decided_alone(
+    system: System, state: State, c: np.ndarray, direction: float, branch: Branch, switch: int
+) -> Branch | None:
+    """The branch where one switch that may hold the motion is at zero, and no other: through it
+    where both sides push the same way, held where both push back; None where they do neither.
+    """
+    below, above = call(_both_sides(system, switch), *_arguments(state, c, branch))[0] * direction
+    values = list(branch.values)
+    values[switch] = 1.0 if above > 0 else -1.0
+    if below * above > 0:
+        return branch._replace(values=tuple(values))
+    if not below > 0 > above:
+        return None
+    values[switch] = 0.0
+    return branch._replace(values=tuple(values), sliding=(switch,))
+
+
+@per_system
+def _both_sides(system: System, switch: int) -> ca.Function:
+    """(q, v, t, c) → rates of what switches, below and above it."""
+    frozen, scene = frozen_scene(system), branch_scene(system)
+    assert frozen is not None and scene is not None
+    s = frozen.system
+    inputs, number = [s.q, s.v, s.t, s.c], frozen.s[switch]
+    rate = scene.ahead(*inputs)[1][switch]
+    sides = [ca.substitute(rate, number, ca.SX(x)) for x in (-1.0, 1.0)]
+    return ca.Function("sides", inputs, [ca.densify(ca.vertcat(*sides))], {"cse": True})
+
+
+def _held_together(
     system: System,
     state: State,
     c: np.ndarray,
+    direction: float,
     branch: Branch,
     may_hold: Sequence[int],
     known: Sequence[int],
 ) -> Branch | None:
-    """All that may hold the motion do, but for those that would have to hold it by more than they
-    can: one after the other gives way, to the side to which it is pulled.
+    """Those that hold the motion do, and the others give way to the side to which they are
+    pulled.
     """
-    held = list(may_hold)
+    inputs = _arguments(state, c, branch)
+    x = numbers_at_zero(system, branch.values, may_hold, direction, inputs)
+    if x is None:
+        return None
+    inside = np.abs(x) < 1
     values = np.array(branch.values)
-    while True:
-        values[held] = 0.0
-        one = Branch(tuple(values.tolist()), tuple(held))
-        settled = _settled(system, state, c, one, known)
-        scene = settled and branch_scene(system, settled.sliding)
-        if settled is None or scene is None or not held:
-            return settled
-        share = call(scene.shares, *_arguments(state, c, settled))[0]
-        beyond = np.abs(share - 0.5)
-        worst = int(np.argmax(beyond))
-        if not np.isfinite(share).all() or beyond[worst] <= 0.5 + BETWEEN:
-            return settled if np.isfinite(share).all() else None
-        values[held.pop(worst)] = np.sign(share[worst] - 0.5)
+    values[list(may_hold)] = np.where(inside, 0.0, x)
+    held = tuple(j for j, holds in zip(may_hold, inside, strict=True) if holds)
+    one = branch._replace(values=tuple(values.tolist()), sliding=held)
+    return _settled(system, state, c, one, known)
 
 
 def _candidates(
@@ -141,7 +170,7 @@ def _candidates(
                 values[j] = 0.0
             for j, x in zip(free, chosen, strict=True):
                 values[j] = x
-            yield Branch(tuple(values), sliding)
+            yield branch._replace(values=tuple(values), sliding=sliding)
 
 
 def _settled(
@@ -200,9 +229,7 @@ def _fits(
     if branch.sliding:
         scene = branch_scene(system, branch.sliding)
         assert scene is not None
-        share = call(
-            scene.shares, state.q, state.v, np.array([state.t]), all_parameters(c, branch)
-        )[0]
+        share = scene.shares_at(*_arguments(state, c, branch))
         if not ((share >= -BETWEEN) & (share <= 1 + BETWEEN)).all():
             return False, False
     return True, strictly
@@ -223,5 +250,5 @@ def _arguments(state: State, c: np.ndarray, branch: Branch) -> tuple[np.ndarray,
 
 
 def all_parameters(c: np.ndarray, branch: Branch) -> np.ndarray:
-    """Those of the user's scene, then the numbers behind the switches."""
-    return np.concatenate([c, branch.values])
+    """Those of the user's scene, then the controls, then the numbers behind the switches."""
+    return np.concatenate([c, branch.controls, branch.values])

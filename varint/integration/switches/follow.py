@@ -6,31 +6,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from varint.codegen.kernel import Kernel
 from varint.discrete.legendre import velocity_function
-from varint.integration.problem import InitialValueProblem
-from varint.integration.small_motions import frequency_at_start
 from varint.integration.switches.branch import (
     Branch,
     BranchScene,
     branch_scene,
-    passed_straight,
 )
 from varint.integration.switches.corner import past_corner
+from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
-from varint.integration.switches.decision import ahead_at, all_parameters, decide
-from varint.integration.switches.drive import drive_frequency
-from varint.integration.switches.frozen import frozen_scene
+from varint.integration.switches.decision import (
+    all_parameters,
+)
+from varint.integration.switches.drive import drive_frequency, fastest_small_motion
 from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
-from varint.integration.switches.timetable import Timetable, timed
+from varint.integration.switches.next_branch import first_branch, next_branch
+from varint.integration.switches.timetable import timed
+from varint.integration.switches.zeno import ARCS, rest_after
 from varint.numerics.arrays import call
 from varint.results.records import State
-from varint.rules.rule import Rule
 from varint.scene.system import System
 
 ANGLE = 4.0  # radians of the fastest small motion in a unit, which has as many steps as asked for
@@ -42,52 +40,6 @@ FIRST, MOST_IN_BLOCK = 16, 4096  # steps of a block, after each of which switche
 MOST_PIECES, MOST_NODES = 50_000, 20_000_000
 CROWD, CROWDED = 60, 1e-10  # so many pieces, one after the other, as short as this of the duration
 BORDER = 1e-6  # of a unit: so much more than whole ones is whole ones
-AT_ZERO = 64 * np.finfo(float).eps  # of what switches could change by during the run
-
-
-@dataclass(eq=False)
-class Course:
-    """A motion to be followed in one number of steps after another.
-
-    Attributes
-    ----------
-    system : System
-        The user's scene.
-    rule : Rule
-    problem : InitialValueProblem
-        Of one step over the whole duration.
-    timetable : Timetable
-    backend : str
-    units : dict
-        Size of a unit of time on each branch, found where it first comes up.
-    known : dict
-        The unit at first of each branch a piece of which has ended at a switch.
-    kernels : dict
-        The loop of each scene that moves.
-    """
-
-    system: System
-    rule: Rule
-    problem: InitialValueProblem
-    timetable: Timetable
-    backend: str
-    units: dict[Branch, float] = field(default_factory=dict)
-    known: dict[Branch, float] = field(default_factory=dict)
-    kernels: dict[tuple[int, ...], Kernel | None] = field(default_factory=dict)
-
-
-class Piece(NamedTuple):
-    """A smooth piece of the motion: its branch, size and number of the steps it was begun with, its
-    nodes with that of the switch it ends at, and (q, p, v) there, (N + 1, 3, n).
-    """
-
-    branch: Branch
-    h: float
-    steps: int
-    t: np.ndarray
-    states: np.ndarray
-    iterations: int
-    residual: float
 
 
 def follow(course: Course, parts: int) -> Iterator[Piece | None]:
@@ -98,7 +50,9 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
     begin, total = problem.t0, problem.h
     clocks = timed(system).places
     q, p, t, row, short, nodes = problem.q0, problem.p0, begin, 0, 0, 0
-    branch = _first_branch(course)
+    lately: list[Piece] = []
+    passed_by: list[int] = []
+    branch = first_branch(course)
     for _ in range(MOST_PIECES):
         scene = branch and branch_scene(system, branch.sliding)
         if branch is None or scene is None or short == CROWD or nodes > MOST_NODES:
@@ -106,22 +60,31 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         until = float(times[row]) if row < len(times) else begin + total
         found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         for _ in range(SHORTER):
-            if found is not None or branch in course.known or branch not in course.units:
+            alike = _alike(branch)
+            if found is not None or alike in course.known or alike not in course.units:
                 break
-            course.units[branch] /= SHORTEN
+            course.units[alike] /= SHORTEN
             found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
         if found is None:
             break
         piece, crossed = found
         yield piece
+        if crossed is not None:
+            lately, passed_by = [*lately, piece][-ARCS:], [*passed_by, crossed[0]][-ARCS:]
+            rest = rest_after(course, lately, passed_by) if row == len(times) else None
+            if rest is not None:
+                yield rest
+                return
         short = short + 1 if abs(piece.t[-1] - t) < CROWDED * abs(total) else 0
         nodes += len(piece.t)
         t, (q, p, v) = float(piece.t[-1]), piece.states[-1]
         if crossed is None and row == len(times):
             return
         values, known, at_zero = list(branch.values), list(clocks), list(branch.sliding)
+        acting = branch.controls
         if crossed is None:
             row += 1
+            acting = tuple(course.timetable.controls[row].tolist())
             for j, x in zip(clocks, course.timetable.values[row].tolist(), strict=True):
                 values[j] = x
         elif crossed[0] in branch.sliding:
@@ -130,7 +93,8 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         else:
             at_zero.append(crossed[0])
         state, before = State(t, q, v, p), branch
-        branch = _decided(course, state, branch._replace(values=tuple(values)), at_zero, known)
+        branch = branch._replace(values=tuple(values), controls=acting)
+        branch = next_branch(course, state, branch, at_zero, known)
         way = math.copysign(1.0, total)
         passed = branch and past_corner(system, state, problem.c, way, before, branch)
         q, p, branch = passed or (q, p, None)
@@ -139,48 +103,11 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
 
 def first_unit(course: Course) -> float | None:
     """The unit of time at the start; None where it is not known on which branch it is."""
-    branch, problem = _first_branch(course), course.problem
+    branch, problem = first_branch(course), course.problem
     scene = branch and branch_scene(course.system, branch.sliding)
     if branch is None or scene is None:
         return None
     return _unit(course, branch, State(problem.t0, problem.q0, problem.q0, problem.p0))
-
-
-def _first_branch(course: Course) -> Branch | None:
-    """The branch at the start."""
-    system, problem = course.system, course.problem
-    scene, clocks = branch_scene(system), timed(system).places
-    if scene is None:
-        return None
-    values = np.ones(scene.system.c.numel() - system.c.numel())
-    values[list(clocks)] = course.timetable.values[0]
-    branch = Branch(tuple(values.tolist()))
-    q, p, t = problem.q0, problem.p0, problem.t0
-    c = all_parameters(problem.c, branch)
-    v = call(velocity_function(scene.system), q, p, np.array([t]), c)[0]
-    return _decided(course, State(t, q, v, p), branch, [], list(clocks))
-
-
-def _decided(
-    course: Course, state: State, branch: Branch, at_zero: list[int], known: list[int]
-) -> Branch | None:
-    """The branch on which the motion goes on from a state, with all switches that are at zero."""
-    system, c, total = course.system, course.problem.c, course.problem.h
-    frozen, found = frozen_scene(system), ahead_at(system, state, c, branch)
-    if frozen is None or found is None:
-        return None
-    off = np.where(frozen.counts, found[0] - np.round(found[0]), found[0])
-    reach = AT_ZERO * np.abs(found[1]) * max(abs(state.t), abs(total))
-    near = np.flatnonzero(np.abs(off) <= reach).tolist()
-    every = sorted({*at_zero, *near} - set(known))
-    direction = math.copysign(1.0, total)
-    if at_zero == every and len(every) == 1 and every[0] in passed_straight(system):
-        (j,) = every
-        values = np.array(branch.values)
-        values[j] = math.copysign(1.0, found[1][j] * direction)
-        if found[1][j] and values[j] != branch.values[j]:
-            return branch._replace(values=tuple(values.tolist()))
-    return decide(system, state, c, direction, branch, every, known)
 
 
 def _piece(
@@ -229,14 +156,24 @@ def _piece(
         states.append(part.rows[1:])
         k, carry, size = k + some, part.carry, min(4 * size, MOST_IN_BLOCK)
         q, p = part.rows[-1, :2]
+    alike = _alike(branch)
     if found is not None:  # the next piece on this branch is as long, more or less
-        length, most = abs(found.t - start.t), course.known.setdefault(branch, unit)
+        length, most = abs(found.t - start.t), course.known.setdefault(alike, unit)
         if most == unit or length > LONGER * unit:
-            course.units[branch] = min(most, max(length, most * LEAST_UNIT))
-    piece = Piece(
-        branch, h, steps, np.concatenate(times), np.concatenate(states), iterations, residual
-    )
+            course.units[alike] = min(most, max(length, most * LEAST_UNIT))
+    nodes = _with_unit_rays(course.system, np.concatenate(states))
+    piece = Piece(branch, h, steps, np.concatenate(times), nodes, iterations, residual)
     return piece, None if found is None else scene.watched[found.margin]
+
+
+def _with_unit_rays(system: System, states: np.ndarray) -> np.ndarray:
+    """The same states (q, p, v), (N, 3, n), of unit quaternions."""
+    for group in system.rays:
+        at = list(group)
+        q, p, v = (states[:, i, at] for i in range(3))
+        length = np.linalg.norm(q, axis=-1, keepdims=True)
+        states[:, :, at] = np.stack([q / length, p * length, v / length], axis=1)
+    return states
 
 
 def _block(
@@ -269,17 +206,23 @@ def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None
     return course.kernels[branch.sliding]
 
 
+def _alike(branch: Branch) -> Branch:
+    """What stands for all branches that differ by their controls alone."""
+    return branch._replace(controls=())
+
+
 def _unit(course: Course, branch: Branch, start: State) -> float:
     """Time in which the fastest small motion turns by `ANGLE`, or a part of the duration."""
-    if branch not in course.units:
+    alike = _alike(branch)
+    if alike not in course.units:
         scene = branch_scene(course.system)
         assert scene is not None
         c, total = all_parameters(course.problem.c, branch), course.problem.h
         v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]
         # what holds the motion slows it down
-        fastest = frequency_at_start(scene.system, start.q, v, start.t, c) or 0.0
+        fastest = fastest_small_motion(scene.system, start._replace(v=v), c)
         drive = drive_frequency(course.system, start._replace(v=v, t=course.problem.t0), c, total)
         fastest = max(fastest, drive)
         most = abs(total) / UNITS
-        course.units[branch] = min(most, ANGLE / fastest) if fastest > 0 else most
-    return course.units[branch]
+        course.units[alike] = min(most, ANGLE / fastest) if fastest > 0 else most
+    return course.units[alike]

@@ -14,6 +14,7 @@ from varint.integration.switches.reading import Node, Switches
 from varint.numerics.operations import Operations, operations_of
 from varint.scene.memory import per_system
 from varint.scene.parameters import Parameters, with_more
+from varint.scene.structure import jumps
 from varint.scene.system import System
 
 MOST_SWITCHES = 40  # of one scene
@@ -25,31 +26,35 @@ class FrozenScene(NamedTuple):
     Attributes
     ----------
     system : System
-        With one more vector of parameters, s (m,).
+        With two more vectors of parameters, the controls (k,) and s (m,), and the same rows.
     s, sigma : SX (m,)
         Those parameters, and what switches: s is its sign, or its whole part where it counts.
     counts : array of bool (m,)
         Which of them count, as `floor` does.
+    controls : SX (k,)
+        The parameters that stand for controls.
     """
 
     system: System
     s: ca.SX
     sigma: ca.SX
     counts: np.ndarray
+    controls: ca.SX
 
 
 @per_system
 def frozen_scene(system: System) -> FrozenScene | None:
     """The scene with its switches as parameters; None where it has none, or more than forces and
-    potentials switch, or it is no scene of free coordinates and no controls.
+    potentials switch, or it has contacts or no masses.
     """
     s = system
-    held = ca.vertcat(s.constraint, s.contact, ca.vec(s.nonholonomic))
-    if held.numel() or s.control.numel() or s.rays or s.kinetics or s.structure.degenerate:
+    if s.contact.numel() or s.structure.degenerate:
         return None
-    inputs = [s.q, s.v, s.t, s.c]
+    inputs = [s.q, s.v, s.t, s.c, s.control]
     operations = operations_of(ca.Function("scene", inputs, [s.lagrangian, ca.densify(s.force)]))
     moving = ca.vertcat(s.q, s.v, s.t)
+    if jumps(ca.vertcat(s.constraint, ca.vec(s.nonholonomic)), moving):
+        return None
     read = Switches(moving)
     nodes = _read(read, operations, inputs)
     if read.bounded:
@@ -58,18 +63,45 @@ def frozen_scene(system: System) -> FrozenScene | None:
     count = len(read.symbols)
     if not 0 < count <= MOST_SWITCHES:
         return None
-    lagrangian, force = (
-        ca.vertcat(*(nodes[i].value for i in output.nodes)) for output in operations.outputs
-    )
-    params = with_more(s.params or Parameters(), **{(name := _free_name(s)): np.ones(count)})
+    expressions = [
+        *(ca.vertcat(*(nodes[i].value for i in output.nodes)) for output in operations.outputs),
+        ca.vertcat(*read.sigma),
+    ]
+    params, old, new = s.params or Parameters(), [ca.vertcat(*read.symbols)], []
+    many = s.control.numel()
+    if many:
+        params = with_more(params, **{(name := _free_name(s, "control")): np.zeros(many)})
+        new, old = [params._symbols[name]], [s.control, *old]
+    params = with_more(params, **{(name := _free_name(s, "switch")): np.ones(count)})
     values = params._symbols[name]
-    lagrangian, force, sigma = ca.substitute(
-        [lagrangian, force, ca.vertcat(*read.sigma)], [ca.vertcat(*read.symbols)], [values]
-    )
+    lagrangian, force, sigma = ca.substitute(expressions, old, [*new, values])
     if ca.depends_on(ca.gradient(lagrangian, s.v), values):
         return None
-    frozen = System(s.q, s.v, lagrangian, force=ca.sparsify(force), params=params, t=s.t)
-    return FrozenScene(frozen, values, sigma, np.array(read.counts))
+    frozen = _smooth(s, lagrangian, force, params)
+    controls = ca.vertcat(ca.SX(0, 1), *new)
+    return FrozenScene(frozen, values, sigma, np.array(read.counts), controls)
+
+
+def with_force(system: System, force: ca.SX) -> System:
+    """The smooth scene with another force."""
+    return _smooth(system, system.lagrangian, force, system.params)
+
+
+def _smooth(system: System, lagrangian: ca.SX, force: ca.SX, params: Parameters | None) -> System:
+    """A scene of the same coordinates and constraints, without controls."""
+    s = system
+    return System(
+        s.q,
+        s.v,
+        lagrangian,
+        force=ca.sparsify(force),
+        constraint=s.constraint,
+        nonholonomic=s.nonholonomic,
+        params=params,
+        t=s.t,
+        kinetics=s.kinetics,
+        rays=s.rays,
+    )
 
 
 def _read(read: Switches, operations: Operations, inputs: Sequence[ca.SX]) -> list[Node]:
@@ -85,10 +117,10 @@ def _read(read: Switches, operations: Operations, inputs: Sequence[ca.SX]) -> li
     return nodes
 
 
-def _free_name(system: System) -> str:
+def _free_name(system: System, name: str) -> str:
     """A name that none of the scene's symbols begins with."""
-    s, name = system, "switch"
-    known = [x.name() for x in ca.symvar(ca.vertcat(s.q, s.v, s.t, s.c))]
+    s = system
+    known = [x.name() for x in ca.symvar(ca.vertcat(s.q, s.v, s.t, s.c, s.control))]
     while any(x.startswith(name) for x in known):
         name += "_"
     return name

@@ -13,8 +13,8 @@ from varint.errors import InputError
 from varint.integration.many_steps import steps_again, steps_of
 from varint.integration.plan import plan
 from varint.integration.switches.branch import Branch, branch_scene, slidable
+from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
-from varint.integration.switches.follow import Course, Piece
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.loop import kernel_of
 from varint.results.dense_output import node_tolerance, require_within
@@ -76,7 +76,8 @@ class BetweenNodes:
         for row, x in zip(held, self.branches, strict=True):
             row[list(x.sliding)] = 1
         nodes = {"t": self.t, "q": self.q, "p": self.p, "branch": self.branch}
-        return nodes | {"values": values, "held": held}
+        controls = np.array([x.controls for x in self.branches]).reshape(len(values), -1)
+        return nodes | {"values": values, "held": held, "controls": controls}
 
     def __call__(self, motion: Trajectory, times: np.ndarray) -> Trajectory:
         slack = require_within(motion, times)
@@ -109,24 +110,28 @@ def between_nodes(system: System, rule: Rule, arrays: dict[str, np.ndarray]) -> 
         If the arrays are none of this system.
     """
     frozen, n = frozen_scene(system), system.structure.n
-    if frozen is None or set(arrays) != {"t", "q", "p", "branch", "values", "held"}:
+    if frozen is None or set(arrays) - {"controls"} != {"t", "q", "p", "branch", "values", "held"}:
         raise InputError("switches are told of that the system does not have")
     t, q, p, branch, values, held = (arrays[x] for x in ("t", "q", "p", "branch", "values", "held"))
+    controls = arrays.get("controls", np.empty((len(values), 0)))  # older files have none
     nodes, rows = t.shape[:1], values.shape[:1]
     wanted = [nodes, (*nodes, n), (*nodes, n), nodes, (*rows, frozen.s.numel())]
-    given = [x.shape for x in (t, q, p, branch, values)]
+    wanted.append((*rows, system.structure.controls))
+    given = [x.shape for x in (t, q, p, branch, values, controls)]
     if given != wanted or held.shape != values.shape or not len(t) or not len(values):
         raise InputError(f"the switches have shapes {given}; they must be {wanted}")
     if branch.dtype.kind not in "iu" or held.dtype.kind not in "iu":
         raise InputError("the branches of the switches are no whole numbers")
     if not (branch.min() >= 0 and branch.max() < len(values)):
         raise InputError(f"the branches of the switches are not between 0 and {len(values) - 1}")
-    if not all(x.dtype.kind == "f" and np.isfinite(x).all() for x in (t, q, p, values)):
+    if not all(x.dtype.kind == "f" and np.isfinite(x).all() for x in (t, q, p, values, controls)):
         raise InputError("the switches are not finite")
     sliding = [tuple(np.flatnonzero(row).tolist()) for row in held]
-    if any(j not in slidable(system) for held_ones in sliding for j in held_ones):
+    may_hold = slidable(system) if n > 1 else range(frozen.s.numel())  # or rest, see zeno.py
+    known = all(j in may_hold for held_ones in sliding for j in held_ones)
+    if not known or values[held != 0].any():
         raise InputError("a switch that holds the motion is none that can")
-    branches = (Branch(tuple(x), y) for x, y in zip(values.tolist(), sliding, strict=True))
+    branches = map(Branch, map(tuple, values.tolist()), sliding, map(tuple, controls.tolist()))
     return BetweenNodes(rule, t, q, p, branch.astype(int), tuple(branches))
 
 
@@ -140,6 +145,7 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
     places = {branch: i for i, branch in enumerate(branches)}
     counts = [len(x.t) - 1 for x in pieces]
     each = np.repeat([places[x.branch] for x in pieces], counts)
+    acting = np.array([x.branch.controls for x in pieces]).reshape(len(pieces), -1)
     q, p = np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1])
     steps, ends = len(t) - 1, [x.t[-1] for x in pieces[:-1]]
     system, rule = course.system, course.rule
@@ -152,7 +158,7 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
         p=p,
         h=float(t[-1] - t[0]) / max(steps, 1),
         k=np.arange(steps + 1),
-        u=np.empty((steps, 1, 0)),
+        u=np.repeat(acting, counts, axis=0)[:, None],
         c=course.problem.c,
         functions=steps_again(rule),
         dense_output=BetweenNodes(rule, t, q, p, np.append(each, each[-1:]), branches),

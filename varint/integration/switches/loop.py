@@ -9,7 +9,7 @@ import numpy as np
 
 from varint.codegen.cache import CompileError
 from varint.codegen.graph import NotCompilable
-from varint.codegen.kernel import Kernel, run_loop, take_parts
+from varint.codegen.kernel import Kernel, run_loop, take_part
 from varint.codegen.native import native_gauss
 from varint.discrete.legendre import velocity_function
 from varint.integration.backend import blocks_of
@@ -86,12 +86,10 @@ def loop_steps(
 
 def one_part(loop: Loop, start: np.ndarray, t: float, h: float) -> np.ndarray | None:
     """(q, p, v) a step of its own size after a state, (3, n); None where it is not solved."""
-    q, p = start[:1], start[1:2]
-    at, size, none = np.array([t]), np.array([h]), np.empty((1, 0))
-    rows, good = take_parts(loop.kernel, q, p, loop.c, t=at, h=size, u=none)
-    if good[0]:
-        return np.asarray(rows[0])
-    part = other_steps(loop, q[0], p[0], Grid(t, h, 1)) if h else None
+    found = take_part(loop.kernel, start[:2], loop.c, t, h)
+    if found is not None or not h:
+        return found
+    part = other_steps(loop, start[0], start[1], Grid(t, h, 1))
     return None if part is None else part.rows[-1]
 
 

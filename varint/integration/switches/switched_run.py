@@ -7,10 +7,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from varint.integration.checkpoint import checkpoint_of
 from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import (
@@ -21,29 +23,36 @@ from varint.integration.events.crossings import (
 )
 from varint.integration.events.substeps import substeps_of
 from varint.integration.hidden import missed_impulse
+from varint.integration.plan import default_rule
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
-from varint.integration.switches.follow import ANGLE, Course, Piece, first_unit, follow
+from varint.integration.switches.branch import slidable, slope_size
+from varint.integration.switches.course import Course, Piece
+from varint.integration.switches.follow import ANGLE, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined, nodes_apart, piece_motion
+from varint.integration.switches.kept import keep, kept_choice, words_of
 from varint.integration.switches.timetable import timetable
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import cut_at
 from varint.integration.two_runs import FLOOR
+from varint.numerics.progress import notice
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
-from varint.rules.rule import Rule, gauss
+from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.system import System
 
+FOLLOWING = "following the motion from switch to switch"
 FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
 MOST_DOUBLINGS = 4  # of the steps at a time
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
 CLOCKS = 4.0  # round-off of a time, in units of it
-LOOKS = 20_000  # times at which forces are looked at for what steps pass over
-STAGES = (2, 4, 6, 8)
+STAGES, NODES = (2, 4, 6, 8), (3, 5, 7)
+# operations of the slopes of what holds, beyond which a loop of many unknowns takes long to write
+LARGE = 1000
 
 
 def choose_switched_steps(
@@ -60,22 +69,37 @@ def choose_switched_steps(
     """
     if not _possible(system, rule, problem, options, tol):
         return None
-    begin, total = problem.t0, problem.h
-    table = timetable(system, problem.c, begin, total)
-    course = Course(system, rule or gauss(STAGES[-1]), problem, table, options.backend)
-    with np.errstate(all="ignore"):
+    begin, total = problem.t0, problem.h * problem.steps
+    table = timetable(system, problem.c, begin, total, problem.u[:, 0])
+    problem = problem._replace(h=total, steps=1)
+    rules = rules_for(system)
+    course = Course(system, rule or list(rules)[-1], problem, table, options.backend)
+    file = None
+    if options.checkpoint is not None:
+        words = words_of(options.backend, tol, options.scale, rule, options.save_every)
+        file = checkpoint_of(
+            options.checkpoint, system, course.rule, problem, stop, watches, **words
+        )
+        kept = kept_choice(file, system)
+        if kept is not None:
+            return kept
+    with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
+        course.say = say
         unit = first_unit(course)
         if unit is None:
             return None
         radians = ANGLE * abs(total) / unit
         if rule is None:
-            course.rule = choose_rule({gauss(k): 5.0 * k / min(k, 4) for k in STAGES}, radians, tol)
+            course.rule = choose_rule(rules, radians, tol)
         found = _refined(course, radians, tol, options.scale, stop)
         if found is None:
             return None
         choice, pieces = found
         motion = _with_events(course, pieces, choice.motion, watches)
-        return replace(choice, motion=_every(motion, options.save_every))
+        choice = replace(choice, motion=_every(motion, options.save_every))
+    if file is not None:
+        keep(file, choice)
+    return choice
 
 
 def _possible(
@@ -85,15 +109,29 @@ def _possible(
     options: RunOptions,
     tol: float,
 ) -> bool:
+    made, known = (lobatto if system.structure.constraints else gauss), list(rules_for(system))
+    if not system.structure.nonholonomic:
+        known = [made(k) for k in range(2 if made is lobatto else 1, 9)]
+    rows = () if problem.active_set is None else problem.active_set.rows
     return (
-        problem.steps == 1
+        problem.u.shape[1] == 1
+        and len(rows) == system.structure.constraints
         and LEAST_TOL <= tol <= MOST_TOL
-        and (rule is None or rule in [gauss(k) for k in range(1, 9)])
-        and options.checkpoint is None
+        and (rule is None or rule in known)
         and options.on_failure == "raise"
         and options.backend != "interpreted"
         and frozen_scene(system) is not None
     )
+
+
+def rules_for(system: System) -> dict[Rule, float]:
+    """Rules that the pieces may be stepped by, with the work of a step."""
+    if system.structure.nonholonomic:
+        return {default_rule(system): 1.0}
+    if system.structure.constraints:
+        few = max((slope_size(system, j) for j in slidable(system)), default=0) > LARGE
+        return {lobatto(k): (k - 1) ** 1.5 for k in (NODES[:1] if few else NODES)}
+    return {gauss(k): 5.0 * k / min(k, 4) for k in STAGES}
 
 
 def _refined(
@@ -105,7 +143,7 @@ def _refined(
     assert frozen is not None
     needed = ANGLE * (max(radians, 1.0) * phase_error(rule) / tol) ** (1 / p)
     parts = FEWEST
-    while parts < needed / 2:
+    while parts < min(needed / 2, MOST / 16):
         parts *= 2
     before: tuple[int, list[Piece]] | None = None
     best: tuple[Choice, list[Piece]] | None = None
@@ -132,7 +170,7 @@ def _refined(
         rounded = _floor(motion, len(pieces), scales)
         estimate = max(apart * left / (1 - left), rounded)
         if estimate <= tol and not frozen.system.structure.autonomous:
-            estimate = max(estimate, missed_impulse(system, rule, motion, scales, LOOKS))
+            estimate = max(estimate, missed_impulse(system, rule, motion, scales, tol))
         found = Choice(rule, len(motion) - 1, motion, estimate, runs, estimate <= tol)
         if best is None or estimate < best[0].estimate:
             best = found, pieces
@@ -150,12 +188,15 @@ def _refined(
 def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
+    end = course.problem.t0 + course.problem.h
     for piece in follow(course, parts):
         if piece is None:
             return None
-        end = stop and _cut(course, piece, stop)
-        pieces.append(end or piece)
-        if end:
+        t = float(piece.t[-1])
+        course.say(partial("{} steps a unit of time, t = {:.4g} of {:.4g}".format, parts, t, end))
+        cut = stop and _cut(course, piece, stop)
+        pieces.append(cut or piece)
+        if cut:
             break
     return pieces
 

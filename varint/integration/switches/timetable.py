@@ -25,12 +25,13 @@ class Timed(NamedTuple):
 
 
 class Timetable(NamedTuple):
-    """Times of switches (k,) in the order of the run, and the numbers behind them before, between
-    and after them, (k + 1, places).
+    """Times of switches (k,) in the order of the run, the numbers behind them before, between
+    and after them, (k + 1, places), and the controls there, (k + 1, controls).
     """
 
     times: np.ndarray
     values: np.ndarray
+    controls: np.ndarray
 
 
 @per_system
@@ -45,32 +46,43 @@ def timed(system: System) -> Timed:
         if places:
             known = ca.vertcat(*(frozen.s[i] for i in places))
             sigma = ca.substitute(sigma, known, ca.vertcat(*values))
-        if not ca.depends_on(sigma, ca.vertcat(system.q, system.v, frozen.s)):
+        if not ca.depends_on(sigma, ca.vertcat(system.q, system.v, frozen.s, frozen.controls)):
             places.append(j)
             values.append(ca.floor(sigma) if frozen.counts[j] else ca.sign(sigma))
     found = ca.densify(ca.vertcat(ca.SX(0, 1), *values))
     return Timed(tuple(places), ca.Function("timed", [system.t, system.c], [found], {"cse": True}))
 
 
-def timetable(system: System, c: np.ndarray, t0: float, total: float) -> Timetable:
-    """When the switches by time alone are during a run."""
+def timetable(
+    system: System, c: np.ndarray, t0: float, total: float, controls: np.ndarray
+) -> Timetable:
+    """When the switches by time alone are during a run, and when controls, (rows, controls), each
+    of which acts as long as the others, change.
+    """
     places, function = timed(system)
-    if not places:
-        return Timetable(np.empty(0), np.empty((1, 0)))
+    rows, found = len(controls), np.empty(0)
 
     def values(t: np.ndarray) -> np.ndarray:
         return over_columns(function, t[:, None], c)[0]
 
-    looks, agree, found = LOOKS, 1, _changes(values, t0, total, LOOKS)
-    while agree < SAME and looks < MOST_LOOKS:
-        looks *= 2
-        more = _changes(values, t0, total, looks)
-        agree = agree + 1 if len(more) == len(found) else 1
-        found = more
+    if places:
+        looks, agree, found = LOOKS, 1, _changes(values, t0, total, LOOKS)
+        while agree < SAME and looks < MOST_LOOKS:
+            looks *= 2
+            more = _changes(values, t0, total, looks)
+            agree = agree + 1 if len(more) == len(found) else 1
+            found = more
+    if rows > 1:
+        ends = t0 + total / rows * np.arange(1, rows)
+        found = _apart(np.append(ends, found), t0, total)
     edges = np.concatenate([[t0], found, [t0 + total]])
-    between = values((edges[1:] + edges[:-1]) / 2)
-    new = (between[1:] != between[:-1]).any(axis=1)
-    return Timetable(found[new], between[np.append(True, new)])
+    middle = (edges[1:] + edges[:-1]) / 2
+    between = values(middle) if places else np.empty((len(middle), 0))
+    row = np.clip(np.floor((middle - t0) / total * rows).astype(int), 0, rows - 1)
+    known = np.hstack([between, controls[row]])
+    new = (known[1:] != known[:-1]).any(axis=1)
+    kept = np.append(True, new)
+    return Timetable(found[new], between[kept], controls[row][kept])
 
 
 def _changes(values, t0: float, total: float, looks: int) -> np.ndarray:
@@ -90,8 +102,12 @@ def _changes(values, t0: float, total: float, looks: int) -> np.ndarray:
         there = values(b)
         more = (there != after).any(axis=1)
         left, right, before, after = b[more], right[more], there[more], after[more]
-    every = np.concatenate([np.empty(0), *found])
-    every = every[np.argsort((every - t0) * np.sign(total))]
+    return _apart(np.concatenate([np.empty(0), *found]), t0, total)
+
+
+def _apart(times: np.ndarray, t0: float, total: float) -> np.ndarray:
+    """Times within the run in its order, of those that round-off does not part the first."""
+    every = times[np.argsort((times - t0) * np.sign(total), kind="stable")]
     close = AT_ONCE * max(abs(t0), abs(t0 + total))
     every = every[(np.abs(every - t0) > close) & (np.abs(every - t0 - total) > close)]
     apart = np.abs(np.diff(every, prepend=np.inf)) > close

@@ -17,6 +17,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     steps_for,
 )
+from varint.integration.run_distance import with_first_half
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.rate_pilot import rate_pilot
@@ -117,7 +118,7 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         failures.clear()
         return Attempt(motion, energy_errors(motion))
 
-    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> float:
+    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> tuple[float, float]:
         scales = error_scales(system, other, scale)
         unit = np.gcd(few, many)
         i, j = np.arange(0, len(one) - 1, few // unit), np.arange(0, len(other) - 1, many // unit)
@@ -129,6 +130,6 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         end = np.abs(one.q[-1] - other.q[-1])
         if ends_early:
             end = end + abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
-        return float((np.vstack([off, end]) / scales).max())
+        return with_first_half(np.vstack([off, end]) / scales)
 
     return Course(trial, apart, abs(span), attempts=ATTEMPTS)

@@ -1,0 +1,73 @@
+"""The core's decisions in one call are those of `run_twice`, number by number."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.integration.plain_trials import by_plain_trials, plain_motion
+from varint.integration.problem import RunOptions, Start, initial_value_problem
+from varint.integration.short_trials import NotShort, by_short_trials
+from varint.integration.small_motions import small_motions_at_start
+
+q1, v1 = vi.coordinates("theta")
+q2, v2 = vi.coordinates("x", "y")
+PENDULUM = vi.System(q1, v1, v1**2 / 2 + 9.81 * ca.cos(q1))
+KEPLER = vi.System(q2, v2, ca.sumsqr(v2) / 2 + 1 / ca.norm_2(q2))
+CART = vi.System(
+    q2, v2, v2[0] ** 2 + v2[1] ** 2 / 2 + v2[0] * v2[1] * ca.cos(q2[1]) + ca.cos(q2[1])
+)
+FALLING = vi.System(q2, v2, (v2[0] ** 2 + q2[0] ** 2 * v2[1] ** 2) / 2 - (q2[0] - 2) ** 2)
+CASES = {
+    "pendulum": (PENDULUM, [2.0], [0.0], 30.0),
+    "one that rests": (PENDULUM, [1e-9], [0.0], 3.0),
+    "orbit": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], 60.0),
+    "backwards": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], -20.0),
+    "cart": (CART, [0.0, 1.0], [0.1, 0.0], 20.0),
+    "polar": (FALLING, [1.5, 0.0], [0.0, 1.0], 15.0),
+    "long enough for a part": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], 400.0),
+}
+
+
+def inertia(system, problem):
+    return small_motions_at_start(system, problem.q0, problem.p0, problem.t0, problem.c)[1]
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-7, 1e-11])
+@pytest.mark.parametrize("case", CASES)
+def test_the_core_decides_as_python_does(case, tol):
+    system, q0, v0, duration = CASES[case]
+    asked = Start(np.array(q0), np.array(v0), t0=0.5), RunOptions(steps=1, duration=duration)
+    rule, radians = vi.gauss(4), 4.0 * abs(duration)
+    problem = initial_value_problem(system, rule, *asked)
+    found = by_short_trials(
+        system, rule, problem, inertia(system, problem), tol, radians, "auto", 0.0
+    )
+    other = by_plain_trials(system, rule, problem, tol, radians, None, "auto")
+    if other is None:
+        assert found is None
+        return
+    motion = plain_motion(system, rule, other.run, 0.0)
+    assert (found.steps, found.runs, found.estimate) == (other.steps, other.runs, other.estimate)
+    for name in "tqpku":
+        assert np.array_equal(getattr(found.motion, name), getattr(motion, name))
+    for name in ("iterations", "residual", "steps"):
+        assert found.motion.stats[name] == motion.stats[name]
+
+
+def test_a_long_run_is_left_to_a_loop_that_can_be_stopped():
+    asked = Start([0.5, 0.0], [0.0, 3**0.5]), RunOptions(steps=1, duration=1e6)
+    problem = initial_value_problem(KEPLER, vi.gauss(8), *asked)
+    with pytest.raises(NotShort):
+        by_short_trials(
+            KEPLER, vi.gauss(8), problem, inertia(KEPLER, problem), 1e-9, 8e6, "auto", 0.0
+        )
+
+
+def test_a_step_that_cannot_be_solved_is_not_taken_for_a_proof():
+    free = vi.System(q1, v1, v1**2 / 2 - ca.log(1 - q1))
+    asked = Start([0.9], [3.0]), RunOptions(steps=1, duration=50.0)
+    problem = initial_value_problem(free, vi.gauss(4), *asked)
+    assert by_short_trials(free, vi.gauss(4), problem, np.ones(1), 1e-6, 50.0, "auto", 0.0) is None

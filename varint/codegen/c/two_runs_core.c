@@ -1,0 +1,320 @@
+/* A coarse run, the run itself, their energies and their difference: the error of a motion in one call. The name ends in
+   LEVEL, the instructions that are used.
+
+   varint/integration/two_runs.py says why, and decides alike where runs are of another kind; its numbers are `limits`. */
+#define NAMED(name, level) name##_##level
+#define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
+#define two_runs WITH_ALL(two_runs, LEVEL)
+#define take_run WITH_ALL(take_run, LEVEL)
+#define LANES 1
+#include "lanes.h"
+#include "run.h"
+#include "rows.h"
+
+double rint(double);
+#define NO_NUMBER (0 * INFINITY)
+enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
+#define QUANTILES 5
+#define RESTS 1e-12 /* those of varint/integration/error_scale.py */
+#define HARDLY 1e-3
+
+typedef struct {
+    double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
+        stalled, part_close, caution, least, good, most, far, clear, secular_growth, left;
+    double samples, most_without_a_part, parts, attempts, poor, secular, level;
+    double quantiles[QUANTILES];
+} Limits;
+
+/* What was found; `run` is to be taken with `take_run`, which frees it. */
+typedef struct {
+    int64_t steps, runs;
+    double estimate, iterations, residual;
+    double *run;
+} Proved;
+
+typedef struct {
+    int (*run)(const RunArguments *);
+    const void *scene;
+    int (*rows)(const RowsArguments *);
+    const void *energy; /* (q, p, t) to the energy and |p v| */
+    const Limits *limits;
+    const double *start, *c, *mass;  /* q and p; parameters; the mass matrix' diagonal */
+    const int64_t *body, *turns;     /* first coordinate of the same body; is it an angle? */
+    Proved *found;
+    int64_t n, carry, order, first, linear, most, pilot, longest; /* steps of a first piece, and of a run that is short */
+    double t0, duration, radians, tol;
+} TwoRuns;
+
+typedef struct {
+    double *rows, swing[QUANTILES], iterations, residual;
+    int64_t steps;
+    int lost;
+} Attempt;
+
+static void swap(double *x, double *y) { const double z = *x; *x = *y, *y = z; }
+
+/* x[k] is where it stands in order, smaller ones before it and larger ones behind it (Hoare). */
+static void place(double *x, int64_t low, int64_t high, int64_t k) {
+    while (low < high) {
+        const int64_t middle = low + (high - low) / 2;
+        if (x[middle] < x[low]) swap(x + middle, x + low);
+        if (x[high] < x[low]) swap(x + high, x + low);
+        if (x[high] < x[middle]) swap(x + high, x + middle);
+        const double pivot = x[middle];
+        int64_t i = low, j = high;
+        while (i <= j) {
+            while (x[i] < pivot) i++;
+            while (pivot < x[j]) j--;
+            if (i <= j) swap(x + i++, x + j--);
+        }
+        if (k <= j) high = j;
+        else if (k >= i) low = i;
+        else return;
+    }
+}
+
+/* Quantiles of |H - H0| over the middle one of |p v|; infinite where the motion is lost. */
+static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, double *swing, double *room) {
+    const int64_t n = a->n, samples = (int64_t)a->limits->samples, every = count / samples > 1 ? count / samples : 1,
+                  many = (count + every - 1) / every;
+    double *const energy = room, *const moving = room + many;
+    const RowsArguments asked = {.count = many, .c = a->c, .scene = a->energy, .arguments = {rows, rows + n, &a->t0},
+                                 .apart = {3 * n * every, 3 * n * every, 0}, .results = {energy, moving}, .widths = {1, 1}};
+    if (a->rows(&asked) != DONE) energy[0] = INFINITY; /* no memory */
+    const double start = energy[0];
+    double sum = 0;
+    for (int64_t k = 0; k < many; k++) {
+        energy[k] = fabs(energy[k] - start), sum += energy[k];
+        if (!(moving[k] == moving[k])) moving[k] = INFINITY;
+    }
+    const int64_t last = many - 2;
+    place(moving, 0, many - 1, many / 2);
+    const double size = moving[many / 2];
+    if (sum - sum != 0 || !(size > 0)) {
+        for (int i = 0; i < QUANTILES; i++) swing[i] = INFINITY;
+        return;
+    }
+    int64_t low = 0;
+    for (int i = 0; i < QUANTILES; i++) {
+        const int64_t k = (int64_t)rint(a->limits->quantiles[i] * last);
+        place(energy + 1, low, last, k);
+        swing[i] = energy[1 + k] / size, low = k;
+    }
+}
+
+/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+static double level_for(const TwoRuns *a, double wanted, int64_t steps) {
+    const double often = a->limits->secular / ((double)steps * (double)steps);
+    return wanted * (a->limits->level < often ? a->limits->level : often);
+}
+
+/* A run of one of so many parts of the steps; `rows` are 0 where there was no memory. */
+static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, Attempt *to, Proved *found) {
+    const Limits *const l = a->limits;
+    const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
+    if (count > a->longest) return 0;
+    free(to->rows);
+    const int64_t samples = 4 * (int64_t)l->samples + 8;
+    to->rows = malloc((3 * n * (count + 1) + samples + a->carry + 3 * n + sizeof(RunStats) / sizeof(double)) * sizeof(double));
+    if (!to->rows) return 0;
+    double *const room = to->rows + 3 * n * (count + 1), *const carry = room + samples;
+    RunStats *const stats = (RunStats *)(carry + a->carry);
+    carry[0] = 0;
+    to->steps = steps, to->lost = 0, to->iterations = to->residual = 0;
+    int status = DONE;
+    for (int64_t k = 0, piece; k < count && status == DONE; k += piece) {
+        piece = k == 0 && a->pilot && a->pilot < count ? a->pilot : count - k;
+        status = a->run(&(RunArguments){
+            .steps = piece, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
+            .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
+            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene});
+        if (k == 0 && a->pilot && stats->iterations > l->poor * piece) return 0;
+        to->iterations += stats->iterations;
+        if (stats->residual > to->residual) to->residual = stats->residual;
+    }
+    found->runs++;
+    to->lost = status != DONE;
+    if (!to->lost) energy_errors(a, to->rows, count + 1, to->swing, room);
+    return 1;
+}
+
+/* What errors of each coordinate are divided by. */
+static void set_scales(const TwoRuns *a, const Attempt *run, double *scales) {
+    const int64_t n = a->n;
+    double range[n], square[n], moved = 0, some = INFINITY;
+    for (int64_t d = 0; d < n; d++) {
+        double high = run->rows[d], low = high;
+        for (int64_t k = 1; k <= run->steps; k++) {
+            const double x = run->rows[3 * n * k + d];
+            high = x > high ? x : high, low = x < low ? x : low;
+        }
+        const double least = RESTS * (fabs(high) > fabs(low) ? fabs(high) : fabs(low));
+        range[d] = high - low <= least ? 0 : high - low;
+        square[d] = 0;
+    }
+    for (int64_t d = 0; d < n; d++) square[a->body[d]] += range[d] * range[d];
+    for (int64_t d = 0; d < n; d++) {
+        int64_t members = 0;
+        for (int64_t i = 0; i < n; i++) members += a->body[i] == a->body[d];
+        scales[d] = members > 1 ? sqrt(square[a->body[d]]) : range[d];
+        if (a->turns[d] && scales[d] > 1) scales[d] = 1;
+        const double mass = n > 1 ? fabs(a->mass[d]) : 1;
+        if (mass > 0 && !(some < INFINITY)) some = mass;
+        else if (mass > some) some = mass;
+    }
+    if (!(some < INFINITY)) some = 1;
+    for (int pass = 0; pass < 2; pass++)
+        for (int64_t d = 0; d < n; d++) {
+            double mass = n > 1 ? fabs(a->mass[d]) : 1;
+            mass = mass > 0 ? mass : some;
+            if (!pass) {
+                const double each = mass * (scales[d] * scales[d]);
+                moved = each > moved ? each : moved;
+                continue;
+            }
+            const double least = HARDLY * sqrt(moved / mass), here = fabs(run->rows[d]);
+            scales[d] = scales[d] > least ? scales[d] : least;
+            if (!scales[d]) scales[d] = here > 1 ? here : 1;
+        }
+}
+
+static int64_t common_divisor(int64_t x, int64_t y) {
+    while (y) { const int64_t rest = x % y; x = y, y = rest; }
+    return x;
+}
+
+/* The largest difference of two runs at the nodes that they share, no number where one of them is none, and that of the first
+   half of them. */
+static double apart_from(const TwoRuns *a, const Attempt *one, const Attempt *other, double *early) {
+    const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit;
+    double scales[n], largest = 0, zero = 0;
+    set_scales(a, other, scales);
+    for (int64_t k = 0; k <= unit; k++) {
+        for (int64_t d = 0; d < n; d++) {
+            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
+            zero += off * 0, largest = off > largest ? off : largest;
+        }
+        if (k == (unit + 1) / 2) *early = largest;
+    }
+    return zero == 0 ? largest : NO_NUMBER;
+}
+
+static double ratio_for(const TwoRuns *a, double error, double wanted, double most) {
+    if (!(error - error == 0)) return most;
+    double x = pow(error / wanted, 1 / (double)a->order);
+    x = x > a->limits->least ? x : a->limits->least;
+    return x < most ? x : most;
+}
+
+static int64_t in_fours(double steps) {
+    const double fours = ceil(steps / 4);
+    return 4 * (fours > 2 ? (int64_t)fours : 2);
+}
+
+static double expected_of(const TwoRuns *a, const Attempt *run) {
+    return run->lost ? INFINITY : a->limits->gain * run->swing[QUANTILES - 1] * (a->radians > 1 ? a->radians : 1);
+}
+
+/* Part of the coarse run's error that the finer one has left; no number where it does not shrink. */
+static double shrinkage(const TwoRuns *a, const Attempt *before, const Attempt *after, double ratio) {
+    const Limits *const l = a->limits;
+    const double sure = pow(ratio, -l->caution * a->order);
+    double left = -1;
+    for (int i = 0; i < QUANTILES; i++)
+        if (before->swing[i] > l->evidence * l->rounded) {
+            const double rest = (after->swing[i] > l->rounded ? after->swing[i] : l->rounded) / before->swing[i];
+            left = rest > left ? rest : left;
+        }
+    if (left < 0) return a->linear ? sure : 0.5;
+    if (left > l->no_shrinkage) return left < 1 ? l->not_worse : NO_NUMBER;
+    left = l->safety * left < 0.5 ? l->safety * left : 0.5;
+    return left > sure ? left : sure;
+}
+
+int two_runs(const TwoRuns *a) {
+    const Limits *const l = a->limits;
+    Attempt coarse = {0}, fine = {0};
+    int result = NOT_SHORT, known = 0, doubted = 0;
+    const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
+    double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1;
+    int64_t steps = in_fours((double)a->first);
+    a->found->runs = 0;
+    for (int looks = 0; steps > l->most_without_a_part && looks < 3; looks++) {
+        if (!try_run(a, steps, rough, (int64_t)l->parts, &coarse, a->found)) goto end;
+        const double likely = expected_of(a, &coarse);
+        if (rough / l->part_close < likely && likely < rough * l->part_close) break;
+        double factor = likely - likely == 0 ? pow((likely > 1e-300 ? likely : 1e-300) / rough, 1 / p) : 2;
+        factor = factor < 0.5 ? 0.5 : factor > 2 ? 2 : factor;
+        steps = in_fours(steps * factor);
+    }
+    for (int attempt = 0; attempt < l->attempts; attempt++) {
+        if (!known) {
+            if (!try_run(a, steps, rough, 1, &coarse, a->found)) goto end;
+            expected = expected_of(a, &coarse);
+            if (coarse.lost || !(expected <= l->lost)) {
+                steps = in_fours(steps * ratio_for(a, expected, rough, 2));
+                continue;
+            }
+            const double wanted = ratio_for(a, l->margin * expected, a->tol, INFINITY);
+            if (wanted > (expected <= clear ? l->far : l->most)) {
+                steps = in_fours(steps * wanted / l->good), clear = l->lost;
+                continue;
+            }
+            known = 1;
+        }
+        const int64_t more = in_fours(steps * ratio_for(a, l->margin * expected, a->tol, l->far));
+        const double wanted = a->tol / growth;
+        double early = 0;
+        if (!try_run(a, more, wanted, 1, &fine, a->found)) goto end;
+        if (fine.lost) break;
+        const double apart = apart_from(a, &coarse, &fine, &early),
+                     grown = apart / (l->secular_growth * (early > l->rounded ? early : l->rounded));
+        growth = grown > growth ? grown : growth;
+        const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
+                     rounded = apart < walk ? apart : walk, left = shrinkage(a, &coarse, &fine, (double)more / (double)steps);
+        const int stalls = apart > l->stalled * before;
+        if (!(apart - apart == 0) || (stalls && rounded > a->tol)) break;
+        const int shrinks = left == left;
+        if (!shrinks) {
+            expected = expected_of(a, &fine), expected = apart > expected ? apart : expected;
+            if (doubted || !(expected <= l->lost)) break;
+        }
+        double shown = l->spread * apart * left / (1 - left);
+        shown = shown > rounded ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
+        const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth,
+                     estimate = shown > iterated ? shown : iterated;
+        const int near = apart < l->rough * l->evidence;
+        if (shrinks && near && estimate <= a->tol) {
+            *a->found = (Proved){more, a->found->runs, estimate, fine.iterations, fine.residual, fine.rows};
+            fine.rows = 0, result = PROVED;
+            goto end;
+        }
+        const Attempt older = coarse;
+        coarse = fine, fine = older, fine.rows = older.rows;
+        steps = more;
+        if (shrinks) before = apart, expected = near ? shown : apart;
+        else doubted = 1;
+    }
+    result = NOT_PROVED;
+end:
+    free(coarse.rows), free(fine.rows);
+    return result;
+}
+
+/* Times, coordinates and momenta at the nodes of the run that was found. */
+typedef struct {
+    double *run, *q, *p, *t;
+    int64_t *k, n, steps;
+    double t0, h;
+} Taken;
+
+int take_run(const Taken *a) {
+    const size_t size = a->n * sizeof(double);
+    for (int64_t k = 0; k <= a->steps; k++) {
+        const double *const row = a->run + 3 * a->n * k;
+        memcpy(a->q + a->n * k, row, size), memcpy(a->p + a->n * k, row + a->n, size);
+        a->k[k] = k, a->t[k] = a->h * (double)k + a->t0;
+    }
+    free(a->run);
+    return DONE;
+}

@@ -1,0 +1,112 @@
+"""Runs for a wanted accuracy where all of them are short: the part, the coarse run, the run itself
+and its error in one call of the core, which decides as `run_twice` does.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+
+import varint.integration.two_runs as decided
+from varint.codegen.cache import CompileError
+from varint.codegen.kernel import Kernel
+from varint.codegen.two_runs import NOT_SHORT, Course, course_of, two_runs
+from varint.integration.backend import kernel_for
+from varint.integration.choice import Choice
+from varint.integration.compiled_loop import POOR, first_piece, scheme_of
+from varint.integration.energy_check import energy_rows
+from varint.integration.error_scale import angles, bodies
+from varint.integration.gears import BY_STAGES, gears_with, kernel_after
+from varint.integration.plan import plan
+from varint.integration.problem import LEVEL, InitialValueProblem
+from varint.integration.rule_choice import SECULAR, steps_for
+from varint.integration.trajectories import Run, motion_of
+from varint.rules.rule import Rule
+from varint.scene.memory import per_scene
+from varint.scene.system import System
+
+# in the order of c/two_runs_core.c
+_NAMES = (
+    *("ROUGH", "HALF", "FLOOR", "LOST", "GAIN", "MARGIN", "SAFETY", "SPREAD", "EVIDENCE"),
+    *("ROUNDED", "NO_SHRINKAGE", "NOT_WORSE", "ROUNDING", "STALLED", "PART_CLOSE", "CAUTION"),
+    *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT"),
+    *("SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
+)
+_LIMITS = np.array(
+    [*(getattr(decided, x) for x in _NAMES), POOR, SECULAR, LEVEL, *decided.QUANTILES]
+)
+
+
+def by_short_trials(
+    system: System,
+    rule: Rule,
+    start: InitialValueProblem,
+    mass: np.ndarray,
+    tol: float,
+    radians: float,
+    backend: str,
+    began: float,
+) -> Choice | None:
+    """The choice that two runs and their energies prove; None where they do not. `mass` is the
+    diagonal of the mass matrix at the start.
+
+    Raises
+    ------
+    NotShort
+        If a run is long, or of another kind.
+    """
+    kernel = kernel_for(system, rule, start, backend)
+    course = None if kernel is None else _course(system, rule, kernel)
+    if kernel is None or course is None:
+        raise NotShort
+    now = perf_counter()
+    found = two_runs(
+        course,
+        start.q0,
+        start.p0,
+        start.c,
+        mass,
+        t0=start.t0,
+        duration=start.h,
+        first=steps_for(rule, radians, tol),
+        radians=radians,
+        tol=tol,
+    )
+    if kernel.scene:
+        gears = gears_with(system, rule, scheme_of(system, rule), kernel)
+        if gears:
+            kernel_after(gears, perf_counter() - now, 0.0)
+    if isinstance(found, int):
+        if found == NOT_SHORT:
+            raise NotShort
+        return None
+    steps = found.steps
+    problem = start._replace(
+        h=start.h / steps, steps=steps, u=np.empty((steps, 1, 0)), nodes=len(rule.nodes)
+    )
+    run = Run(system, plan(system, rule), problem, [], iter(()), kernel, began)
+    nodes, work = (found.k, found.t, found.q, found.p), (found.iterations, found.residual)
+    return Choice(rule, steps, motion_of(run, nodes, work), found.estimate, found.runs, True, True)
+
+
+class NotShort(Exception):
+    """A run that takes longer, or another loop."""
+
+
+@per_scene
+def _course(system: System, rule: Rule, kernel: Kernel) -> Course | None:
+    """How the runs are made; None where the core cannot make them."""
+    s, energy = system.structure, energy_rows(system)
+    if kernel.opening or kernel.note[0] or energy is None or not s.quadratic_kinetic:
+        return None
+    body = np.arange(s.n)
+    for members in bodies(system.names):
+        body[members] = members[0]
+    turns = np.array(angles(system), dtype=np.int64)
+    piloted = scheme_of(system, rule) is BY_STAGES
+    pieces = first_piece(kernel, True) if piloted else 0, first_piece(kernel, False)
+    try:
+        return course_of(kernel, energy, rule.order, pieces, s.linear, body, turns, _LIMITS)
+    except CompileError:
+        return None

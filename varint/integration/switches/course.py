@@ -1,0 +1,64 @@
+"""A motion that is to be followed from switch to switch, and its pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from varint.codegen.kernel import Kernel
+from varint.integration.problem import InitialValueProblem
+from varint.integration.switches.branch import Branch
+from varint.integration.switches.timetable import Timetable
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+
+@dataclass(eq=False)
+class Course:
+    """A motion to be followed in one number of steps after another.
+
+    Attributes
+    ----------
+    system : System
+        The user's scene.
+    rule : Rule
+    problem : InitialValueProblem
+        Of one step over the whole duration.
+    timetable : Timetable
+    backend : str
+    units : dict
+        Size of a unit of time on each branch, whatever its controls, found where it first comes up.
+    known : dict
+        The unit at first of each branch a piece of which has ended at a switch.
+    kernels : dict
+        The loop of each scene that moves.
+    say : callable
+        Takes () → how far it is.
+    """
+
+    system: System
+    rule: Rule
+    problem: InitialValueProblem
+    timetable: Timetable
+    backend: str
+    units: dict[Branch, float] = field(default_factory=dict)
+    known: dict[Branch, float] = field(default_factory=dict)
+    kernels: dict[tuple[int, ...], Kernel | None] = field(default_factory=dict)
+    say: Callable[[Callable[[], str]], None] = lambda note: None
+
+
+class Piece(NamedTuple):
+    """A smooth piece of the motion: its branch, size and number of the steps it was begun with, its
+    nodes with that of the switch it ends at, and (q, p, v) there, (N + 1, 3, n).
+    """
+
+    branch: Branch
+    h: float
+    steps: int
+    t: np.ndarray
+    states: np.ndarray
+    iterations: int
+    residual: float
