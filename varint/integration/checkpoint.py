@@ -73,7 +73,7 @@ class Checkpoint:
                 warnings.warn(
                     f"the run goes on without its checkpoint: {why}; what the file held before "
                     "stays, and writing is tried again later",
-                    stacklevel=5,
+                    stacklevel=6,
                 )
             self.failed = True
         self.last = perf_counter()
