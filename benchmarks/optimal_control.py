@@ -26,6 +26,7 @@ from time import perf_counter
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
+from tools.control_peers import opty
 from tools.record import FOLDER, save, table
 
 import varint as vi
@@ -250,68 +251,6 @@ def by_rockit(steps: int) -> float:
     return float(solution.value(ocp.objective))
 
 
-def by_opty(steps: int) -> float:
-    """Cost by opty: midpoint collocation of the equations of motion, first derivatives compiled
-    from sympy.
-    """
-    import sympy as sp
-    from opty import Problem
-
-    t = sp.Symbol("t")
-    x, angle, speed, rate, push = (
-        sp.Function(name)(t) for name in ("x", "angle", "speed", "rate", "push")
-    )
-    m1, m2, length, gravity = 1.0, 0.3, 0.5, 9.81
-    motion = sp.Matrix(
-        [
-            x.diff(t) - speed,
-            angle.diff(t) - rate,
-            (m1 + m2) * speed.diff(t)
-            + m2 * length * (rate.diff(t) * sp.cos(angle) - rate**2 * sp.sin(angle))
-            - push,
-            length * rate.diff(t) + speed.diff(t) * sp.cos(angle) + gravity * sp.sin(angle),
-        ]
-    )
-    nodes, h = steps + 1, 2.0 / steps
-
-    def middle(free: np.ndarray) -> np.ndarray:
-        u = free[4 * nodes :]
-        return (u[1:] + u[:-1]) / 2
-
-    def cost(free: np.ndarray) -> float:
-        return float(h * (middle(free) ** 2).sum())
-
-    def gradient(free: np.ndarray) -> np.ndarray:
-        slope = np.zeros_like(free)
-        slope[4 * nodes : -1] += h * middle(free)
-        slope[4 * nodes + 1 :] += h * middle(free)
-        return slope
-
-    ends = ((x, 0, 1), (angle, 0, np.pi), (speed, 0, 0), (rate, 0, 0))
-    held = [
-        s.subs(t, at) - value
-        for s, *values in ends
-        for at, value in zip((0, 2.0), values, strict=True)
-    ]
-    one = Problem(
-        cost,
-        gradient,
-        motion,
-        (x, angle, speed, rate),
-        nodes,
-        h,
-        instance_constraints=held,
-        bounds={push: (-20.0, 20.0), x: (-2.0, 2.0)},
-        integration_method="midpoint",
-        time_symbol=t,
-    )
-    for name, value in (("print_level", 0), ("sb", "yes"), ("tol", 1e-10)):
-        one.add_option(name, value)
-    line = np.linspace(0, 1, nodes)
-    guess = np.concatenate([line, np.pi * line, 0 * line + 0.5, 0 * line + np.pi / 2, 0 * line])
-    return float(one.solve(guess)[1]["obj_val"])
-
-
 def quietly(run):
     """A run whose compiler and solver keep their messages and files to themselves."""
     here = Path.cwd()
@@ -344,7 +283,8 @@ def peers() -> dict[str, list[tuple[int, float, float]]]:
         print("rockit is not installed; left out")
     try:
         rows["opty, midpoint"] = [
-            (n, *timed(lambda n=n: quietly(lambda: by_opty(n)), 1)) for n in STEPS[1][1::2]
+            (n, *timed(lambda n=n: quietly(lambda: next(opty("midpoint", n))), 1))
+            for n in STEPS[1][1::2]
         ]
     except ImportError:
         print("opty or cyipopt is not installed; left out")

@@ -4,10 +4,13 @@ Run: python benchmarks/optimal_control_tools.py. Result:
 benchmarks/results/optimal_control_tools.json.
 
 Kelly's cart-pole in each tool, as its manual has it (benchmarks/tools/control_peers.py): every
-setting runs in processes of its own, one after the other. "Import" is the tool's; "first" builds
-and solves; "again" is the median of three further ends, from the last solution. For each wanted
-error of the cost the quickest first solve among a tool's settings counts, and the quickest further
-one. Tools that are not installed are left out with a message: pip install rockit-meco mpopt dymos.
+setting runs in processes of its own, one after the other; times are processor times, compilers'
+among them. "Import" is the tool's; "first" builds and solves; "again" is the median of three
+further ends, from the last solution. For each wanted error of the cost the quickest first solve
+among a tool's settings counts, and the quickest further one. Tools that are not installed are left
+out with a message: pip install rockit-meco mpopt dymos opty (opty needs cyipopt, which builds
+against CasADi's own Ipopt: a file ipopt.pc that names casadi/include/coin-or and
+casadi/libipopt.so.3).
 """
 
 from __future__ import annotations
@@ -31,12 +34,13 @@ SETTINGS: dict[str, list[tuple[str, int]]] = {
         *(("gauss(5)", n) for n in (16, 24, 32)),
     ],
     "Hermite–Simpson": [("-", n) for n in (20, 40, 80, 160, 320)],
-    "mpopt": [("5", 20), ("8", 8), ("12", 8), ("15", 8)],
+    "mpopt": [("5", 20), ("8", 8), ("12", 8), ("15", 10)],
     "rockit": [("linear", 20), ("linear", 40), ("constant", 120)],
-    "dymos": [("3", 10), ("5", 6)],
+    "dymos": [("3", 20), ("3", 30)],
+    "opty": [("midpoint", 80), ("midpoint", 320)],
 }
-NEEDS = {"rockit": "rockit", "mpopt": "mpopt", "dymos": "dymos"}
-REPEATS, QUICK, LIMIT = 2, 8.0, 60.0  # seconds: what takes longer runs once, or is given up
+NEEDS = {"rockit": "rockit", "mpopt": "mpopt", "dymos": "dymos", "opty": "opty"}
+REPEATS, QUICK, LIMIT = 2, 8.0, 300.0  # seconds: what takes longer runs once, or is given up
 WORKER = Path(__file__).parent / "tools" / "control_peers.py"
 
 
@@ -45,6 +49,7 @@ def measured(tool: str, setting: str, steps: int, cache: str) -> dict[str, float
     found: list[dict] = []
     # everything installed comes compiled to byte code; so does a checkout here
     environment = os.environ | {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
+    environment |= {"OMP_NUM_THREADS": "1"}
     command = [sys.executable, str(WORKER), tool, setting, str(steps)]
     for _ in range(REPEATS + 1):  # the first one fills the caches
         try:

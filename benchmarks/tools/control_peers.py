@@ -3,8 +3,8 @@ nothing, then for ends a little further off, from the last solution and without 
 tool can.
 
 Run as a program, `python control_peers.py varint "gauss(4)" 30`, it prints what one tool measures
-in a process of its own: seconds to import it, to build and solve for the first time, and for each
-further end, with the costs.
+in a process of its own: seconds of processor time, compilers' among them, to import it, to build
+and solve for the first time, and for each further end, with the costs.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ import contextlib
 import io
 import json
 import os
+import resource
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -185,6 +186,68 @@ def mpopt(points: str, steps: int) -> Runs:
         yield float(found["f"])
 
 
+def opty(method: str, steps: int) -> Runs:
+    """opty: its equations of motion and first derivatives compiled from SymPy; it builds a problem
+    anew for every end, and starts from the last solution.
+    """
+    import sympy as sp
+    from opty import Problem
+
+    t = sp.Symbol("t")
+    x, angle, speed, rate, push = (
+        sp.Function(name)(t) for name in ("x", "angle", "speed", "rate", "push")
+    )
+    motion = sp.Matrix(
+        [
+            x.diff(t) - speed,
+            angle.diff(t) - rate,
+            (M1 + M2) * speed.diff(t)
+            + M2 * LENGTH * (rate.diff(t) * sp.cos(angle) - rate**2 * sp.sin(angle))
+            - push,
+            LENGTH * rate.diff(t) + speed.diff(t) * sp.cos(angle) + GRAVITY * sp.sin(angle),
+        ]
+    )
+    nodes, h = steps + 1, TIME / steps
+
+    def middle(free: np.ndarray) -> np.ndarray:
+        u = free[4 * nodes :]
+        return (u[1:] + u[:-1]) / 2
+
+    def cost(free: np.ndarray) -> float:
+        return float(h * (middle(free) ** 2).sum())
+
+    def gradient(free: np.ndarray) -> np.ndarray:
+        slope = np.zeros_like(free)
+        slope[4 * nodes : -1] += h * middle(free)
+        slope[4 * nodes + 1 :] += h * middle(free)
+        return slope
+
+    start = np.append(guess(np.linspace(0, 1, nodes)).ravel(), np.zeros(nodes))
+    for far in ENDS:
+        ends = ((x, 0, far), (angle, 0, np.pi), (speed, 0, 0), (rate, 0, 0))
+        held = [
+            s.subs(t, at) - value
+            for s, *values in ends
+            for at, value in zip((0, TIME), values, strict=True)
+        ]
+        one = Problem(
+            cost,
+            gradient,
+            motion,
+            (x, angle, speed, rate),
+            nodes,
+            h,
+            instance_constraints=held,
+            bounds={push: (-LIMIT, LIMIT), x: (-WAY, WAY)},
+            integration_method=method,
+            time_symbol=t,
+        )
+        for name, value in (("print_level", 0), ("sb", "yes"), ("tol", 1e-10)):
+            one.add_option(name, value)
+        start, found = one.solve(start)
+        yield float(found["obj_val"])
+
+
 def dymos(order: str, steps: int) -> Runs:
     """dymos: Gauss–Lobatto segments of this order; SLSQP of SciPy, for it brings no Ipopt."""
     import dymos as dm
@@ -246,22 +309,31 @@ TOOLS: dict[str, Callable[[str, int], Runs]] = {
     "Hermite–Simpson": hermite_simpson,
     "rockit": rockit,
     "mpopt": mpopt,
+    "opty": opty,
     "dymos": dymos,
 }
-MODULES = {"varint": "varint", "rockit": "rockit", "mpopt": "mpopt", "dymos": "dymos"}
+MODULES = {name: name for name in ("varint", "rockit", "mpopt", "opty", "dymos")}
+
+
+def seconds_used() -> float:
+    """Processor time of this process and of those that it started: it does not see who else uses
+    the machine.
+    """
+    others = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return process_time() + others.ru_utime + others.ru_stime
 
 
 def main(tool: str, setting: str, steps: int) -> dict:
     """What one tool measures."""
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         os.chdir(folder)
-        began = perf_counter()
+        began = seconds_used()
         __import__("casadi")
         if tool in MODULES:
             __import__(MODULES[tool])
-        marks, costs = [perf_counter()], []
+        marks, costs = [seconds_used()], []
         for cost in TOOLS[tool](setting, steps):
-            marks.append(perf_counter())
+            marks.append(seconds_used())
             costs.append(cost)
         os.chdir("/")
     seconds = np.diff(marks)

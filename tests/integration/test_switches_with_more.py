@@ -54,6 +54,7 @@ def test_a_cartesian_pendulum_with_a_dry_pivot_moves_as_the_one_in_its_angle_doe
     assert np.abs(off).max() < TOL / 10
 
 
+@pytest.mark.long
 def test_four_bars_with_a_dry_crank_keep_the_balance_of_energy_and_stop():
     """ΔH = −μ times all that the crank turns, for a parallel crank drive, which closes as one
     angle: (a, b, c) with b = 0, c = a.
@@ -309,6 +310,7 @@ def test_arcs_that_become_shorter_and_shorter_end_in_rest():
     assert motion.at([20.0]).q[0, 0] == pytest.approx(0.0, abs=1e-18)
 
 
+@pytest.mark.long
 def test_a_machine_with_dry_hinges_moves_as_the_scene_written_by_hand():
     """Machines bring their mass matrix and v(p) along (`System.kinetics`)."""
     machine = plane_chain(2).system()

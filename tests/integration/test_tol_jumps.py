@@ -10,7 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import varint as vi
+from varint.integration import refinement
 from varint.integration.error_scale import error_scales
+from varint.integration.hidden import missed_impulse
 
 LOOKS = 5000  # nodes of a run that are compared
 
@@ -120,3 +122,20 @@ def test_runs_that_misplace_a_jump_alike_do_not_prove_one_another(seed, tol):
     alike; and dry friction lets few of them through.
     """
     assert_the_promise_holds(friction, seed, tol, across=True)
+
+
+def test_pulses_are_looked_for_over_jumps_where_a_run_could_be_the_last(monkeypatch):
+    """Not at every number of steps: parts of steps at which a force jumps are many."""
+    looks = []
+
+    def look(*given):
+        looks.append(given)
+        return missed_impulse(*given)
+
+    monkeypatch.setattr(refinement, "missed_impulse", look)
+    q, v, t = *vi.coordinates("y"), vi.time()
+    force = 0.1 * ca.sign(ca.sin(3 * t))  # beside a contact steps go across its jumps
+    ball = vi.System(q, v, v**2 / 2 - 9.81 * q, force=force, contact=q, restitution=0.8, t=t)
+    motion = vi.simulate(ball, q0=1.0, v0=0.0, duration=1.3, tol=1e-4)
+    assert motion.stats["error_estimate"] < 1e-4
+    assert 1 <= len(looks) < motion.stats["runs"] - 2

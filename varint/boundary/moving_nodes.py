@@ -5,10 +5,11 @@ as its neighbour, in the length
 
     ∫ √(|dq/R_q|² + |dp/R_p|² + (dt/R_t)²)
 
-of the path among coordinates, momenta and time (equidistribution; Ascher, Mattheij & Russell,
-Numerical Solution of Boundary Value Problems, §9.1). A path that passes a centre of attraction
-closely stays resolved there while Newton's method bends it, and a first path of the right shape
-that comes there too early or too late is near the true one: on fixed nodes it is far away.
+of the path among coordinates, momenta and time, by its control points (equidistribution; Ascher,
+Mattheij & Russell, Numerical Solution of Boundary Value Problems, §9.1). A path that passes a
+centre of attraction closely stays resolved there while Newton's method bends it, and a first path
+of the right shape that comes there too early or too late is near the true one: on fixed nodes it is
+far away.
 """
 
 from __future__ import annotations
@@ -92,8 +93,10 @@ def scaled(problem: BoundaryValueProblem, iterate: Iterate, sizes: np.ndarray) -
 def lengths(problem: BoundaryValueProblem, path: MovingPath, scales: np.ndarray) -> np.ndarray:
     """Length of every step in the given scales, (N,)."""
     p, _ = momenta_and_action(even_nodes(problem, path), path.iterate)
-    moved = np.hstack([path.iterate.increments[:, -1], np.diff(p, axis=0), path.sizes[:, None]])
-    return np.linalg.norm(moved / scales, axis=1)
+    steps, d, n = path.iterate.increments.shape
+    inner = np.diff(path.iterate.increments, axis=1, prepend=0.0) * np.sqrt(d) / scales[:n]
+    moved = np.hstack([np.diff(p, axis=0), path.sizes[:, None]]) / scales[n:]
+    return np.linalg.norm(np.hstack([inner.reshape(steps, -1), moved]), axis=1)
 
 
 def remeshed(problem: BoundaryValueProblem, path: MovingPath, scales: np.ndarray) -> MovingPath:
@@ -248,8 +251,11 @@ def _moving_interval(system: System, rule: Rule) -> tuple[ca.SX, ca.SX, ca.SX]:
         h,
     )
     gained = ca.sum2(ca.reshape(rows, n, d + 1))
-    moved = ca.vertcat(ahead[-n:], gained, h) / scales
-    length = ca.log(ca.sumsqr(moved)) / 2
+    # from control point to control point: a step out and back has no chord, and would grow
+    inner = ca.vec(ca.diff(ca.horzcat(ca.SX.zeros(n), ca.reshape(ahead, n, d)), 1, 1))
+    inner /= ca.repmat(scales[:n], d, 1) / np.sqrt(d)
+    moved = ca.vertcat(gained, h) / scales[n:]
+    length = ca.log(ca.sumsqr(inner) + ca.sumsqr(moved)) / 2
     return ca.vertcat(ca.vec(change), times), data, ca.vertcat(rows, -length, length)
 
 

@@ -63,8 +63,10 @@ def refine(
             before, steps = (steps, motion), 2 * steps
             continue
         scales = error_scales(system, motion, scale)
-        missed = missed_impulse(system, rule, motion, scales, tol)
-        if missed > tol and not has_steps(system):
+        # over jumps it is looked for at the end alone, where parts of steps are few
+        over_jumps = has_steps(system)
+        missed = 0.0 if over_jumps else missed_impulse(system, rule, motion, scales, tol)
+        if missed > tol:
             # a pulse passed over: what such runs agree on says nothing
             before, apart, order, stalls = (steps, motion), math.inf, None, 0
             if 2 * steps > min(most, ENOUGH):
@@ -95,6 +97,8 @@ def refine(
             estimate = max(apart * counted / (1 - counted), rounded, floor)
             hidden = 0.0
             if estimate <= tol:
+                if over_jumps:
+                    missed = missed_impulse(system, rule, motion, scales, tol)
                 hidden = max(
                     transient(trial, rule, steps, motion, scales),
                     missed,

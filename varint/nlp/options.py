@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
+
+from varint.nlp.arrangement import Arrangement
+from varint.nlp.program import Program, full_derivatives
+from varint.nlp.watch import Watch
 
 MOST_ITERATIONS = 3000  # of Ipopt, unless told otherwise
 # a tenth of these is what KKT conditions and rows are met to; bounds are not relaxed, since 1e-8
@@ -90,3 +95,33 @@ KNOWN = (
     "uno",
     "madnlp",
 )
+
+
+def solver_settings(
+    program: Program,
+    name: str,
+    given: Mapping[str, Any],
+    extra: dict,
+    watch: Watch | None,
+    order: Arrangement,
+) -> dict[str, Any]:
+    """Options for `casadi.nlpsol`: those of the solver and of this attempt, derivatives, a watch,
+    and what the caller gave.
+    """
+    settings: dict[str, Any] = {
+        "print_time": False,
+        "error_on_fail": False,
+        "show_eval_warnings": False,
+    }
+    if name == "ipopt":
+        settings |= dict(grad_f=program.gradient, jac_g=program.jacobian, hess_lag=program.hessian)
+        settings |= {"no_nlp_grad": True, "ipopt": IPOPT | extra}
+        settings |= {} if watch is None else {"iteration_callback": watch}
+    if name == "fatrop":
+        settings |= {"cache": full_derivatives(program), "fatrop": FATROP | extra, **order.options}
+    if name in DIFFERENTIATED:
+        settings |= {"calc_lam_p": False}
+    for key, value in given.items():
+        nested = isinstance(value, Mapping) and isinstance(settings.get(key), dict)
+        settings[key] = settings[key] | dict(value) if nested else value
+    return settings

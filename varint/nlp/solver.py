@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -13,11 +14,12 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.nlp.arrangement import Arrangement, Scales
-from varint.nlp.options import DIFFERENTIATED, EXTRA, FATROP, IPOPT, KNOWN
-from varint.nlp.program import NonlinearProgram, Program, full_derivatives, scale_program
+from varint.nlp.options import DIFFERENTIATED, EXTRA, KNOWN, solver_settings
+from varint.nlp.program import NonlinearProgram, scale_program
 from varint.nlp.watch import Watch
 
 ITERATING = "Iterating"
+INTERRUPTED = "NonIpopt_Exception_Thrown"  # Ctrl-C where no watch takes it as a request
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +51,9 @@ class Solver:
     ----------
     nlp : NonlinearProgram
     name : str
-    cold, warm : tuple of Function
-        Attempts from a start point, and from multipliers too: one after the other until one
-        succeeds.
+    attempts : callable
+        (from multipliers too, watched) → Functions to try one after the other until one succeeds;
+        built when they are first asked for.
     watch : Watch
     scales : Scales
     order : Arrangement
@@ -59,8 +61,7 @@ class Solver:
 
     nlp: NonlinearProgram
     name: str
-    cold: tuple[ca.Function, ...]
-    warm: tuple[ca.Function, ...]
+    attempts: Callable[[bool, bool], tuple[ca.Function, ...]]
     watch: Watch
     scales: Scales
     order: Arrangement
@@ -95,9 +96,12 @@ class Solver:
         self.watch.patience = patience
         self.watch.told = None if callback is None else _teller(self, nlp, callback)
         arguments = _to_solver(self, nlp, x, multipliers)
-        found, stats = _solve(
-            self, self.cold if multipliers is None else self.warm, arguments, progress
+        cold = multipliers is None
+        watched = (
+            cold or progress is not False or callback is not None or bool(np.isfinite(patience))
         )
+        attempts = self.attempts(not cold, watched)
+        found, stats = _solve(self, attempts, arguments, progress, watched)
         return _from_solver(self, nlp, found, stats, perf_counter() - began)
 
 
@@ -133,17 +137,20 @@ def _solve(
     attempts: tuple[ca.Function, ...],
     arguments: dict[str, np.ndarray],
     progress: bool | None,
+    watched: bool,
 ) -> tuple[dict[str, ca.DM], dict[str, Any]]:
     """What the first attempt that succeeds returns, or the last one, and its statistics."""
     watch = solver.watch
     watch.g_low, watch.g_high, watch.factor = arguments["lbg"], arguments["ubg"], solver.scales.f
-    with watch.running(progress, solver.name == "ipopt"):
+    with watch.running(progress, watched and solver.name == "ipopt"):
         for function in attempts:
             try:
                 found = function(**arguments)
             except RuntimeError as error:
                 raise InputError(_first_line(error, solver.name)) from None
             stats, arguments["x0"] = function.stats(), found["x"]
+            if not watched and stats.get("return_status") == INTERRUPTED:
+                raise KeyboardInterrupt
             if stats["success"]:
                 break
     return found, stats
@@ -223,15 +230,26 @@ def build_solver(
     z, p = ca.MX.sym("x", len(order.source)), ca.MX.sym("p", len(nlp.p))
     f, g = program.value(z, p)
     watch = Watch(len(order.source), len(order.row), len(nlp.p))
-    built = []
-    for extra in EXTRA.get(name, ({},)):
-        settings = _settings(program, name, options or {}, extra, watch, order)
+
+    @cache
+    def built(extra: int, watched: bool) -> ca.Function:
+        more = EXTRA.get(name, ({},))[extra]
+        seen = watch if watched else None
+        settings = solver_settings(program, name, options or {}, more, seen, order)
         try:
-            built.append(ca.nlpsol("nlp", name, {"x": z, "p": p, "f": f, "g": g}, settings))
+            return ca.nlpsol("nlp", name, {"x": z, "p": p, "f": f, "g": g}, settings)
         except RuntimeError as error:
             raise InputError(_first_line(error, name)) from None
-    attempts = ((built[0],), (built[1],)) if name == "ipopt" else (tuple(built), tuple(built))
-    return Solver(nlp, name, *attempts, watch, scales, order)
+
+    def attempts(warm: bool, watched: bool) -> tuple[ca.Function, ...]:
+        if name == "ipopt":
+            # handing an iterate to Python takes as long as a step of a small program: warm solves
+            # that nobody watches are spared it
+            return (built(1, watched),) if warm else (built(0, True),)
+        return tuple(built(extra, True) for extra in range(len(EXTRA.get(name, ({},)))))
+
+    attempts(False, True)  # what the solver refuses is refused at once
+    return Solver(nlp, name, attempts, watch, scales, order)
 
 
 def require_solver(name: Any) -> None:
@@ -252,32 +270,6 @@ def choose_backend(name: str, backend: str) -> str:
             f'solver={name!r} differentiates the program itself; it takes backend="interpreted"'
         )
     return "interpreted"
-
-
-def _settings(
-    program: Program,
-    name: str,
-    given: Mapping[str, Any],
-    extra: dict,
-    watch: Watch,
-    order: Arrangement,
-) -> dict[str, Any]:
-    settings: dict[str, Any] = {
-        "print_time": False,
-        "error_on_fail": False,
-        "show_eval_warnings": False,
-    }
-    if name == "ipopt":
-        settings |= dict(grad_f=program.gradient, jac_g=program.jacobian, hess_lag=program.hessian)
-        settings |= {"no_nlp_grad": True, "iteration_callback": watch, "ipopt": IPOPT | extra}
-    if name == "fatrop":
-        settings |= {"cache": full_derivatives(program), "fatrop": FATROP | extra, **order.options}
-    if name in DIFFERENTIATED:
-        settings |= {"calc_lam_p": False}
-    for key, value in given.items():
-        nested = isinstance(value, Mapping) and isinstance(settings.get(key), dict)
-        settings[key] = settings[key] | dict(value) if nested else value
-    return settings
 
 
 def _status(status: Any, success: bool) -> str:

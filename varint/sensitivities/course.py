@@ -15,11 +15,12 @@ from varint.integration.events.contact_loop import contact_run
 from varint.integration.flight_choice import flights_for
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
-from varint.integration.trajectories import ABRUPT, Run, trajectory_of
+from varint.integration.trajectories import Run, trajectory_of
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 from varint.sensitivities.checkpoints import pieces_backwards
+from varint.sensitivities.event_nodes import events_at_nodes, without_arrivals
 from varint.sensitivities.grazing import require_no_touch
 from varint.sensitivities.pieces import (
     LONGEST_PIECE,
@@ -30,10 +31,6 @@ from varint.sensitivities.pieces import (
     run_once_more,
     scene_of,
 )
-
-INSTANT = 1e-12  # of a step: what takes no longer takes no time
-NEAR = 4  # nodes before the time of an event, of which one is its own: that of a stop is when all
-# bounces are over
 
 
 class Leg(NamedTuple):
@@ -102,7 +99,7 @@ def course_of(motion: Trajectory) -> Course:
         )
     if not motion.system.structure.contacts:
         return Course(_of_grid(motion), motion)
-    found = _without_arrivals(_of_contacts(motion))
+    found = without_arrivals(_of_contacts(motion))
     require_no_touch(found, events_at_nodes(found) or {})
     return Course(found, motion)
 
@@ -202,59 +199,9 @@ def _of_contacts(motion: Trajectory) -> Trajectory:
     return trajectory_of(Run(motion.system, chosen, problem, blocks, iter(()), None, 0.0), blocks)
 
 
-def _without_arrivals(motion: Trajectory) -> Trajectory:
-    """Without the nodes before a blow that falls on the end of a step: the step ends with it. From
-    one side of the node to the other the discrete motion changes by the rule's error; this lies
-    between.
-    """
-    at = np.array(sorted(events_at_nodes(motion) or {}), dtype=int)
-    at = at[at > 1]
-    before = at[np.abs(motion.t[at] - motion.t[at - 1]) <= INSTANT * abs(motion.h)] - 1
-    before = before[~np.isin(before, at)]
-    return motion if not len(before) else motion[np.delete(np.arange(len(motion)), before)]
-
-
 def _has_whole(motion: Trajectory, whole: np.ndarray) -> bool:
     """Whether every whole step between the ends has its node."""
     return bool(np.isin(np.arange(motion.k[0] + 1, motion.k[-1] + 1), motion.k[whole]).all())
-
-
-def events_at_nodes(motion: Trajectory) -> dict[int, tuple[Event, ...]] | None:
-    """Impacts, stops and detachments by the node that is the state behind them, in their order;
-    None where such a node is missing.
-    """
-    forward = 1.0 if motion.h > 0 else -1.0
-    times, groups = forward * motion.t, dict[int, list[Event]]()
-    for event in motion.events:
-        time = forward * event.time
-        if event.kind not in ABRUPT or not times[0] <= time <= times[-1]:
-            continue
-        node = int(np.searchsorted(times, time, side="right")) - 1
-        near = [i for i in range(node, max(node - NEAR, -1), -1) if tuple(motion.q[i]) == event.q]
-        if not near:
-            return None
-        groups.setdefault(int(np.searchsorted(times, times[near[0]])), []).append(event)
-    found = {}
-    for first, events in groups.items():
-        in_turn, last = _in_turn(events), int(np.searchsorted(times, times[first], side="right"))
-        behind = [i for i in range(first, last) if tuple(motion.p[i]) == in_turn[-1].p_after]
-        if not behind:
-            return None
-        found[behind[0]] = in_turn
-    return found
-
-
-def _in_turn(events: list[Event]) -> tuple[Event, ...]:
-    """Events of one instant, each going on from the momenta that the one before it left."""
-    behind = {event.p_after for event in events if event.p_after != event.p_before}
-    starts = [event for event in events if event.p_before not in behind] or events
-    found, left = [starts[0]], list(events)
-    left.remove(starts[0])
-    while left:
-        following = [event for event in left if event.p_before == found[-1].p_after] or left
-        found.append(following[0])
-        left.remove(following[0])
-    return tuple(found)
 
 
 def legs(course: Course) -> Iterator[Leg]:

@@ -8,7 +8,8 @@ from varint.integration.time_transformation.time_scale import TIME
 from varint.rules.polynomials import lagrange_slopes, lagrange_values
 from varint.scene.system import System
 from varint.sensitivities.carrier import Carrier, Rows
-from varint.sensitivities.course import INSTANT, Leg, grid_times
+from varint.sensitivities.course import Leg, grid_times
+from varint.sensitivities.event_nodes import INSTANT
 from varint.sensitivities.grazing import grazing
 from varint.sensitivities.impacts import blow, event_slopes, to_event
 from varint.sensitivities.parts import Parts, Slopes, part_slopes, to_time, with_size
