@@ -108,8 +108,8 @@ def simulate(
         ``"native"``: the scene's operations are data for a loop that is there; ``"compiled"``: the
         scene is compiled first, for the same bytes in less time. By default a run begins native
         and shifts up where that repays the compiler; degenerate scenes, constraints on an L that
-        is not quadratic in v, very large scenes, and contacts that hold or meet constraints and
-        controls are interpreted or compiled. An ``"interpreted"`` run whose steps are so long that
+        is not quadratic in v, very large scenes, and contacts beside controls are interpreted or
+        compiled. An ``"interpreted"`` run whose steps are so long that
         their solution hangs on the way to it (more than four iterations) is done natively from its
         start, for the same bytes.
     checkpoint : path, optional
