@@ -12,7 +12,7 @@ import pytest
 
 import varint as vi
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 import stress
 
 pytestmark = pytest.mark.stress
