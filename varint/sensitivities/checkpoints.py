@@ -31,7 +31,7 @@ from varint.sensitivities.pieces import (
 )
 
 FEWEST = 5  # states with which a run can be taken once more
-STORED = 2**24  # bytes of the nodes of a piece that are no shortage of memory
+STORED = 2**26  # bytes of the nodes of a piece that are no shortage of memory
 
 
 class Room(NamedTuple):

@@ -122,7 +122,7 @@ def gradient(
         States (q, p) that may stand in memory at a time where nodes were left out, beside those
         kept; 2√N of N steps cost one run more, fewer some more by a binomial schedule. Default:
         all steps where what is stored of them, 5n + 3 numbers and the controls each, takes no more
-        than 16 MB; else 2√N, or √N and a piece of 16 MB, whichever is more.
+        than 64 MB; else 2√N, or √N and a piece of 64 MB, whichever is more.
     backend : {"auto", "compiled", "native", "interpreted"}
         As in `simulate`.
 
