@@ -195,7 +195,7 @@ def _of_blows(
         assert leg.held is not None
         b = blow_of(system, leg.held, event, time, motion.c)
         of_e = one.z[h + 2 + event.contact][None] * b.bounces
-        function = blow_hessian(system, b.scene, b.kept, b.hit)
+        function = blow_hessian(system, *b[:4])
         curved = call(function, *b.given, np.ascontiguousarray(w[n:clock]))[0]
         found += twice(curved[None], np.concatenate([tangent, one.z[first:h], of_e])[None])
         w = matrix[:, :first].T @ w

@@ -162,16 +162,16 @@ class Blow(NamedTuple):
         Rows of constraints and contacts that hold meanwhile.
     hit : int
         The row that is hit.
-    given : tuple of ndarray
-        q, p, t, c and the coefficient of restitution.
     bounces : bool
+    given : tuple of ndarray
+        q, p, t, c, and what is added to the coefficient of restitution: 0.
     """
 
     scene: System
     kept: tuple[int, ...]
     hit: int
-    given: tuple[np.ndarray, ...]
     bounces: bool
+    given: tuple[np.ndarray, ...]
 
 
 def blow_of(
@@ -197,8 +197,7 @@ def blow_of(
     )
     bounces = bool(abs(after[hit]) > rest[event.contact])
     scene = replace(active_set, contacts=tuple(still)).scene(system)
-    restitution = float(system.restitution[event.contact]) if bounces else 0.0
-    return Blow(scene, kept, hit, (q, p, t, c, np.array([restitution])), bounces)
+    return Blow(scene, kept, hit, bounces, (q, p, t, c, np.zeros(1)))
 
 
 def blow(
@@ -213,7 +212,7 @@ def blow(
     """
     assert event.contact is not None
     b, wanted = blow_of(system, active_set, event, time, c), np.array(event.p_after)
-    found, *slopes = call(_blow_slopes(system, b.scene, b.kept, b.hit), *b.given)
+    found, *slopes = call(_blow_slopes(system, *b[:4]), *b.given)
     change = np.abs(wanted - b.given[1]).max()
     if not np.abs(found - wanted).max() <= SAME_BLOW * change:
         raise InputError(
@@ -233,24 +232,28 @@ def blow(
 
 
 @per_system
-def _blow_slopes(system: System, scene: System, kept: tuple[int, ...], hit: int) -> ca.Function:
+def _blow_slopes(
+    system: System, scene: System, kept: tuple[int, ...], hit: int, bounces: bool
+) -> ca.Function:
     """(q, p, t, c, e) → p behind the blow of one row while others are kept, and its derivatives."""
-    inputs, after = _blow_symbols(system, scene, kept, hit)
+    inputs, after = _blow_symbols(system, scene, kept, hit, bounces)
     slopes = [ca.densify(ca.jacobian(after, x)) for x in inputs]
     return ca.Function("blow", inputs, [ca.densify(after), *slopes])
 
 
 @per_system
-def blow_hessian(system: System, scene: System, kept: tuple[int, ...], hit: int) -> ca.Function:
+def blow_hessian(
+    system: System, scene: System, kept: tuple[int, ...], hit: int, bounces: bool
+) -> ca.Function:
     """(q, p, t, c, e, μ) → ∂²(μ·p)/∂(q, p, t, c, e)² of p behind a blow."""
-    inputs, after = _blow_symbols(system, scene, kept, hit)
+    inputs, after = _blow_symbols(system, scene, kept, hit, bounces)
     mu = ca.MX.sym("mu", after.numel())
     curved = second_derivatives(inputs, ca.dot(mu, after), mu)
     return ca.Function("blow_hessian", [*inputs, mu], [curved])
 
 
 def _blow_symbols(
-    system: System, scene: System, kept: tuple[int, ...], hit: int
+    system: System, scene: System, kept: tuple[int, ...], hit: int, bounces: bool
 ) -> tuple[list[ca.MX], ca.MX]:
     """q, p, t, c, e, and p behind the blow of one row while others are kept.
 
@@ -270,6 +273,9 @@ def _blow_symbols(
     mass, along, rate = seen(q, velocity_function(scene)(q, p, t, c), t, c)
     m = len(chosen)
     matrix = ca.blockcat([[mass, -along.T], [along, ca.MX.zeros(m, m)]])
+    if bounces:
+        first = hit - system.structure.constraints - system.structure.nonholonomic
+        e += ca.Function("own", [s.c], [s.bounce[first]])(c)
     right = ca.vertcat(ca.MX.zeros(n + m - 1), -(1 + e) * rate)
     impulse = ca.solve(matrix, right, "qr")[n:]
     return inputs, p + ca.mtimes(along.T, impulse)
