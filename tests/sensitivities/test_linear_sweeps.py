@@ -55,6 +55,8 @@ def test_what_pulls_alike_at_all_times_is_pulled_once(rule, masses):
     motion = vi.simulate(system, rule, q0=q0, v0=np.cos(q0), h=0.1, steps=70)
     assert has_linear_sweep(system, rule)
     assert_as_step_after_step(motion, None, ["q0", "m", "g", "d", "h", "t0"])
+    density = (q[0] - 100) ** 2 * (c.k + system.t) + v[1] ** 4
+    assert_as_step_after_step(motion, density, ["q0"])
 
 
 @NEEDS_CORE

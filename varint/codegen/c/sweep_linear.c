@@ -3,8 +3,8 @@
    A step takes x = (q, p) to G_x x + G_y y + g where F_x x + F_y y + f = 0, with matrices that are the same for all steps of a
    size; f, g and what is outside depend on e = (parameters, step, time, controls). With A = -F_y^-1: tangents dx' = (G_x + G_y A
    F_x) dx + G_e de + G_y A F_e de, adjoints mu = (G_x + G_y A F_x)^T mu' from step to step, and eta = A^T (G_y^T mu' + ...) of
-   LANES steps in the lanes of vectors. Where nothing outside changes in time and no density is summed, what is pulled back is
-   bilinear in mu' and (x, 1) with the same coefficients in all steps: the sums of their products over the steps are enough.
+   LANES steps in the lanes of vectors. Where nothing outside changes in time, what F_e and G_e pull back is bilinear in (mu', what
+   a density adds to y) and (x, 1) with the same coefficients in all steps: the sums of their products over the steps are enough.
    Defined before this file, by generated source or by sweep_linear_scene.h: N, NU (controls at CONTROLS a node), Y (unknowns),
    C (parameters), E = C + 2 + NU, the nonzeros FE of F_e and GE of G_e and their places. matrices(w, F_y, F_x, G_y, G_x), full,
    column by column; rest(q, p, t, u, w, F at y = 0); outside(y, q, p, t, u, part, w, F_e, G_e); pull(…, mu, eta, w, G_e^T mu +
@@ -20,11 +20,12 @@
 #define SWEEP_W ((DENSITY_AT + DENSITY_W + LANES - 1) / LANES * LANES) /* vectors begin behind it */
 #define BOTH (2 * N)
 #define ROWS ((BOTH + LANES - 1) / LANES) /* vectors of a column of `map` */
+#define PAIRED (BOTH + LOSS * Y) /* what is multiplied by x */
 #define KINDS 17
 
 /* Of LANES steps: unknowns, state, controls, time, what the loss adds to eta and mu, adjoints. `map`: (BOTH, ROWS) vectors, its
-   rows; `a` (Y, Y), `from_before` = A F_x (Y, BOTH) and `to_after` = G_y A (BOTH, Y), row by row. Over steps: `products` the sum
-   of mu' x^T, as `map`, `total` of mu', ROWS vectors, `largest` |x| of each number. */
+   rows; `a` (Y, Y), `from_before` = A F_x (Y, BOTH) and `to_after` = G_y A (BOTH, Y), row by row. Over steps: `products`
+   the sums of mu' x^T and of_y x^T, rows as those of `map`, `total` of (mu', of_y), `largest` |x| of each number, ROWS vectors. */
 typedef struct {
     V *y, *x, *u, *t, *of_y, *of_x, *of_e, *mu, *eta, *fe, *ge, *map, *products, *total, *largest, *pulled, *more;
     double *w, *a, *to_after, *from_before, h;
@@ -32,7 +33,7 @@ typedef struct {
 } Work;
 
 static Work *work_space(int64_t more) {
-    const int64_t vectors[KINDS] = {Y, BOTH, NU, 1, Y, BOTH, E, BOTH, Y, FE, GE, BOTH * ROWS, BOTH * ROWS, ROWS, ROWS, E, more};
+    const int64_t vectors[KINDS] = {Y, BOTH, NU, 1, Y, BOTH, E, BOTH, Y, FE, GE, BOTH * ROWS, PAIRED * ROWS, PAIRED, ROWS, E, more};
     const int64_t head = (sizeof(Work) + 63) / 64 * 64;
     int64_t all = head + (SWEEP_W + Y * Y + 2 * BOTH * Y) * sizeof(double);
     for (int i = 0; i < KINDS; i++) all += ROOM(vectors[i]) * sizeof(V);
@@ -175,11 +176,6 @@ int tangents(const SweepArguments *a) {
     return status;
 }
 
-/* What the node at which step s begins adds to the adjoint there. */
-INLINE void add_seeds(const SweepArguments *a, int64_t s, double *mu) {
-    for (int d = 0; d < BOTH && a->seeds; d++) mu[d] += a->seeds[s * BOTH + d];
-}
-
 /* The adjoint behind `count` steps from step s on is carried to where they begin; that behind each of them is kept. */
 static void carry_back(Work *k, const SweepArguments *a, int64_t s, int count, double *mu) {
     for (int l = count - 1; l >= 0; l--) {
@@ -192,34 +188,30 @@ static void carry_back(Work *k, const SweepArguments *a, int64_t s, int count, d
         }
         memcpy(mu, before, BOTH * sizeof(double));
         if (LOSS) for (int d = 0; d < BOTH; d++) mu[d] += lane_at(&k->of_x[d], l);
-        add_seeds(a, s + l, mu);
+        if (a->seeds) for (int d = 0; d < BOTH; d++) mu[d] += a->seeds[(s + l) * BOTH + d];
     }
 }
 
-/* The same for all steps, with the sums of products that say what they pull back. */
-static void carry_all_back(Work *k, const SweepArguments *a, double *to) {
-    V mu[ROWS], x[ROWS];
-    memset(mu, 0, sizeof mu), memset(x, 0, sizeof x), memcpy(mu, to, BOTH * sizeof(double));
-    for (int64_t s = a->steps - 1; s >= 0; s--) {
-        V before[ROWS];
-        memcpy(x, STATE_AT(a, s), BOTH * sizeof(double));
+/* The products of `count` steps from step s on are added up. */
+static void add_products(Work *k, const SweepArguments *a, int64_t s, int count) {
+    V x[LANES * ROWS];
+    for (int64_t l = 0; l < count; l++) {
+        V *const at = x + l * ROWS;
+        at[ROWS - 1] = splat(0.0), memcpy(at, STATE_AT(a, s + l), BOTH * sizeof(double));
+        for (int b = 0; b < ROWS; b++) k->largest[b] = v_fmax(v_fabs(at[b]), k->largest[b]);
+    }
+    for (int i = 0; i < PAIRED; i++) {
+        const double *const by = (const double *)(i < BOTH ? &k->mu[i] : &k->of_y[i - BOTH]);
         for (int b = 0; b < ROWS; b++) {
-            before[b] = splat(0.0), k->total[b] += mu[b], k->largest[b] = v_fmax(v_fabs(x[b]), k->largest[b]);
+            V sum = k->products[i * ROWS + b];
+            for (int l = 0; l < count; l++) sum = v_fma(splat(by[l]), x[l * ROWS + b], sum);
+            k->products[i * ROWS + b] = sum;
         }
-        for (int i = 0; i < BOTH; i++) {
-            const V factor = splat(lane_at(mu, i));
-            for (int b = 0; b < ROWS; b++) {
-                before[b] = v_fma(factor, k->map[i * ROWS + b], before[b]);
-                k->products[i * ROWS + b] = v_fma(factor, x[b], k->products[i * ROWS + b]);
-            }
-        }
-        memcpy(mu, before, sizeof mu);
-        add_seeds(a, s, (double *)mu);
+        for (int l = 0; l < count; l++) ((double *)k->total)[i] += by[l];
     }
-    memcpy(to, mu, BOTH * sizeof(double));
 }
 
-/* What the steps in the lanes pull back, with mu' and x in place; eta is that of mu', of_y beside it where a density is summed. */
+/* What the steps in the lanes pull back through F and G. */
 static void pull_back(Work *k) {
     for (int j = 0; j < Y; j++) {
         k->eta[j] = splat(0.0);
@@ -229,20 +221,21 @@ static void pull_back(Work *k) {
     pull(k->y, k->x, k->x + N, k->t, k->u, k->x, k->mu, k->eta, k->w + PULL_AT, k->pulled, k->of_x);
 }
 
-/* Of the sums of products: P(mu, x) summed over the steps is the sum over d of P(W_d / X_d, X_d e_d), W_d the sum of mu x_d and
-   X_d = max |x_d|, and of P(what these leave of the sum of mu, 0): as many lanes as there are numbers, and one. */
+/* With P(m, x) what a step pulls back, m = (mu', of_y): the sum over the steps is that over d of P(W_d / X_d, X_d e_d), W_d the sum
+   of m x_d and X_d = max |x_d|, and P(what these leave of the sum of m, 0): as many lanes as there are numbers, and one. */
 static void pull_products(Work *k, const SweepArguments *a, V *outer) {
     for (int first = 0, count; first <= BOTH; first += count) {
         count = BOTH + 1 - first < LANES ? BOTH + 1 - first : LANES;
-        memset(k->x, 0, BOTH * sizeof(V)), memset(k->mu, 0, BOTH * sizeof(V));
+        memset(k->x, 0, BOTH * sizeof(V)), memset(k->mu, 0, BOTH * sizeof(V)), memset(k->of_y, 0, Y * sizeof(V));
         for (int l = 0; l < count; l++) {
             const int64_t d = first + l;
             const double size = d < BOTH ? lane_at(k->largest, d) : 0;
             if (d < BOTH) set_lane_at(&k->x[d], l, size);
-            for (int i = 0; i < BOTH; i++) {
+            for (int i = 0; i < PAIRED; i++) {
                 const double part = size > 0 ? lane_at(&k->products[i * ROWS], d) / size : 0;
-                if (d < BOTH) ((double *)k->total)[i] -= part;
-                set_lane_at(&k->mu[i], l, d < BOTH ? part : lane_at(k->total, i));
+                V *const to = i < BOTH ? &k->mu[i] : &k->of_y[i - BOTH];
+                set_lane_at(to, l, d < BOTH ? part : lane_at(k->total, i));
+                ((double *)k->total)[i] -= part;
             }
         }
         *k->t = splat(a->t[0]);
@@ -250,12 +243,12 @@ static void pull_products(Work *k, const SweepArguments *a, V *outer) {
     }
 }
 
-/* Whether all steps have the same derivatives by what is outside, and more are to be done than `pull_products` takes. */
-static int one_for_all(const SweepArguments *a) {
-    int of_time = LOSS || NU || !a->smooth || a->steps <= 2 * BOTH;
-    for (int i = 0; i < FE; i++) of_time |= FE_COLUMN[i] == C + 1;
-    for (int i = 0; i < GE; i++) of_time |= GE_COLUMN[i] == C + 1;
-    return !of_time;
+/* Whether all steps have the same derivatives by what is outside, and are more than `pull_products` takes. */
+static int pull_alike(const SweepArguments *a) {
+    int differ = NU || !a->smooth || a->steps <= 2 * BOTH;
+    for (int i = 0; i < FE; i++) differ |= FE_COLUMN[i] == C + 1;
+    for (int i = 0; i < GE; i++) differ |= GE_COLUMN[i] == C + 1;
+    return !differ;
 }
 
 int adjoints(const SweepArguments *a) {
@@ -263,14 +256,13 @@ int adjoints(const SweepArguments *a) {
     Work *const k = work_space(C + 2);
     if (!k) return NO_MEMORY;
     V *const outer = k->more;
-    const int together = one_for_all(a);
+    const int together = pull_alike(a);
     int status = SWEPT;
     for (int64_t s = a->steps, some; s > 0;) {
-        some = together ? a->steps : alike(a, s - 1, -1), s -= some;
+        some = alike(a, s - 1, -1), s -= some;
         prepare(k, a->c, a->h[s]);
         if (!k->sound) { *a->failed = (double)s, status = NOT_REGULAR; break; }
-        if (together) { carry_all_back(k, a, a->tangent), pull_products(k, a, outer); break; }
-        solve_steps(k, a, s, (int)some);
+        if (LOSS || !together) solve_steps(k, a, s, (int)some);
         if (LOSS) {
             const V *const q = k->x, *const p = q + N;
             V value;
@@ -278,11 +270,13 @@ int adjoints(const SweepArguments *a) {
             for (int l = 0; l < some; l++) *a->loss += lane_at(&value, l);
             for (int d = 0; d < BOTH; d++)
                 for (int i = 0; i < Y; i++) k->of_x[d] = v_fma(splat(k->from_before[i * BOTH + d]), k->of_y[i], k->of_x[d]);
+            add_pulled(a, s, (int)some, 0, k->of_e, outer);
         }
-        carry_back(k, a, s, (int)some, a->tangent), pull_back(k);
-        if (LOSS) for (int i = 0; i < E; i++) k->pulled[i] += k->of_e[i];
-        add_pulled(a, s, (int)some, 0, k->pulled, outer);
+        carry_back(k, a, s, (int)some, a->tangent);
+        if (together) add_products(k, a, s, (int)some);
+        else pull_back(k), add_pulled(a, s, (int)some, 0, k->pulled, outer);
     }
+    if (together && !status) pull_products(k, a, outer);
     for (int i = 0; i < C + 2; i++) a->outer[i] += sum(outer[i]);
     free(k);
     return status;
