@@ -52,11 +52,13 @@ def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
     """The rule of least work for a small oscillation over so many radians."""
 
     turned = max(radians, 1.0) / tol
-    costs = {
-        rule: work * max(OVERTONES * (turned * phase_error(rule)) ** (1 / rule.order), 1 / RADIANS)
-        for rule, work in rules.items()
-    }
-    return min(costs, key=costs.__getitem__)
+    best, least = None, math.inf
+    for rule, work in rules.items():
+        cost = work * max(OVERTONES * (turned * phase_error(rule)) ** (1 / rule.order), 1 / RADIANS)
+        if cost < least or best is None:
+            best, least = rule, cost
+    assert best is not None
+    return best
 
 
 @cache

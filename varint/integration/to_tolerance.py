@@ -16,6 +16,7 @@ from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, RunOptions, Start, initial_value_problem
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
+from varint.integration.short_call import asks_for_no_more, short_call
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
@@ -48,7 +49,12 @@ def simulate_to_tolerance(
             "give duration (alone, or with tol: steps are chosen for that accuracy), or two of h, "
             "steps, duration"
         )
-    tol = DEFAULT_TOL if options.tol is None else options.tol
+    tol, tried = DEFAULT_TOL if options.tol is None else options.tol, None
+    if asks_for_no_more(start, options):
+        found = short_call(system, rule, start, float(options.duration), tol, began)
+        if isinstance(found, Trajectory):
+            return found
+        tried = found
     every = positive_integer("save_every", options.save_every)
     stop = None if options.until is None else parse_watch("until", options.until)
     watches = parse_watches(options.events)
@@ -67,7 +73,14 @@ def simulate_to_tolerance(
         choice = choose_varying_steps(system, rule, problem, start, options, tol)
         if choice is None:
             choice = choose_steps(
-                system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
+                system,
+                rule,
+                problem,
+                tol,
+                stop=stop,
+                scale=options.scale,
+                backend=options.backend,
+                tried=tried,
             )
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
