@@ -7,7 +7,6 @@ not as it should be, and says what.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -19,14 +18,21 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.energy_check import energy_rows
 from varint.integration.gears import Gears, gears_of, kernel_now
-from varint.integration.plain_start import Room, is_plain, room_of, rooms
+from varint.integration.plain_start import (
+    Room,
+    asks_for_no_more,
+    begin_in,
+    is_plain,
+    is_plain_number,
+    room_of,
+    rooms,
+)
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import RunOptions, Start
 from varint.integration.rule_choice import candidates, choose_rule
 from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import course_by, two_short_runs
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
-from varint.integration.start import check_mass
 from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.variable_course import is_worth_it, may_vary
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
@@ -35,43 +41,29 @@ from varint.integration.two_runs import shows_its_error
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
-from varint.scene.inputs import vector
 from varint.scene.memory import per_scene
-from varint.scene.system import System, parameter_values
-
-
-def asks_for_no_more(start: Start, options: RunOptions) -> bool:
-    """Whether a start, a duration and an accuracy are all that is given."""
-    o = options
-    return (
-        o.until is o.events is o.scale is o.checkpoint is o.at is start.u is start.p0 is None
-        and type(o.save_every) is int
-        and o.save_every == 1
-        and o.on_failure == "raise"
-        and o.backend == "auto"
-        and type(o.duration) in (float, int)
-        and type(start.t0) in (float, int)
-        and math.isfinite(o.duration)
-        and math.isfinite(start.t0)
-    )
+from varint.scene.system import System
 
 
 def short_call(
-    system: System, rule: Rule | None, start: Start, duration: float, tol: float, began: float
+    system: System, rule: Rule | None, start: Start, options: RunOptions, tol: float, began: float
 ) -> Trajectory | int | None:
     """The motion, if two short runs prove its error; what `by_short_trials` says if not; None where
     another way is to be taken.
     """
-    known = _known(system, rule)
-    if known is None or start.v0 is None or not (LEAST_TOL <= tol <= MOST_TOL and duration):
+    duration = options.duration
+    if not (asks_for_no_more(rule, start, options) and is_plain_number(duration)):
         return None
-    c, t0, n = parameter_values(system, start.params), float(start.t0), known.n
-    q, v = (vector(*given, n, system.names) for given in (("q0", start.q0), ("v0", start.v0)))
-    pool = rooms(system)
-    room = pool.pop() if pool else room_of(system)
-    room.q[:], room.v[:], room.t[0], room.c[:] = q, v, t0, c
+    known = _known(system, rule) if duration and LEAST_TOL <= tol <= MOST_TOL else None
+    if known is None:
+        return None
+    pool = rooms(system, True)
+    room = pool.pop() if pool else room_of(system, True)
     try:
-        return _by_the_core(system, known, room, c, t0, duration, tol, began)
+        c = begin_in(room, system, start)
+        if c is None:
+            return None
+        return _by_the_core(system, known, room, c, float(start.t0), float(duration), tol, began)
     finally:
         pool.append(room)
 
@@ -86,14 +78,11 @@ def _by_the_core(
     tol: float,
     began: float,
 ) -> Trajectory | int | None:
-    n = known.n
-    room.begin()
-    if not math.isfinite(sum(room.values.tolist())):
-        return None
-    check_mass(system, room.values[2 * n + 1 :], c)
     check_steps(t0, duration, 1)
     if known.varies and is_worth_it(rate_pilot(system, room.q, room.v, c, duration, duration < 0)):
         return None
+    n = known.n
+    assert room.look is not None
     room.look()
     room.mass[:] = room.local[: n * n : n + 1]
     fastest = frequency_of_columns(room.local[: n * n], room.local[n * n :], n)

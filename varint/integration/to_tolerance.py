@@ -16,7 +16,7 @@ from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, RunOptions, Start, initial_value_problem
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
-from varint.integration.short_call import asks_for_no_more, short_call
+from varint.integration.short_call import short_call
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
@@ -49,12 +49,10 @@ def simulate_to_tolerance(
             "give duration (alone, or with tol: steps are chosen for that accuracy), or two of h, "
             "steps, duration"
         )
-    tol, tried = DEFAULT_TOL if options.tol is None else options.tol, None
-    if asks_for_no_more(start, options):
-        found = short_call(system, rule, start, float(options.duration), tol, began)
-        if isinstance(found, Trajectory):
-            return found
-        tried = found
+    tol = DEFAULT_TOL if options.tol is None else options.tol
+    tried = short_call(system, rule, start, options, tol, began)
+    if isinstance(tried, Trajectory):
+        return tried
     every = positive_integer("save_every", options.save_every)
     stop = None if options.until is None else parse_watch("until", options.until)
     watches = parse_watches(options.events)
