@@ -33,8 +33,7 @@ from varint.integration.rule_choice import candidates, choose_rule
 from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import course_by, two_short_runs
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
-from varint.integration.time_transformation.rate_pilot import rate_pilot
-from varint.integration.time_transformation.variable_course import is_worth_it, may_vary
+from varint.integration.time_transformation.variable_course import may_vary, worthwhile_pilot
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.two_runs import shows_its_error
@@ -79,7 +78,7 @@ def _by_the_core(
     began: float,
 ) -> Trajectory | int | None:
     check_steps(t0, duration, 1)
-    if known.varies and is_worth_it(rate_pilot(system, room.q, room.v, c, duration, duration < 0)):
+    if known.varies and worthwhile_pilot(system, room.q, room.v, c, duration):
         return None
     n = known.n
     assert room.look is not None
