@@ -29,7 +29,7 @@ from varint.integration.plain_start import (
 )
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import RunOptions, Start
-from varint.integration.rule_choice import candidates, choose_rule
+from varint.integration.rule_choice import Priced, candidates, cheapest, priced
 from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import course_by, two_short_runs
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
@@ -84,9 +84,10 @@ def _by_the_core(
     assert room.look is not None
     room.look()
     room.mass[:] = room.local[: n * n : n + 1]
-    fastest = frequency_of_columns(room.local[: n * n], room.local[n * n :], n)
+    numbers = room.local.tolist()
+    fastest = frequency_of_columns(numbers[: n * n], numbers[n * n :], n)
     radians = angle_turned(duration, fastest)
-    rule = choose_rule(known.rules, radians, tol) if len(known.rules) > 1 else known.only
+    rule = cheapest(known.rules, radians, tol)
     loop = _loop(system, rule)
     if loop is None:
         return None
@@ -118,13 +119,10 @@ def _by_the_core(
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Of a scene: coordinates, rules with the work of their steps, the one where there is but one,
-    and whether steps may vary.
-    """
+    """Of a scene: coordinates, rules and their prices, and whether steps may vary."""
 
     n: int
-    rules: dict[Rule, float]
-    only: Rule
+    rules: tuple[Priced, ...]
     varies: bool
 
 
@@ -139,7 +137,7 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
     if rule is None and not runs_by_stages(system, gauss(8), "auto"):
         return None
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
-    return _Known(n, rules, next(iter(rules)), may_vary(system, rule))
+    return _Known(n, priced(rules), may_vary(system, rule))
 
 
 @dataclass(eq=False)

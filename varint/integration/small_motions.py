@@ -87,16 +87,15 @@ def small_motions_at_start(
     """`frequency` at one state, and the diagonal of M."""
     mass, stiffness = call(local_function_of_momentum(system), q, p, np.array((t,)), c)
     n = system.structure.n
-    return frequency_of_columns(mass, stiffness, n), mass[:: n + 1]
+    return frequency_of_columns(mass.tolist(), stiffness.tolist(), n), mass[:: n + 1]
 
 
-def frequency_of_columns(mass: np.ndarray, stiffness: np.ndarray, n: int) -> float | None:
+def frequency_of_columns(m: list[float], k: list[float], n: int) -> float | None:
     """`frequency` of (n, n) matrices, column after column."""
-    m, k = mass.tolist(), stiffness.tolist()
     if n == 2:
         m[1], m[2], k[1], k[2] = m[2], m[1], k[2], k[1]
     elif n > 2:
-        m, k = (x.reshape(n, n).T.ravel().tolist() for x in (mass, stiffness))
+        m, k = ([x for i in range(n) for x in each[i::n]] for each in (m, k))
     return _frequency(m, k, n)
 
 
