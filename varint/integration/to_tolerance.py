@@ -16,6 +16,7 @@ from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, RunOptions, Start, initial_value_problem
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
+from varint.integration.short_call import short_call
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
@@ -49,6 +50,9 @@ def simulate_to_tolerance(
             "steps, duration"
         )
     tol = DEFAULT_TOL if options.tol is None else options.tol
+    tried = short_call(system, rule, start, options, tol, began)
+    if isinstance(tried, Trajectory):
+        return tried
     every = positive_integer("save_every", options.save_every)
     stop = None if options.until is None else parse_watch("until", options.until)
     watches = parse_watches(options.events)
@@ -67,7 +71,14 @@ def simulate_to_tolerance(
         choice = choose_varying_steps(system, rule, problem, start, options, tol)
         if choice is None:
             choice = choose_steps(
-                system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
+                system,
+                rule,
+                problem,
+                tol,
+                stop=stop,
+                scale=options.scale,
+                backend=options.backend,
+                tried=tried,
             )
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
