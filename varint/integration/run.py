@@ -22,10 +22,10 @@ from varint.integration.events.crossings import (
     Crossings,
     Watch,
     crossing_search,
-    find_crossings,
     impacts_in,
     log_crossings,
 )
+from varint.integration.events.first_crossing import find_first
 from varint.integration.events.substeps import substeps_of
 from varint.integration.fold_watch import with_folds_watched
 from varint.integration.hard_steps import loop_that_took_over
@@ -201,7 +201,7 @@ def collect(
                     recent = [last_node(nodes), block]
                     motion = with_velocities(trajectory_of(run, recent), recent)
                     impacts = impacts_in(recent)
-                    end = find_crossings(stopping, motion, impacts, substeps)
+                    end = find_first(stopping, motion, impacts, substeps, reached - problem.first)
                 nodes.append(block)
                 if searches and block.good:
                     pending.append(block)
