@@ -10,7 +10,6 @@ from scipy.special import ellipk
 import varint as vi
 from varint.integration.events.crossings import crossing_search, find_crossings, parse_watch
 from varint.integration.events.first_crossing import find_first
-from varint.integration.events.substeps import interpreted_substeps
 
 Q, V = vi.coordinates("theta")
 PENDULUM = vi.System(Q, V, V**2 / 2 + 9.81 * ca.cos(Q))
@@ -56,7 +55,7 @@ def test_the_first_zero_is_that_of_the_whole_motion(before):
     for level, direction in ((0.99999, 0), (0.3, 1), (-0.9, 0), (-0.99999999, 1), (1.1, 0)):
         search = crossing_search(PENDULUM, parse_watch("zero", (Q - level, direction)))
         every = find_crossings(search, motion, {})
-        first = find_first(search, motion, {}, interpreted_substeps, before)
+        first = find_first(None, search, motion, {}, before)
         count = len(first.jump)
         assert count >= min(1, len(every.jump))
         assert np.array_equal(first.before.node, every.before.node[:count])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from varint.integration.events.crossings import Crossings, find_crossings
+from varint.codegen.kernel import Kernel
+from varint.integration.events.crossings import Crossings
 from varint.integration.events.isolation import CrossingSearch
-from varint.integration.events.substeps import Substeps
+from varint.integration.events.native_crossings import crossings_by
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 
@@ -16,13 +17,13 @@ FEWEST, GROWTH = 32, 8
 
 
 def find_first(
+    kernel: Kernel | None,
     search: CrossingSearch,
     motion: Trajectory,
     impacts: Mapping[int, Event],
-    substeps: Substeps,
     before: int,
 ) -> Crossings:
-    """`find_crossings`, as far as the first nodes that have any; `before` them the run had so many
+    """`crossings_by`, as far as the first nodes that have any; `before` them the run had so many
     steps without one.
     """
     begin, last = 0, len(motion) - 1
@@ -30,7 +31,7 @@ def find_first(
         end = min(begin + max(FEWEST, GROWTH * (before + begin)), last)
         here = {i - begin: impact for i, impact in impacts.items() if begin < i <= end}
         part = motion if (begin, end) == (0, last) else motion[begin : end + 1]
-        found = find_crossings(search, part, here, substeps)
+        found = crossings_by(kernel, search, part, here)
         if len(found.jump) or end == last:
             break
         begin = end
