@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,11 +23,10 @@ from varint.integration.events.crossings import (
     Crossings,
     Watch,
     crossing_search,
-    find_crossings,
     impacts_in,
-    log_crossings,
 )
-from varint.integration.events.substeps import substeps_of
+from varint.integration.events.first_crossing import find_first
+from varint.integration.events.native_crossings import log_crossings
 from varint.integration.fold_watch import with_folds_watched
 from varint.integration.hard_steps import loop_that_took_over
 from varint.integration.plan import Plan
@@ -38,6 +38,7 @@ from varint.integration.trajectories import (
     active_scene,
     cut_at,
     first_node,
+    in_order,
     last_node,
     motion_of,
     trajectory_of,
@@ -176,7 +177,6 @@ def collect(
     problem, nodes, interrupted = run.problem, run.nodes, False
     searches = [crossing_search(run.system, watch) for watch in watches]
     stopping = crossing_search(run.system, stop) if stop else None
-    substeps = substeps_of(run.kernel)
     noted, pending = [], [last_node(nodes)]  # events so far, and the nodes not yet searched
     reached = int(nodes[-1].k[-1])
     at_once = max(AT_ONCE, NUMBERS_AT_ONCE // run.system.structure.n)
@@ -185,8 +185,11 @@ def collect(
         if searches and len(pending) > 1:
             motion = with_velocities(trajectory_of(run, pending), pending)
             impacts = impacts_in(pending)
-            noted.extend(log_crossings(searches, motion, impacts, substeps))
+            noted.extend(log_crossings(searches, motion, impacts, run.kernel))
+            whole = len(pending) == len(nodes) and not interrupted
             pending[:] = [last_node(pending)]
+            if whole:
+                return replace(motion, events=in_order([*motion.events, *noted], problem.h))
         return trajectory_of(run, nodes, noted, interrupted)
 
     try:
@@ -201,7 +204,7 @@ def collect(
                     recent = [last_node(nodes), block]
                     motion = with_velocities(trajectory_of(run, recent), recent)
                     impacts = impacts_in(recent)
-                    end = find_crossings(stopping, motion, impacts, substeps)
+                    end = find_first(run.kernel, stopping, motion, impacts, reached - problem.first)
                 nodes.append(block)
                 if searches and block.good:
                     pending.append(block)

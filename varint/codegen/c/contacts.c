@@ -152,23 +152,6 @@ static void closeness(const Work *x, const double *q, const double *moved, doubl
     }
 }
 
-/* Root in (0, 1) of the cubic with values a >= 0 > b and slopes ra, rb at 0 and 1; the other one where a = 0. */
-static double cubic_root(double a, double b, double ra, double rb) {
-    const double c3 = 2 * (a - b) + ra + rb, c2 = 3 * (b - a) - 2 * ra - rb;
-    const double cubic[4] = {a, ra, c2, c3}, deflated[4] = {ra, c2, c3, 0}, *const c = a > 0 ? cubic : deflated;
-    double low = 0, high = 1, s = 0.5;
-    for (int i = 0; i < NEWTON; i++) {
-        const double value = c[0] + s * (c[1] + s * (c[2] + s * c[3])), slope = c[1] + s * (2 * c[2] + s * 3 * c[3]);
-        if (value > 0) low = s;
-        else high = s;
-        double following = slope < 0 ? s - value / slope : 0.5 * (low + high);
-        if (!(low <= following && following <= high)) following = 0.5 * (low + high);
-        if (fabs(following - s) <= LOCATED * s) break;
-        s = following;
-    }
-    return s;
-}
-
 INLINE int is_closed(const double *point, int i, double close) {
     const double gap = GAP_OF(point)[i];
     return gap < -close || (gap < 0 && RATE_OF(point)[i] < 0);
@@ -188,7 +171,7 @@ static int closing(Work *x, const double *from, double t, int i, const double *l
     const double tolerance = LOCATED * fmax(fabs(a), fabs(b));
     double f = fb;
     for (int k = 0; k < GAP_ITERATIONS; k++) {
-        const double at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a));
+        const double at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a), NEWTON, LOCATED);
         if (!ahead_by(x, from, t, at, right)) return 0;
         f = GAP_OF(right)[i];
         const double r = RATE_OF(right)[i];
