@@ -6,10 +6,10 @@ import warnings
 from functools import cache, partial
 from time import perf_counter
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from varint.integration.energy_check import SAMPLES
 from varint.integration.energy_leap import energy_alarm
-from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.false_speed import false_speed
 from varint.integration.hard_steps import HardStep, until_hard
 from varint.integration.plan import plan
@@ -20,6 +20,9 @@ from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.integration.events.crossings import Watch
 
 FEW = SAMPLES - 1  # steps of which every node is looked at
 
@@ -32,8 +35,7 @@ def simulate_steps(
     `level` is where compiled iterations end, where it is not `options.iteration_tol` that says so.
     """
     began, asked = perf_counter(), options
-    stop = None if asked.until is None else parse_watch("until", asked.until)
-    watches = parse_watches(asked.events)
+    stop, watches = _watches(asked)
     chosen = plan(system, rule)
     problem = initial_value_problem(system, chosen.rule, start, options)
     problem = problem if level is None else problem._replace(level=level)
@@ -82,6 +84,16 @@ def simulate_steps(
     if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)
+
+
+def _watches(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
+    """What is looked for on the way: `until`, and `events`."""
+    if asked.until is None and asked.events is None:
+        return None, []
+    from varint.integration.events.crossings import parse_watch, parse_watches
+
+    stop = None if asked.until is None else parse_watch("until", asked.until)
+    return stop, parse_watches(asked.events)
 
 
 @cache
