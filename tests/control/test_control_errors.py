@@ -72,6 +72,9 @@ def test_far_too_few_steps_are_warned_of_and_the_report_says_so(capsys):
     assert true_error(motion) > 0.1 and motion.stats["error_estimate"] > 0.1
     motion.report()
     assert "error of the path" in (text := capsys.readouterr().out) and "too coarse" in text
+    assert "vi.refine(motion) adds steps" in text
+    fine = vi.refine(motion, 1e-3)  # a warning would be an error here
+    assert fine.stats["error_estimate"] < 1e-2
 
 
 def test_phases_are_judged_one_by_one():
