@@ -43,6 +43,7 @@ typedef struct {
     double *carry, *ends, *told, *close;    /* of shorter steps; told: RunStats */
     double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
     double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
+    double *restitution;
     int *pivots;
     double iterations, residual, energy;
     int looks;
@@ -129,7 +130,7 @@ static void least_gaps(const Work *x, const double *left, const double *right, d
 static void view(Work *x, const double *point, double t) {
     double typical = 0;
     for (int d = 0; d < N; d++) typical = fmax(typical, x->a->scale[d]);
-    blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy);
+    blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy, x->restitution);
     for (int i = 0; i < CONTACTS; i++) {
         double along = 0, size = 0, lengths = 0;
         for (int d = 0; d < N; d++) {
@@ -326,8 +327,8 @@ static int bounce(Work *x, double *point, double t, double *hit) {
         if (struck >= 0 || RATE_OF(point)[i] >= -RESTING * x->quick[i]) return 0;
         struck = i;
     }
-    if (struck < 0 || !(RESTITUTION[struck] > 0)) return 0;
-    const double e = RESTITUTION[struck], rate = RATE_OF(point)[struck];
+    if (struck < 0 || !(x->restitution[struck] > 0)) return 0;
+    const double e = x->restitution[struck], rate = RATE_OF(point)[struck];
     COPY(row, CONTACT_ROW(struck), N), COPY(y, row, N);
     const double length = sqrt(sum_of(row, row, N));
     if (!(length > FLAT) || !factorise(x)) return 0;
@@ -394,7 +395,7 @@ int contacts(const ContactArguments *a) {
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
     const int64_t all = N + a->held;
     const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
-                             5 * N * (MOST_STEPS + 1), ALL_W};
+                             5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS};
     double *part[sizeof sizes / sizeof *sizes];
     int64_t total = 0;
     for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) total += sizes[i];
@@ -405,7 +406,7 @@ int contacts(const ContactArguments *a) {
     double *const rows = part[12], *const rests = rows + 3 * N * (MOST_STEPS + 1), *const w = part[13];
     int pivots[all];
     Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
-                 pivots, 0, 0, 0, 0};
+                 part[14], pivots, 0, 0, 0, 0};
     Work *const x = &work;
     double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;
