@@ -100,6 +100,14 @@ def rows_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def crossings_entry() -> Callable[[bytes], int]:
+    """c/crossings_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("crossings_core.c", ("crossings",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def few_steps_entry() -> Callable[[bytes], int]:
     """c/few_steps_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("few_steps_core.c", ("few_steps",), "{name}_{level}", {})

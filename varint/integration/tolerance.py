@@ -118,7 +118,8 @@ def choose_steps(
         )
     began, own = perf_counter(), plan(system, rule).rule
     check_steps(start.t0, start.h * start.steps, 1)
-    radians, mass = _at_start(system, own, start)
+    fastest, mass = fastest_at_start(system, own, start)
+    radians = angle_turned(start.h * start.steps, fastest)
     if rule is None and start.steps == 1:
         by_stages = runs_by_stages(system, gauss(8), backend)
         compiled = backend == "compiled" or (
@@ -225,10 +226,10 @@ def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> In
     return start._replace(h=h, steps=steps, save_every=1, u=u, nodes=len(rule.nodes))
 
 
-def _at_start(
+def fastest_at_start(
     system: System, rule: Rule, start: InitialValueProblem
 ) -> tuple[float, np.ndarray | None]:
-    """How many radians the fastest small motion about the start turns in the duration, and the
+    """Frequency of the fastest small motion about the start, 0 where it is not known, and the
     diagonal of the mass matrix where it is known from that.
     """
     s = system.structure
@@ -241,4 +242,4 @@ def _at_start(
         fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
     elif s.n <= MOST_COORDINATES:
         fastest, mass = small_motions_at_start(system, start.q0, start.p0, start.t0, start.c)
-    return angle_turned(start.h * start.steps, fastest), mass
+    return float(fastest or 0.0), mass

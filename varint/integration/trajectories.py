@@ -12,20 +12,20 @@ import numpy as np
 
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
-from varint.integration.events.crossings import IMPACTS, Crossings
 from varint.integration.many_steps import in_gear, interpreted, steps_again
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import node_tolerance
-from varint.results.records import Event
+from varint.results.records import IMPACTS, Event
 from varint.results.trajectory import Trajectory
 from varint.scene.rays import make_nodes_unit
 from varint.scene.system import System
 
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel
+    from varint.integration.events.crossings import Crossings
 
 ABRUPT = (*IMPACTS, "detachment")  # events after which the motion is another one
 
@@ -96,8 +96,6 @@ def trajectory_of(
         )
     active_sets, active_set = _active_sets(run.system, problem, nodes)
     events = [*[event for block in nodes for event in block.events], *noted]
-    if len(events) > 1:
-        events.sort(key=lambda event: event.time * np.sign(problem.h))
     q, p = (np.concatenate([block[i] for block in nodes]) for i in (1, 2))
     iterations = sum([block.iterations for block in nodes])
     residual = max([block.residual for block in nodes])
@@ -106,9 +104,15 @@ def trajectory_of(
         (k, t, q, p),
         (iterations, residual),
         (active_sets, active_set),
-        tuple(events),
+        in_order(events, problem.h),
         interrupted,
     )
+
+
+def in_order(events: list[Event], h: float) -> tuple[Event, ...]:
+    """Events in the order of time, backwards in a run backwards."""
+    forward = 1.0 if h > 0 else -1.0
+    return tuple(sorted(events, key=lambda event: event.time * forward))
 
 
 def motion_of(
