@@ -116,11 +116,12 @@ def _at_instant(
     system: System, rule: Rule, problem: InitialValueProblem, at: RunState, located: Located
 ) -> NodeBlock:
     """What happens where a flight has located it: a block of that one node."""
-    now, k = located.now, at.k + located.ends
-    reach = abs(problem.h) * at.scale[: len(now.q)]
-    setting = Setting(system, problem.c, np.empty(0), problem.h, reach)
-    seen, tired = view(system, now, problem.c), at.events >= MOST_IMPACTS
-    there, _, events = settle(setting, now, seen, tired=tired)
+    there, k, events = located.now, at.k + located.ends, list(located.events)
+    if not located.settled:
+        reach = abs(problem.h) * at.scale[: len(there.q)]
+        setting = Setting(system, problem.c, np.empty(0), problem.h, reach)
+        seen, tired = view(system, there, problem.c), at.events >= MOST_IMPACTS
+        there, _, events = settle(setting, there, seen, tired=tired)
     after = position(system, rule, problem, there, k, at._replace(carry=None))
     after = after._replace(events=0 if located.ends else at.events + 1)
     return _node(after, 0.0, tuple(events), 0)
