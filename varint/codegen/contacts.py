@@ -86,8 +86,9 @@ class Flight(NamedTuple):
     t, k, q, p : array (rows,), (rows,), (rows, n), (rows, n)
         Nodes of the grid, and those of impacts as the motion leaves them.
     hits : array (impacts, HIT + 5 n)
-        Row, contact, whether it is stopped, when, impulse, energies before and after, q, v and p
-        before, v and p after. Those of a call that is SETTLED lie behind the last row.
+        Row, contact, whether it is stopped (1) or lets go (2), when, impulse, energies before and
+        after, q, v and p before, v and p after. Those of a call that is SETTLED lie behind the last
+        row.
     state : array
         Hand it to the next call to go on as if the run had not stopped: k, t, impacts in step k,
         steps of the next look; q, p, v, rounding errors of q and p; and what the loop carries.

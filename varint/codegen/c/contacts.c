@@ -3,7 +3,7 @@
 
    The same as varint/integration/events does in general, for rows that are clearly independent: blows that come together are
    dealt one after the other, then it is found what holds. The run ends SETTLED where that is another set, which has another loop,
-   and BESIDE where a contact lets go or this is not enough. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
+   and BESIDE where this is not enough. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
    again unseen. */
 
 enum Ended { ENDED, FULL, BESIDE, SETTLED };
@@ -29,7 +29,7 @@ typedef struct {
     const double *c, *scale;                /* typical sizes of velocities and momenta */
     double *state;                          /* k, t, impacts in step k, steps of the next look; q, p, v, rests of q and p; carry */
     double *rows;                           /* t, k, q, p of every node */
-    double *hit;                            /* row, contact, whether it is stopped, when, impulse, energies, q, v and p before,
+    double *hit;                            /* row, contact, whether it is stopped (1) or lets go (2), when, impulse, energies, q, v and p before,
                                                v and p after */
     double *stats;                          /* rows, hits, iterations, residual; whether an instant was located, before blows
                                                that are not for here, or SETTLED, when, whether its step ends there, q, p, v,
@@ -190,7 +190,7 @@ static int closing(Work *x, const double *from, double t, int i, const double *l
     return fabs(f) <= x->close[i];
 }
 
-enum Found { NONE, HIT, DOUBT };
+enum Found { NONE, HIT, LEAVES, DOUBT };
 
 /* Whether gap i closes between two instants, and then the instant where it does first in place of the later one. Where bounds
    leave it in doubt, the halves are looked at. */
@@ -213,9 +213,21 @@ static int first_between(Work *x, const double *from, double t, int i, const dou
     return first_between(x, from, t, i, later, right, shortest, found);
 }
 
+/* Of the instants 2^-k of the way ahead, the first at which a gap at rest is not zero. */
+static int leaving(Work *x, const double *from, double t, const double *end, int i, double *open) {
+    double earlier[POINT];
+    COPY(open, end, POINT);
+    for (double part = 0.5; part > SHORTEST; part /= 2) {
+        if (!ahead_by(x, from, t, end[0] * part, earlier)) return 0;
+        if (fabs(GAP_OF(earlier)[i]) <= x->close[i]) break;
+        COPY(open, earlier, POINT);
+    }
+    return 1;
+}
+
 /* The first impact in a step from one instant to another, as the instant `at`; gaps within `close` of zero touch. */
 static int first_impact(Work *x, const double *from, double t, const double *end, double *at) {
-    double least[CONTACTS], instant[POINT];
+    double least[CONTACTS], instant[POINT], open[POINT];
     int found = NONE, clear = 1;
     least_gaps(x, from, end, t, least);
     for (int i = 0; i < CONTACTS; i++)
@@ -224,9 +236,11 @@ static int first_impact(Work *x, const double *from, double t, const double *end
     x->looks = 0, view(x, from, t);
     for (int i = 0; i < CONTACTS; i++) {
         if (x->a->holds[i] || (least[i] >= -x->close[i] && !is_closed(end, i, x->close[i]))) continue;
-        if (GAP_OF(from)[i] <= x->close[i] && fabs(RATE_OF(from)[i]) <= RESTING * x->quick[i]) return DOUBT;
-        COPY(instant, end, POINT);
-        const int closes = first_between(x, from, t, i, from, instant, fabs(end[0]) * SHORTEST, NONE);
+        COPY(open, from, POINT), COPY(instant, end, POINT);
+        if (GAP_OF(from)[i] <= x->close[i] && fabs(RATE_OF(from)[i]) <= RESTING * x->quick[i]) {
+            if (!leaving(x, from, t, end, i, open) || GAP_OF(open)[i] < -x->close[i]) return DOUBT; /* one that sinks must hold */
+        }
+        const int closes = first_between(x, from, t, i, open, instant, fabs(end[0]) * SHORTEST, NONE);
         if (closes == DOUBT) return DOUBT;
         if (closes && (!found || instant[0] < at[0])) COPY(at, instant, POINT), found = HIT;
     }
@@ -317,6 +331,54 @@ static int lets_go(Work *x, const double *point, double t) {
         if (HELD(j) >= FIRST) least = fmin(least, push);
     }
     return !(least >= -PULL * most);
+}
+
+/* Multiplier of the row that holds as number j at an instant, and what is nothing beside other forces; no number where the rows
+   are not regular. */
+static double push_of(Work *x, const double *point, double t, int j, double *nothing) {
+    double acceleration[N + x->held[0]];
+    view(x, point, t);
+    if (!factorise(x)) return 0 * INFINITY;
+    accelerate(x, acceleration);
+    *nothing = PULL * hardly(x, acceleration);
+    return acceleration[N + j];
+}
+
+/* When the contact that holds as number j begins to pull; see `release_time` in gaps.py and `find_root` in roots.py. */
+static int release_time(Work *x, const double *from, double t, const double *end, int j, double *at) {
+    double nothing, a = 0, b = end[0], fb = push_of(x, end, t + b, j, &nothing), fa;
+    if (!(fb < -nothing)) return NONE;
+    fa = push_of(x, from, t, j, &nothing), x->looks = 0;
+    if (fa != fa) return DOUBT;
+    COPY(at, from, POINT), at[0] = 0;
+    if (!(fa > 0)) return LEAVES;
+    const double tolerance = LOCATED * fabs(b);
+    for (int k = 0; k < ROOT_ITERATIONS; k++) {
+        double c = b - fb * (b - a) / (fb - fa);
+        if (!(fmin(a, b) < c && c < fmax(a, b))) c = (a + b) / 2;
+        if (!ahead_by(x, from, t, c, at)) return DOUBT;
+        const double fc = push_of(x, at, t + c, j, &nothing);
+        if (fc != fc) return DOUBT;
+        if (fc == 0 || fabs(b - a) <= tolerance) break;
+        if (fc * fb < 0) a = b, fa = fb;
+        else fa /= 2;
+        b = c, fb = fc;
+        if (fabs(b - a) <= tolerance) break;
+    }
+    return LEAVES;
+}
+
+/* The first of the contacts that hold to let go in a step, as its number there, and the instant. */
+static int first_release(Work *x, const double *from, double t, const double *end, double *at, int *first) {
+    double instant[POINT];
+    int found = NONE;
+    for (int j = 0; j < x->held[0]; j++) {
+        if (HELD(j) < FIRST) continue;
+        const int lets = release_time(x, from, t, end, j, instant);
+        if (lets == DOUBT) return DOUBT;
+        if (lets == LEAVES && (!found || instant[0] < at[0])) COPY(at, instant, POINT), found = LEAVES, *first = j;
+    }
+    return found ? found : DOUBT;
 }
 
 INLINE void take_held(Work *x, const int64_t *held) { memcpy(x->held, held, (size_t)(1 + ROWS) * sizeof(int64_t)); }
@@ -447,11 +509,18 @@ static int hold(Work *x) {
 }
 
 /* Impacts of all that touches and approaches, the fastest first, then what stays closed; see `settle` in impacts.py. The number of
-   impacts; -1 where this is not for here. */
-static int settle(Work *x, double *point, double t, double *hit) {
+   events; -1 where this is not for here. What held as number `leaves` has just let go; -1: nothing has. */
+static int settle(Work *x, double *point, double t, int leaves, double *hit) {
     double close[CONTACTS], quick[CONTACTS];
-    int count = 0, closed[CONTACTS], holds[CONTACTS];
+    int count = 0, closed[CONTACTS], holds[CONTACTS], released = -1;
     view(x, point, t);
+    if (leaves >= 0) {
+        double *told = hit + HIT_HEAD;
+        released = (int)(HELD(leaves) - FIRST), release(x, leaves), count = 1;
+        hit[1] = released, hit[2] = 2, hit[3] = t, hit[4] = 0, hit[5] = hit[6] = x->energy;
+        COPY(told, Q_OF(point), N), COPY(told + N, V_OF(point), N), COPY(told + 2 * N, P_OF(point), N);
+        COPY(told + 3 * N, V_OF(point), N), COPY(told + 4 * N, P_OF(point), N);
+    }
     closeness(x, Q_OF(point), x->reach, close);
     for (int i = 0; i < CONTACTS; i++) closed[i] = GAP_OF(point)[i] <= close[i], quick[i] = 0;
     for (;; count++) {
@@ -473,13 +542,13 @@ static int settle(Work *x, double *point, double t, double *hit) {
     while (fixed < x->held[0] && HELD(fixed) < FIRST) fixed++;
     x->held[0] = fixed;
     for (int i = 0; i < CONTACTS; i++)
-        if (holds[i] || (closed[i] && fabs(RATE_OF(point)[i]) <= RESTING * quick[i])) HELD(x->held[0]) = FIRST + i, x->held[0]++;
+        if (i != released && (holds[i] || (closed[i] && fabs(RATE_OF(point)[i]) <= RESTING * quick[i]))) HELD(x->held[0]) = FIRST + i, x->held[0]++;
     if (!hold(x)) return -1;
     for (int i = 0; i < CONTACTS; i++) holds[i] = 0;
     for (int64_t j = fixed; j < x->held[0]; j++) holds[HELD(j) - FIRST] = 1;
     for (int k = 0; k < count; k++) { /* what bounces on is not stopped */
         double *const told = hit + k * HIT_SIZE;
-        told[2] = told[2] && holds[(int)told[1]];
+        if (told[2] == 1 && !holds[(int)told[1]]) told[2] = 0;
     }
     return count;
 }
@@ -543,7 +612,7 @@ int contacts(const ContactArguments *a) {
     look(x, now, *t);
     while (k < a->last && status == FULL) {
         if ((row - a->rows) / ROW_SIZE + MOST_STEPS + 2 > a->room || (hit - a->hit) / HIT_SIZE + SOME_HITS > a->hits || steps >= a->steps) break;
-        int found = NONE;
+        int found = NONE, leaves = -1;
         view(x, now, *t);
         if (*t == a->t0 + a->h * (double)k) { /* steps of the grid until something may close */
             const double many = fmin(fmin(*next, (double)(a->last - k)), floor(steps_ahead(x, now)) + 1);
@@ -561,7 +630,7 @@ int contacts(const ContactArguments *a) {
                 COPY(end + 1, rows + 3 * N * (passed + 1), 3 * N), COPY(REST_OF(end), rests + 2 * N * (passed + 1), 2 * N);
                 look(x, end, a->t0 + a->h * (double)(k + 1));
                 found = is_finite_point(end) ? first_impact(x, now, *t, end, at) : DOUBT;
-                if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
+                if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = first_release(x, now, *t, end, at, &leaves);
                 if (found) break;
                 k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
                 COPY(now + 1, end + 1, POINT - 1);
@@ -579,7 +648,7 @@ int contacts(const ContactArguments *a) {
             for (int d = 0; d < N; d++) moved[d] = fmax(x->reach[d], fabs(Q_OF(end)[d] - Q_OF(now)[d]));
             closeness(x, Q_OF(now), moved, x->close);
             found = first_impact(x, now, *t, end, at);
-            if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
+            if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = first_release(x, now, *t, end, at, &leaves);
             if (found == NONE) {
                 k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
                 COPY(now + 1, end + 1, POINT - 1);
@@ -591,15 +660,15 @@ int contacts(const ContactArguments *a) {
         double when = *t + at[0];
         const int ends = at[0] == end[0] || fabs(stop - when) <= LOCATED * fabs(stop);
         if (ends) when = stop;
-        if (found == DOUBT || *impacts >= MOST_IMPACTS) { status = BESIDE; break; }
-        if (lets_go(x, at, when)) { status = BESIDE; break; }
+        if (found == DOUBT || *impacts >= (found == LEAVES ? RESTLESS : MOST_IMPACTS)) { status = BESIDE; break; }
+        if (found == HIT && lets_go(x, at, when)) { status = BESIDE; break; }
         COPY(before, at, POINT);
-        const int struck = settle(x, at, when, hit);
+        const int struck = settle(x, at, when, leaves, hit);
         const int same = held[0] == known[0] && !memcmp(held + 1, known + 1, (size_t)held[0] * sizeof(int64_t));
         for (int i = 0; i < struck; i++) hit[0] = (double)((row - a->rows) / ROW_SIZE), hit += HIT_SIZE;
         if (struck < 0 || !same) {
             status = struck < 0 ? BESIDE : SETTLED;
-            a->stats[4] = 1, a->stats[5] = when, a->stats[6] = ends;
+            a->stats[4] = struck >= 0 || found == HIT, a->stats[5] = when, a->stats[6] = ends;
             COPY(a->stats + 7, (struck < 0 ? before : at) + 1, NUMBERS);
             for (int i = 0; i < CONTACTS && struck >= 0; i++) a->holds[i] = 0;
             for (int64_t j = 0; j < held[0] && struck >= 0; j++)

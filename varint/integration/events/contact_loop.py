@@ -21,6 +21,7 @@ from varint.integration.events.flights import Flights, Located, flight_blocks
 from varint.integration.events.gaps import Passage, first_event
 from varint.integration.events.impacts import (
     MOST_IMPACTS,
+    RESTLESS,
     Setting,
     event_between,
     settle,
@@ -40,7 +41,6 @@ from varint.results.records import Event
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-RESTLESS = 10  # events in a step after which contacts that hold do so until its end
 MOST_EVENTS = 10 * MOST_IMPACTS  # between two nodes of the grid
 
 

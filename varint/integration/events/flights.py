@@ -34,6 +34,8 @@ from varint.results.records import Event
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
+KINDS = ("impact", "stop", "detachment")  # by their numbers in a call
+
 
 class Flights(NamedTuple):
     """The loops of the scene in its active sets, None where there is none, and its contacts as
@@ -132,12 +134,12 @@ def _located(found: Flight, active_set: ActiveSet, n: int) -> Located:
 
 def _events(hits: np.ndarray, n: int) -> tuple[Event, ...]:
     """The impacts that a call tells of."""
-    contacts, stopped = hits[:, 1].astype(int).tolist(), hits[:, 2].tolist()
+    contacts, kinds = hits[:, 1:3].astype(int).T.tolist()
     states = (list(map(tuple, hits[:, i : i + n].tolist())) for i in range(HIT, HIT + 5 * n, n))
     return tuple(
-        Event(time, "stop" if stops else "impact", contact, *numbers)
-        for contact, stops, time, *numbers in zip(
-            contacts, stopped, *hits[:, 3:HIT].T.tolist(), *states, strict=True
+        Event(time, KINDS[kind], contact, *numbers)
+        for contact, kind, time, *numbers in zip(
+            contacts, kinds, *hits[:, 3:HIT].T.tolist(), *states, strict=True
         )
     )
 
