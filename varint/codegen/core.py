@@ -100,9 +100,25 @@ def rows_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def crossings_entry() -> Callable[[bytes], int]:
+    """c/crossings_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("crossings_core.c", ("crossings",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def few_steps_entry() -> Callable[[bytes], int]:
     """c/few_steps_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("few_steps_core.c", ("few_steps",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
+def look_ahead_entry() -> Callable[[bytes], int]:
+    """c/look_ahead_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("look_ahead_core.c", ("look_ahead",), "{name}_{level}", {})
     entry.argtypes, entry.restype = [c_char_p], c_int
     return entry
 

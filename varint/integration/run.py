@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -18,26 +19,16 @@ from varint.integration.backend import (
     run_at_once,
     subdivide_failed_step,
 )
-from varint.integration.events.crossings import (
-    Crossings,
-    Watch,
-    crossing_search,
-    find_crossings,
-    impacts_in,
-    log_crossings,
-)
-from varint.integration.events.substeps import substeps_of
-from varint.integration.fold_watch import with_folds_watched
 from varint.integration.hard_steps import loop_that_took_over
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
-from varint.integration.row_watch import BlocksFrom, watch_rows
 from varint.integration.state import NodeBlock
 from varint.integration.trajectories import (
     Run,
     active_scene,
     cut_at,
     first_node,
+    in_order,
     last_node,
     motion_of,
     trajectory_of,
@@ -50,6 +41,8 @@ from varint.scene.system import System
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel, LoopResult
     from varint.integration.checkpoint import Checkpoint
+    from varint.integration.events.crossings import Crossings, Watch
+    from varint.integration.row_watch import BlocksFrom
 
 
 # nodes that are searched together for zeros, and coordinates of nodes where there are few: many
@@ -103,8 +96,12 @@ def start_run(
             kernel = loop_that_took_over(nodes[-1].after, scene, chosen.rule)
         blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
         if folds(scene):
+            from varint.integration.fold_watch import with_folds_watched
+
             blocks_from = with_folds_watched(blocks_from, scene, chosen.rule, problem, kernel)
         if scene is not system:
+            from varint.integration.row_watch import watch_rows
+
             blocks_from = watch_rows(blocks_from, system, chosen.rule, problem)
         remedy = partial(subdivide_failed_step, scene, chosen.rule, problem, kernel)
     at = nodes[-1].after if nodes else None
@@ -173,10 +170,13 @@ def collect(
     ConvergenceError
         If a step cannot be solved.
     """
+    from varint.integration.events.crossings import crossing_search, impacts_in
+    from varint.integration.events.first_crossing import find_first
+    from varint.integration.events.native_crossings import log_crossings
+
     problem, nodes, interrupted = run.problem, run.nodes, False
     searches = [crossing_search(run.system, watch) for watch in watches]
     stopping = crossing_search(run.system, stop) if stop else None
-    substeps = substeps_of(run.kernel)
     noted, pending = [], [last_node(nodes)]  # events so far, and the nodes not yet searched
     reached = int(nodes[-1].k[-1])
     at_once = max(AT_ONCE, NUMBERS_AT_ONCE // run.system.structure.n)
@@ -185,8 +185,11 @@ def collect(
         if searches and len(pending) > 1:
             motion = with_velocities(trajectory_of(run, pending), pending)
             impacts = impacts_in(pending)
-            noted.extend(log_crossings(searches, motion, impacts, substeps))
+            noted.extend(log_crossings(searches, motion, impacts, run.kernel))
+            whole = len(pending) == len(nodes) and not interrupted
             pending[:] = [last_node(pending)]
+            if whole:
+                return replace(motion, events=in_order([*motion.events, *noted], problem.h))
         return trajectory_of(run, nodes, noted, interrupted)
 
     try:
@@ -201,7 +204,7 @@ def collect(
                     recent = [last_node(nodes), block]
                     motion = with_velocities(trajectory_of(run, recent), recent)
                     impacts = impacts_in(recent)
-                    end = find_crossings(stopping, motion, impacts, substeps)
+                    end = find_first(run.kernel, stopping, motion, impacts, reached - problem.first)
                 nodes.append(block)
                 if searches and block.good:
                     pending.append(block)

@@ -12,10 +12,18 @@ from varint.integration.choice import Choice
 from varint.integration.energy_leap import energy_alarm, energy_leap
 from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.fixed_steps import simulate_steps
+from varint.integration.no_farther import as_far_as_it_ends
 from varint.integration.plan import plan
-from varint.integration.problem import LEVEL, RunOptions, Start, initial_value_problem
+from varint.integration.problem import (
+    LEVEL,
+    InitialValueProblem,
+    RunOptions,
+    Start,
+    initial_value_problem,
+)
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
+from varint.integration.short_call import short_call
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
@@ -49,6 +57,9 @@ def simulate_to_tolerance(
             "steps, duration"
         )
     tol = DEFAULT_TOL if options.tol is None else options.tol
+    tried = short_call(system, rule, start, options, tol, began)
+    if isinstance(tried, Trajectory):
+        return tried
     every = positive_integer("save_every", options.save_every)
     stop = None if options.until is None else parse_watch("until", options.until)
     watches = parse_watches(options.events)
@@ -64,11 +75,18 @@ def simulate_to_tolerance(
     # scenes without switches are over before anyone could wait
     wanted = options.progress if has_switches(system) else False
     with notice(f"looking for the steps of tol={tol:g}", wanted):
-        choice = choose_varying_steps(system, rule, problem, start, options, tol)
-        if choice is None:
-            choice = choose_steps(
-                system, rule, problem, tol, stop=stop, scale=options.scale, backend=options.backend
+
+        def choose(problem: InitialValueProblem, options: RunOptions) -> Choice:
+            choice = choose_varying_steps(system, rule, problem, start, options, tol)
+            backend, scale = options.backend, options.scale
+            return choice or choose_steps(
+                system, rule, problem, tol, stop=stop, scale=scale, backend=backend, tried=tried
             )
+
+        if stop is None or rows > 1:
+            choice = choose(problem, options)
+        else:
+            choice, options = as_far_as_it_ends(system, rule, problem, options, choose)
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
         if choice.level:

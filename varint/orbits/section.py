@@ -12,8 +12,8 @@ import numpy as np
 from varint.ensembles.result import Ensemble
 from varint.errors import InputError
 from varint.integration.backend import kernel_for
-from varint.integration.events.crossings import crossing_search, find_crossings, parse_watch
-from varint.integration.events.substeps import substeps_of
+from varint.integration.events.crossings import crossing_search, parse_watch
+from varint.integration.events.native_crossings import crossings_by
 from varint.integration.problem import InitialValueProblem
 from varint.numerics.arrays import over_columns
 from varint.numerics.progress import progress_bar
@@ -240,7 +240,7 @@ def _located(motion: Trajectory, surface: Any, direction: int) -> States:
     if not (motion.system.structure.contacts or motion.active_sets):
         kernel = kernel_for(motion.system, motion.rule, problem, "auto")
     search = crossing_search(motion.system, watch)
-    at = find_crossings(search, motion, {}, substeps_of(kernel)).after
+    at = crossings_by(kernel, search, motion, {}).after
     return at.t, at.q, at.v, at.p
 
 

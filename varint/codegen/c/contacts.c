@@ -43,6 +43,7 @@ typedef struct {
     double *carry, *ends, *told, *close;    /* of shorter steps; told: RunStats */
     double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
     double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
+    double *restitution;
     int *pivots;
     double iterations, residual, energy;
     int looks;
@@ -129,7 +130,7 @@ static void least_gaps(const Work *x, const double *left, const double *right, d
 static void view(Work *x, const double *point, double t) {
     double typical = 0;
     for (int d = 0; d < N; d++) typical = fmax(typical, x->a->scale[d]);
-    blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy);
+    blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy, x->restitution);
     for (int i = 0; i < CONTACTS; i++) {
         double along = 0, size = 0, lengths = 0;
         for (int d = 0; d < N; d++) {
@@ -151,23 +152,6 @@ static void closeness(const Work *x, const double *q, const double *moved, doubl
     }
 }
 
-/* Root in (0, 1) of the cubic with values a >= 0 > b and slopes ra, rb at 0 and 1; the other one where a = 0. */
-static double cubic_root(double a, double b, double ra, double rb) {
-    const double c3 = 2 * (a - b) + ra + rb, c2 = 3 * (b - a) - 2 * ra - rb;
-    const double cubic[4] = {a, ra, c2, c3}, deflated[4] = {ra, c2, c3, 0}, *const c = a > 0 ? cubic : deflated;
-    double low = 0, high = 1, s = 0.5;
-    for (int i = 0; i < NEWTON; i++) {
-        const double value = c[0] + s * (c[1] + s * (c[2] + s * c[3])), slope = c[1] + s * (2 * c[2] + s * 3 * c[3]);
-        if (value > 0) low = s;
-        else high = s;
-        double following = slope < 0 ? s - value / slope : 0.5 * (low + high);
-        if (!(low <= following && following <= high)) following = 0.5 * (low + high);
-        if (fabs(following - s) <= LOCATED * s) break;
-        s = following;
-    }
-    return s;
-}
-
 INLINE int is_closed(const double *point, int i, double close) {
     const double gap = GAP_OF(point)[i];
     return gap < -close || (gap < 0 && RATE_OF(point)[i] < 0);
@@ -187,7 +171,7 @@ static int closing(Work *x, const double *from, double t, int i, const double *l
     const double tolerance = LOCATED * fmax(fabs(a), fabs(b));
     double f = fb;
     for (int k = 0; k < GAP_ITERATIONS; k++) {
-        const double at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a));
+        const double at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a), NEWTON, LOCATED);
         if (!ahead_by(x, from, t, at, right)) return 0;
         f = GAP_OF(right)[i];
         const double r = RATE_OF(right)[i];
@@ -343,8 +327,8 @@ static int bounce(Work *x, double *point, double t, double *hit) {
         if (struck >= 0 || RATE_OF(point)[i] >= -RESTING * x->quick[i]) return 0;
         struck = i;
     }
-    if (struck < 0 || !(RESTITUTION[struck] > 0)) return 0;
-    const double e = RESTITUTION[struck], rate = RATE_OF(point)[struck];
+    if (struck < 0 || !(x->restitution[struck] > 0)) return 0;
+    const double e = x->restitution[struck], rate = RATE_OF(point)[struck];
     COPY(row, CONTACT_ROW(struck), N), COPY(y, row, N);
     const double length = sqrt(sum_of(row, row, N));
     if (!(length > FLAT) || !factorise(x)) return 0;
@@ -411,7 +395,7 @@ int contacts(const ContactArguments *a) {
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
     const int64_t all = N + a->held;
     const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
-                             5 * N * (MOST_STEPS + 1), ALL_W};
+                             5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS};
     double *part[sizeof sizes / sizeof *sizes];
     int64_t total = 0;
     for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) total += sizes[i];
@@ -422,7 +406,7 @@ int contacts(const ContactArguments *a) {
     double *const rows = part[12], *const rests = rows + 3 * N * (MOST_STEPS + 1), *const w = part[13];
     int pivots[all];
     Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
-                 pivots, 0, 0, 0, 0};
+                 part[14], pivots, 0, 0, 0, 0};
     Work *const x = &work;
     double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;

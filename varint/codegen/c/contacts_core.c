@@ -7,4 +7,5 @@
 #include "run.h"
 #include "tape.h"
 #include "contacts_scene.h"
+#include "cubic_root.h"
 #include "contacts.c"

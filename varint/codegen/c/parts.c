@@ -1,13 +1,4 @@
 /* One step of a size of its own from each of many states: a run of one step, again and again. */
-typedef struct {
-    int64_t count, told, used, most; /* how many; numbers of `opening` and `u` for each of them; largest number of iterations */
-    const double *start, *t, *h, *c; /* (count, 2 N), (count), (count); parameters */
-    const double *u, *opening;       /* (count, used), (count, told) */
-    double *rows;                    /* (count, 3 N): q, p, v where the step ends */
-    int64_t *good;                   /* (count): whether it is solved */
-    const void *scene;
-} PartsArguments;
-
 int parts(const PartsArguments *a) {
 #ifdef SCENE_AS_DATA
     scene = a->scene;

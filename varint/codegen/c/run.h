@@ -25,6 +25,16 @@ typedef struct {
     double *rests;     /* Newton's method: rounding errors of q and p at a fresh start, then at every saved node; 0: not wanted */
 } RunArguments;
 
+/* One step of a size of its own from each of many states. */
+typedef struct {
+    int64_t count, told, used, most; /* how many; numbers of `opening` and `u` for each of them; largest number of iterations */
+    const double *start, *t, *h, *c; /* (count, 2 N), (count), (count); parameters */
+    const double *u, *opening;       /* (count, used), (count, told) */
+    double *rows;                    /* (count, 3 N): q, p, v where the step ends */
+    int64_t *good;                   /* (count): whether it is solved */
+    const void *scene;
+} PartsArguments;
+
 /* Many motions of one scene, one in each lane. */
 typedef struct {
     int64_t members, steps, save_every, nodes; /* nodes: rows of a member, its start included */

@@ -4,13 +4,15 @@ accuracy.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from varint.codegen.rows import RowFunction, row_function_or_none
 from varint.discrete.lagrangian import energy_function
 from varint.errors import InputError
 from varint.integration.events.enclosures import box_function, enclosure_function
@@ -25,17 +27,20 @@ from varint.integration.events.roots import Points, join_points
 from varint.integration.events.substeps import Substeps, interpreted_substeps
 from varint.integration.state import NodeBlock
 from varint.numerics.arrays import over_columns
-from varint.results.records import Event
+from varint.results.records import IMPACTS, Event
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.memory import per_system
 from varint.scene.serialisation import expression_as_data
 from varint.scene.system import System
 
-IMPACTS = ("impact", "stop")  # events at which velocities jump
 REMEMBERED = 64  # expressions of a system whose functions are kept
 WATCHED = "the expression"
 ROUND_OFF = 1e-12  # of the value before a jump: so near to zero is zero after it
+
+
+RowFunctions = Callable[[], tuple[RowFunction, RowFunction] | None]
+SearchFunctions = tuple[ca.Function, ca.Function, ca.Function, RowFunctions]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +91,13 @@ class Crossings(NamedTuple):
 
 
 @per_system
-def _functions_known(system: System) -> dict[str, tuple[ca.Function, ...]]:
+def _functions_known(system: System) -> dict[str, SearchFunctions]:
     """Functions of expressions that were watched, by what these say."""
     return {}
 
 
 @per_system
-def _asked_for(system: System) -> dict[int, tuple[ca.SX, tuple[ca.Function, ...]]]:
+def _asked_for(system: System) -> dict[int, tuple[ca.SX, SearchFunctions]]:
     """The same functions by the very expression that was asked for, which is not read again."""
     return {}
 
@@ -113,15 +118,32 @@ def crossing_search(system: System, watch: Watch) -> CrossingSearch:
     return CrossingSearch(watch.name, watch.direction, *asked[key][1])
 
 
-def _search_functions(system: System, watched: ca.SX) -> tuple[ca.Function, ...]:
-    """Values, bounds and boxes of an expression, as a `CrossingSearch` has them."""
+def _search_functions(system: System, watched: ca.SX) -> SearchFunctions:
+    """What a `CrossingSearch` has of an expression."""
     s, expression = system, in_own_symbols(watched, system)
     rate = ca.SX(np.nan)
     if not ca.depends_on(expression, ca.vertcat(s.v, s.control)):
         rate = ca.jtimes(expression, s.q, s.v) + ca.jacobian(expression, s.t)
     both = ca.densify(ca.vertcat(expression, rate))
     values = ca.Function("values", [s.q, s.v, s.t, s.control, s.c], [both], {"cse": True})
-    return values, enclosure_function(s, expression), box_function(s, expression)
+    bounds = enclosure_function(s, expression)
+    as_data = cache(partial(_functions_as_data, s, both, bounds))
+    return values, bounds, box_function(s, expression), as_data
+
+
+def _functions_as_data(
+    system: System, values: ca.SX, bounds: ca.Function
+) -> tuple[RowFunction, RowFunction] | None:
+    """Values and bounds for a search in C; None where an operation has no form there."""
+    s, n = system, system.structure.n
+    ends = [ca.SX.sym(name, n) for name in ("q0", "v0", "q1", "v1")]
+    piece = [*ends, ca.SX.sym("t"), ca.SX.sym("w")]
+    if s.structure.controls:
+        return None
+    sides = ca.vertcat(*bounds(*piece, ca.SX(0, 1), s.c))
+    at_nodes = row_function_or_none("values", [s.q, s.v, s.t], s.c, [values])
+    along = row_function_or_none("bounds", piece, s.c, [ca.densify(sides)])
+    return None if at_nodes is None or along is None else (at_nodes, along)
 
 
 def find_crossings(
@@ -229,17 +251,3 @@ def _energies_and_states(motion: Trajectory, x: Points) -> tuple[list, ...]:
     """Energies, and q, v and p as tuples."""
     energies = over_columns(energy_function(motion.system), x.q, x.v, x.t[:, None], motion.c)[0]
     return energies[:, 0].tolist(), *(list(zip(*a.T.tolist(), strict=True)) for a in x[2:5])
-
-
-def log_crossings(
-    searches: Sequence[CrossingSearch],
-    motion: Trajectory,
-    impacts: Mapping[int, Event],
-    substeps: Substeps = interpreted_substeps,
-) -> list[Event]:
-    """The zeros of all watched expressions along a motion with impacts at some of its nodes."""
-    return [
-        event
-        for search in searches
-        for event in events_at(search, motion, find_crossings(search, motion, impacts, substeps))
-    ]

@@ -4,11 +4,13 @@ how many zeros each has, then all of them located at once.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from varint.codegen.rows import RowFunction
 from varint.integration.events.enclosures import (
     Pieces,
     boxes_around,
@@ -33,7 +35,8 @@ class CrossingSearch:
     """What finds the zeros of a watched expression, built once.
 
     `values`: (q, v, t, u, c) → its value and rate, the latter NaN for expressions of velocities and
-    controls; `bounds`: its `enclosure_function`; `box`: its `box_function`.
+    controls; `bounds`: its `enclosure_function`; `box`: its `box_function`; `as_data`: values and
+    bounds for c/crossings_core.c, None where they have no such form.
     """
 
     name: str
@@ -41,6 +44,7 @@ class CrossingSearch:
     values: ca.Function
     bounds: ca.Function
     box: ca.Function
+    as_data: Callable[[], tuple[RowFunction, RowFunction] | None]
 
 
 def isolate(

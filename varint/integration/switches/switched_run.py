@@ -18,10 +18,8 @@ from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import (
     Watch,
     crossing_search,
-    find_crossings,
-    log_crossings,
 )
-from varint.integration.events.substeps import substeps_of
+from varint.integration.events.native_crossings import crossings_by, log_crossings
 from varint.integration.hidden import missed_impulse
 from varint.integration.plan import default_rule
 from varint.integration.problem import InitialValueProblem, RunOptions
@@ -204,8 +202,8 @@ def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
 def _cut(course: Course, piece: Piece, stop: Watch) -> Piece | None:
     """The piece until an expression crosses zero; None where it does not."""
     motion = piece_motion(course, piece)
-    substeps = substeps_of(course.kernels[piece.branch.sliding])
-    end = find_crossings(crossing_search(motion.system, stop), motion, {}, substeps)
+    kernel = course.kernels[piece.branch.sliding]
+    end = crossings_by(kernel, crossing_search(motion.system, stop), motion, {})
     if not len(end.jump):
         return None
     cut = cut_at(motion, 0, end)
@@ -238,9 +236,7 @@ def _with_events(
     for piece in pieces if watches else ():
         part = piece_motion(course, piece)
         searches = [crossing_search(part.system, watch) for watch in watches]
-        noted += log_crossings(
-            searches, part, {}, substeps_of(course.kernels[piece.branch.sliding])
-        )
+        noted += log_crossings(searches, part, {}, course.kernels[piece.branch.sliding])
     noted.sort(key=lambda event: event.time * np.sign(motion.h))
     return replace(motion, events=tuple(noted)) if watches else motion
 

@@ -1,0 +1,113 @@
+"""Zeros of an expression within the steps of a smooth motion, in one call of c/crossings_core.c."""
+
+from __future__ import annotations
+
+import struct
+from ctypes import c_void_p, cast
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from varint.codegen.arguments import c_names, c_source
+from varint.codegen.core import crossings_entry, rows_entry
+from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.rows import RowFunction
+from varint.numerics.limits import FIXED_POINT_ITERATIONS
+
+_ASKED = struct.Struct("13P11q3d")  # Crossings
+SEARCHED, NO_ROOM, _ = range(
+    len(c_names(c_source("crossings_core.c"), "enum Searched {"))
+)  # how a call ends
+FEWEST = 64  # zeros that have room
+HEAD = 5  # numbers of a zero before its state
+
+
+class Numbers(NamedTuple):
+    """Those of the search for zeros, as roots.py and isolation.py have them."""
+
+    halvings: int
+    most_pieces: int
+    iterations: int
+    secants: int
+    newton: int
+    located: float
+    pole: float
+
+
+class Nodes(NamedTuple):
+    """Nodes of a motion, (M,) and (M, n), how long its steps are, its parameters, and how near to a
+    node a time is that node's.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    p: np.ndarray
+    h: float
+    c: np.ndarray
+    close: float
+
+
+class Zeros(NamedTuple):
+    """Zeros of an expression, in the order of the steps: the node before each, the sign of the
+    expression before it, and time, value, rate, q, v and p there.
+    """
+
+    node: np.ndarray
+    side: np.ndarray
+    t: np.ndarray
+    value: np.ndarray
+    rate: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    p: np.ndarray
+
+
+def locate_zeros(
+    kernel: Kernel, values: RowFunction, bounds: RowFunction, nodes: Nodes, numbers: Numbers
+) -> Zeros | None:
+    """The zeros along a motion; None where a shorter step cannot be solved.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        That made the motion; without controls.
+    values, bounds : RowFunction
+        (q, v, t) → value and rate; (q, v at both ends of a piece, its begin and duration) → value,
+        rate and curvature, each low and high.
+    nodes : Nodes
+    numbers : Numbers
+
+    Raises
+    ------
+    CompileError
+        If the search was not built with the package and cannot be compiled.
+    """
+    n, count = kernel.n, len(nodes.t)
+    entries: tuple[Any, ...] = (kernel.parts, rows_entry())
+    parts, rows = (cast(entry, c_void_p).value or 0 for entry in entries)
+    t, q, v, p, c = (
+        np.ascontiguousarray(x, dtype=float) for x in (nodes.t, nodes.q, nodes.v, nodes.p, nodes.c)
+    )
+    opening = np.empty((count, 0))
+    if kernel.opening:
+        opening = kernel.opening(q, p, None, t, np.full(count, nodes.h), c)
+    places = [address_of(x) if x.size else 0 for x in (t, q, v, p, c, opening)]
+    found, room, kept = np.zeros(2, np.int64), FEWEST, []
+    status = NO_ROOM
+    while status == NO_ROOM:
+        first = int(found[1])
+        found[0] = 0
+        zeros = np.empty((room, HEAD + 3 * n))
+        heads = parts, kernel.scene, rows, values.at, bounds.at, *places
+        ends = address_of(zeros), address_of(found)
+        counts = n, count, first, opening.shape[1], FIXED_POINT_ITERATIONS, room
+        asked = *heads, *ends, *counts, *numbers[:5], nodes.close, *numbers[5:]
+        status = crossings_entry()(_ASKED.pack(*asked))
+        kept.append(zeros[: found[0]])
+        room *= 4
+    if status != SEARCHED:
+        return None
+    flat = kept[0] if len(kept) == 1 else np.concatenate(kept)
+    heads, states = flat[:, :HEAD].T.copy(), flat[:, HEAD:].reshape(-1, 3, n).transpose(1, 0, 2)
+    return Zeros(heads[0].astype(int), *heads[1:], *states.copy())
