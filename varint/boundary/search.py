@@ -24,11 +24,12 @@ from varint.boundary.newton import Measure, NewtonResult, coordinate_ranges, new
 from varint.boundary.problem import first_path
 from varint.boundary.refinement import parts_by_turning, path_error, refine
 from varint.boundary.stationary import BoundaryValueProblem
+from varint.boundary.winding import goes_as
 from varint.rules.rule import gauss
 
 CLOSE, CONTRACTION = 0.2, 0.25  # of the path; of the first correction, what the second may be
 # times the wanted duration: what a first path is taken to last when it is made a motion
-DURATIONS = (1.0, 2.0, 0.5, 4.0, 0.25)
+DURATIONS = (1.0, 2.0, 0.5, 1.4, 0.7, 4.0, 0.25, 2.8, 0.35)
 STEPS, STEPS_A_RADIAN, MOST_STEPS = 20, 4, 300  # of the nodes that move along
 MOST_UNKNOWNS = 6000  # of a path whose nodes move along: the search takes seconds then
 SETTLED = 0.02  # of the path: what another rule on the same nodes may change
@@ -156,13 +157,19 @@ def _ways(
     problem: BoundaryValueProblem, nodes: np.ndarray, duration: float
 ) -> Iterator[Iterator[MovingPath]]:
     """Motions of the wanted duration whose nodes moved along from the first path, for each duration
-    that this one may be taken to last.
+    that this one may be taken to last; last those that go another way round.
     """
-    search, steps = replace(problem, rule=SEARCH), _search_steps(nodes)
+    search, steps, others = replace(problem, rule=SEARCH), _search_steps(nodes), []
     for share in DURATIONS:
         motion = of_any_duration(search, moving_path(search, nodes, share * duration, steps))
-        if motion is not None:
+        if motion is None:
+            continue
+        if goes_as(problem.system, motion.iterate.points, nodes):
             yield of_duration(search, motion, duration)
+        else:
+            others.append(motion)
+    for motion in others:
+        yield of_duration(search, motion, duration)
 
 
 def _search_steps(nodes: np.ndarray) -> int:
