@@ -215,7 +215,7 @@ def test_a_path_stays_near_the_one_on_steps_of_which_its_own_are_parts():
     assert not goes_as(kepler(), near[0][1].points, back)
     for i, one in enumerate(paths):
         assert [_has_stayed(one, *x) for x in near] == [i == 0, i == 1]
-    lost = replace(paths[0].outcome, solved=False)
+    lost = replace(paths[0].outcome, status="lost")
     assert not _has_stayed(paths[0]._replace(outcome=lost), *near[0])
 
 
