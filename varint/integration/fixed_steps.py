@@ -6,9 +6,9 @@ import warnings
 from functools import cache, partial
 from time import perf_counter
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from varint.integration.energy_leap import energy_alarm
-from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.false_speed import false_speed
 from varint.integration.hard_steps import HardStep, until_hard
 from varint.integration.plan import plan
@@ -19,6 +19,9 @@ from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.integration.events.crossings import Watch
 
 
 def simulate_steps(
@@ -37,8 +40,7 @@ def simulate_steps(
             if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
                 warnings.warn(alarm, stacklevel=3)
             return motion
-    stop = None if asked.until is None else parse_watch("until", asked.until)
-    watches = parse_watches(asked.events)
+    stop, watches = _watches(asked)
     chosen = plan(system, rule)
     problem = initial_value_problem(system, chosen.rule, start, options)
     problem = problem if level is None else problem._replace(level=level)
@@ -80,6 +82,16 @@ def simulate_steps(
     if alarm := energy_alarm(motion) or false_speed(motion):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)
+
+
+def _watches(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
+    """What is looked for on the way: `until`, and `events`."""
+    if asked.until is None and asked.events is None:
+        return None, []
+    from varint.integration.events.crossings import parse_watch, parse_watches
+
+    stop = None if asked.until is None else parse_watch("until", asked.until)
+    return stop, parse_watches(asked.events)
 
 
 @cache

@@ -12,20 +12,20 @@ import numpy as np
 
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
-from varint.integration.events.crossings import IMPACTS, Crossings
 from varint.integration.many_steps import in_gear, interpreted, steps_again
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock
 from varint.numerics.arrays import over_columns
 from varint.results.dense_output import node_tolerance
-from varint.results.records import Event
+from varint.results.records import IMPACTS, Event
 from varint.results.trajectory import Trajectory
 from varint.scene.rays import make_nodes_unit
 from varint.scene.system import System
 
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel
+    from varint.integration.events.crossings import Crossings
 
 ABRUPT = (*IMPACTS, "detachment")  # events after which the motion is another one
 

@@ -66,6 +66,12 @@ def median(x: np.ndarray) -> float:
     return float(ordered[half] if len(x) % 2 else (ordered[half - 1] + ordered[half]) / 2)
 
 
+def distinct(x: np.ndarray) -> np.ndarray:
+    """`numpy.unique` of whole numbers (k,), without what that one loads when it is called first."""
+    ordered = np.sort(x)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(x) else ordered
+
+
 def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
     """`count` as a sum of powers of ten, none above `largest`, larger ones first."""
     size = largest
