@@ -101,7 +101,10 @@ def test_the_hessian_through_contacts_is_what_differences_of_the_gradient_come_t
     assert np.abs(found @ along - wanted).max() < 1e-8 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("make", [vi.models.slide_off_sphere, vi.models.falling_ladder])
+@pytest.mark.parametrize(
+    "make",
+    [vi.models.slide_off_sphere, pytest.param(vi.models.falling_ladder, marks=pytest.mark.long)],
+)
 def test_detachments_are_curved_too(make):
     model = make()
     steps = round(model.duration / model.h / 2)
