@@ -31,6 +31,7 @@ NAMES = (
     "rows_",
     "two_runs_",
     "few_steps_",
+    "look_ahead_",
     "crossings_",
 )  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages

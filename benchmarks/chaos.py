@@ -66,7 +66,7 @@ def scenes() -> Iterator[Scene]:
     steps = (1900, 2700, 3600, 5000)
     yield Scene("outer Solar System", outer.system, outer.q0, outer.v0, 2e6, steps, bodies)
     model = vi.models.henon_heiles(q0=(0.0, 0.1))
-    steps = (5500, 7500, 10_000, 14_000)
+    steps = (5100, 5500, 7500, 10_000, 14_000)
     yield Scene("Hénon–Heiles", model.system, model.q0, model.v0, 1e4, steps)
     model = vi.models.double_pendulum()
     start = np.array([0.4, 0.3]), np.zeros(2)

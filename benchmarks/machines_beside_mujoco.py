@@ -3,13 +3,14 @@
 python benchmarks/machines_beside_mujoco.py, with `mujoco` installed
 
 The same MJCF file is read by both: no contacts, limits or damping, so that energy is kept and the
-motion is the Lagrangian's. MuJoCo steps natively (`rollout`) by its RK4 and its default, the
-semi-implicit Euler method; varint by compiled kernels, to which long runs shift by themselves:
-beside each other native and compiled runs would mix (2 to 5 times). Errors are those of all
-coordinates at the end against varint's gauss(8) at a small step, which MuJoCo's RK4 approaches at
-its own order (`gap`: how near at its smallest step). Times are processor time, the best of several
-runs in turn; `ratio` is MuJoCo's over varint's, at equal error: above 1 varint is faster. What
-varint needs to build and compile is reported apart.
+motion is the Lagrangian's. MuJoCo steps natively (`rollout`) by its RK4 and its default, the semi-
+implicit Euler method; varint by compiled kernels, to which long runs shift by themselves: beside
+each other native and compiled runs would mix (2 to 5 times). Errors are those of all coordinates at
+the end against varint's gauss(8) at a small step, which MuJoCo's RK4 approaches at its own order
+(`gap`: how near at its smallest step). Times are processor time, the best of several runs in turn;
+`ratio` is MuJoCo's over varint's, at equal error: above 1 varint is faster. What varint needs to
+build and compile is reported apart. Every row is printed as it comes, and the file is written scene
+by scene: a run that is cut off leaves what it has measured.
 """
 
 from __future__ import annotations
@@ -107,6 +108,7 @@ def measured(name: str) -> list[dict[str, Any]]:
                 "energy drift in J": float(size),
             }
         )
+        print(f"{name}, {tool}, h = {h:.3g}: {runs[-1]['µs a step']:.3g} µs a step", flush=True)
 
     for tool, steps in STEPS.items():
         for h in steps:
@@ -149,6 +151,8 @@ def measured(name: str) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    rows = [row for name in SCENES for row in measured(name)]
-    table(rows)
-    save("machines_beside_mujoco", rows, {"mujoco": mujoco.__version__})
+    rows: list[dict[str, Any]] = []
+    for name in SCENES:
+        rows += (found := measured(name))
+        table(found)
+        save("machines_beside_mujoco", rows, {"mujoco": mujoco.__version__})

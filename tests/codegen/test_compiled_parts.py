@@ -142,3 +142,17 @@ def test_operations_that_are_all_unlike_do_not_become_loops():
     alike = emit.emit("f", ca.Function("f", [x, c], [many]), written_out=0)
     assert "for (" not in unlike.source and unlike.uniforms == 2
     assert "for (" in alike.source and alike.length < alike.operations / 2
+
+
+def test_what_does_not_become_loops_is_fused_however_long_it_is():
+    """An operation of a product and a sum rounds once; a long chain of unlike ones took half more
+    operations.
+    """
+    x, c = ca.SX.sym("x", 3), ca.SX.sym("c", 1)
+    at = x
+    for k in range(30):  # every turn hangs on the one before
+        at = ca.vertcat(at[1] * at[2] + ca.sin(at[0]), at[0] * at[1] - k * at[2], at[0])
+    chain = ca.Function("chain", [x, c], [at])
+    short, long = (emit.arranged(chain, written_out=k) for k in (10_000, 50))
+    assert long.nodes == short.nodes
+    assert {"fma", "fms", "fnma"} & {name for name, *_ in long.nodes}

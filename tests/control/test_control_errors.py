@@ -20,21 +20,20 @@ def true_error(motion: vi.Trajectory) -> float:
     s, u = motion.system, motion.solution.u
     kinetic = ca.jtimes(s.momentum, s.q, s.v)
     a = ca.solve(s.mass_matrix, ca.gradient(s.lagrangian, s.q) + s.force - kinetic)
-    f = ca.Function("f", [s.q, s.v, s.control], [ca.vertcat(s.v, a)])
-    n, (x, off) = s.structure.n, (np.concatenate([motion.q[0], motion.v[0]]), 0.0)
+    f = ca.Function("f", [ca.vertcat(s.q, s.v), s.control], [ca.vertcat(s.v, a)])
+    n, x, off = s.structure.n, np.concatenate([motion.q[0], motion.v[0]]), 0.0
     fine, extent = 200, np.ptp(motion.q, axis=0)
+    y, h, c = ca.SX.sym("y", 2 * n), ca.SX.sym("h"), ca.SX.sym("c", s.control.numel(), 3)
+    k1 = f(y, c[:, 0])
+    k2 = f(y + h / 2 * k1, c[:, 1])
+    k3 = f(y + h / 2 * k2, c[:, 1])
+    after = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(y + h * k3, c[:, 2]))
+    parts = ca.Function("part", [y, h, c], [after]).mapaccum(fine)
+    places = ((np.arange(fine)[:, None] + np.array([0, 0.5, 1 - 1e-12])) / fine).ravel()
     for k in range(len(motion.u)):
-        start, size = u.mesh[k], u.mesh[k + 1] - u.mesh[k]
-        h = size * motion.duration / fine
-        for j in range(fine):
-            at = start + size * (j + np.array([0, 0.5, 1 - 1e-12])) / fine
-            c = u(at)
-            slopes = lambda y, w: np.array(f(y[:n], y[n:], w)).ravel()  # noqa: E731
-            k1 = slopes(x, c[0])
-            k2 = slopes(x + h / 2 * k1, c[1])
-            k3 = slopes(x + h / 2 * k2, c[1])
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + slopes(x + h * k3, c[2]))
-        off = max(off, float((np.abs(x[:n] - motion.q[k + 1]) / extent).max()))
+        size = u.mesh[k + 1] - u.mesh[k]
+        x = parts(x, size * motion.duration / fine, u(u.mesh[k] + size * places).T)[:, -1]
+        off = max(off, float((np.abs(x[:n].full().ravel() - motion.q[k + 1]) / extent).max()))
     return off
 
 
@@ -72,6 +71,9 @@ def test_far_too_few_steps_are_warned_of_and_the_report_says_so(capsys):
     assert true_error(motion) > 0.1 and motion.stats["error_estimate"] > 0.1
     motion.report()
     assert "error of the path" in (text := capsys.readouterr().out) and "too coarse" in text
+    assert "vi.refine(motion) adds steps" in text
+    fine = vi.refine(motion, 1e-3)  # a warning would be an error here
+    assert fine.stats["error_estimate"] < 1e-2
 
 
 def test_phases_are_judged_one_by_one():

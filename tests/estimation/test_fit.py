@@ -282,7 +282,3 @@ def test_what_is_no_estimation_problem_is_refused_in_words():
             vi.Measurement(q, t, values, sigma)
     with pytest.raises(vi.InputError, match="level"):
         vi.fit(system, **good).interval(2.0)
-    ball = vi.models.bouncing_ball()
-    height = vi.Measurement(ball.system.q[0], [0.1], [1.0])
-    with pytest.raises(vi.InputError, match="contacts"):
-        vi.fit(ball.system, data=height, unknown=["q0"], h=0.01, q0=ball.q0, v0=ball.v0)

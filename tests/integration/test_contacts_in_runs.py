@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+import pytest
 from contact_scenes import G, ball, times
 
 import varint as vi
@@ -79,3 +80,27 @@ def test_controls_that_vary_within_a_step_act_between_its_events_as_the_same_for
     np.testing.assert_allclose(
         other.at(times(one)).value(u), 4 * times(one) - times(one) ** 3, rtol=0, atol=1e-11
     )
+
+
+@pytest.mark.parametrize("backend", ["native", "interpreted"])
+def test_restitution_may_be_a_parameter_of_a_run(backend):
+    """The same bytes as with its value in the scene; of alike scenes each has its own."""
+    q, v = vi.coordinates("x", "y")
+    run = dict(q0=[0.3, 1.0], v0=[0.2, 0.0], h=0.05, steps=60, backend=backend)
+
+    def ball(e: float) -> vi.System:
+        c = vi.Parameters(e=e, mass=2.0)
+        weight = c.mass * ca.sumsqr(v) / 2 - 9.81 * c.mass * q[1] - q[0] ** 4
+        return vi.System(q, v, weight, contact=q[1], restitution=1 - c.e, params=c)
+
+    c = vi.Parameters(mass=2.0)
+    weight = c.mass * ca.sumsqr(v) / 2 - 9.81 * c.mass * q[1] - q[0] ** 4
+    fixed = vi.System(q, v, weight, contact=q[1], restitution=1 - 0.25, params=c)
+    wanted = vi.simulate(fixed, vi.lobatto(3), **run)
+    by_value = vi.simulate(ball(0.5), vi.lobatto(3), **run, params=dict(e=0.25))
+    own = vi.simulate(ball(0.25), vi.lobatto(3), **run)
+    assert wanted.events and wanted.energy[-1] < 0.9 * wanted.energy[0]
+    for motion in (by_value, own):
+        assert motion.q.tobytes() == wanted.q.tobytes() and motion.events == wanted.events
+    with pytest.raises(vi.InputError, match=r"between 0 and 1, got \[1.5\]"):
+        vi.simulate(ball(0.5), vi.lobatto(3), **run, params=dict(e=-0.5))

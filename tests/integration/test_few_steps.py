@@ -10,7 +10,7 @@ import pytest
 
 import varint as vi
 from varint.errors import ConvergenceError
-from varint.integration import fixed_steps
+from varint.integration import few_steps, fixed_steps
 
 q1, v1 = vi.coordinates("theta")
 q2, v2 = vi.coordinates("x", "y")
@@ -33,7 +33,7 @@ def test_a_few_steps_are_those_of_the_loop(monkeypatch, scene, rule, steps):
     system, q0, v0 = SCENES[scene]
     start = dict(q0=q0, v0=v0, h=-0.03, steps=steps, t0=0.7)
     few = vi.simulate(system, rule, **start)
-    monkeypatch.setattr(fixed_steps, "FEW", 0)
+    monkeypatch.setattr(few_steps, "FEW", 0)
     other = vi.simulate(system, rule, **start)
     for name in "tqpku":
         assert np.array_equal(getattr(few, name), getattr(other, name))

@@ -340,3 +340,24 @@ def test_a_compiled_loop_looks_at_its_nodes_itself(monkeypatch):
     seen.clear()
     vi.simulate(chain, vi.lobatto(2), **run, backend="interpreted")
     assert sum(seen) > 2000
+
+
+@pytest.mark.parametrize(
+    ("stages", "within"), [(2, ()), (3, (0.5,)), (4, (WITHIN[4],)), (5, (WITHIN[5], 0.5))]
+)
+def test_steps_are_taken_again_only_where_a_node_within_may_lie_on_the_fold(stages, within):
+    """A passed fold costs nothing where it is plain from the distances that no node meets it: by a
+    rule without nodes within in every step, by the others in all but those nearby.
+    """
+    from varint.integration.fold_crossing import NEAR, _may_meet
+
+    at = np.linspace(0.01, 0.99, 99)  # of the step, distances falling and bent
+    nodes = np.arange(-2, 4)
+    for bend in (-0.3, 0.0, 0.3):
+        to = nodes - at[:, None]
+        looked = _may_meet(vi.lobatto(stages), 0.01 * np.abs(to * (1 + bend * to / 3)))
+        nearest = np.abs(at[:, None] - [*within, *(1 - np.array(within))]).min(1, initial=np.inf)
+        assert looked[nearest <= 0.9 * NEAR].all()
+        assert not looked[nearest > 3 * NEAR].any()
+    unknown = np.full((1, 6), -1.0)
+    assert _may_meet(vi.lobatto(stages), unknown).all()

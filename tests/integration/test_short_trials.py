@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import varint as vi
+from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
+from varint.integration import to_tolerance
 from varint.integration.plain_trials import by_plain_trials, plain_motion
 from varint.integration.problem import RunOptions, Start, initial_value_problem
-from varint.integration.short_trials import NotShort, by_short_trials
+from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import small_motions_at_start
 
 q1, v1 = vi.coordinates("theta")
@@ -47,7 +51,7 @@ def test_the_core_decides_as_python_does(case, tol):
     )
     other = by_plain_trials(system, rule, problem, tol, radians, None, "auto")
     if other is None:
-        assert found is None
+        assert found == NOT_PROVED
         return
     motion = plain_motion(system, rule, other.run, 0.0)
     assert (found.steps, found.runs, found.estimate) == (other.steps, other.runs, other.estimate)
@@ -60,14 +64,47 @@ def test_the_core_decides_as_python_does(case, tol):
 def test_a_long_run_is_left_to_a_loop_that_can_be_stopped():
     asked = Start([0.5, 0.0], [0.0, 3**0.5]), RunOptions(steps=1, duration=1e6)
     problem = initial_value_problem(KEPLER, vi.gauss(8), *asked)
-    with pytest.raises(NotShort):
-        by_short_trials(
-            KEPLER, vi.gauss(8), problem, inertia(KEPLER, problem), 1e-9, 8e6, "auto", 0.0
-        )
+    found = by_short_trials(
+        KEPLER, vi.gauss(8), problem, inertia(KEPLER, problem), 1e-9, 8e6, "auto", 0.0
+    )
+    assert found == NOT_SHORT
 
 
 def test_a_step_that_cannot_be_solved_is_not_taken_for_a_proof():
     free = vi.System(q1, v1, v1**2 / 2 - ca.log(1 - q1))
     asked = Start([0.9], [3.0]), RunOptions(steps=1, duration=50.0)
     problem = initial_value_problem(free, vi.gauss(4), *asked)
-    assert by_short_trials(free, vi.gauss(4), problem, np.ones(1), 1e-6, 50.0, "auto", 0.0) is None
+    found = by_short_trials(free, vi.gauss(4), problem, np.ones(1), 1e-6, 50.0, "auto", 0.0)
+    assert found == NOT_PROVED
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-9])
+@pytest.mark.parametrize("case", [name for name in CASES if name != "one that rests"])
+def test_a_call_that_asks_for_no_more_gives_what_the_long_way_gives(monkeypatch, case, tol):
+    system, q0, v0, duration = CASES[case]
+    asked = dict(q0=q0, v0=v0, duration=duration, tol=tol, t0=0.5)
+    short = vi.simulate(system, **asked)
+    monkeypatch.setattr(to_tolerance, "short_call", lambda *_: None)
+    long = vi.simulate(system, **asked)
+    for name in "tqpkuhc":
+        assert np.array_equal(getattr(short, name), getattr(long, name))
+    told, other = ({**motion.stats, "seconds": 0} for motion in (short, long))
+    assert told == other
+    assert vars(short).keys() >= {"system", "rule", "origin", "functions"}
+    for name in ("rule", "origin", "functions", "active_sets", "active_set", "events", "sizes"):
+        assert getattr(short, name) == getattr(long, name)
+    assert np.array_equal(short.energy, long.energy)
+
+
+def test_starts_one_after_the_other_and_one_within_another_have_memory_of_their_own():
+    first = vi.simulate(PENDULUM, q0=1.0, v0=0.0, duration=5.0, tol=1e-6)
+    kept = first.q.copy()
+    with ThreadPoolExecutor(2) as pool:
+        starts = [0.5, 1.0, 1.5, 2.0] * 5
+        found = list(
+            pool.map(lambda x: vi.simulate(PENDULUM, q0=x, v0=0.0, duration=5.0, tol=1e-6), starts)
+        )
+    assert np.array_equal(first.q, kept)
+    for x, motion in zip(starts, found, strict=True):
+        again = vi.simulate(PENDULUM, q0=x, v0=0.0, duration=5.0, tol=1e-6)
+        assert np.array_equal(motion.q, again.q)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.integration import plain_trials, tolerance
+from varint.codegen.two_runs import NOT_SHORT
+from varint.integration import plain_trials, to_tolerance, tolerance
 from varint.integration.error_scale import error_scales
-from varint.integration.short_trials import NotShort
 
 PLEIADES = json.loads((Path(__file__).parents[1] / "reference" / "f.json").read_text())
 
@@ -90,10 +90,9 @@ def test_all_runs_together_take_at_most_three_quarters_more_steps_than_the_last(
 
         return counted_run
 
-    def not_short(*_):
-        raise NotShort
-
-    monkeypatch.setattr(tolerance, "by_short_trials", not_short)  # which takes the same runs
+    # which take the same runs
+    monkeypatch.setattr(to_tolerance, "short_call", lambda *_: None)
+    monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_SHORT)
     for module, loop in ((tolerance, "start_run"), (plain_trials, "run_at_once")):
         monkeypatch.setattr(module, loop, counting(getattr(module, loop)))
     model = vi.models.catalogue[name]()

@@ -188,6 +188,17 @@ def test_rotated_scenes_with_contacts_keep_their_restitution():
     assert again(system).restitution.tolist() == system.restitution.tolist()
 
 
+def test_restitution_that_is_a_parameter_stays_one():
+    q, v = vi.coordinates("y")
+    c = vi.Parameters(e=0.8)
+    system = vi.System(q, v, v**2 / 2 - q, contact=q, restitution=c.e**2, params=c)
+    back = again(system)
+    assert describe(back) == describe(system)
+    run = dict(q0=1.0, v0=0.0, h=0.1, steps=40, params=dict(e=0.6))
+    one, other = (vi.simulate(x, vi.lobatto(2), **run) for x in (system, back))
+    assert one.q.tobytes() == other.q.tobytes() and len(one.events) > 1
+
+
 def test_expressions_as_text_differ_where_their_seventh_digit_does():
     q, v = vi.coordinates("x")
     system = vi.System(q, v, v**2 / 2)

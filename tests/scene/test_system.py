@@ -65,6 +65,19 @@ def refused(message: str):
             lambda: vi.System(q, v, free, contact=q[0], restitution=[1, 0]),
             r"restitution has shape \(2,\)",
         ),
+        (
+            lambda: vi.System(q, v, free, contact=q[0], restitution=q[1]),
+            r"restitution may not depend on \['y'\]",
+        ),
+        (
+            lambda: vi.System(q, v, free, contact=q[0], restitution=[ca.SX(1), 0.5]),
+            r"restitution has shape \(2, 1\)",
+        ),
+        (lambda: vi.System(q, v, free, restitution=ca.SX(1)), "the system has no contact"),
+        (
+            lambda: vi.System(q, v, free, contact=q[0], restitution=ca.SX(1.5)),
+            "restitution must lie between 0 and 1",
+        ),
         (lambda: vi.Parameters(g="heavy"), "parameter 'g' must be a number"),
         (lambda: vi.Parameters(g=np.inf), "parameter 'g' is not finite"),
         (lambda: vi.Parameters(g=1).l, r"unknown parameters \['l'\]; known: \['g'\]"),

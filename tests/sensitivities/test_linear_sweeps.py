@@ -43,6 +43,23 @@ def test_derivatives_by_one_map_are_those_of_step_after_step(rule, steps):
 
 
 @NEEDS_CORE
+@pytest.mark.parametrize("rule, masses", [*((x, 2) for x in RULES), (vi.gauss(2), 6)], ids=str)
+def test_what_pulls_alike_at_all_times_is_pulled_once(rule, masses):
+    """Masses that hang from springs, far from where they rest, with friction: nothing by time."""
+    q, v = vi.coordinates(*[f"x{i}" for i in range(masses)])
+    c = vi.Parameters(m=1.3, k=2.0, d=0.1, g=9.81)
+    stretches = ca.vertcat(q[0] - 100, q[1:] - q[:-1])
+    lagrangian = c.m * ca.sumsqr(v) / 2 - c.k * ca.sumsqr(stretches) / 2 - c.m * c.g * ca.sum1(q)
+    system = vi.System(q, v, lagrangian, force=-c.d * v, params=c)
+    q0 = 100 + np.sin(np.arange(float(masses)))
+    motion = vi.simulate(system, rule, q0=q0, v0=np.cos(q0), h=0.1, steps=70)
+    assert has_linear_sweep(system, rule)
+    assert_as_step_after_step(motion, None, ["q0", "m", "g", "d", "h", "t0"])
+    density = (q[0] - 100) ** 2 * (c.k + system.t) + v[1] ** 4
+    assert_as_step_after_step(motion, density, ["q0"])
+
+
+@NEEDS_CORE
 def test_every_size_of_a_step_has_its_map():
     rule, steps, system = vi.gauss(2), 30, pushed_springs()
     rng, u = np.random.default_rng(3), np.full((30, 1), 0.2)

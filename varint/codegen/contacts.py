@@ -120,7 +120,7 @@ class Flight(NamedTuple):
 def contact_data(
     n: int,
     rows: int,
-    restitution: np.ndarray,
+    contacts: int,
     constants: ca.SX,
     expressions: Expressions,
     **numbers: float,
@@ -138,10 +138,9 @@ def contact_data(
     contacts_entry()
     if n > MOST_COORDINATES:
         raise NotCompilable(TOO_LARGE)
-    given = {"N": n, "ROWS": rows, "CONTACTS": len(restitution), **numbers}
-    tables = {"RESTITUTION": restitution}
+    given = {"N": n, "ROWS": rows, "CONTACTS": contacts, **numbers}
     tapes = tapes_of(routines(constants, expressions))
-    block = block_of(members_by_name("contacts_scene.h", given, {}, tables, tapes))
+    block = block_of(members_by_name("contacts_scene.h", given, {}, {}, tapes))
     return ContactData(start_of(block), block)
 
 

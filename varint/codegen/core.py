@@ -116,6 +116,14 @@ def few_steps_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def look_ahead_entry() -> Callable[[bytes], int]:
+    """c/look_ahead_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("look_ahead_core.c", ("look_ahead",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def two_runs_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
     """c/two_runs_core.c, and what takes its run; raises CompileError as `gauss_loop` does."""
     entries = _entries("two_runs_core.c", ("two_runs", "take_run"), "{name}_{level}", {})

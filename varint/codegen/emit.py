@@ -11,7 +11,7 @@ import casadi as ca
 from varint.codegen.algebra import graph_of
 from varint.codegen.graph import Graph, fused, needed, operations, uniform_nodes
 from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
-from varint.codegen.rolled import INFIX, c_expression, c_loops, group_by_form
+from varint.codegen.rolled import INFIX, Forms, c_expression, c_loops, group_by_form
 
 # operations from which on a function is not written into its callers: the compiler takes longer, no
 # gain
@@ -60,9 +60,9 @@ def arranged(f: ca.Function, written_out: int = WRITTEN_OUT) -> Graph:
     """The operations of f(x0, …, c) arranged for speed; the last argument is the same in all
     lanes.
     """
-    graph = graph_of(f)
+    graph, last = graph_of(f), f.n_in() - 1
     # loops add up long sums in an order of their own
-    return fused(graph, f.n_in() - 1) if len(graph.nodes) <= written_out else graph
+    return graph if _forms(graph, last, written_out) else fused(graph, last)
 
 
 def emit_graph(
@@ -99,10 +99,9 @@ def emit_graph(
         f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names
     ]
     count, roots = operations(graph, last)
-    forms = group_by_form(graph, live, uniform) if count > written_out else None
+    forms = _forms(graph, last, written_out)
     statements: list[Statement] = []
-    rolled = forms is not None and len(forms.members) < ROLLED * count
-    if forms is not None and rolled:
+    if forms:
         body, places = c_loops(forms, stride, constant, place)
     else:
         statements = _statements(graph, live, uniform, stride, constant)
@@ -112,7 +111,7 @@ def emit_graph(
         for r, i in enumerate(output):
             if uniform[i]:
                 text = f"splat({constant(i)})"
-            elif rolled and graph.nodes[i][0] == "input":
+            elif forms and graph.nodes[i][0] == "input":
                 text = f"i{graph.nodes[i][1]}[{graph.nodes[i][2]} * ({stride})]"
             else:
                 text = places.get(i, f"x{i}")
@@ -122,7 +121,7 @@ def emit_graph(
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(len(graph.outputs))]
-    parts = [] if rolled or len(body) <= LARGEST else c_parts(name, statements, stores)
+    parts = [] if forms or len(body) <= LARGEST else c_parts(name, statements, stores)
     kind = "INLINE" if len(prepare) <= LARGEST else APART
     source = _function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
     largest = max((len(part.body) for part in parts), default=len(body))
@@ -135,6 +134,15 @@ def emit_graph(
         calls_of(parts, arguments) or body,
     )
     return Emitted(source, len(kept), count, roots, len(body), largest)
+
+
+def _forms(graph: Graph, last: int, written_out: int) -> Forms | None:
+    """The forms of its operations, where they are so many and alike that loops are worth it."""
+    count, _ = operations(graph, last)
+    if count <= written_out:
+        return None
+    forms = group_by_form(graph, sorted(needed(graph)), uniform_nodes(graph, last))
+    return forms if len(forms.members) < ROLLED * count else None
 
 
 def _statements(

@@ -10,12 +10,11 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import few_steps_entry, rows_entry
-from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _ASKED = struct.Struct("11P4q3d")  # FewSteps
-_TOLD = np.zeros(4)
 
 
 class Entries(NamedTuple):
@@ -60,35 +59,27 @@ class FewSteps(NamedTuple):
 
 
 def few_steps(
-    entries: Entries,
-    q0: np.ndarray,
-    p0: np.ndarray,
-    c: np.ndarray,
-    *,
-    t0: float,
-    h: float,
-    steps: int,
-    level: float,
+    entries: Entries, start: int, c: int, *, t0: float, h: float, steps: int, level: float
 ) -> FewSteps | None:
-    """The motion with every node; None where a step cannot be solved."""
+    """The motion with every node, from q and p at the address `start` with parameters at `c`; None
+    where a step cannot be solved.
+    """
     n, nodes = entries.n, steps + 1
-    room = np.concatenate((_TOLD, q0, p0, c))
     q, p = np.empty((nodes, n)), np.empty((nodes, n))
-    t, k = np.empty(nodes), np.empty(nodes, np.int64)
-    at = address_of(room)
+    t, k, told = np.empty(nodes), np.empty(nodes, np.int64), np.empty(4)
     status = few_steps_entry()(
         _ASKED.pack(
             entries.run,
             entries.scene,
             entries.rows,
             entries.energy,
-            at + 32,
-            at + 32 + 16 * n,
-            address_of(q),
-            address_of(p),
-            address_of(t),
-            at,
-            address_of(k),
+            start,
+            c,
+            new_address(q),
+            new_address(p),
+            new_address(t),
+            new_address(told),
+            new_address(k),
             n,
             entries.carry,
             steps,
@@ -98,4 +89,4 @@ def few_steps(
             level,
         )
     )
-    return FewSteps(k, t, q, p, *room[:4].tolist()) if status == DONE else None
+    return FewSteps(k, t, q, p, *told.tolist()) if status == DONE else None

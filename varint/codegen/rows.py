@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -16,6 +16,7 @@ from varint.codegen.core import rows_entry
 from varint.codegen.graph import NotCompilable
 from varint.codegen.native import tapes_of
 from varint.codegen.source import routines
+from varint.numerics.arrays import over_columns
 
 MOST_ARGUMENTS = 8  # of c/rows_core.c
 _EACH = f"{MOST_ARGUMENTS}P{MOST_ARGUMENTS}q"
@@ -97,3 +98,17 @@ def row_function_or_none(
         return None
     block = block_of([tape])
     return RowFunction(tuple(x.numel() for x in results), entry, block, start_of(block))
+
+
+def at_many_points(
+    name: str, arguments: list[Any], constants: Any, results: list[Any]
+) -> Callable[..., list[np.ndarray]]:
+    """The function of `constants` and then of rows of arguments (k, …), in C where it can be; the
+    results, columns of SX or MX, are rows.
+    """
+    if all(isinstance(x, ca.SX) for x in results):
+        as_data = row_function_or_none(name, arguments, constants, results)
+        if as_data is not None:
+            return as_data.values
+    function = ca.Function(name, [*arguments, constants], results, {"cse": True})
+    return lambda c, *points: over_columns(function, *points, c)

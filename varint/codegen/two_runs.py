@@ -10,14 +10,14 @@ import numpy as np
 from varint.codegen.arguments import DONE
 from varint.codegen.core import two_runs_entries
 from varint.codegen.few_steps import Entries, entries_of
-from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _FOUND = struct.Struct("qq3dP")  # Proved
 _ASKED = struct.Struct("11P8q4d")  # TwoRuns
 _TAKEN = struct.Struct("4PPqq2d")  # Taken
-_NOTHING = np.zeros(_FOUND.size // 8)
+FOUND = _FOUND.size // 8  # numbers that the core tells
 PROVED, NOT_PROVED, NOT_SHORT = range(3)
 
 
@@ -82,6 +82,18 @@ def course_of(
     )
 
 
+class Places(NamedTuple):
+    """Addresses of q and p at the start, of the diagonal of the mass matrix, of parameters, and of
+    `FOUND` numbers that are told, which are this memory.
+    """
+
+    start: int
+    mass: int
+    c: int
+    found: int
+    told: np.ndarray
+
+
 class Found(NamedTuple):
     """A run of so many steps and its estimated error: nodes, times, coordinates and momenta."""
 
@@ -98,10 +110,7 @@ class Found(NamedTuple):
 
 def two_runs(
     course: Course,
-    q0: np.ndarray,
-    p0: np.ndarray,
-    c: np.ndarray,
-    mass: np.ndarray,
+    places: Places,
     *,
     t0: float,
     duration: float,
@@ -115,10 +124,8 @@ def two_runs(
     Parameters
     ----------
     course : Course
-    q0, p0, c : array
+    places : Places
         The start, and parameters.
-    mass : array (n,)
-        Diagonal of the mass matrix.
     t0, duration : float
     first : int
         Steps to begin with.
@@ -126,10 +133,9 @@ def two_runs(
         How far the fastest small motions turn.
     tol : float
     """
-    entries, n = course.entries, course.entries.n
-    room = np.concatenate((q0, p0, mass, _NOTHING, c))
-    at, (many, take) = address_of(room), two_runs_entries()
-    found = at + 24 * n
+    entries = course.entries
+    n, (start, mass, c, found, memory) = entries.n, places
+    many, take = two_runs_entries()
     status = many(
         _ASKED.pack(
             entries.run,
@@ -137,9 +143,9 @@ def two_runs(
             entries.rows,
             entries.energy,
             course.limits,
-            at,
-            found + _FOUND.size,
-            at + 16 * n,
+            start,
+            c,
+            mass,
             course.body,
             course.turns,
             found,
@@ -159,11 +165,22 @@ def two_runs(
     )
     if status != PROVED:
         return status
-    steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(room.data, 24 * n)
+    steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(memory.data)
     nodes = steps + 1
     q, p = np.empty((nodes, n)), np.empty((nodes, n))
     t, k = np.empty(nodes), np.empty(nodes, np.int64)
-    places = address_of(q), address_of(p), address_of(t), address_of(k)
-    done = take(_TAKEN.pack(rows, *places, n, steps, t0, duration / steps))
+    done = take(
+        _TAKEN.pack(
+            rows,
+            new_address(q),
+            new_address(p),
+            new_address(t),
+            new_address(k),
+            n,
+            steps,
+            t0,
+            duration / steps,
+        )
+    )
     assert done == DONE
     return Found(steps, runs, estimate, int(iterations), residual, k, t, q, p)

@@ -9,8 +9,7 @@ import numpy as np
 
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
-from varint.control.stages import arrange_as_stages
-from varint.nlp.arrangement import plain_order
+from varint.nlp.arrangement import Arrangement, plain_order
 from varint.nlp.solver import Solver, build_solver, require_solver
 
 
@@ -24,5 +23,11 @@ def build_control_solver(
     `casadi.nlpsol` as they are.
     """
     require_solver(name)
-    order = arrange_as_stages(problem) if name == "fatrop" else plain_order(problem.nlp)
+    order = _stages(problem) if name == "fatrop" else plain_order(problem.nlp)
     return build_solver(problem.nlp, name, options, choose_scales(problem, x), order)
+
+
+def _stages(problem: ControlProblem) -> Arrangement:
+    from varint.control.stages import arrange_as_stages
+
+    return arrange_as_stages(problem)

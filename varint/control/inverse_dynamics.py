@@ -79,7 +79,7 @@ def controls_along(
     rest = rest_controls(phase)
     rest = np.tile(rest, (len(q), 1))
     rest[:, phase.states.index] = states.reshape(len(q), -1)
-    free = np.setdiff1d(np.arange(rest.shape[1]), phase.states.index)
+    free = np.delete(np.arange(rest.shape[1]), phase.states.index)
     inverse = _inverse(phase.system, tuple(free.tolist()))
     u = over_columns(inverse, q, v, a, rest, t[:, None], c)[0]
     u = np.clip(np.where(np.isfinite(u), u, rest), *phase.bounds.u)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from typing import TYPE_CHECKING
 
-from varint.control.contradiction import Contradiction
 from varint.control.problem import ControlProblem
 from varint.control.trajectories import build_trajectories
 from varint.errors import SolverError
 from varint.nlp.options import WORDS
 from varint.nlp.solver import SolverResult
 from varint.results.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from varint.control.contradiction import Contradiction
 
 FEASIBLE = 1e-6  # a row or bound violated by more is violated
 

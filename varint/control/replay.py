@@ -71,9 +71,12 @@ def error_estimate(motion: Trajectory, controls: Piecewise) -> float:
 
 
 def remedy(motions: Sequence[Trajectory]) -> str:
-    """What makes coarse solutions finer."""
+    """What makes coarse solutions finer: steps where they are needed do more than many."""
     higher = not all(x.system.structure.nonholonomic for x in motions)
-    return f"take more steps, {'a higher rule, ' if higher else ''}or vi.refine"
+    refined = any("rounds" in x.stats for x in motions)
+    call = f"vi.refine({'motion' if len(motions) == 1 else 'motions'}{', a smaller tol' * refined})"
+    others = f"take more steps{' or a higher rule' if higher else ''}"
+    return f"{call} adds steps where they are needed, or {others}"
 
 
 def _through(

@@ -8,25 +8,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from varint.control.active import active_bounds
-from varint.control.balances import energy_balance, momentum_balance
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
 from varint.control.replay import LARGE, defect, error_estimate, remedy, replay
-from varint.control.second_order import SecondOrder, second_order
-from varint.control.sensitivity import Sensitivity, sensitivity
-from varint.control.swings import CURE, swinging_controls
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.solver import SolverResult
 from varint.numerics.plain import field_of, plain
 from varint.results.records import Costates
 from varint.results.trajectory import Trajectory
+
+# what is asked of some solutions only is loaded when it is: a first solve takes as long as reading
+# the code that it needs
+if TYPE_CHECKING:
+    from varint.control.second_order import SecondOrder
+    from varint.control.sensitivity import Sensitivity
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +123,8 @@ class ControlSolution:
         """Bounds along the path that are met with equality, and the times where they are."""
         if self.origin is None:
             return dict(self.kept)
+        from varint.control.active import active_bounds
+
         return active_bounds(self.origin.transcription, self.origin.outcome)
 
     @cached_property
@@ -134,6 +137,8 @@ class ControlSolution:
         InputError
             If the solution was loaded from a file, which does not hold its problem.
         """
+        from varint.control.second_order import second_order
+
         origin = self._origin("second_order")
         return second_order(origin.problem, origin.transcription, origin.outcome)
 
@@ -183,6 +188,8 @@ class ControlSolution:
         >>> move.solution.sensitivity("end.q.x", "duration").cost.round(6)
         array([ 24., -36.])
         """
+        from varint.control.sensitivity import sensitivity
+
         origin = self._origin("sensitivity()")
         part, outcome = origin.transcription, origin.outcome
         return sensitivity(origin.problem, part, outcome, wrt)
@@ -217,6 +224,9 @@ class ControlSolution:
         """Status, cost, violation, replay defect, balance of energy and of momenta, active
         bounds.
         """
+        from varint.control.balances import energy_balance, momentum_balance
+        from varint.control.swings import CURE, swinging_controls
+
         shared = (
             f" of {self.total_cost:.12g}"
             if abs(self.total_cost - self.cost) > 1e-12 * abs(self.cost)

@@ -6,18 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from varint.control.build import build_control_solver
-from varint.control.coarse import RoughStart, coarse_start
-from varint.control.contradiction import least_violation
 from varint.control.guess import build_start
-from varint.control.lifted import lifted_start
 from varint.control.neighbours import WAYS_AROUND, cheapest_neighbour, has_many_minima
 from varint.control.outcome import FEASIBLE, has_converged, raise_unless_converged
-from varint.control.prepared import prepared_from
 from varint.control.problem import ControlProblem
 from varint.control.starts import (
     default_starts,
@@ -30,6 +26,10 @@ from varint.control.warm_start import carry_multipliers
 from varint.nlp.options import MOST_ITERATIONS
 from varint.nlp.solver import SolverResult
 from varint.results.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from varint.control.coarse import RoughStart
+    from varint.control.contradiction import Contradiction
 
 # (iteration, cost, violation, paths) → true to stop
 Callback = Callable[[int, float, float, list[Trajectory]], Any]
@@ -62,7 +62,7 @@ def solve(
     x = next(starts)
     # a way around is a guess at sizes, of controls that brake and turn for nothing
     solver = build_control_solver(problem, build_start(problem) if around else x, name, options)
-    problem = replace(problem, solver=solver, again=prepared_from)
+    problem = replace(problem, solver=solver, again=_prepared_from)
     tell = _teller(problem, callback)
     run = partial(solver, progress=progress, callback=tell)
     multipliers = carry_multipliers(problem)
@@ -89,7 +89,7 @@ def solve(
         found = raise_unless_converged(problem, outcome)
         return [replace(x, stats=MappingProxyType({**x.stats, "starts": costs})) for x in found]
     if _unmet(outcome):
-        nearest = least_violation(problem, outcome)
+        nearest = _least_violation(problem, outcome)
         if nearest is None or nearest.broken:
             return raise_unless_converged(problem, outcome, nearest)
         feasible = np.clip(nearest.x, problem.nlp.x_low, problem.nlp.x_high)
@@ -108,6 +108,9 @@ def _from_path(
     nearly a motion), from the default starts, and then from the path with all the time that it
     wants. The trajectories tell the attempts and their iterations where the first one failed.
     """
+    from varint.control.coarse import coarse_start
+    from varint.control.lifted import lifted_start
+
     tries: list[tuple[str, int]] = []
 
     def attempt(what: str, start: np.ndarray, patience: float, before: int = 0) -> SolverResult:
@@ -146,7 +149,7 @@ def _from_path(
         if outcome is not None and _is_over(outcome):
             break
     assert outcome is not None  # the last way has one
-    nearest = least_violation(problem, outcome) if _unmet(outcome) else None
+    nearest = _least_violation(problem, outcome) if _unmet(outcome) else None
     found = raise_unless_converged(problem, outcome, nearest)
     note = {"attempts": tuple(tries)} | ({"start": tries[-1][0]} if len(tries) > 1 else {})
     return [replace(y, stats=MappingProxyType({**y.stats, **note})) for y in found]
@@ -162,6 +165,18 @@ def _unmet(outcome: SolverResult) -> bool:
     """
     for_ever = outcome.violation > FEASIBLE and outcome.iterations >= MOST_ITERATIONS
     return not _is_over(outcome) and (outcome.status in UNMET or for_ever)
+
+
+def _prepared_from(motion: Trajectory, problem: ControlProblem) -> Callable[..., Any]:
+    from varint.control.prepared import prepared_from
+
+    return prepared_from(motion, problem)
+
+
+def _least_violation(problem: ControlProblem, outcome: SolverResult) -> Contradiction | None:
+    from varint.control.contradiction import least_violation
+
+    return least_violation(problem, outcome)
 
 
 def _teller(

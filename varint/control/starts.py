@@ -91,8 +91,10 @@ def _detours(
     """Ways around, where the straight line would have to slip: along it the rows say nothing about
     how to get sideways, so that no solver leaves it. Sine waves in all coordinates do.
     """
+    if not parts:
+        return
     random = np.random.default_rng(0)
-    for _ in range(DETOURS if parts else 0):
+    for _ in range(DETOURS):
         guesses: dict[PhaseTranscription, Guess | None] = {
             part: wave(read_guess(part.phase, part.t0), part, BEND, random) for part in parts
         }

@@ -23,6 +23,7 @@ from varint.numerics.arrays import LARGEST_BLOCK, blocks, call
 from varint.numerics.limits import check_memory, check_steps
 from varint.rules.rule import Rule
 from varint.scene.inputs import finite_array
+from varint.scene.restitution import restitution_at
 from varint.scene.system import System, parameters_by_name
 
 EPS = np.finfo(float).eps
@@ -65,7 +66,7 @@ class Scene:
     @property
     def dissipates(self) -> bool:
         """Whether impacts lose energy."""
-        return bool(self.system.structure.contacts and (self.system.restitution < 1).any())
+        return bool((restitution_at(self.system, self.c) < 1).any())
 
     @property
     def name(self) -> str:

@@ -42,9 +42,11 @@ def fit(
     shooting): motions on which no single run could be started come out. Where the data show all
     coordinates, Hamilton's principle along the measured motion gives a start of its own, by linear
     least squares for parameters that stand linearly in L and F; guesses far off do no harm then.
-    Masses and moments of inertia stay positive. Noise levels that are not known
-    (``Measurement(…, jitter=vi.free(…))``) are estimated with the motion, by restricted maximum
-    likelihood.
+    Scenes with contacts are one run from its start, through impacts as they come, restitution a
+    parameter (``System(restitution=c.e)``); where the guess bounces otherwise than the data the
+    first of them are fitted before all. Masses and moments of inertia stay positive. Noise levels
+    that are not known (``Measurement(…, jitter=vi.free(…))``) are estimated with the motion, by
+    restricted maximum likelihood.
 
     Parameters
     ----------
@@ -66,7 +68,7 @@ def fit(
     params : dict, optional
         Parameter values that differ from the defaults, guesses where they are unknown.
     segments : int
-        Pieces of equal length of every motion.
+        Pieces of equal length of every motion; 1 with contacts.
     priors : dict, optional
         (mean, standard deviation) of parameters, from elsewhere.
     huber : float, optional

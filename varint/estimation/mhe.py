@@ -113,7 +113,8 @@ def mhe(
     if s.contacts or s.degenerate or s.nonholonomic:
         raise InputError(
             "mhe takes scenes without contacts and non-holonomic rows whose Lagrangian is regular "
-            "in the velocities"
+            "in the velocities; with contacts take fit, of whole motions: states that vary from "
+            "node to node would pass through what is closed"
         )
     if number("h", h) <= 0:
         raise InputError(f"h must be positive, got {h!r}")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from varint.errors import SolverError
+from varint.estimation.contact_runs import contact_run
 from varint.estimation.information import information
 from varint.estimation.noise import level_sigma
 from varint.estimation.problem import Estimation, Motion
@@ -94,7 +95,11 @@ def _residuals_by_measurement(p: Estimation, r: np.ndarray) -> tuple[tuple[np.nd
 def _trajectory(
     p: Estimation, motion: Motion, x: np.ndarray, q0: np.ndarray, v0: np.ndarray, c: np.ndarray
 ) -> Trajectory:
-    """The motion with the nodes of all segments, which a single run may not reach."""
+    """The motion with the nodes of all segments, which a single run may not reach; with contacts
+    the run itself.
+    """
+    if p.system.structure.contacts:
+        return contact_run(p, motion, q0, v0, c, "auto")
     n, params = p.system.structure.n, parameters_by_name(p.system, c)
     u = motion.u[:1] if motion.u.shape[2] else None
     first = simulate(

@@ -115,14 +115,17 @@ def estimation(
 ) -> Estimation:
     """Checked and completed input of one fit."""
     s, n = system.structure, system.structure.n
-    if s.contacts or s.degenerate:
-        raise InputError(
-            "fit takes scenes without contacts whose Lagrangian is regular in the velocities"
-        )
+    if s.degenerate:
+        raise InputError("fit takes scenes whose Lagrangian is regular in the velocities")
     if number("h", h) <= 0:
         raise InputError(f"h must be positive, got {h!r}")
     segments = positive_integer("segments", segments)
     wanted = unknowns(system, unknown)
+    if s.contacts and segments > 1:
+        raise InputError(
+            "the scene has contacts: its motions are single runs, whose impacts come as they do "
+            "from the start; take segments=1"
+        )
     held = bool(s.constraints or s.nonholonomic)
     if held and (segments > 1 or {"q0", "v0"} & set(wanted)):
         raise InputError(
@@ -140,6 +143,7 @@ def estimation(
             low, high = [*low, *lower], [*high, *upper]
     motions = tuple(_motion(system, rule, x, float(h), segments, starts, c) for x in experiments)
     low = positive_inertias(system, theta, low, c, motions[0].start)
+    low, high = bounded_restitution(system, theta, low, high)
     entries = parameter_entries(system)
     of_start = [*(f"{x}(0)" for x in system.names), *(f"d{x}/dt(0)" for x in system.names)]
     names = [entries[i] for i in theta]
@@ -178,6 +182,16 @@ def positive_inertias(
     free = np.isneginf(low[: len(theta)])
     zero = np.where(grown & free & (c[places] > 0), 0.0, low[: len(theta)])
     return [*zero.tolist(), *low[len(theta) :]]
+
+
+def bounded_restitution(
+    system: System, theta: list[int], low: list[float], high: list[float]
+) -> tuple[list[float], list[float]]:
+    """Bounds within 0 and 1 for parameters that are coefficients of restitution themselves."""
+    own = {x.element_hash() for x in ca.vertsplit(system.bounce) if x.is_symbolic()}
+    at = [j for j, i in enumerate(theta) if system.c[i].element_hash() in own]
+    low = [max(x, 0.0) if j in at else x for j, x in enumerate(low)]
+    return low, [min(x, 1.0) if j in at else x for j, x in enumerate(high)]
 
 
 def parameters_to_find(

@@ -43,7 +43,7 @@ def from_the_data(p: Estimation) -> Estimation | None:
     show all coordinates, or the equations do not say anything.
     """
     s = p.system.structure
-    if s.constraints or s.nonholonomic:
+    if s.constraints or s.nonholonomic or s.contacts:
         return None
     shown = [seen_states(p, motion) for motion in p.motions]
     n = s.n

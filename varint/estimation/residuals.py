@@ -12,6 +12,7 @@ import numpy as np
 
 from varint.errors import ConvergenceError
 from varint.estimation.begin import begun
+from varint.estimation.contact_runs import contact_run, states_seen
 from varint.estimation.inertias import is_positive
 from varint.estimation.problem import ON_NODE, Estimation, Motion
 from varint.estimation.ray_rows import ray_rows
@@ -58,12 +59,15 @@ class Shooter:
     inert : bool
         Whether unknown parameters stand in the kinetic energy, which is positive at the guess and
         must remain so.
+    backend : str
+        As it was asked for.
     """
 
     problem: Estimation
     by: Sweeper
     observed: tuple[tuple[ca.Function, ...], ...]
     inert: bool
+    backend: str
 
     @property
     def scene(self) -> System:
@@ -78,7 +82,7 @@ def shooter(problem: Estimation, backend: str) -> Shooter:
         for motion in problem.motions
     )
     by = sweeper(problem.system, problem.rule, steps, backend)
-    return Shooter(problem, by, functions, _inert(problem))
+    return Shooter(problem, by, functions, _inert(problem), backend)
 
 
 def _inert(p: Estimation) -> bool:
@@ -140,7 +144,10 @@ def _of_motion(
     shoot: Shooter, motion: Motion, e: int, columns: list[slice], z: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     p = shoot.problem
-    size, many = 2 * p.system.structure.n, len(p.theta)
+    if p.system.structure.contacts:
+        return _through_contacts(shoot, motion, e, z, c)
+    n, many = p.system.structure.n, len(p.theta)
+    size = 2 * n
     state, tangent = _start(p, motion, e, z, c)
     seen = np.empty((len(motion.times), size))
     of_seen = np.zeros((len(motion.times), size, p.size))
@@ -149,7 +156,7 @@ def _of_motion(
     for j, (k0, k1) in enumerate(zip(motion.cuts, motion.cuts[1:], strict=False)):
         piece = _piece(shoot, motion, state, int(k0), int(k1), c)
         if shoot.inert:
-            _refuse_unphysical(p, piece, c)
+            _refuse_unphysical(p, np.hstack([piece.x[:-1, :n], piece.v[:-1]]), piece.t, c)
         # local columns: the state at which the segment begins, then the parameters
         along = np.zeros((len(c) + 2, size + many))
         along[p.theta, size + np.arange(many)] = 1.0
@@ -174,15 +181,29 @@ def _of_motion(
     return r, of_r, d, of_d, np.concatenate(nodes)
 
 
-def _refuse_unphysical(p: Estimation, piece: Piece, c: np.ndarray) -> None:
-    """A trial whose kinetic energy is not positive at some of its nodes is none."""
-    some = slice(None, len(piece.t), -(-len(piece.t) // LOOKED_AT))
-    x = np.hstack([piece.x[some, : piece.v.shape[1]], piece.v[some]])
-    if not is_positive(p.system, x, piece.t[some], c):
+def _through_contacts(
+    shoot: Shooter, motion: Motion, e: int, z: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same of a scene with contacts, by one run; its nodes are not those of the grid alone."""
+    p, none = shoot.problem, np.zeros((0, z.size))
+    q, v = np.split(start_of(p, motion, e, z), 2)
+    run = contact_run(p, motion, q, v, c, shoot.backend)
+    if shoot.inert:
+        _refuse_unphysical(p, np.hstack([run.q, run.v]), run.t, c)
+    tangent = _start(p, motion, e, z, c)[1]
+    seen, of_seen = states_seen(p, motion, run, tangent, shoot.backend)
+    r, of_r = _measured(p, motion, shoot.observed[e], seen, of_seen, c)
+    return r, of_r, np.zeros(0), none, np.empty((0, 2 * len(q)))
+
+
+def _refuse_unphysical(p: Estimation, x: np.ndarray, t: np.ndarray, c: np.ndarray) -> None:
+    """A trial whose kinetic energy is not positive at some of its nodes (q, v) is none."""
+    some = slice(None, len(t), -(-len(t) // LOOKED_AT))
+    if not is_positive(p.system, x[some], t[some], c):
         raise ConvergenceError(
             "the kinetic energy is not positive at these inertias",
-            step=piece.first,
-            time=float(piece.t[0]),
+            step=0,
+            time=float(t[0]),
             residual=float("nan"),
         )
 

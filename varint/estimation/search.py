@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from varint.errors import SolverError
+from varint.errors import ConvergenceError, SolverError
+from varint.estimation.first_part import SHARES, with_first_part
 from varint.estimation.gauss_newton import Solved, loss_of, solve, values_at
 from varint.estimation.problem import Estimation
 from varint.estimation.regressor import from_the_data
@@ -47,8 +51,8 @@ def best_fit(shoot: Shooter, huber: float | None) -> Minimum:
     SolverError
         If none leads to a solution.
     """
-    p, ended = shoot.problem, []
-    for z in _starts(shoot):
+    p, ended = shoot.problem, list[Minimum]()
+    for z in _starts(shoot, huber):
         ended.append(fitted(shoot, z, *bounds(p), huber))
         freedom = max(len(ended[-1].solved.found.r) - p.many, 1)
         if ended[-1].solved.converged and ended[-1].chi_squared <= PLAUSIBLE * freedom:
@@ -73,10 +77,32 @@ def fitted(
     return Minimum(shoot, huber, solved)
 
 
-def _starts(shoot: Shooter) -> list[np.ndarray]:
+def _starts(shoot: Shooter, huber: float | None) -> Iterator[np.ndarray]:
     """Guesses of all unknowns: the user's, and those that the data show; the better ones first,
-    where single runs can tell.
+    where single runs can tell. With contacts the user's, then what the first data lead to.
     """
+    p = shoot.problem
+    if p.system.structure.contacts:
+        yield first_guess(p)
+        yield _from_first_data(shoot, huber)
+        return
+    yield from _starts_of_smooth(shoot)
+
+
+def _from_first_data(shoot: Shooter, huber: float | None) -> np.ndarray:
+    """Fits of the first data, then of more of them, each from what the one before found: a run with
+    another number of impacts is met by other minima, and until the first impact there is one.
+    """
+    p, z = shoot.problem, first_guess(shoot.problem)
+    for share in SHARES:
+        part = replace(shoot, problem=with_first_part(p, share))
+        with suppress(ConvergenceError):
+            z = fitted(part, z, *bounds(p), huber).solved.z
+    return z
+
+
+def _starts_of_smooth(shoot: Shooter) -> list[np.ndarray]:
+    """Of motions without contacts."""
     p = shoot.problem
     problems = [x for x in (from_the_data(p), p) if x is not None]
     guesses = [guessed_states(x, first_guess(x)) for x in problems]

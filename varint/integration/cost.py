@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.discrete.lagrangian import point_function
+from varint.discrete.legendre import known_velocity
 from varint.discrete.shake_equations import eliminates_path, hidden_functions, shake_equations
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
@@ -34,6 +35,7 @@ SHARE, HELD_SHARE = 0.5, 0.3
 STARTING, STATEMENT = 0.18, 2e-4  # Newton's method
 EXPLICIT_STARTING, EXPLICIT_STATEMENT = 0.08, 1e-4
 STAGES_STARTING, STAGES_STATEMENT = 0.2, 5e-5  # fixed points of all stages
+TREE_STATEMENT = 1.65e-4  # of those of a tree of links: its inertias and velocities are more of it
 FIRST_ORDER = 0.13  # more of them, where velocities are unknowns of the stages, too
 BUILDING = 1e-4  # seconds to build an implicit step for CasADi, an operation at a node
 ROLLING = 2.5e-7  # seconds to build the loop around a step, a step of it and a number of the state
@@ -91,7 +93,8 @@ def compiling_seconds(system: System, rule: Rule) -> float:
     if s.constraints or s.nonholonomic or s.linear or not _by_right_sides(system, rule):
         return STARTING + STATEMENT * statements
     order = 0.0 if s.separable and s.constant_mass else FIRST_ORDER
-    return STAGES_STARTING + order + STAGES_STATEMENT * statements
+    tree = known_velocity(system, system.v) is not None
+    return STAGES_STARTING + order + (TREE_STATEMENT if tree else STAGES_STATEMENT) * statements
 
 
 def newton_repays(system: System, rule: Rule, steps: int) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 
 from varint.discrete.row_independence import folds
 from varint.integration.energy_check import energies, energy_jump
-from varint.integration.fold_watch import rows_of_fold
 from varint.integration.work_bound import keeps_energy
 from varint.numerics.arrays import median
 from varint.results.trajectory import Trajectory
@@ -92,6 +91,8 @@ def _leap_of(motion: Trajectory) -> EnergyLeap | None:
     for j in np.flatnonzero(large).tolist():
         usual = _usual(change, j, change[j] > GROSS * moving.max())
         if change[j] > LEAP * usual and _stays(energy, j):
+            from varint.integration.fold_watch import rows_of_fold
+
             a, b = int(i[j]), int(i[j + 1])
             return EnergyLeap(
                 (float(motion.t[a]), float(motion.t[b])),

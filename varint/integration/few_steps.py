@@ -2,77 +2,106 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from time import perf_counter
+
+import numpy as np
 
 from varint.codegen.cache import CompileError
 from varint.codegen.few_steps import Entries, entries_of, few_steps
 from varint.codegen.kernel import Kernel
-from varint.integration.backend import kernel_for
 from varint.integration.compiled_loop import POOR, scheme_of
-from varint.integration.energy_check import NOTHING, energy_rows
-from varint.integration.gears import BY_STAGES, Scheme, gears_with, kernel_after
-from varint.integration.plan import Plan
-from varint.integration.problem import InitialValueProblem
-from varint.integration.trajectories import Run, motion_of
+from varint.integration.energy_check import NOTHING, SAMPLES, energy_rows
+from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_after, kernel_now
+from varint.integration.plain_start import asks_for_no_more, begin_in, is_plain, room_of, rooms
+from varint.integration.plan import Plan, plan
+from varint.integration.problem import LEVEL, RunOptions, Start, time_grid
+from varint.integration.trajectories import plain_motion_of
 from varint.integration.work_bound import keeps_energy
+from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
+FEW = SAMPLES - 1  # steps of which every node is looked at
 
-def motion_of_few_steps(
-    system: System, chosen: Plan, problem: InitialValueProblem, began: float, backend: str
+
+def few_steps_call(
+    system: System, rule: Rule | None, start: Start, options: RunOptions, began: float
 ) -> tuple[Trajectory, bool] | None:
     """The motion, and whether its energy stays; None where it is no such run, or comes to no good
-    end.
+    end, and another way is to be taken.
     """
-    if problem.save_every > 1 or not _is_plain(system):
+    if not (asks_for_no_more(rule, start, options) and is_plain(system) and keeps_energy(system)):
         return None
-    kernel = kernel_for(system, chosen.rule, problem, backend)
-    called = None if kernel is None else _called(system, chosen.rule, kernel)
-    if kernel is None or called is None:
+    h, steps = time_grid(options.h, options.steps, options.duration)
+    called = _called(system, rule) if steps <= FEW else None
+    if called is None:
         return None
-    entries, scheme, most = called
-    now = perf_counter()
-    found = few_steps(
-        entries,
-        problem.q0,
-        problem.p0,
-        problem.c,
-        t0=problem.t0,
-        h=problem.h,
-        steps=problem.steps,
-        level=problem.level,
+    pool, t0 = rooms(system, False), float(start.t0)
+    room = pool.pop() if pool else room_of(system, False)
+    level = 0.0 if options.iteration_tol is None else LEVEL * options.iteration_tol
+    try:
+        c = begin_in(room, system, start)
+        if c is None:
+            return None
+        check_steps(t0, h, steps)
+        kernel = kernel_now(called.gears)
+        if kernel is not called.last[0]:
+            called.last = kernel, _entries(system, kernel)
+        entries, now = called.last[1], perf_counter()
+        if entries is None:
+            return None
+        found = few_steps(entries, room.at, room.c_at, t0=t0, h=h, steps=steps, level=level)
+    finally:
+        pool.append(room)
+    if kernel.scene:
+        kernel_after(called.gears, perf_counter() - now, 0.0)
+    if found is None or found.iterations > called.most * steps:
+        return None
+    motion = plain_motion_of(
+        system,
+        called.plan,
+        kernel,
+        found[:4],
+        (h, t0, np.empty((steps, 1, 0)), c),
+        (int(found.iterations), found.residual),
+        seconds=perf_counter() - began,
     )
-    gears = gears_with(system, chosen.rule, scheme, kernel)
-    if gears:
-        kernel_after(gears, perf_counter() - now, 0.0)
-    if found is None or found.iterations > most * problem.steps:
-        return None
-    run = Run(system, chosen, problem, [], iter(()), kernel, began)
-    motion = motion_of(run, found[:4], (int(found.iterations), found.residual))
     return motion, found.change <= NOTHING * found.largest
 
 
-@per_scene
-def _is_plain(system: System) -> bool:
-    """Whether nothing but coordinates and momenta makes the motion, and its energy stays."""
-    s = system.structure
-    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
-    return keeps_energy(system) and not (held or s.controls or system.rays)
-
-
-@per_scene
-def _called(system: System, rule: Rule, kernel: Kernel) -> tuple[Entries, Scheme, float] | None:
-    """What is called, how it steps, and how many iterations a step may take; None where the core
-    cannot.
+@dataclass(eq=False)
+class _Called:
+    """Of a scene and a rule: the plan, the gears, how many iterations a step may take, and the loop
+    that ran last, with what is called of it.
     """
+
+    plan: Plan
+    gears: Gears
+    most: float
+    last: tuple[Kernel | None, Entries | None] = (None, None)
+
+
+@per_scene
+def _called(system: System, rule: Rule | None) -> _Called | None:
+    """None where there is no loop that need not be compiled first."""
+    chosen = plan(system, rule)
+    scheme = scheme_of(system, chosen.rule)
+    gears = gears_of(system, chosen.rule, scheme)
+    if gears is None:
+        return None
+    return _Called(chosen, gears, POOR if scheme is BY_STAGES else math.inf)
+
+
+def _entries(system: System, kernel: Kernel) -> Entries | None:
+    """What is called; None where the core cannot."""
     energy = energy_rows(system)
     if kernel.opening or kernel.note[0] or energy is None:
         return None
-    scheme = scheme_of(system, rule)
     try:
-        return entries_of(kernel, energy), scheme, POOR if scheme is BY_STAGES else float("inf")
+        return entries_of(kernel, energy)
     except CompileError:
         return None

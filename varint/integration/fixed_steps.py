@@ -6,10 +6,9 @@ import warnings
 from functools import cache, partial
 from time import perf_counter
 from types import ModuleType
+from typing import TYPE_CHECKING
 
-from varint.integration.energy_check import SAMPLES
 from varint.integration.energy_leap import energy_alarm
-from varint.integration.events.crossings import parse_watch, parse_watches
 from varint.integration.false_speed import false_speed
 from varint.integration.hard_steps import HardStep, until_hard
 from varint.integration.plan import plan
@@ -21,7 +20,8 @@ from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-FEW = SAMPLES - 1  # steps of which every node is looked at
+if TYPE_CHECKING:
+    from varint.integration.events.crossings import Watch
 
 
 def simulate_steps(
@@ -32,8 +32,15 @@ def simulate_steps(
     `level` is where compiled iterations end, where it is not `options.iteration_tol` that says so.
     """
     began, asked = perf_counter(), options
-    stop = None if asked.until is None else parse_watch("until", asked.until)
-    watches = parse_watches(asked.events)
+    waits = asked.progress is None or asked.progress is False
+    if waits and level is None and asked.backend == "auto":
+        few = _few_steps().few_steps_call(system, rule, start, options, began)
+        if few is not None:
+            motion, quiet = few
+            if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
+                warnings.warn(alarm, stacklevel=3)
+            return motion
+    stop, watches = _watches(asked)
     chosen = plan(system, rule)
     problem = initial_value_problem(system, chosen.rule, start, options)
     problem = problem if level is None else problem._replace(level=level)
@@ -46,16 +53,9 @@ def simulate_steps(
         file = checkpoint_of(asked.checkpoint, system, chosen.rule, problem, stop, watches, **words)
     if stop or watches:  # every node is looked at; those not asked for are dropped at the end
         problem = problem._replace(save_every=1)
-    motion, quiet = None, False
-    unwatched = not (stop or watches or file) and (
-        asked.progress is None or asked.progress is False
-    )
-    if unwatched and asked.on_failure == "raise":
-        how = system, chosen, problem, began, asked.backend
-        few = None
-        if asked.backend != "interpreted" and problem.steps <= FEW:
-            few = _few_steps().motion_of_few_steps(*how)
-        motion, quiet = few or (short_run(*how), False)
+    motion = None
+    if waits and not (stop or watches or file) and asked.on_failure == "raise":
+        motion = short_run(system, chosen, problem, began, asked.backend)
     if motion is None:
         begin = partial(
             start_run,
@@ -79,9 +79,19 @@ def simulate_steps(
             motion = end(until_hard(begin()))
         except HardStep as step:
             motion = end(begin(by=step.kernel))
-    if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
+    if alarm := energy_alarm(motion) or false_speed(motion):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)
+
+
+def _watches(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
+    """What is looked for on the way: `until`, and `events`."""
+    if asked.until is None and asked.events is None:
+        return None, []
+    from varint.integration.events.crossings import parse_watch, parse_watches
+
+    stop = None if asked.until is None else parse_watch("until", asked.until)
+    return stop, parse_watches(asked.events)
 
 
 @cache

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 
 import casadi as ca
-import numpy as np
 
 from varint.codegen.cache import CompileError
 from varint.codegen.contacts import ContactData, contact_data
@@ -78,14 +77,14 @@ def contacts_as_data(system: System) -> ContactData:
     piece = [*ends, ca.SX.sym("t"), ca.SX.sym("w")]
     low, _, rate_low, rate_high, bend_low, _ = gap_enclosure_function(s)(*piece, ca.SX(0, 1), s.c)
     state = [s.q, s.v, s.t]
-    blow = [ca.vec(slope.T), ca.vec(ca.densify(s.mass_matrix)), push, bend, ca.densify(s.energy)]
+    mass, energy = ca.vec(ca.densify(s.mass_matrix)), ca.densify(s.energy)
+    blow = [ca.vec(slope.T), mass, push, bend, energy, s.bounce]
     functions = {
         "gaps": (state, [gap, rate]),
         "bounds": (piece, [low, rate_low, rate_high, bend_low]),
         "blow": (state, blow),
     }
-    restitution = np.array(s.restitution, dtype=float)
-    return contact_data(n, rows.numel(), restitution, s.c, functions, **NUMBERS)
+    return contact_data(n, rows.numel(), gap.numel(), s.c, functions, **NUMBERS)
 
 
 def flights_for(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -86,6 +86,8 @@ class Gears:
         Spent in the low gear so far.
     looked, stuck : bool
         Whether the cache has been asked; whether there is no high gear.
+    high : list of Kernel
+        The compiled loop, once there is one, of all that share it.
     """
 
     system: System
@@ -96,6 +98,7 @@ class Gears:
     seconds: float = 0.0
     looked: bool = False
     stuck: bool = False
+    high: list[Kernel] = field(default_factory=list)
 
 
 @per_scene
@@ -107,7 +110,8 @@ def gears_of(system: System, rule: Rule, scheme: Scheme) -> Gears | None:
         low = native_loop(system, rule, scheme)
     except (NotCompilable, CompileError):
         return None
-    return Gears(system, rule, scheme, replace(low))  # not that of backend="native"
+    high = high_gear(system, rule, scheme)
+    return Gears(system, rule, scheme, replace(low), high=high)  # not that of backend="native"
 
 
 def native_loop(system: System, rule: Rule, scheme: Scheme) -> Kernel:
@@ -145,7 +149,7 @@ def kernel_now(gears: Gears) -> Kernel:
     if gears.work is not None and finished(gears.work):
         gears.work = None
         _shift(gears)
-    return next(iter(high_gear(gears.system, gears.rule, gears.scheme)), gears.low)
+    return gears.high[0] if gears.high else gears.low
 
 
 def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:

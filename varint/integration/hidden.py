@@ -8,10 +8,9 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.codegen.rows import row_function_or_none
+from varint.codegen.rows import at_many_points
 from varint.integration.events.intervals import ZERO, Interval, point
 from varint.integration.events.jets import Jet, enclosures
-from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_system
@@ -145,7 +144,7 @@ def _push(system: System) -> Rows:
     """(c, q, v, t) → the force and the diagonal of M."""
     s = system
     mass = ca.densify(ca.fabs(ca.diag(s.mass_matrix)))
-    return _rows("push", [s.q, s.v, s.t], s, [_force(s), mass])
+    return at_many_points("push", [s.q, s.v, s.t], s.c, [_force(s), mass])
 
 
 @per_system
@@ -171,17 +170,8 @@ def _bounds(system: System) -> Rows | None:
         for of_all in ([x.value for x in jets], [x.curvature for x in jets])
         for side in ("low", "high")
     ]
-    return _rows("bounds", [q0, q1, begin, end], s, ends)
+    return at_many_points("bounds", [q0, q1, begin, end], s.c, ends)
 
 
 def _hull(a: ca.SX, b: ca.SX) -> Interval:
     return Interval(ca.fmin(a, b), ca.fmax(a, b))
-
-
-def _rows(name: str, arguments: list[ca.SX], system: System, results: list[ca.SX]) -> Rows:
-    """The function at many points, in C where it can be."""
-    as_data = row_function_or_none(name, arguments, system.c, results)
-    if as_data is not None:
-        return as_data.values
-    function = ca.Function(name, [*arguments, system.c], results, {"cse": True})
-    return lambda c, *points: over_columns(function, *points, c)

@@ -14,6 +14,7 @@ from varint.rules.rule import Rule
 from varint.scene.inputs import number, positive_integer, vector
 from varint.scene.parameters import ParameterValues
 from varint.scene.rays import start_on_rays
+from varint.scene.restitution import restitution_at
 from varint.scene.system import System, parameter_values
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def initial_value_problem(
         from varint.discrete.consistency import check_gaps
 
         check_gaps(system, q, t0, c)
+        restitution_at(system, c)
     if system.structure.constraints or system.structure.nonholonomic:
         p, active_set = put_on_manifold(
             system, q, None if v0 is None else np.array(v0, dtype=float), p, t0, c

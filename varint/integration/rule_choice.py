@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,15 +49,34 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
     return rules if compiled else {rule: interpreted_seconds(system, rule) for rule in rules}
 
 
-def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
-    """The rule of least work for a small oscillation over so many radians."""
+class Priced(NamedTuple):
+    """A rule, the work of a step, its `phase_error`, and the reciprocal of its order."""
 
-    turned = max(radians, 1.0) / tol
-    costs = {
-        rule: work * max(OVERTONES * (turned * phase_error(rule)) ** (1 / rule.order), 1 / RADIANS)
-        for rule, work in rules.items()
-    }
-    return min(costs, key=costs.__getitem__)
+    rule: Rule
+    work: float
+    error: float
+    root: float
+
+
+def priced(rules: dict[Rule, float]) -> tuple[Priced, ...]:
+    """`candidates` with all that does not depend on the motion."""
+    return tuple(Priced(r, work, phase_error(r), 1 / r.order) for r, work in rules.items())
+
+
+def cheapest(rules: tuple[Priced, ...], radians: float, tol: float) -> Rule:
+    """The rule of least work for a small oscillation over so many radians."""
+    if len(rules) == 1:
+        return rules[0].rule
+    turned, fewest = max(radians, 1.0) / tol, 1 / RADIANS
+    costs = [
+        work * max(OVERTONES * (turned * error) ** root, fewest) for _, work, error, root in rules
+    ]
+    return rules[costs.index(min(costs))].rule
+
+
+def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
+    """`cheapest` of `candidates`."""
+    return cheapest(priced(rules), radians, tol)
 
 
 @cache

@@ -19,19 +19,9 @@ from varint.integration.backend import (
     run_at_once,
     subdivide_failed_step,
 )
-from varint.integration.events.crossings import (
-    Crossings,
-    Watch,
-    crossing_search,
-    impacts_in,
-)
-from varint.integration.events.first_crossing import find_first
-from varint.integration.events.native_crossings import log_crossings
-from varint.integration.fold_watch import with_folds_watched
 from varint.integration.hard_steps import loop_that_took_over
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
-from varint.integration.row_watch import BlocksFrom, watch_rows
 from varint.integration.state import NodeBlock
 from varint.integration.trajectories import (
     Run,
@@ -51,6 +41,8 @@ from varint.scene.system import System
 if TYPE_CHECKING:
     from varint.codegen.kernel import Kernel, LoopResult
     from varint.integration.checkpoint import Checkpoint
+    from varint.integration.events.crossings import Crossings, Watch
+    from varint.integration.row_watch import BlocksFrom
 
 
 # nodes that are searched together for zeros, and coordinates of nodes where there are few: many
@@ -104,8 +96,12 @@ def start_run(
             kernel = loop_that_took_over(nodes[-1].after, scene, chosen.rule)
         blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
         if folds(scene):
+            from varint.integration.fold_watch import with_folds_watched
+
             blocks_from = with_folds_watched(blocks_from, scene, chosen.rule, problem, kernel)
         if scene is not system:
+            from varint.integration.row_watch import watch_rows
+
             blocks_from = watch_rows(blocks_from, system, chosen.rule, problem)
         remedy = partial(subdivide_failed_step, scene, chosen.rule, problem, kernel)
     at = nodes[-1].after if nodes else None
@@ -174,6 +170,10 @@ def collect(
     ConvergenceError
         If a step cannot be solved.
     """
+    from varint.integration.events.crossings import crossing_search, impacts_in
+    from varint.integration.events.first_crossing import find_first
+    from varint.integration.events.native_crossings import log_crossings
+
     problem, nodes, interrupted = run.problem, run.nodes, False
     searches = [crossing_search(run.system, watch) for watch in watches]
     stopping = crossing_search(run.system, stop) if stop else None

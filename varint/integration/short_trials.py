@@ -10,8 +10,16 @@ import numpy as np
 
 import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
-from varint.codegen.kernel import Kernel
-from varint.codegen.two_runs import NOT_SHORT, Course, course_of, two_runs
+from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.two_runs import (
+    FOUND,
+    NOT_SHORT,
+    Course,
+    Found,
+    Places,
+    course_of,
+    two_runs,
+)
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
@@ -47,40 +55,22 @@ def by_short_trials(
     radians: float,
     backend: str,
     began: float,
-) -> Choice | None:
-    """The choice that two runs and their energies prove; None where they do not. `mass` is the
-    diagonal of the mass matrix at the start.
-
-    Raises
-    ------
-    NotShort
-        If a run is long, or of another kind.
+) -> Choice | int:
+    """The choice that two runs and their energies prove; NOT_PROVED where they do not, NOT_SHORT
+    where a run is long, or of another kind. `mass` is the diagonal of the mass matrix at the start.
     """
     kernel = kernel_for(system, rule, start, backend)
-    course = None if kernel is None else _course(system, rule, kernel)
+    course = None if kernel is None else course_by(system, rule, kernel)
     if kernel is None or course is None:
-        raise NotShort
-    now = perf_counter()
-    found = two_runs(
-        course,
-        start.q0,
-        start.p0,
-        start.c,
-        mass,
-        t0=start.t0,
-        duration=start.h,
-        first=steps_for(rule, radians, tol),
-        radians=radians,
-        tol=tol,
-    )
-    if kernel.scene:
-        gears = gears_with(system, rule, scheme_of(system, rule), kernel)
-        if gears:
-            kernel_after(gears, perf_counter() - now, 0.0)
+        return NOT_SHORT
+    n = len(mass)
+    room = np.concatenate((start.q0, start.p0, mass, start.c, np.zeros(FOUND)))
+    at = address_of(room)
+    told = 3 * n + start.c.size
+    places = Places(at, at + 16 * n, at + 24 * n, at + 8 * told, room[told:])
+    found = two_short_runs((system, rule, kernel, course), places, start.t0, start.h, radians, tol)
     if isinstance(found, int):
-        if found == NOT_SHORT:
-            raise NotShort
-        return None
+        return found
     steps = found.steps
     problem = start._replace(
         h=start.h / steps, steps=steps, u=np.empty((steps, 1, 0)), nodes=len(rule.nodes)
@@ -90,12 +80,29 @@ def by_short_trials(
     return Choice(rule, steps, motion_of(run, nodes, work), found.estimate, found.runs, True, True)
 
 
-class NotShort(Exception):
-    """A run that takes longer, or another loop."""
+def two_short_runs(
+    how: tuple[System, Rule, Kernel, Course],
+    places: Places,
+    t0: float,
+    duration: float,
+    radians: float,
+    tol: float,
+) -> Found | int:
+    """`two_runs`, and a look at whether another gear repays."""
+    system, rule, kernel, course = how
+    now, first = perf_counter(), steps_for(rule, radians, tol)
+    found = two_runs(
+        course, places, t0=t0, duration=duration, first=first, radians=radians, tol=tol
+    )
+    if kernel.scene:
+        gears = gears_with(system, rule, scheme_of(system, rule), kernel)
+        if gears:
+            kernel_after(gears, perf_counter() - now, 0.0)
+    return found
 
 
 @per_scene
-def _course(system: System, rule: Rule, kernel: Kernel) -> Course | None:
+def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     """How the runs are made; None where the core cannot make them."""
     s, energy = system.structure, energy_rows(system)
     if kernel.opening or kernel.note[0] or energy is None or not s.quadratic_kinetic:

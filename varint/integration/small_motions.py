@@ -16,6 +16,14 @@ from varint.scene.system import System
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
 
 
+def angle_turned(duration: float, fastest: float | None) -> float:
+    """By how much motions of this frequency turn, for the choice of steps: 0 where it is not
+    known.
+    """
+    turned = abs(duration) * (fastest or 0.0)
+    return min(float(turned), 1e6) if math.isfinite(turned) else 0.0
+
+
 def frequencies(motion: Trajectory) -> np.ndarray:
     """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
     if motion.system.structure.degenerate or motion.system.structure.n > MOST_COORDINATES:
@@ -35,10 +43,14 @@ def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
     """Largest ω with det(∂²L/∂q² + ω² M) = 0; not finite where the matrices are not, None where a
     coordinate has no inertia.
     """
-    m, k = mass.ravel().tolist(), stiffness.ravel().tolist()
+    return _frequency(mass.ravel().tolist(), stiffness.ravel().tolist(), len(mass))
+
+
+def _frequency(m: list[float], k: list[float], n: int) -> float | None:
+    """`frequency` of (n, n) matrices, row by row."""
     if not math.isfinite(sum(m) + sum(k)):
         return math.nan
-    inertia = m[:: len(mass) + 1]
+    inertia = m[:: n + 1]
     if min(inertia, default=1.0) <= 0:
         return None
     if len(inertia) == 1:
@@ -51,6 +63,7 @@ def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
             columns = [m[3] * k[0] - m[1] * k[2], m[3] * k[1] - m[1] * k[3]]
             columns += [m[0] * k[2] - m[2] * k[0], m[0] * k[3] - m[2] * k[1]]
             return _fastest_of_two(*[x / volume for x in columns])
+    mass, stiffness = np.array(m).reshape(n, n), np.array(k).reshape(n, n)
     if is_definite(mass):
         square = np.linalg.solve(mass, stiffness)
     else:
@@ -72,10 +85,18 @@ def small_motions_at_start(
     system: System, q: np.ndarray, p: np.ndarray, t: float, c: np.ndarray
 ) -> tuple[float | None, np.ndarray]:
     """`frequency` at one state, and the diagonal of M."""
-    mass, stiffness = call(_local_function_of_momentum(system), q, p, np.array((t,)), c)
+    mass, stiffness = call(local_function_of_momentum(system), q, p, np.array((t,)), c)
     n = system.structure.n
-    mass, stiffness = mass.reshape(n, n).T, stiffness.reshape(n, n).T
-    return frequency(mass, stiffness), mass.diagonal()
+    return frequency_of_columns(mass.tolist(), stiffness.tolist(), n), mass[:: n + 1]
+
+
+def frequency_of_columns(m: list[float], k: list[float], n: int) -> float | None:
+    """`frequency` of (n, n) matrices, column after column."""
+    if n == 2:
+        m[1], m[2], k[1], k[2] = m[2], m[1], k[2], k[1]
+    elif n > 2:
+        m, k = ([x for i in range(n) for x in each[i::n]] for each in (m, k))
+    return _frequency(m, k, n)
 
 
 def frequency_at_start(
@@ -108,7 +129,7 @@ def _local_function(system: System) -> ca.Function:
 
 
 @per_scene
-def _local_function_of_momentum(system: System) -> ca.Function:
+def local_function_of_momentum(system: System) -> ca.Function:
     """(q, p, t, c) → the same."""
     n, velocity = system.structure.n, velocity_function(system)
     symbol = ca.SX.sym if velocity.is_a("SXFunction") else ca.MX.sym

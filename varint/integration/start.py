@@ -113,7 +113,7 @@ def start_momentum_of(
     if structure.degenerate:
         _check_first_order(system, q, p, t, c)
     elif not (structure.constraints or structure.nonholonomic):
-        _check_mass(system, values[2 * n + 1 :], c)
+        check_mass(system, values[2 * n + 1 :], c)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
 
 
@@ -138,7 +138,7 @@ def _regular_at(system: System) -> set[bytes]:
     return set()
 
 
-def _check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
+def check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     """`check_inertia`, once for each parameter values where the mass matrix is constant."""
     known, key = _regular_at(system), c.tobytes()
     if key not in known:

@@ -23,6 +23,7 @@ from varint.integration.problem import (
 )
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
+from varint.integration.short_call import short_call
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
@@ -56,6 +57,9 @@ def simulate_to_tolerance(
             "steps, duration"
         )
     tol = DEFAULT_TOL if options.tol is None else options.tol
+    tried = short_call(system, rule, start, options, tol, began)
+    if isinstance(tried, Trajectory):
+        return tried
     every = positive_integer("save_every", options.save_every)
     stop = None if options.until is None else parse_watch("until", options.until)
     watches = parse_watches(options.events)
@@ -76,7 +80,7 @@ def simulate_to_tolerance(
             choice = choose_varying_steps(system, rule, problem, start, options, tol)
             backend, scale = options.backend, options.scale
             return choice or choose_steps(
-                system, rule, problem, tol, stop=stop, scale=scale, backend=backend
+                system, rule, problem, tol, stop=stop, scale=scale, backend=backend, tried=tried
             )
 
         if stop is None or rows > 1:

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.codegen.two_runs import NOT_SHORT
 from varint.discrete.constraints import ActiveSet
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
@@ -48,8 +49,13 @@ from varint.integration.rule_choice import (
 from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import differences, ends_apart, with_first_half
 from varint.integration.second_looks import Trial
-from varint.integration.short_trials import NotShort, by_short_trials
-from varint.integration.small_motions import MOST_COORDINATES, frequencies, small_motions_at_start
+from varint.integration.short_trials import by_short_trials
+from varint.integration.small_motions import (
+    MOST_COORDINATES,
+    angle_turned,
+    frequencies,
+    small_motions_at_start,
+)
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
     FLOOR,
@@ -78,6 +84,7 @@ def choose_steps(
     stop: Watch | None = None,
     scale: Any = None,
     backend: str = "auto",
+    tried: int | None = None,
 ) -> Choice:
     """Rule and number of steps with which every coordinate's error stays below tol times its scale.
 
@@ -94,6 +101,8 @@ def choose_steps(
     scale : float or array (n,), optional
         See `error_scales`.
     backend : str
+    tried : int, optional
+        What `by_short_trials` would say: NOT_PROVED or NOT_SHORT.
 
     Raises
     ------
@@ -110,8 +119,7 @@ def choose_steps(
     began, own = perf_counter(), plan(system, rule).rule
     check_steps(start.t0, start.h * start.steps, 1)
     fastest, mass = fastest_at_start(system, own, start)
-    turned = abs(start.h * start.steps) * fastest  # radians
-    radians = min(float(turned), 1e6) if math.isfinite(turned) else 0.0
+    radians = angle_turned(start.h * start.steps, fastest)
     if rule is None and start.steps == 1:
         by_stages = runs_by_stages(system, gauss(8), backend)
         compiled = backend == "compiled" or (
@@ -122,11 +130,12 @@ def choose_steps(
     by_two_runs = start.steps == 1 and shows_its_error(system)
     plain = by_two_runs and stop is None and has_plain_trials(system, start)
     if plain and scale is None and mass is not None:
-        with suppress(NotShort):
-            proved = by_short_trials(system, own, start, mass, tol, radians, backend, began)
-            if proved is not None:
-                return proved
-            plain = by_two_runs = False
+        found: Choice | int | None = tried
+        if tried is None:
+            found = by_short_trials(system, own, start, mass, tol, radians, backend, began)
+        if isinstance(found, Choice):
+            return found
+        plain = by_two_runs = found == NOT_SHORT
     if plain:
         with suppress(NotPlain):
             shown = by_plain_trials(system, own, start, tol, radians, scale, backend)

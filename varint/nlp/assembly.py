@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from varint.nlp.program import Program
+from varint.numerics.arrays import distinct
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +240,7 @@ def _matrix(parts, shape: tuple[int, int]) -> ca.MX:
     """Sum of local matrices at their places in a sparse matrix."""
     keys = [column * shape[0] + row for _, row, column, _ in parts]
     kept = [np.flatnonzero(row >= 0) for _, row, _, _ in parts]
-    places = np.unique(
+    places = distinct(
         np.concatenate([np.zeros(0, dtype=int), *(k[i] for k, i in zip(keys, kept, strict=True))])
     )
     pattern = ca.Sparsity.triplet(

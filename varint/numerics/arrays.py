@@ -24,6 +24,7 @@ CALL, ROW = 2000, 40
 MANY = 10**9  # operations of iterations and loops, which are not counted
 REMEMBERED = 256  # functions whose buffers are kept
 DEFINITE = 1e-12  # least eigenvalue of a matrix that is definite by far: beyond its round-off
+CLEARLY = 1e-6  # determinant of a matrix of two rows that needs no closer look
 COPIED = 500  # numbers of a function's arguments and results that are worth a copy of them
 
 
@@ -43,6 +44,12 @@ def is_definite(matrix: np.ndarray) -> bool:
     """Whether a symmetric matrix is positive definite by far, its diagonal scaled to one:
     without its eigenvalues.
     """
+    if len(matrix) == 1:
+        return 0 < matrix.item() < math.inf
+    if len(matrix) == 2:
+        a, b, c, d = matrix.ravel().tolist()
+        if a > 0 and d > 0 and CLEARLY * a * d < a * d - b * c < math.inf:
+            return True
     less = matrix.copy()
     less.reshape(-1)[:: len(matrix) + 1] *= 1 - DEFINITE
     try:
@@ -57,6 +64,12 @@ def median(x: np.ndarray) -> float:
     if not len(x) or math.isnan(ordered[-1]):
         return math.nan
     return float(ordered[half] if len(x) % 2 else (ordered[half - 1] + ordered[half]) / 2)
+
+
+def distinct(x: np.ndarray) -> np.ndarray:
+    """`numpy.unique` of whole numbers (k,), without what that one loads when it is called first."""
+    ordered = np.sort(x)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(x) else ordered
 
 
 def blocks(count: int, largest: int = LARGEST_BLOCK) -> Iterator[int]:
@@ -151,11 +164,11 @@ def _preparation(function: ca.Function) -> _Prepared:
     if sum(sizes) + sum(out) > COPIED:
         return _Prepared(function, buffer, trigger, sizes, out, None, [], fails)
     inputs, outputs = ([np.empty(size) for size in part] for part in (sizes, out))
-    _hand_over(buffer, inputs, outputs)
+    hand_over(buffer, inputs, outputs)
     return _Prepared(function, buffer, trigger, sizes, out, inputs, outputs, fails)
 
 
-def _hand_over(
+def hand_over(
     buffer: ca.FunctionBuffer, arguments: Sequence[np.ndarray], outputs: Sequence[np.ndarray]
 ) -> None:
     for i, argument in enumerate(arguments):
@@ -182,7 +195,7 @@ def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
             memory[...] = argument if argument.ndim == 1 else argument.reshape(-1)
     if inputs is None:
         outputs = [np.empty(size) for size in prepared.out]
-        _hand_over(prepared.buffer, arguments, outputs)
+        hand_over(prepared.buffer, arguments, outputs)
         prepared.run(outputs)
         return outputs
     if prepared.fails:

@@ -105,7 +105,7 @@ def stretches(
             tangents, grown = renew(one)
             steps = len(one.k) - 1
             rate = max(grown / steps, pace.remembered * rate, allowed / longest)
-            length = int(np.clip(allowed / rate, 1, pace.longer * length))
+            length = int(max(min(allowed / rate, pace.longer * length), 1))
             done += steps
             move(steps, lambda: "")
             yield one
@@ -154,9 +154,8 @@ def _by_lift(motion: Trajectory, scene: System, tangents: np.ndarray, length: in
     origin = float(motion.t[0] - ends[0] * motion.h) if motion.origin is None else motion.origin
 
     def problem(x: np.ndarray, displacement: np.ndarray, k0: int, k1: int) -> InitialValueProblem:
-        q, p = np.split(x, 2)
-        dq, dp = np.split(displacement, 2)
-        q, p = np.concatenate([q, dq]), np.concatenate([dp, p])
+        q = np.concatenate([x[:n], displacement[:n]])
+        p = np.concatenate([displacement[n:], x[n:]])
         return InitialValueProblem(
             q, p, origin, motion.h, k1, 1, motion.u, motion.c, len(rule.nodes), first=k0
         )

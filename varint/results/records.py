@@ -41,6 +41,9 @@ class StepsAgain(NamedTuple):
     action: Callable[[System], ca.Function]
 
 
+IMPACTS = ("impact", "stop")  # events at which velocities jump
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that happened between nodes.

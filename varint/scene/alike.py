@@ -36,7 +36,7 @@ def _key(system: Any) -> tuple[str | bytes, ...]:
     """Names, operations and their constants, to the bit."""
     s = system
     inputs = [s.q, s.v, s.t, s.control, s.c]
-    outputs = [s.lagrangian, s.force, s.constraint, s.nonholonomic, s.contact]
+    outputs = [s.lagrangian, s.force, s.constraint, s.nonholonomic, s.contact, s.bounce]
     if s.kinetics is not None:
         inputs.append(s.kinetics.momentum)
         k = s.kinetics
@@ -48,4 +48,4 @@ def _key(system: Any) -> tuple[str | bytes, ...]:
         text = hashlib.sha256(text.encode()).digest()
     # which equations of a scene with constraints are solved is a question of ranks
     numbers = s.default_vector.tobytes() if s.constraint.numel() else b""
-    return text, s.restitution.tobytes(), numbers, repr(s.rays)
+    return text, numbers, repr(s.rays)

@@ -68,6 +68,8 @@ def description(system: Any) -> dict[str, Any]:
     """
     symbols = {name: getattr(system, name) for name in SYMBOLS}
     expressions = {name: getattr(system, name) for name in EXPRESSIONS}
+    if not system.bounce.is_constant():
+        expressions["restitution"] = system.bounce
     if (kinetics := system.kinetics) is not None:
         symbols["momentum"] = kinetics.momentum
         expressions |= {name: getattr(kinetics, name) for name in KINETICS}
@@ -100,7 +102,8 @@ def parts_of(data: Any) -> dict[str, Any]:
     missing = [name for name in EXPRESSIONS if name not in record.expressions]
     if missing:
         raise InputError(f"the system has no {', '.join(missing)}")
-    written = [name for name in (*EXPRESSIONS, *KINETICS) if name in record.expressions]
+    optional = *KINETICS, "restitution"
+    written = [name for name in (*EXPRESSIONS, *optional) if name in record.expressions]
     outputs = [record.expressions[name] for name in written]
     momentum = _symbols("momentum", {"momentum": [], **record.symbols})
     nodes = [_node(i, node) for i, node in enumerate(record.operations)]
@@ -113,8 +116,8 @@ def parts_of(data: Any) -> dict[str, Any]:
         kinetics = Kinetics(matrix, momentum, velocity, *(x for x in resistance if x is not None))
     return {
         **symbols,
-        **found,
         "restitution": record.restitution,
+        **found,
         "params": params,
         "kinetics": kinetics,
         "rays": record.rays,

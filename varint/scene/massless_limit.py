@@ -109,7 +109,7 @@ def massless_limit(system: System, masses: ca.SX) -> System:
         s.v,
         lagrangian,
         force=push,
-        restitution=s.restitution,
+        restitution=s.bounce if s.contact.numel() else 0.0,
         control=s.control if s.control.numel() else None,
         params=s.params,
         t=s.t,

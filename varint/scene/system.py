@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -24,12 +24,12 @@ from varint.scene.parameters import (
     values_by_name,
 )
 from varint.scene.rays import Rays, checked_rays
+from varint.scene.restitution import bounce_of, restitution_at
 from varint.scene.structure import Structure, structure_of
 from varint.scene.validation import (
     check_symbols,
     expression,
     pfaffian,
-    restitution_of,
     symbols,
 )
 
@@ -146,10 +146,10 @@ class System:
     contact : SX (c,), optional
         Gaps of unilateral, frictionless contacts, gap(q, t) ≥ 0; they need a Lobatto rule
         (`trapezoidal`, `lobatto`) and a Lagrangian quadratic in the velocities.
-    restitution : float or sequence of c floats, optional
-        Coefficients of restitution of the contacts, between 0 and 1 (default 0: no bounce). A
-        contact at rest under a blow elsewhere stays closed if its own is 0, and hands the blow on
-        otherwise (Newton's cradle).
+    restitution : float, SX, or sequence of c of them, optional
+        Coefficients of restitution of the contacts, between 0 and 1 (default 0: no bounce), numbers
+        or expressions of the parameters, ``restitution=c.e``. A contact at rest under a blow
+        elsewhere stays closed if its own is 0, and hands the blow on otherwise (Newton's cradle).
     force : SX (n,), optional
         Generalised force F(q, v, u, t) (Lagrange–d'Alembert).
     control : SX (k,), optional
@@ -201,6 +201,7 @@ class System:
     t: Any = None
     kinetics: Kinetics | None = None
     rays: Rays = ()
+    bounce: ca.SX = field(init=False)  # restitution as expressions of the parameters
 
     def __init__(
         self,
@@ -256,7 +257,8 @@ class System:
             "the contact": self.contact,
         }
         check_symbols(self.q, self.v, self.t, self.control, self.c, parts)
-        object.__setattr__(self, "restitution", restitution_of(restitution, self.contact.numel()))
+        object.__setattr__(self, "bounce", bounce_of(restitution, self.contact.numel(), self.c))
+        object.__setattr__(self, "restitution", restitution_at(self, self.default_vector))
         object.__setattr__(self, "rays", checked_rays(rays, self))
         if kinetics is not None:
             check_kinetics(self)

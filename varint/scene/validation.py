@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
 from varint.scene.epigraph import refuse_largest
-from varint.scene.inputs import finite_array
 
 
 def symbols(what: str, x: Any) -> ca.SX:
@@ -110,20 +108,3 @@ _MAY_DEPEND = {
     "nonholonomic": "q, t and the parameters (the rows A of A(q) v = 0)",
     "the contact": "q, t and the parameters",
 }
-
-
-def restitution_of(value: Any, contacts: int) -> np.ndarray:
-    """One coefficient between 0 and 1 for every contact."""
-    e = finite_array("restitution", value)
-    if e.shape not in ((), (contacts,)):
-        raise InputError(
-            f"restitution has shape {e.shape}; give one number or one per contact ({contacts})"
-        )
-    if (e < 0).any() or (e > 1).any():
-        raise InputError(f"restitution must lie between 0 and 1, got {value!r}")
-    if not contacts and np.any(e != 0):
-        raise InputError(
-            f"restitution={value!r} was given, but the system has no contact; give contact=gap as "
-            "well"
-        )
-    return np.broadcast_to(e, (contacts,)).copy()

@@ -11,22 +11,24 @@ import numpy as np
 
 from varint.errors import ConvergenceError, InputError
 from varint.integration.simulate import simulate
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import call, over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System, parameters_by_name
 from varint.sensitivities.carrier import Carrier
+from varint.sensitivities.contact_curvature import Ahead, carried_ahead, contact_curvature
 from varint.sensitivities.course import course_of
 from varint.sensitivities.flow_inputs import kept_run, shapes_of_inputs
 from varint.sensitivities.gradient import pulled_back
+from varint.sensitivities.second_order import node_hessian, start_hessian, twice
 from varint.sensitivities.start import output_slopes, scenes_at, start_slopes
-from varint.sensitivities.tangents import Asked, changes, of_outputs
+from varint.sensitivities.tangents import Asked, of_outputs
 
 
 @dataclass(eq=False)
 class ContactShot:
-    """As `Shot`, without second derivatives; a start that no run can begin from, or a run that
-    cannot be finished, has no numbers, and one that grazes no derivatives.
+    """As `Shot`; a start that no run can begin from, or a run that cannot be finished, has no
+    numbers, and one that grazes no derivatives.
     """
 
     system: System
@@ -37,6 +39,7 @@ class ContactShot:
     t0: float
     backend: str
     last: tuple[bytes, Trajectory | None] | None = field(default=None)
+    ahead: tuple[Trajectory, Ahead] | None = field(default=None)
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -84,25 +87,64 @@ class ContactShot:
 
     def jacobian(self, given: list[np.ndarray]) -> np.ndarray:
         """∂(q, v)/∂(q0, v0, c, u): rows are q of the first node, …, v of the last."""
-        n, many, columns = len(given[0]), len(given[2]), sum(a * b for a, b in self.sizes)
+        n, columns = len(given[0]), sum(a * b for a, b in self.sizes)
         motion, rows = self.run(given), 2 * n * len(self.nodes)
         if motion is None:
             return np.full((rows, columns), np.nan)
-        contacts, controls = self.system.structure.contacts, given[3].size
+        kept = self._kept(motion)
+        try:
+            change, outer = self._ahead(motion).changes(), self._asked(motion).outer
+        except ConvergenceError:  # it grazes
+            return np.full((rows, columns), np.nan)
+        wanted = ca.vertcat(self.system.q, self.system.v)
+        found = of_outputs(motion[kept], wanted, change[kept], outer[: len(motion.c)])
+        by_output = found.reshape(len(kept), 2, n, columns).transpose(1, 0, 2, 3)
+        return by_output.reshape(rows, columns)
+
+    def _ahead(self, motion: Trajectory) -> Ahead:
+        """The tangents of a run, for Jacobians and Hessians at the same place."""
+        if self.ahead is None or self.ahead[0] is not motion:
+            self.ahead = motion, carried_ahead(motion, self._asked(motion), self.backend)
+        return self.ahead[1]
+
+    def _asked(self, motion: Trajectory) -> Asked:
+        """All inputs, the controls last."""
+        n, many, columns = motion.q.shape[1], len(motion.c), sum(a * b for a, b in self.sizes)
+        contacts, controls = self.system.structure.contacts, self.sizes[3][0] * self.steps
         of_q, of_v, of_c, _ = start_slopes(motion)
         tangent, outer = np.zeros((2 * n, columns)), np.zeros((many + 2 + contacts, columns))
         tangent[:n, :n], tangent[n:, :n], tangent[n:, n : 2 * n] = np.eye(n), of_q, of_v
         outer[:many, 2 * n : 2 * n + many] = np.eye(many)
         tangent[n:, 2 * n : 2 * n + many] = of_c
-        asked = Asked(tangent, outer, columns - controls if controls else -1)
-        kept, wanted = self._kept(motion), ca.vertcat(self.system.q, self.system.v)
+        return Asked(tangent, outer, columns - controls if controls else -1)
+
+    def hessian(self, given: list[np.ndarray], of_q: np.ndarray, of_v: np.ndarray) -> np.ndarray:
+        """Second derivatives of Σ of_q·q + of_v·v over the nodes, (nodes, n) each, by all inputs;
+        see `contact_curvature`.
+        """
+        n, columns, motion = len(given[0]), sum(a * b for a, b in self.sizes), self.run(given)
+        if motion is None:
+            return np.full((columns, columns), np.nan)
+        kept, weights = self._kept(motion), np.hstack([of_q, of_v])
+        seeds, _ = self._seeds(motion, weights)
         try:
-            change = changes(motion, asked, self.backend)
-        except ConvergenceError:  # it grazes
-            return np.full((rows, columns), np.nan)
-        found = of_outputs(motion[kept], wanted, change[kept], outer[:many])
-        by_output = found.reshape(len(kept), 2, n, columns).transpose(1, 0, 2, 3)
-        return by_output.reshape(rows, columns)
+            ahead = self._ahead(motion)
+            found, at = contact_curvature(ahead, seeds)
+        except ConvergenceError:
+            return np.full((columns, columns), np.nan)
+        change, c, t = ahead.changes()[kept], motion.c, motion.t[kept, None]
+        if change[:, 2 * n].any():  # a node at an event moves with it, on one side of it alone
+            return np.full((columns, columns), np.nan)
+        outer = self._asked(motion).outer[: len(c)]
+        constant = np.broadcast_to(outer, (len(kept), *outer.shape))
+        along = np.concatenate([change[:, : 2 * n], constant], 1)
+        for some, scene in scenes_at(motion[kept], slice(None)):
+            at_node = motion.q[kept][some], motion.p[kept][some], t[some], c, weights[some]
+            found += twice(over_columns(node_hessian(scene), *at_node)[0], along[some])
+        begin = given[0], given[1], np.array([self.t0]), c, np.ascontiguousarray(at.z[n : 2 * n])
+        size = 2 * n + len(c)
+        found[:size, :size] += call(start_hessian(self.system), *begin)[0].reshape(size, size)
+        return (found + found.T) / 2
 
     def adjoint(self, given: list[np.ndarray], of_q: np.ndarray, of_v: np.ndarray) -> np.ndarray:
         """The gradient of Σ of_q·q + of_v·v over the nodes, (nodes, n) each, by all inputs."""

@@ -71,9 +71,8 @@ class External(ca.Callback):
         jacobian, curved, count = self.jacobian_of, self.curved, len(self.inputs)
         if jacobian is None:
             raise InputError(
-                "a flow has no second derivatives through contacts, no third ones at all: take "
-                "Gauss–Newton from its Jacobian, or an approximation "
-                "(ipopt.hessian_approximation='limited-memory')"
+                "a flow has first and second derivatives, no third ones: where a solver asks for "
+                "those, give it an approximation (ipopt.hessian_approximation='limited-memory')"
             )
         again = None if curved is None else lambda x: curved(x[:count])
         shapes = [(a[0] * a[1], b[0] * b[1]) for _, a in self.outputs for _, b in self.inputs]
@@ -110,13 +109,10 @@ def external(name: str, shot: Shot | ContactShot) -> ca.Function:
         rows = np.split(shot.jacobian(given), 2)
         return [part[:, a:b] for part in rows for a, b in pairwise(ends)]
 
-    hessian = shot.hessian if isinstance(shot, Shot) else None
-
     def curved(given: Arrays) -> Arrays:
         """Derivatives of every block of the Jacobian, by inputs and values."""
-        assert hessian is not None
         unit = np.eye(2 * n * nodes).reshape(-1, 2, nodes, n)
-        tensors = np.split(np.array([hessian(given, *one) for one in unit]), 2)
+        tensors = np.split(np.array([shot.hessian(given, *one) for one in unit]), 2)
         blocks = []
         for part in tensors:
             for a, b in pairwise(ends):
@@ -131,8 +127,7 @@ def external(name: str, shot: Shot | ContactShot) -> ca.Function:
     def value(given: Arrays) -> Arrays:
         return [x.ravel() for x in shot.values(given)]
 
-    twice = None if hessian is None else curved
-    made = kept(External(name, inputs, outputs, value, jacobian, reverse, twice))
+    made = kept(External(name, inputs, outputs, value, jacobian, reverse, curved))
     symbols = [ca.MX.sym(x, *shape) for x, shape in inputs]
     # parameters that are left out are the defaults: see `Shot.run`
     options = {"default_in": [0.0, 0.0, np.nan, 0.0]}
@@ -165,7 +160,6 @@ def _pulled_back(
         return [whole[:, a:b].ravel() for a, b in pairwise(ends)]
 
     def jacobian(given: Arrays) -> Arrays:
-        assert isinstance(shot, Shot)
         by_outputs = np.split(shot.jacobian(given[:count]), 2)
         curved = [shot.hessian(given[:count], a, b) for a, b in rows(given)]
         blocks = []
@@ -182,5 +176,4 @@ def _pulled_back(
     shapes = [shape for _, shape in (*inputs, *outputs)] + [wide(shape) for _, shape in outputs]
     given = list(zip(inames, shapes, strict=True))
     found = [(x, wide(shape)) for x, (_, shape) in zip(onames, inputs, strict=True)]
-    slopes = jacobian if isinstance(shot, Shot) else None
-    return kept(External(name, given, found, value, slopes))
+    return kept(External(name, given, found, value, jacobian))

@@ -44,7 +44,7 @@ def flow(
     ----------
     system : System
         With contacts, too: impacts, stops and detachments come as they do from the start at hand,
-        and derivatives go through them (saltation matrices), the first ones alone.
+        and derivatives go through them (saltation matrices, and what these curve).
     rule : Rule, optional
         Default: the scene's own.
     h, steps : float, int
@@ -61,8 +61,8 @@ def flow(
         defaults), ``u (k, steps)``, held over each step; outputs ``q (n, nodes)``, ``v (n,
         nodes)``. Where a run cannot begin or be finished they are NaN, from which solvers turn
         back, and so are derivatives where a contact is grazed. First and second derivatives are
-        exact; with contacts there are first ones. A Hessian costs the square of the number of
-        inputs: of many controls take Gauss–Newton from the Jacobian, or an approximation
+        exact. A Hessian costs the square of the number of inputs: of many controls take
+        Gauss–Newton from the Jacobian, or an approximation
         (``ipopt.hessian_approximation="limited-memory"``).
 
     Raises

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from varint.codegen.rows import at_many_points
 from varint.errors import InputError
-from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import finite_array
@@ -29,7 +30,7 @@ from varint.sensitivities.start import (
     scenes_at,
     start_slopes,
     state_function,
-    state_symbols,
+    symbols_for,
 )
 
 
@@ -261,22 +262,22 @@ def _add(
     value, text = total.value, as_text(motion.system, expression)
     q, p, t = motion.q[at], motion.p[at], motion.t[at, None]
     for some, scene in scenes_at(motion, at):
-        given = q[some], p[some], t[some], motion.c, weights[some]
-        of_psi, of_x, of_c, of_t = over_columns(_weighted_function(scene, text), *given)
+        weighted = _weighted_function(scene, text)
+        of_psi, of_x, of_c = weighted(motion.c, q[some], p[some], t[some], weights[some])
         value += float(of_psi.sum())
-        total.x[-len(q) :][some] += np.hstack([of_x, of_t])
+        total.x[-len(q) :][some] += of_x
         total.c[:] += of_c.sum(0)
     return total._replace(value=value)
 
 
 @per_system
-def _weighted_function(scene: System, expression: str) -> ca.Function:
-    """(q, p, t, c, w) → w·ψ and its derivatives with respect to (q, p), c and t."""
+def _weighted_function(scene: System, expression: str) -> Callable[..., list[np.ndarray]]:
+    """c and rows of q, p, t, w → w·ψ and its derivatives with respect to (q, p, t) and c."""
     s = scene
     own = ca.Function.deserialize(expression)(s.q, s.v, s.t, s.control, s.c)
     of_state = state_function(s, own)
-    q, p, t, c = inputs = state_symbols(s)
+    q, p, t, c = symbols_for(of_state)
     w = type(q).sym("w", own.numel())
-    value = ca.dot(w, of_state(*inputs))
-    slopes = [ca.densify(ca.gradient(value, x)) for x in (ca.vertcat(q, p), c, t)]
-    return ca.Function("weighted", [*inputs, w], [value, *slopes])
+    value = ca.dot(w, of_state(q, p, t, c))
+    slopes = [ca.densify(ca.gradient(value, x)) for x in (ca.vertcat(q, p, t), c)]
+    return at_many_points("weighted", [q, p, t, w], c, [value, *slopes])

@@ -8,6 +8,7 @@ motion here. Where ė = 0 the motion grazes, and has no derivative.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -21,6 +22,7 @@ from varint.scene.memory import per_system
 from varint.scene.system import System
 from varint.sensitivities.grazing import grazing
 from varint.sensitivities.parts import Slopes, with_size
+from varint.sensitivities.second_order import second_derivatives
 from varint.sensitivities.start import state_function
 
 GRAZING = 1e-8  # of what velocities contribute to a rate: one as small is zero
@@ -32,24 +34,41 @@ def crossing_slopes(scene: System, expression: ca.SX) -> ca.Function:
     """(q, p, t, c, u) → derivatives of an expression of q, v, t, c with respect to (q, p), t, c
     and u.
     """
+    return _slopes(*_crossing_symbols(scene, expression))
+
+
+def _crossing_symbols(scene: System, expression: ca.SX) -> tuple[list[ca.MX], ca.MX]:
     value = state_function(scene, expression)
     q, p, t, c = inputs = [ca.MX.sym(f"a{i}", value.numel_in(i)) for i in range(4)]
-    return _slopes([*inputs, ca.MX.sym("u", scene.control.numel())], value(q, p, t, c))
+    return [*inputs, ca.MX.sym("u", scene.control.numel())], value(q, p, t, c)
 
 
-@per_system
-def gap_slopes(system: System, scene: System, contact: int) -> ca.Function:
-    """`crossing_slopes` of a gap; `scene` is the one that moves."""
-    return crossing_slopes(scene, system.contact[contact])
-
-
-@per_system
-def push_slopes(scene: System, row: int) -> ca.Function:
-    """`crossing_slopes` of the multiplier of a row that holds."""
+def _push_symbols(scene: System, row: int) -> tuple[list[ca.MX], ca.MX]:
+    """The multiplier of a row that holds."""
     sizes = (scene.q.numel(), scene.q.numel(), 1, scene.c.numel(), scene.control.numel())
     q, p, t, c, u = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
     v = velocity_function(scene)(q, p, t, c)
-    return _slopes(inputs, multiplier_function(scene)(q, v, u, t, c)[0][row])
+    return inputs, multiplier_function(scene)(q, v, u, t, c)[0][row]
+
+
+@per_system
+def _gap_slopes(system: System, scene: System, contact: int) -> ca.Function:
+    return _slopes(*_crossing_symbols(scene, system.contact[contact]))
+
+
+@per_system
+def _gap_hessian(system: System, scene: System, contact: int) -> ca.Function:
+    return _hessian(*_crossing_symbols(scene, system.contact[contact]))
+
+
+@per_system
+def _push_slopes(scene: System, row: int) -> ca.Function:
+    return _slopes(*_push_symbols(scene, row))
+
+
+@per_system
+def _push_hessian(scene: System, row: int) -> ca.Function:
+    return _hessian(*_push_symbols(scene, row))
 
 
 def _slopes(inputs: list[ca.MX], value: ca.MX) -> ca.Function:
@@ -58,18 +77,38 @@ def _slopes(inputs: list[ca.MX], value: ca.MX) -> ca.Function:
     return ca.Function("crossing", inputs, found)
 
 
+def _hessian(inputs: list[ca.MX], value: ca.MX) -> ca.Function:
+    """Its second derivatives with respect to all of them."""
+    return ca.Function("curved", inputs, [second_derivatives(inputs, value)])
+
+
 def event_slopes(system: System, active_set: ActiveSet, event: Event) -> ca.Function:
     """`crossing_slopes` of what becomes zero where a contact closes, or lets go."""
     scene, contact = active_set.scene(system), event.contact
     assert contact is not None
     if event.kind != "detachment":
-        return gap_slopes(system, scene, contact)
+        return _gap_slopes(system, scene, contact)
+    return _push_slopes(scene, _row_of(system, active_set, event))
+
+
+def event_hessian(system: System, active_set: ActiveSet, event: Event) -> ca.Function:
+    """(q, p, t, c, u) → its second derivatives with respect to all of them."""
+    scene, contact = active_set.scene(system), event.contact
+    assert contact is not None
+    if event.kind != "detachment":
+        return _gap_hessian(system, scene, contact)
+    return _push_hessian(scene, _row_of(system, active_set, event))
+
+
+def _row_of(system: System, active_set: ActiveSet, event: Event) -> int:
+    """The place of a contact that lets go among the rows that hold."""
+    contact = event.contact
     if contact not in active_set.contacts or len(active_set.contacts) < len(active_set.holding):
         raise InputError(
             f"contact {contact} lets go at t = {event.time:g} of contacts that hold the motion "
             "together more than once: which of them pushes how much is not known"
         )
-    return push_slopes(scene, len(active_set.rows) + active_set.contacts.index(contact))
+    return len(active_set.rows) + active_set.contacts.index(contact)
 
 
 def to_event(
@@ -112,20 +151,37 @@ def to_event(
     return with_size(slopes, -of_z[None] / rate, -by_u[None] / rate)
 
 
-def blow(
-    system: System, active_set: ActiveSet, event: Event, time: float, c: np.ndarray
-) -> np.ndarray:
-    """What an impact makes of changes: the rows (q, p, t) of its derivative with respect to z.
+class Blow(NamedTuple):
+    """An impact as a map of momenta.
 
-    Raises
-    ------
-    InputError
-        If the momenta behind it are not those of the event.
+    Attributes
+    ----------
+    scene : System
+        What moves until then.
+    kept : tuple of int
+        Rows of constraints and contacts that hold meanwhile.
+    hit : int
+        The row that is hit.
+    bounces : bool
+    given : tuple of ndarray
+        q, p, t, c, and what is added to the coefficient of restitution: 0.
     """
+
+    scene: System
+    kept: tuple[int, ...]
+    hit: int
+    bounces: bool
+    given: tuple[np.ndarray, ...]
+
+
+def blow_of(
+    system: System, active_set: ActiveSet, event: Event, time: float, c: np.ndarray
+) -> Blow:
+    """The map of an impact that was recorded."""
     assert event.contact is not None
-    q, p, wanted = (np.array(x) for x in (event.q, event.p_before, event.p_after))
+    q, p = np.array(event.q), np.array(event.p_before)
     v, late = np.array(event.v_before), np.array(event.v_after)
-    t, n, contacts = np.array([time]), len(q), system.contact.numel()
+    t, n = np.array([time]), len(q)
     first = system.structure.constraints + system.structure.nonholonomic
     rows, slope = call(every_row_function(system), q, v, t, c)
     after = call(every_row_function(system), q, late, t, c)[0]
@@ -139,31 +195,67 @@ def blow(
         *range(system.structure.constraints, first),
         *(first + i for i in holding if i != event.contact),
     )
-    bounces = abs(after[hit]) > rest[event.contact]
+    bounces = bool(abs(after[hit]) > rest[event.contact])
     scene = replace(active_set, contacts=tuple(still)).scene(system)
-    restitution = float(system.restitution[event.contact]) if bounces else 0.0
-    function = _blow_function(system, scene, kept, hit)
-    found, *slopes = call(function, q, p, t, c, np.array([restitution]))
-    change = np.abs(wanted - p).max()
+    return Blow(scene, kept, hit, bounces, (q, p, t, c, np.zeros(1)))
+
+
+def blow(
+    system: System, active_set: ActiveSet, event: Event, time: float, c: np.ndarray
+) -> np.ndarray:
+    """What an impact makes of changes: the rows (q, p, t) of its derivative with respect to z.
+
+    Raises
+    ------
+    InputError
+        If the momenta behind it are not those of the event.
+    """
+    assert event.contact is not None
+    b, wanted = blow_of(system, active_set, event, time, c), np.array(event.p_after)
+    found, *slopes = call(_blow_slopes(system, *b[:4]), *b.given)
+    change = np.abs(wanted - b.given[1]).max()
     if not np.abs(found - wanted).max() <= SAME_BLOW * change:
         raise InputError(
             f"the impact at t = {event.time:g} was dealt to several bodies in a way that cannot "
             "be followed: its derivative is not known"
         )
+    n, many, contacts = len(wanted), len(c), system.contact.numel()
     of_q, of_p, of_t, of_c, of_e = (x.reshape(-1, n).T for x in slopes)
-    matrix = np.zeros((2 * n + 1, 2 * n + 3 + len(c) + contacts))
+    matrix = np.zeros((2 * n + 1, 2 * n + 3 + many + contacts))
     matrix[:n, :n] = np.eye(n)
     matrix[2 * n, 2 * n] = 1.0
     matrix[n : 2 * n, : 2 * n + 1] = np.hstack([of_q, of_p, of_t])
-    matrix[n : 2 * n, 2 * n + 1 : 2 * n + 1 + len(c)] = of_c
-    if bounces:
-        matrix[n : 2 * n, 2 * n + 3 + len(c) + event.contact] = of_e[:, 0]
+    matrix[n : 2 * n, 2 * n + 1 : 2 * n + 1 + many] = of_c
+    if b.bounces:
+        matrix[n : 2 * n, 2 * n + 3 + many + event.contact] = of_e[:, 0]
     return matrix
 
 
 @per_system
-def _blow_function(system: System, scene: System, kept: tuple[int, ...], hit: int) -> ca.Function:
-    """(q, p, t, c, e) → p behind the blow of one row while others are kept, and its derivatives.
+def _blow_slopes(
+    system: System, scene: System, kept: tuple[int, ...], hit: int, bounces: bool
+) -> ca.Function:
+    """(q, p, t, c, e) → p behind the blow of one row while others are kept, and its derivatives."""
+    inputs, after = _blow_symbols(system, scene, kept, hit, bounces)
+    slopes = [ca.densify(ca.jacobian(after, x)) for x in inputs]
+    return ca.Function("blow", inputs, [ca.densify(after), *slopes])
+
+
+@per_system
+def blow_hessian(
+    system: System, scene: System, kept: tuple[int, ...], hit: int, bounces: bool
+) -> ca.Function:
+    """(q, p, t, c, e, μ) → ∂²(μ·p)/∂(q, p, t, c, e)² of p behind a blow."""
+    inputs, after = _blow_symbols(system, scene, kept, hit, bounces)
+    mu = ca.MX.sym("mu", after.numel())
+    curved = second_derivatives(inputs, ca.dot(mu, after), mu)
+    return ca.Function("blow_hessian", [*inputs, mu], [curved])
+
+
+def _blow_symbols(
+    system: System, scene: System, kept: tuple[int, ...], hit: int, bounces: bool
+) -> tuple[list[ca.MX], ca.MX]:
+    """q, p, t, c, e, and p behind the blow of one row while others are kept.
 
     [M −Wᵀ; W 0] [Δv; Λ] = [0; −(1 + e) ṙ], p⁺ = p + Wᵀ Λ.
     """
@@ -181,8 +273,9 @@ def _blow_function(system: System, scene: System, kept: tuple[int, ...], hit: in
     mass, along, rate = seen(q, velocity_function(scene)(q, p, t, c), t, c)
     m = len(chosen)
     matrix = ca.blockcat([[mass, -along.T], [along, ca.MX.zeros(m, m)]])
+    if bounces:
+        first = hit - system.structure.constraints - system.structure.nonholonomic
+        e += ca.Function("own", [s.c], [s.bounce[first]])(c)
     right = ca.vertcat(ca.MX.zeros(n + m - 1), -(1 + e) * rate)
     impulse = ca.solve(matrix, right, "qr")[n:]
-    after = p + ca.mtimes(along.T, impulse)
-    slopes = [ca.densify(ca.jacobian(after, x)) for x in inputs]
-    return ca.Function("blow", inputs, [ca.densify(after), *slopes])
+    return inputs, p + ca.mtimes(along.T, impulse)

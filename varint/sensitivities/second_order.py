@@ -74,7 +74,7 @@ def _held_controls(piece: Piece, directions: Directions, columns: int) -> np.nda
     """
     steps, nodes, k = piece.u.shape
     of_u = np.zeros((steps, nodes, k, columns))
-    at = directions.controls + np.arange(steps * k).reshape(steps, 1, k)
+    at = directions.controls + (piece.first * k + np.arange(steps * k)).reshape(steps, 1, k)
     np.put_along_axis(of_u, np.broadcast_to(at, (steps, nodes, k))[..., None], 1.0, 3)
     return of_u.reshape(steps, nodes * k, columns)
 
@@ -86,18 +86,27 @@ def twice(flat: np.ndarray, along: np.ndarray) -> np.ndarray:
     return along.reshape(count * rows, columns).T @ turned.reshape(count * rows, columns)
 
 
-@per_system
 def step_hessian(system: System, rule: Rule) -> ca.Function:
     """(x, x', v, v', t, h, u, c, μ) → ∂²(μ·x')/∂(x, c, u)², with the controls of all nodes."""
+    return _hessian_by(system, rule, "xcu")
+
+
+def part_hessian(system: System, rule: Rule) -> ca.Function:
+    """`step_hessian` by (x, c, u, t, h): of a step whose time and size vary, too."""
+    return _hessian_by(system, rule, "xcuth")
+
+
+@per_system
+def _hessian_by(system: System, rule: Rule, varied: str) -> ca.Function:
     s, n = step_map(system, rule), system.structure.n
     width = len(rule.nodes) * system.structure.controls
     sizes = (2 * n, 2 * n, n, n, 1, 1, width, s.c.numel(), 2 * n)
     inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
-    found = _of_equations(s, inputs) if s.y.numel() else _of_parts(s, inputs)
+    found = (_of_equations if s.y.numel() else _of_parts)(s, inputs, varied)
     return ca.Function("step_hessian", inputs, [ca.densify(found)])
 
 
-def _of_parts(s: StepMap, inputs: list[ca.MX]) -> ca.MX:
+def _of_parts(s: StepMap, inputs: list[ca.MX], varied: str) -> ca.MX:
     """Of an explicit step, part after part."""
     x, _, _, _, t, h, u, c, mu = inputs
     part = ca.Function("part", [s.q, s.p, s.t, s.u, s.part, s.c, s.h], [s.after], {"cse": True})
@@ -105,15 +114,21 @@ def _of_parts(s: StepMap, inputs: list[ca.MX]) -> ca.MX:
     for r, row in enumerate(s.parts):
         mine = u[r * width : (r + 1) * width] if width else ca.MX(0, 1)
         state = part(*ca.vertsplit(state, s.q.numel()), t, mine, ca.MX(row), c, h)
-    z = ca.vertcat(x, c, u)
-    value = ca.Function("value", [x, c, u, t, h, mu], [ca.dot(mu, state)])
-    joined = ca.MX.sym("z", z.numel())
-    split = ca.vertsplit(joined, np.cumsum([0, x.numel(), c.numel(), u.numel()]).tolist())
-    hessian = ca.hessian(value(*split, t, h, mu), joined)[0]
-    return ca.Function("hessian", [joined, t, h, mu], [ca.densify(hessian)])(z, t, h, mu)
+    given = dict(zip("xcuth", (x, c, u, t, h), strict=True))
+    others = [given[name] for name in given if name not in varied]
+    return second_derivatives([given[name] for name in varied], ca.dot(mu, state), *others, mu)
 
 
-def _of_equations(s: StepMap, inputs: list[ca.MX]) -> ca.MX:
+def second_derivatives(by: list[ca.MX], value: ca.MX, *others: ca.MX) -> ca.MX:
+    """∂²/∂(by)² of a number that depends on these symbols and on others."""
+    ends = np.cumsum([0, *(x.numel() for x in by)]).tolist()
+    of = ca.Function("value", [*by, *others], [value])
+    z = ca.MX.sym("z", ends[-1])
+    hessian = ca.densify(ca.hessian(of(*ca.vertsplit(z, ends), *others), z)[0])
+    return ca.Function("hessian", [z, *others], [hessian])(ca.vertcat(*by), *others)
+
+
+def _of_equations(s: StepMap, inputs: list[ca.MX], varied: str) -> ca.MX:
     """Of F(y, z) = 0, x' = G(y, z): with S = μ·G + η·F and η = −F_y⁻ᵀ G_yᵀ μ it is Dᵀ S'' D, D =
     [−F_y⁻¹ F_z; 1].
     """
@@ -122,7 +137,8 @@ def _of_equations(s: StepMap, inputs: list[ca.MX]) -> ca.MX:
     arguments = [q, p, t, u, ca.MX(s.part.numel(), 1), c, h]
     y, _ = unknowns(s, arguments, x, x1, v, v1, h)
     eta_symbol, mu_symbol = ca.SX.sym("eta", s.y.numel()), ca.SX.sym("mu", 2 * s.q.numel())
-    z = ca.vertcat(s.state, s.c, s.u)
+    symbols = dict(zip("xcuth", (s.state, s.c, s.u, s.t, s.h), strict=True))
+    z = ca.vertcat(*(symbols[name] for name in varied))
     both = ca.vertcat(s.y, z)
     twisted = ca.dot(mu_symbol, s.after) + ca.dot(eta_symbol, s.left)
     given = [*s.inputs, s.c, s.h]
@@ -141,13 +157,11 @@ def _of_equations(s: StepMap, inputs: list[ca.MX]) -> ca.MX:
 def node_hessian(system: System) -> ca.Function:
     """(q, p, t, c, w) → ∂²(w·(q, v))/∂(q, p, c)²."""
     n, many = system.structure.n, system.c.numel()
-    z, t, w = ca.MX.sym("z", 2 * n + many), ca.MX.sym("t"), ca.MX.sym("w", 2 * n)
-    q, p, c = ca.vertsplit(z, [0, n, 2 * n, 2 * n + many])
-    value = ca.dot(w, ca.vertcat(q, velocity_function(system)(q, p, t, c)))
-    of_z = ca.Function("curved", [z, t, w], [ca.densify(ca.hessian(value, z)[0])])
     inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate((n, n, 1, many, 2 * n))]
     q, p, t, c, w = inputs
-    return ca.Function("node_hessian", inputs, [of_z(ca.vertcat(q, p, c), t, w)])
+    value = ca.dot(w, ca.vertcat(q, velocity_function(system)(q, p, t, c)))
+    found = second_derivatives([q, p, c], value, t, w)
+    return ca.Function("node_hessian", inputs, [found])
 
 
 @per_system

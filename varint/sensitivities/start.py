@@ -60,15 +60,18 @@ def state_function(system: System, expression: ca.SX) -> ca.Function:
             "them; write it without, or as the running loss"
         )
     value = ca.Function("value", [s.q, s.v, s.t, s.c], [own], {"cse": True})
-    q, p, t, c = state_symbols(s)
-    return ca.Function("of_state", [q, p, t, c], [value(q, velocity_function(s)(q, p, t, c), t, c)])
+    velocity = velocity_function(s)
+    if not ca.depends_on(own, s.v):
+        at = [s.q, ca.SX.sym("p", s.structure.n), s.t, s.c]
+        return ca.Function("of_state", at, [value(s.q, s.v, s.t, s.c)], {"cse": True})
+    q, p, t, c = symbols_for(velocity)
+    return ca.Function("of_state", [q, p, t, c], [value(q, velocity(q, p, t, c), t, c)])
 
 
-def state_symbols(system: System) -> list[Any]:
-    """q, p, t, c for functions of a state: SX, the faster, where velocities are written out."""
-    kind = ca.SX if velocity_function(system).is_a("SXFunction") else ca.MX
-    sizes = (system.structure.n, system.structure.n, 1, system.c.numel())
-    return [kind.sym(name, size) for name, size in zip("qptc", sizes, strict=True)]
+def symbols_for(of_state: ca.Function) -> list[Any]:
+    """q, p, t, c for a function of a state: SX, the faster, where it is written out."""
+    kind = ca.SX if of_state.is_a("SXFunction") else ca.MX
+    return [kind.sym(name, of_state.size1_in(i)) for i, name in enumerate("qptc")]
 
 
 def slopes_of(system: System, outputs: ca.SX) -> ca.Function:
@@ -101,7 +104,7 @@ def _slopes(system: System, text: str) -> ca.Function:
     s = system
     outputs = ca.Function.deserialize(text)(s.q, s.v, s.t, s.control, s.c)
     value = state_function(system, outputs)
-    q, p, t, c = inputs = state_symbols(system)
+    q, p, t, c = inputs = symbols_for(value)
     out = value(*inputs)
     slopes = [ca.densify(ca.jacobian(out, x)) for x in (ca.vertcat(q, p), c, t)]
     return ca.Function("output_slopes", inputs, slopes, {"cse": True})

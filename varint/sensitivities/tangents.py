@@ -109,17 +109,32 @@ def sensitivity(
 
 def changes(motion: Trajectory, asked: Asked, backend: str) -> np.ndarray:
     """Changes of (q, p) and t at the nodes, (N + 1, 2n + 1, m)."""
-    carrier, z, directions = begun(motion, asked, backend)
-    found = np.empty((len(motion), carrier.places[1], z.shape[1]))
+    found = _carried(*begun(motion, asked, backend))
+    if motion.fictitious is None:
+        return found
+    return at_given_times(motion, found)
+
+
+def changes_within(motion: Trajectory, rows: Trajectory, asked: Asked, backend: str) -> np.ndarray:
+    """`changes` at other states of the motion, ``rows = motion.at(times)``, of one without a time
+    scale.
+    """
+    carrier = Carrier(course_of(motion)._replace(rows=rows), backend)
+    outer = asked.outer[: len(motion.c) + 2]
+    directions = Directions(outer, asked.controls, motion.u.shape[1])
+    return _carried(carrier, start_of(carrier, asked.tangent, asked.outer), directions)
+
+
+def _carried(carrier: Carrier, z: np.ndarray, directions: Directions) -> np.ndarray:
+    """Changes of (q, p) and t at the nodes wanted."""
+    found = np.empty((len(carrier.course.rows), carrier.places[1], z.shape[1]))
     first = True
     for leg in legs(carrier.course):
         every, later = carried_on(carrier, leg, z, directions)
         rows = rows_of(carrier, leg, first)
         found[rows.which] = changes_at_rows(carrier, leg, rows, every, z, directions)
         z, first = later, False
-    if motion.fictitious is None:
-        return found
-    return at_given_times(motion, found)
+    return found
 
 
 def begun(motion: Trajectory, asked: Asked, backend: str) -> tuple[Carrier, np.ndarray, Directions]:

@@ -77,25 +77,22 @@ def part_of_step(carrier: Carrier, leg: Leg) -> tuple[Slopes, Slopes]:
         If an event there has no derivative.
     """
     motion, piece = carrier.motion, leg.piece
-    contacts, step = motion.system.structure.contacts, piece.first
-    n, clock = piece.v.shape[1], carrier.places[0]
+    step, n, clock = piece.first, piece.v.shape[1], carrier.places[0]
     end = float(piece.t[0] + piece.h[0])
-    if abs(piece.h[0]) <= INSTANT * abs(motion.h):
+    if takes_no_time(carrier, leg):
         if leg.events and leg.events[0].kind in COMING:
             raise grazing(step, end)
         same = np.eye(carrier.size)[None, : clock + 1]
         none = np.zeros((1, clock + 1)), np.zeros((1, clock + 1, motion.u[0].size)), np.zeros(1)
         both = Slopes(clock, same, *none)
         return both, both
-    x, v = piece.x, piece.v
-    parts = parts_of(carrier, np.array([step]), (x[:1], x[1:]), (v[:1], v[1:]), piece.t, piece.h)
-    slopes = part_slopes(carrier.by(leg.scene), parts, motion.c, contacts)
+    parts, slopes = free_part(carrier, leg)
     if not leg.events:
         before = to_time(slopes, carrier.at_step(step + 1)) if leg.on_grid else _given(leg, slopes)
         return before, before
     assert leg.held is not None
     crossing = event_slopes(motion.system, leg.held, leg.events[0])
-    state = x[1, :n], x[1, n:], end
+    state = piece.x[1, :n], piece.x[1, n:], end
     before = to_event(
         slopes, crossing, state, motion.c, *controls_at(carrier, parts), speeds(parts)
     )
@@ -106,6 +103,21 @@ def part_of_step(carrier: Carrier, leg: Leg) -> tuple[Slopes, Slopes]:
         _require_in_turn(leg, i, step)
         after = _through(after, blow(motion.system, leg.held, event, end, motion.c))
     return before, after
+
+
+def takes_no_time(carrier: Carrier, leg: Leg) -> bool:
+    """Whether a part of a step begins where it ends."""
+    return bool(abs(leg.piece.h[0]) <= INSTANT * abs(carrier.motion.h))
+
+
+def free_part(carrier: Carrier, leg: Leg) -> tuple[Parts, Slopes]:
+    """A part of a step, and its derivatives with any duration."""
+    motion, piece = carrier.motion, leg.piece
+    x, v = piece.x, piece.v
+    ends = (x[:1], x[1:]), (v[:1], v[1:])
+    parts = parts_of(carrier, np.array([piece.first]), *ends, piece.t, piece.h)
+    contacts = motion.system.structure.contacts
+    return parts, part_slopes(carrier.by(leg.scene), parts, motion.c, contacts)
 
 
 def _require_in_turn(leg: Leg, i: int, step: int) -> None:

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.numerics.arrays import over_columns
+from varint.scene.restitution import loses_energy
 from varint.symmetry.sampling import Points, Region, at_points, sample
 from varint.symmetry.search import Pairs
 from varint.symmetry.verify import project_onto_surface
@@ -66,7 +67,7 @@ def conditions(region: Region, groups: Sequence[Pairs], vectors: np.ndarray, rng
         )
         rows = np.concatenate([_matrices(slope, s.structure.n), by_t[:, :, None]], axis=2)
         parts.append(_relative(rows, xi))
-    if structure.contacts and (s.restitution < 1).any():
+    if structure.contacts and loses_energy(s):
         parts.append(vectors[:1])
     return np.concatenate(parts)
 

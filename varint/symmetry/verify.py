@@ -12,6 +12,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import over_columns
+from varint.scene.restitution import loses_energy
 from varint.scene.system import System
 from varint.symmetry.identities import Evaluated, Values, evaluate
 from varint.symmetry.sampling import Points, Region, at_points, join_points, lively_points, sample
@@ -182,7 +183,7 @@ def broken_by(region: Region, xi: ca.SX, tau: ca.SX, rng) -> tuple[str, ...]:
         free = all(
             _invariant(region, s.contact[i], xi, tau, rng) for i in range(structure.contacts)
         )
-        if not free or (not tau.is_zero() and (s.restitution < 1).any()):
+        if not free or (not tau.is_zero() and loses_energy(s)):
             broken.append("contact")
     return tuple(broken)
 

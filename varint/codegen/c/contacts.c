@@ -48,6 +48,7 @@ typedef struct {
     double *carry, *ends, *told, *close;    /* of shorter steps; told: RunStats */
     double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
     double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
+    double *restitution;
     int *pivots;
     int64_t *held;                          /* how many rows hold just now, then which: those of constraints first */
     double iterations, residual, energy;
@@ -137,7 +138,7 @@ static void least_gaps(const Work *x, const double *left, const double *right, d
 static void view(Work *x, const double *point, double t) {
     double typical = 0;
     for (int d = 0; d < N; d++) typical = fmax(typical, x->a->scale[d]);
-    blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy);
+    blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy, x->restitution);
     for (int i = 0; i < CONTACTS; i++) {
         double along = 0, size = 0, lengths = 0;
         for (int d = 0; d < N; d++) {
@@ -411,7 +412,7 @@ static int reflect(Work *x, const double *from, int struck, double e, int sticks
             if (felt < least) least = felt, pulled = j;
         }
         for (int j = held - 1; j >= 0; j--)
-            if (HELD(j) >= FIRST && RESTITUTION[HELD(j) - FIRST] > 0 && fabs(y[N + j]) * length_of(x, HELD(j)) / most > PULL)
+            if (HELD(j) >= FIRST && x->restitution[HELD(j) - FIRST] > 0 && fabs(y[N + j]) * length_of(x, HELD(j)) / most > PULL)
                 release(x, j), handed = 1;
         if (handed) continue;
         if (sticks || !(least < -PULL)) break;
@@ -453,7 +454,7 @@ INLINE int see(Work *x, double *point, double t) {
    once. What it was goes to `hit`. 0 where rows may depend on each other. */
 static int strike(Work *x, double *point, double t, int struck, double *hit) {
     const double shortest = ZENO * fabs(x->a->h);
-    double to[POINT], e = RESTITUTION[struck], impulse, wait = 0, *told = hit + HIT_HEAD;
+    double to[POINT], e = x->restitution[struck], impulse, wait = 0, *told = hit + HIT_HEAD;
     int64_t before[1 + ROWS];
     memcpy(before, x->held, sizeof before);
     if (!(length_of(x, FIRST + struck) > FLAT)) return 0;
@@ -467,7 +468,7 @@ static int strike(Work *x, double *point, double t, int struck, double *hit) {
             continue;
         }
         const int i = (int)(before[1 + j] - FIRST);
-        rocks |= RESTITUTION[i] == 0 && RATE_OF(to)[i] > 0 && flight(x, to, i) <= shortest;
+        rocks |= x->restitution[i] == 0 && RATE_OF(to)[i] > 0 && flight(x, to, i) <= shortest;
     }
     if (rocks) {
         take_held(x, before);
@@ -582,7 +583,7 @@ int contacts(const ContactArguments *a) {
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
     const int64_t all = N + ROWS;
     const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
-                             5 * N * (MOST_STEPS + 1), ALL_W};
+                             5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS};
     double *part[sizeof sizes / sizeof *sizes];
     int64_t total = 0;
     for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) total += sizes[i];
@@ -594,7 +595,7 @@ int contacts(const ContactArguments *a) {
     int pivots[all];
     int64_t held[1 + ROWS], known[1 + ROWS];
     Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
-                 pivots, held, 0, 0, 0, 0};
+                 part[14], pivots, held, 0, 0, 0, 0};
     Work *const x = &work;
     double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;

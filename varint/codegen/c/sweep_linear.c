@@ -3,7 +3,8 @@
    A step takes x = (q, p) to G_x x + G_y y + g where F_x x + F_y y + f = 0, with matrices that are the same for all steps of a
    size; f, g and what is outside depend on e = (parameters, step, time, controls). With A = -F_y^-1: tangents dx' = (G_x + G_y A
    F_x) dx + G_e de + G_y A F_e de, adjoints mu = (G_x + G_y A F_x)^T mu' from step to step, and eta = A^T (G_y^T mu' + ...) of
-   LANES steps in the lanes of vectors.
+   LANES steps in the lanes of vectors. Where nothing outside changes in time, what F_e and G_e pull back is bilinear in (mu', what
+   a density adds to y) and (x, 1) with the same coefficients in all steps: the sums of their products over the steps are enough.
    Defined before this file, by generated source or by sweep_linear_scene.h: N, NU (controls at CONTROLS a node), Y (unknowns),
    C (parameters), E = C + 2 + NU, the nonzeros FE of F_e and GE of G_e and their places. matrices(w, F_y, F_x, G_y, G_x), full,
    column by column; rest(q, p, t, u, w, F at y = 0); outside(y, q, p, t, u, part, w, F_e, G_e); pull(…, mu, eta, w, G_e^T mu +
@@ -19,18 +20,20 @@
 #define SWEEP_W ((DENSITY_AT + DENSITY_W + LANES - 1) / LANES * LANES) /* vectors begin behind it */
 #define BOTH (2 * N)
 #define ROWS ((BOTH + LANES - 1) / LANES) /* vectors of a column of `map` */
-#define KINDS 14
+#define PAIRED (BOTH + LOSS * Y) /* what is multiplied by x */
+#define KINDS 17
 
 /* Of LANES steps: unknowns, state, controls, time, what the loss adds to eta and mu, adjoints. `map`: (BOTH, ROWS) vectors, its
-   rows; `a` (Y, Y), `from_before` = A F_x (Y, BOTH) and `to_after` = G_y A (BOTH, Y), row by row. */
+   rows; `a` (Y, Y), `from_before` = A F_x (Y, BOTH) and `to_after` = G_y A (BOTH, Y), row by row. Over steps: `products`
+   the sums of mu' x^T and of_y x^T, rows as those of `map`, `total` of (mu', of_y), `largest` |x| of each number, ROWS vectors. */
 typedef struct {
-    V *y, *x, *u, *t, *of_y, *of_x, *of_e, *mu, *eta, *fe, *ge, *map, *pulled, *more;
+    V *y, *x, *u, *t, *of_y, *of_x, *of_e, *mu, *eta, *fe, *ge, *map, *products, *total, *largest, *pulled, *more;
     double *w, *a, *to_after, *from_before, h;
     int prepared, sound;
 } Work;
 
 static Work *work_space(int64_t more) {
-    const int64_t vectors[KINDS] = {Y, BOTH, NU, 1, Y, BOTH, E, BOTH, Y, FE, GE, BOTH * ROWS, E, more};
+    const int64_t vectors[KINDS] = {Y, BOTH, NU, 1, Y, BOTH, E, BOTH, Y, FE, GE, BOTH * ROWS, PAIRED * ROWS, PAIRED, ROWS, E, more};
     const int64_t head = (sizeof(Work) + 63) / 64 * 64;
     int64_t all = head + (SWEEP_W + Y * Y + 2 * BOTH * Y) * sizeof(double);
     for (int i = 0; i < KINDS; i++) all += ROOM(vectors[i]) * sizeof(V);
@@ -40,7 +43,7 @@ static Work *work_space(int64_t more) {
     if (!k) return 0;
     memset(at, 0, all);
     V **const places[KINDS] = {&k->y, &k->x, &k->u, &k->t, &k->of_y, &k->of_x, &k->of_e, &k->mu, &k->eta, &k->fe, &k->ge, &k->map,
-                               &k->pulled, &k->more};
+                               &k->products, &k->total, &k->largest, &k->pulled, &k->more};
     k->w = (double *)(at + head); /* first, for functions as data have vectors there */
     V *vector = (V *)(k->w + SWEEP_W);
     for (int i = 0; i < KINDS; i++) *places[i] = vector, vector += ROOM(vectors[i]);
@@ -115,20 +118,25 @@ static void prepare(Work *k, const double *c, double h) {
     k->sound = !unsound(k->a, Y * Y) && !unsound((double *)k->map, BOTH * ROWS * LANES);
 }
 
-/* The unknowns of `count` steps from step s on; lanes beyond them repeat the last. */
-static void solve(Work *k, const SweepArguments *a, int64_t s, int count) {
+/* The unknowns of the steps in the lanes. */
+static void solve(Work *k) {
     V left[ROOM(Y)];
+    rest(k->x, k->x + N, k->t, k->u, k->w + REST_AT, left);
+    for (int i = 0; i < Y; i++) {
+        k->y[i] = splat(0.0);
+        for (int j = 0; j < Y; j++) k->y[i] = v_fma(splat(k->a[i * Y + j]), left[j], k->y[i]);
+    }
+}
+
+/* `count` steps from step s on; lanes beyond them repeat the last. */
+static void solve_steps(Work *k, const SweepArguments *a, int64_t s, int count) {
     for (int l = 0; l < LANES; l++) {
         const int64_t step = s + (l < count ? l : count - 1);
         for (int d = 0; d < BOTH; d++) set_lane_at(&k->x[d], l, STATE_AT(a, step)[d]);
         for (int i = 0; i < NU; i++) set_lane_at(&k->u[i], l, a->u[step * NU + i]);
         set_lane_at(k->t, l, a->t[step]);
     }
-    rest(k->x, k->x + N, k->t, k->u, k->w + REST_AT, left);
-    for (int i = 0; i < Y; i++) {
-        k->y[i] = splat(0.0);
-        for (int j = 0; j < Y; j++) k->y[i] = v_fma(splat(k->a[i * Y + j]), left[j], k->y[i]);
-    }
+    solve(k);
 }
 
 int tangents(const SweepArguments *a) {
@@ -144,7 +152,7 @@ int tangents(const SweepArguments *a) {
         some = alike(a, s, 1);
         prepare(k, a->c, a->h[s]);
         if (!k->sound) { *a->failed = (double)s, status = NOT_REGULAR; break; }
-        if (outer) solve(k, a, s, (int)some), outside(k->y, k->x, k->x + N, k->t, k->u, k->x, k->w + OUTSIDE_AT, k->fe, k->ge);
+        if (outer) solve_steps(k, a, s, (int)some), outside(k->y, k->x, k->x + N, k->t, k->u, k->x, k->w + OUTSIDE_AT, k->fe, k->ge);
         for (int l = 0; l < some; l++) {
             memset(next, 0, (BOTH + Y) * m * sizeof(double));
             for (int i = 0; i < BOTH; i++)
@@ -184,35 +192,91 @@ static void carry_back(Work *k, const SweepArguments *a, int64_t s, int count, d
     }
 }
 
+/* The products of `count` steps from step s on are added up. */
+static void add_products(Work *k, const SweepArguments *a, int64_t s, int count) {
+    V x[LANES * ROWS];
+    for (int64_t l = 0; l < count; l++) {
+        V *const at = x + l * ROWS;
+        at[ROWS - 1] = splat(0.0), memcpy(at, STATE_AT(a, s + l), BOTH * sizeof(double));
+        for (int b = 0; b < ROWS; b++) k->largest[b] = v_fmax(v_fabs(at[b]), k->largest[b]);
+    }
+    for (int i = 0; i < PAIRED; i++) {
+        const double *const by = (const double *)(i < BOTH ? &k->mu[i] : &k->of_y[i - BOTH]);
+        for (int b = 0; b < ROWS; b++) {
+            V sum = k->products[i * ROWS + b];
+            for (int l = 0; l < count; l++) sum = v_fma(splat(by[l]), x[l * ROWS + b], sum);
+            k->products[i * ROWS + b] = sum;
+        }
+        for (int l = 0; l < count; l++) ((double *)k->total)[i] += by[l];
+    }
+}
+
+/* What the steps in the lanes pull back through F and G. */
+static void pull_back(Work *k) {
+    for (int j = 0; j < Y; j++) {
+        k->eta[j] = splat(0.0);
+        for (int i = 0; i < BOTH; i++) k->eta[j] = v_fma(splat(k->to_after[i * Y + j]), k->mu[i], k->eta[j]);
+        for (int i = 0; i < Y && LOSS; i++) k->eta[j] = v_fma(splat(k->a[i * Y + j]), k->of_y[i], k->eta[j]);
+    }
+    pull(k->y, k->x, k->x + N, k->t, k->u, k->x, k->mu, k->eta, k->w + PULL_AT, k->pulled, k->of_x);
+}
+
+/* With P(m, x) what a step pulls back, m = (mu', of_y): the sum over the steps is that over d of P(W_d / X_d, X_d e_d), W_d the sum
+   of m x_d and X_d = max |x_d|, and P(what these leave of the sum of m, 0): as many lanes as there are numbers, and one. */
+static void pull_products(Work *k, const SweepArguments *a, V *outer) {
+    for (int first = 0, count; first <= BOTH; first += count) {
+        count = BOTH + 1 - first < LANES ? BOTH + 1 - first : LANES;
+        memset(k->x, 0, BOTH * sizeof(V)), memset(k->mu, 0, BOTH * sizeof(V)), memset(k->of_y, 0, Y * sizeof(V));
+        for (int l = 0; l < count; l++) {
+            const int64_t d = first + l;
+            const double size = d < BOTH ? lane_at(k->largest, d) : 0;
+            if (d < BOTH) set_lane_at(&k->x[d], l, size);
+            for (int i = 0; i < PAIRED; i++) {
+                const double part = size > 0 ? lane_at(&k->products[i * ROWS], d) / size : 0;
+                V *const to = i < BOTH ? &k->mu[i] : &k->of_y[i - BOTH];
+                set_lane_at(to, l, d < BOTH ? part : lane_at(k->total, i));
+                ((double *)k->total)[i] -= part;
+            }
+        }
+        *k->t = splat(a->t[0]);
+        solve(k), pull_back(k), add_pulled(a, 0, count, 0, k->pulled, outer);
+    }
+}
+
+/* Whether all steps have the same derivatives by what is outside, and are more than `pull_products` takes. */
+static int pull_alike(const SweepArguments *a) {
+    int differ = NU || !a->smooth || a->steps <= 2 * BOTH;
+    for (int i = 0; i < FE; i++) differ |= FE_COLUMN[i] == C + 1;
+    for (int i = 0; i < GE; i++) differ |= GE_COLUMN[i] == C + 1;
+    return !differ;
+}
+
 int adjoints(const SweepArguments *a) {
     BEGIN(a);
     Work *const k = work_space(C + 2);
     if (!k) return NO_MEMORY;
     V *const outer = k->more;
+    const int together = pull_alike(a);
     int status = SWEPT;
     for (int64_t s = a->steps, some; s > 0;) {
         some = alike(a, s - 1, -1), s -= some;
         prepare(k, a->c, a->h[s]);
         if (!k->sound) { *a->failed = (double)s, status = NOT_REGULAR; break; }
-        solve(k, a, s, (int)some);
-        const V *const q = k->x, *const p = q + N;
+        if (LOSS || !together) solve_steps(k, a, s, (int)some);
         if (LOSS) {
+            const V *const q = k->x, *const p = q + N;
             V value;
             density(k->y, q, p, k->t, k->u, k->x, k->w + DENSITY_AT, &value, k->of_y, k->of_x, k->of_e);
             for (int l = 0; l < some; l++) *a->loss += lane_at(&value, l);
             for (int d = 0; d < BOTH; d++)
                 for (int i = 0; i < Y; i++) k->of_x[d] = v_fma(splat(k->from_before[i * BOTH + d]), k->of_y[i], k->of_x[d]);
+            add_pulled(a, s, (int)some, 0, k->of_e, outer);
         }
         carry_back(k, a, s, (int)some, a->tangent);
-        for (int j = 0; j < Y; j++) {
-            k->eta[j] = splat(0.0);
-            for (int i = 0; i < BOTH; i++) k->eta[j] = v_fma(splat(k->to_after[i * Y + j]), k->mu[i], k->eta[j]);
-            for (int i = 0; i < Y && LOSS; i++) k->eta[j] = v_fma(splat(k->a[i * Y + j]), k->of_y[i], k->eta[j]);
-        }
-        pull(k->y, q, p, k->t, k->u, k->x, k->mu, k->eta, k->w + PULL_AT, k->pulled, k->of_x);
-        if (LOSS) for (int i = 0; i < E; i++) k->pulled[i] += k->of_e[i];
-        add_pulled(a, s, (int)some, 0, k->pulled, outer);
+        if (together) add_products(k, a, s, (int)some);
+        else pull_back(k), add_pulled(a, s, (int)some, 0, k->pulled, outer);
     }
+    if (together && !status) pull_products(k, a, outer);
     for (int i = 0; i < C + 2; i++) a->outer[i] += sum(outer[i]);
     free(k);
     return status;

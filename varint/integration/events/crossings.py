@@ -27,14 +27,13 @@ from varint.integration.events.roots import Points, join_points
 from varint.integration.events.substeps import Substeps, interpreted_substeps
 from varint.integration.state import NodeBlock
 from varint.numerics.arrays import over_columns
-from varint.results.records import Event
+from varint.results.records import IMPACTS, Event
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols
 from varint.scene.memory import per_system
 from varint.scene.serialisation import expression_as_data
 from varint.scene.system import System
 
-IMPACTS = ("impact", "stop")  # events at which velocities jump
 REMEMBERED = 64  # expressions of a system whose functions are kept
 WATCHED = "the expression"
 ROUND_OFF = 1e-12  # of the value before a jump: so near to zero is zero after it

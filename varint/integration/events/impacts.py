@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ from varint.integration.events.contacts import Instant, View, first_contact, lea
 from varint.numerics.arrays import call, lengths
 from varint.results.records import Event
 from varint.scene.memory import per_system
+from varint.scene.restitution import restitution_at
 from varint.scene.system import System
 
 TOUCH = 1e-10  # a gap this small against what the coordinates contribute to it is closed
@@ -61,6 +63,11 @@ class Setting:
     u: np.ndarray
     h: float
     reach: np.ndarray
+
+    @cached_property
+    def restitution(self) -> np.ndarray:
+        """Of every contact."""
+        return restitution_at(self.system, self.c)
 
     @property
     def direction(self) -> float:
@@ -117,7 +124,7 @@ def _impact(
     Flights that become too short end at once: all that remain take Σ flight eᵏ, and the rate
     becomes 0.
     """
-    bounce = 0.0 if tired else float(setting.system.restitution[hit])
+    bounce = 0.0 if tired else float(setting.restitution[hit])
     if lengths(seen.slope[first_contact(setting.system) + hit]) <= FLAT:
         raise StepRefused(
             f"contact {hit} closes at t = {now.t:g} where its gap has no gradient ∂gap/∂q, so no "
@@ -132,9 +139,7 @@ def _impact(
     after, later, impulse = _reflect(setting, now, seen, hit, bounce, tired)
     wait = 0.0
     opened = [
-        i
-        for i in _plastic(setting.system, now)
-        if i not in after.active_set.holding and later.rate[i] > 0
+        i for i in _plastic(setting, now) if i not in after.active_set.holding and later.rate[i] > 0
     ]
     # rocking that dies out
     if any(_flight(setting, after, later, i) <= ZENO * abs(setting.h) for i in opened):
@@ -167,9 +172,9 @@ def event_between(
     return Event(time, kind, contact, impulse, seen.energy, later.energy, *map(tuple, states))
 
 
-def _plastic(system: System, now: Instant) -> list[int]:
+def _plastic(setting: Setting, now: Instant) -> list[int]:
     """Contacts that hold and do not bounce."""
-    return [i for i in now.active_set.holding if system.restitution[i] == 0]
+    return [i for i in now.active_set.holding if setting.restitution[i] == 0]
 
 
 def _reflect(
@@ -197,7 +202,7 @@ def _reflect(
         elastic = [
             i
             for i, x in zip(holding, felt, strict=True)
-            if system.restitution[i] > 0 and abs(x) > PULL
+            if setting.restitution[i] > 0 and abs(x) > PULL
         ]
         if elastic:  # these hand the blow on; one that does not feel it stays closed
             holding = [i for i in holding if i not in elastic]

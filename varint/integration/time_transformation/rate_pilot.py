@@ -7,6 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.codegen.look_ahead import Look, look_ahead, look_of
 from varint.discrete.legendre import mass_solve
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
 from varint.numerics.arrays import call
@@ -18,6 +19,7 @@ ANGLE = 0.4  # of the local rate in a step: a Runge–Kutta method of order 4 is
 ASTRAY = 0.05  # of the largest p·v: an energy error where the look ahead ends
 REMEMBERED = 16
 GROWTH = 1.5  # of steps at most, where the rate vanishes
+FAR_BELOW = 0.9  # further off a bound than two ways to compute the same can be
 
 
 class RatePilot(NamedTuple):
@@ -82,6 +84,53 @@ def _looked_at(
     return RatePilot(turned / times[-1], rates.max(), times[-1])
 
 
+def varies_little(
+    system: System, start: np.ndarray, c: np.ndarray, total: float, factor: float
+) -> bool:
+    """Whether the largest ω that `rate_pilot` sees from the coordinates and velocities `start` is
+    by far below so many times the mean one: a tenth of its time, without its digits.
+    """
+    key = (start.tobytes(), c.tobytes(), total, factor)
+    known = _seen_little(system)
+    if key not in known:
+        if len(known) >= REMEMBERED:
+            known.clear()
+        known[key] = _varies_little(system, start, c, total, factor)
+    return known[key]
+
+
+@per_system
+def _seen_little(system: System) -> dict[tuple, bool]:
+    """What `varies_little` said of the last starts."""
+    return {}
+
+
+def _varies_little(
+    system: System, start: np.ndarray, c: np.ndarray, total: float, factor: float
+) -> bool:
+    look = _look(system)
+    if look is None:
+        return False
+    seen = look_ahead(
+        look,
+        start,
+        c,
+        steps=STEPS,
+        angle=ANGLE,
+        backwards=total < 0,
+        total=abs(total),
+        astray=ASTRAY,
+    )
+    return seen is None or seen[1] < FAR_BELOW * factor * seen[0]
+
+
+@per_system
+def _look(system: System) -> Look | None:
+    """The pilot's operations as data."""
+    inputs, (after, *each) = _step(system)
+    return look_of((system.q, _rate(system)), (inputs, [after, ca.vertcat(*each)]), system.c)
+
+
 @per_system
 def _rate_function(system: System) -> ca.Function:
     """(q, c) → ω."""
@@ -97,6 +146,19 @@ def _rate(system: System) -> ca.SX:
 @per_system
 def _look_ahead(system: System) -> ca.Function:
     """(q, v, dt, c, sign) → steps dt, the rates ω after each, energy and p·v before each."""
+    n, c = system.structure.n, system.c
+    (before, sign), found = _step(system)
+    step = ca.Function("step", [before, c, sign], found, {"cse": True})
+    y, c, sign = ca.MX.sym("y", 2 * n + 1), ca.MX.sym("c", c.numel()), ca.MX.sym("sign")
+    walk = step.mapaccum(STEPS)
+    _, *found = walk(y, ca.repmat(c, 1, STEPS), ca.repmat(sign, 1, STEPS))
+    start = [ca.MX.sym(name, size) for name, size in (("q", n), ("v", n), ("dt", 1))]
+    ahead = ca.Function("ahead", [y, c, sign], found)
+    return ca.Function("look_ahead", [*start, c, sign], ahead(ca.vertcat(*start), c, sign))
+
+
+def _step(system: System) -> tuple[list[ca.SX], list[ca.SX]]:
+    """((q, v, dt), sign) → ((q, v, dt) after it, dt, ω there, energy and p·v before)."""
     s = system
     q, v, c = s.q, s.v, s.c
     dt, sign = ca.SX.sym("dt"), ca.SX.sym("sign")
@@ -113,17 +175,5 @@ def _look_ahead(system: System) -> ca.Function:
         for x, (a, b, d, e) in zip((q, v), zip(*ways, strict=True), strict=True)
     )
     omega = rate(new_q, c)
-    following = ca.fmin(ANGLE / omega, GROWTH * dt)
-    step = ca.Function(
-        "step",
-        [ca.vertcat(q, v, dt), c, sign],
-        [ca.vertcat(new_q, new_v, following), dt, omega, s.energy, ca.dot(s.momentum, v)],
-        {"cse": True},
-    )
-    n = s.structure.n
-    y, c, sign = ca.MX.sym("y", 2 * n + 1), ca.MX.sym("c", c.numel()), ca.MX.sym("sign")
-    walk = step.mapaccum(STEPS)
-    _, *found = walk(y, ca.repmat(c, 1, STEPS), ca.repmat(sign, 1, STEPS))
-    start = [ca.MX.sym(name, size) for name, size in (("q", n), ("v", n), ("dt", 1))]
-    ahead = ca.Function("ahead", [y, c, sign], found)
-    return ca.Function("look_ahead", [*start, c, sign], ahead(ca.vertcat(*start), c, sign))
+    after = ca.vertcat(new_q, new_v, ca.fmin(ANGLE / omega, GROWTH * dt))
+    return [ca.vertcat(q, v, dt), sign], [after, dt, omega, s.energy, ca.dot(s.momentum, v)]

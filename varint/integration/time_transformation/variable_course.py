@@ -20,7 +20,11 @@ from varint.integration.rule_choice import (
 from varint.integration.run_distance import with_first_half
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.local_rate import local_rate
-from varint.integration.time_transformation.rate_pilot import rate_pilot
+from varint.integration.time_transformation.rate_pilot import (
+    RatePilot,
+    rate_pilot,
+    varies_little,
+)
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import (
     Prepared,
@@ -62,8 +66,8 @@ def choose_varying_steps(
     if not _possible(system, rule, options) or problem.steps > 1:
         return None
     total, v = problem.h, start_velocity(system, problem, start.v0)
-    pilot = rate_pilot(system, problem.q0, v, problem.c, total, total < 0)
-    if pilot is None or pilot.largest < WORTH * pilot.mean:
+    pilot = worthwhile_pilot(system, problem.q0, v, problem.c, total)
+    if pilot is None:
         return None
     span = pilot.mean * total
     asked = options._replace(h=span, tol=None, scale=None, save_every=1, progress=False)
@@ -80,13 +84,26 @@ def choose_varying_steps(
     return found and Choice(own, found.steps, found.run, found.estimate, found.runs, True, True)
 
 
+def worthwhile_pilot(
+    system: System, q: np.ndarray, v: np.ndarray, c: np.ndarray, total: float
+) -> RatePilot | None:
+    """The pilot of a motion whose rate varies so much that equal steps would be too many."""
+    if varies_little(system, np.concatenate((q, v)), c, total, WORTH):
+        return None
+    pilot = rate_pilot(system, q, v, c, total, total < 0)
+    return pilot if pilot is not None and pilot.largest >= WORTH * pilot.mean else None
+
+
 def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
     """Whether the scene has a rate that varies, and nothing is asked that needs equal steps."""
+    return options.checkpoint is None and options.on_failure == "raise" and may_vary(system, rule)
+
+
+def may_vary(system: System, rule: Rule | None) -> bool:
+    """Whether the scene has a rate that varies, which the rule can follow."""
     s = system.structure
     return (
         (rule is None or bool(rule.points))
-        and options.checkpoint is None
-        and options.on_failure == "raise"
         and s.n <= MOST_COORDINATES
         and s.constant_mass
         and not (s.controls or s.constraints or s.linear)

@@ -1,0 +1,56 @@
+"""A look ahead in the core sees what the one by CasADi sees."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.codegen.look_ahead import look_ahead
+from varint.integration.time_transformation import rate_pilot as pilots
+
+q1, v1 = vi.coordinates("x")
+q2, v2 = vi.coordinates("x", "y")
+KEPLER = vi.System(q2, v2, ca.sumsqr(v2) / 2 + 1 / ca.norm_2(q2))
+SCENES = {
+    "pendulum": (vi.System(q1, v1, v1**2 / 2 + 9.81 * ca.cos(q1)), [1.0], [0.5]),
+    "orbit": (KEPLER, [1.8, 0.0], [0.0, (0.2 / 1.8) ** 0.5]),
+    "fall into the centre, astray": (KEPLER, [1.0, 0.0], [0.0, 1e-3]),
+    "nothing pulls at the start": (vi.System(q1, v1, v1**2 / 2 - q1**4), [0.0], [1.0]),
+    "escape": (KEPLER, [0.1, 0.0], [0.0, 6.0]),
+}
+
+
+@pytest.mark.parametrize("total", [0.3, -2.0, 50.0])
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_core_sees_the_rates_that_the_pilot_sees(scene, total):
+    system, *start = SCENES[scene]
+    q, v = np.array(start)
+    c = system.default_vector
+    pilot = pilots.rate_pilot(system, q, v, c, total, total < 0)
+    seen = look_ahead(
+        pilots._look(system),
+        np.concatenate((q, v)),
+        c,
+        steps=pilots.STEPS,
+        angle=pilots.ANGLE,
+        backwards=total < 0,
+        total=abs(total),
+        astray=pilots.ASTRAY,
+    )
+    if pilot is None:
+        assert seen is None
+        return
+    assert np.allclose(seen, (pilot.mean, pilot.largest), rtol=1e-9)
+    ratio = pilot.largest / pilot.mean
+    both = np.concatenate((q, v))
+    assert pilots.varies_little(system, both, c, total, 1.3 * ratio)
+    assert not pilots.varies_little(system, both, c, total, ratio)
+
+
+def test_an_orbit_that_passes_close_takes_steps_that_vary_and_a_rounder_one_does_not():
+    for e, varies in ((0.6, False), (0.95, True)):
+        start = dict(q0=[1 + e, 0.0], v0=[0.0, ((1 - e) / (1 + e)) ** 0.5])
+        motion = vi.simulate(KEPLER, **start, duration=20.0, tol=1e-6)
+        assert (motion.fictitious is not None) == varies

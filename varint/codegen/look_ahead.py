@@ -1,0 +1,70 @@
+"""A rough look along the first steps of a motion, in one call of c/look_ahead_core.c."""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.block import block_of, start_of
+from varint.codegen.cache import CompileError
+from varint.codegen.core import look_ahead_entry
+from varint.codegen.graph import NotCompilable
+from varint.codegen.kernel import address_of
+from varint.codegen.native import tapes_of
+from varint.codegen.source import routines
+
+_ASKED = struct.Struct("4P2q4d")  # LookAhead
+
+
+class Look(NamedTuple):
+    """Operations of a rate and of a step, and where they begin; coordinates."""
+
+    n: int
+    block: np.ndarray
+    at: int
+
+
+def look_of(
+    rate: tuple[ca.SX, ca.SX], step: tuple[list[ca.SX], list[ca.SX]], constants: ca.SX
+) -> Look | None:
+    """A look by (q, ω) and by ((q, v, dt), sign) → ((q, v, dt) after it; dt, ω there, energy and
+    p·v before it); None where they have no form as data, or the loop was not built with the package
+    and cannot be compiled.
+    """
+    try:
+        look_ahead_entry()
+        q, omega = rate
+        tapes = tapes_of(routines(constants, {"rate": ([q], [omega]), "step": step}))
+    except (NotCompilable, CompileError):
+        return None
+    block = block_of([tapes["rate"], tapes["step"]])
+    return Look(q.numel(), block, start_of(block))
+
+
+def look_ahead(
+    look: Look,
+    start: np.ndarray,
+    c: np.ndarray,
+    *,
+    steps: int,
+    angle: float,
+    backwards: bool,
+    total: float,
+    astray: float,
+) -> tuple[float, float] | None:
+    """Mean of ω over time and its largest value in so many steps of an angle ω dt, from the
+    coordinates and velocities `start` for `total` at most, until the energy is astray by so much of
+    p·v; None where there is no step.
+    """
+    told = np.empty(2)
+    sign = -1.0 if backwards else 1.0
+    places = look.at, address_of(start), c.ctypes.data, address_of(told)
+    numbers = angle, sign, total, astray
+    seen = look_ahead_entry()(_ASKED.pack(*places, look.n, steps, *numbers))
+    if seen < 2:
+        return None
+    mean, largest = told.tolist()
+    return mean, largest
