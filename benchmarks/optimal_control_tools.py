@@ -30,10 +30,10 @@ WANTED = (1e-3, 1e-6, 1e-9)
 SETTINGS: dict[str, list[tuple[str, int]]] = {
     "varint": [
         *(("gauss(3)", n) for n in (10, 20)),
-        *(("gauss(4)", n) for n in (10, 16, 24, 40)),
+        *(("gauss(4)", n) for n in (10, 16, 24, 32, 40)),
         *(("gauss(5)", n) for n in (16, 24, 32)),
     ],
-    "Hermite–Simpson": [("-", n) for n in (20, 40, 80, 160, 320)],
+    "Hermite–Simpson": [("-", n) for n in (20, 30, 44, 80, 160, 240, 320)],
     "mpopt": [("5", 20), ("8", 8), ("12", 8), ("15", 10)],
     "rockit": [("linear", 20), ("linear", 40), ("constant", 120)],
     "dymos": [("3", 20), ("3", 30)],
