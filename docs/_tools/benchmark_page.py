@@ -92,7 +92,9 @@ KNOWN = {
     "chain_scaling": Benchmark("Length of a chain", "Cost of a step over the number of rods."),
     "machines": Benchmark(
         "Links of a machine",
-        "A step of `gauss(2)` of trees and chains of hinges in space, over the number of links.",
+        "A step of `gauss(2)` of trees and chains of hinges in space, over the number of links. Links "
+        "next to the ground and the tips cost less, which ten feel more than a hundred: `a link "
+        "more` is what a further one costs, from one size to the next.",
     ),
     "humanoid": Benchmark(
         "A humanoid",

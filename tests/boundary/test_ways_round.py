@@ -2,6 +2,8 @@
 Lambert's problem by universal variables, and simulation of the start that was found.
 """
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,12 +11,14 @@ from kepler_arcs import circling, kepler, lambert, random_arc, swept
 
 import varint as vi
 from varint.boundary.by_duration import of_duration
+from varint.boundary.divided_steps import split_steps, with_steps
 from varint.boundary.iterate import with_duration
 from varint.boundary.moving_newton import fresh, of_any_duration, of_its_duration
 from varint.boundary.moving_nodes import even_nodes, lengths, moving_path
 from varint.boundary.newton import newton
-from varint.boundary.problem import boundary_value_problem
-from varint.boundary.winding import other_way, singular_places, with_ways_compared
+from varint.boundary.problem import boundary_value_problem, first_path
+from varint.boundary.search import Found, _has_stayed
+from varint.boundary.winding import goes_as, other_way, singular_places, with_ways_compared
 
 
 def problem_of(system, rule, start, end, duration, guess):
@@ -65,6 +69,16 @@ def test_eccentric_arcs_with_a_whole_turn_are_found_from_circles():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_nearly_straight_arcs_go_round_the_centre_as_their_first_path(seed):
     assert is_found(seed, 0.95, 0.999, 0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("seed", "least", "most", "turns"),
+    [(215, 0.95, 0.999, 0), (206, 0.8, 0.95, 1), (210, 0.8, 0.95, 1), (207, 0.988, 0.999, 1)],
+)
+def test_arcs_are_looked_for_from_several_durations(seed, least, most, turns):
+    """The first motions found are too coarse, or there is none: another duration leads on."""
+    assert is_found(seed, least, most, turns)
 
 
 @pytest.mark.long
@@ -181,6 +195,28 @@ def test_a_path_that_goes_another_way_than_its_guess_says_so():
     for path, guess, told in ((one, back, "0 whole turns, the guess -1"), (two, there, "-1")):
         other = with_ways_compared(path, guess)
         assert other.action == path.action and told in other_way(other)
+
+
+def test_a_path_stays_near_the_one_on_steps_of_which_its_own_are_parts():
+    """What leaps to another path while it is refined is not the one that was found."""
+    start, end, duration = np.array([1.0, 0.0]), np.array([-0.3, 1.1]), 2.0
+    there = circling(start, end, np.arctan2(end[1], end[0]))
+    back = circling(start, end, np.arctan2(end[1], end[0]) - 2 * np.pi)
+    near, paths = [], []
+    for guess in (there, back):
+        problem, nodes = problem_of(kepler(), vi.gauss(4), start, end, duration, guess)
+        mesh = with_steps(problem, np.full(problem.steps, 8))
+        outcome = newton(mesh, first_path(mesh, nodes, duration))
+        assert outcome.solved
+        near.append((mesh, outcome.iterate))
+        finer, split = split_steps(mesh, outcome.iterate, np.arange(mesh.steps) % 3 + 1)
+        paths.append(Found(finer, newton(finer, split), 0.0))
+        assert goes_as(kepler(), outcome.iterate.points, guess)
+    assert not goes_as(kepler(), near[0][1].points, back)
+    for i, one in enumerate(paths):
+        assert [_has_stayed(one, *x) for x in near] == [i == 0, i == 1]
+    lost = replace(paths[0].outcome, status="lost")
+    assert not _has_stayed(paths[0]._replace(outcome=lost), *near[0])
 
 
 def test_places_are_those_where_the_scene_is_singular():

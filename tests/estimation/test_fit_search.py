@@ -246,3 +246,43 @@ def test_a_minimum_that_does_not_meet_the_data_is_told():
     assert wrong.estimates[0] < 0 and wrong.misfit in wrong.summary
     right = vi.fit(system, vi.gauss(4), unknown={"p": 4.0, "q0": None, "v0": None}, **given)
     assert right.estimates[0] == pytest.approx(5, abs=1e-3) and not right.misfit
+
+
+def test_a_period_that_is_far_off_is_found_from_the_first_data():
+    """Over five periods guesses of half the period's square end in other minima; over the first one
+    there is one. What the sensor sees shows no coordinate by itself.
+    """
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(k=0.5)
+    spring = vi.System(q, v, v**2 / 2 - c.k * q**2 / 2, params=c)
+    t = np.linspace(0, 30, 60)
+    seen = vi.Measurement((q + 0.3) ** 2, t, (np.cos(t) + 0.3) ** 2, sigma=0.01)
+    found = vi.fit(spring, vi.gauss(6), data=seen, unknown=["k"], h=0.5, q0=1.0, v0=0.0)
+    assert found.params["k"] == pytest.approx(1.0, rel=1e-7)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("segments", [1, 6])
+def test_one_sensor_with_gaps_tells_both_lengths_of_a_double_pendulum_and_its_start(segments):
+    """From lengths a quarter off and a start that is off by 0.1."""
+    q, v = vi.coordinates("a", "b")
+    c = vi.Parameters(l1=1.0, l2=1.0, k=0.0)
+    kinetic = ca.sumsqr(c.l1 * v[0]) + c.l2**2 * v[1] ** 2 / 2
+    kinetic += c.l1 * c.l2 * v[0] * v[1] * ca.cos(q[0] - q[1])
+    height = -2 * c.l1 * ca.cos(q[0]) - c.l2 * ca.cos(q[1])
+    force = ca.vertcat(-c.k * v[0], 0)
+    system = vi.System(q, v, kinetic - 9.81 * height, force=force, params=c)
+    truth = [0.8, 1.2, 0.1, 0.5, -0.4]
+    true = vi.simulate(
+        system, vi.gauss(4), q0=[0.5, -0.4], v0=[0, 0], h=0.02, steps=400,
+        params=dict(zip(("l1", "l2", "k"), truth, strict=False)),
+    )  # fmt: skip
+    t = np.linspace(0, 8, 150)
+    t = t[(t < 3) | (t > 4.5)]
+    values = true.at(t).q[:, 1] + 0.005 * np.random.default_rng(3).normal(size=len(t))
+    seen = vi.Measurement(q[1], t, values, sigma=0.005)
+    unknown, guess = ["l1", "l2", "k", "q0"], dict(q0=[0.6, -0.3], v0=[0, 0])
+    given = dict(data=seen, unknown=unknown, h=0.02, segments=segments)
+    found = vi.fit(system, vi.gauss(3), **given, **guess)
+    assert (np.abs(found.estimates - truth) < 4 * found.sigma).all()
+    assert not found.misfit and found.sigma.max() < 0.05

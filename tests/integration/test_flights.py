@@ -9,7 +9,7 @@ from contact_scenes import G, ball, disc_on_table, times
 
 import varint as vi
 from varint.codegen.contacts import contact_data
-from varint.integration.events import flights
+from varint.integration.events import contact_loop, flights
 
 
 def stack():
@@ -75,7 +75,43 @@ def ladder():
     return model.system, model.start
 
 
+def cradle():
+    """Five pendulums side by side, of which one comes: its blow goes through all."""
+    q, v = vi.coordinates(*(f"angle{i}" for i in range(5)))
+    lagrangian = ca.sumsqr(v) / 2 + G * ca.sum1(ca.cos(q))
+    system = vi.System(q, v, lagrangian, contact=q[1:] - q[:-1], restitution=[1.0] * 4)
+    return system, {"q0": [-0.5, 0, 0, 0, 0], "v0": [0.0] * 5, "h": 0.01, "steps": 170}
+
+
+def pile():
+    """A plastic floor, and elastic and plastic balls above: blows are handed on, and stop."""
+    q, v = vi.coordinates("a", "b", "c")
+    lagrangian = (v[0] ** 2 + 2 * v[1] ** 2 + v[2] ** 2) / 2 - G * (q[0] + 2 * q[1] + q[2])
+    gaps = ca.vertcat(q[0], q[1] - q[0] - 0.2, q[2] - q[1] - 0.2)
+    system = vi.System(q, v, lagrangian, contact=gaps, restitution=[0.0, 0.5, 0.0])
+    return system, {"q0": [0.0, 0.2, 1.4], "v0": [0.0] * 3, "h": 0.01, "steps": 65}
+
+
+def rocking_block():
+    """A block that falls on a corner, slaps down on the other one and rocks to rest."""
+    q, v = vi.coordinates("x", "y", "a")
+    reach, height = 0.5 * ca.sin(q[2]), 0.3 * ca.cos(q[2])
+    gaps = ca.vertcat(q[1] - reach - height, q[1] + reach - height)
+    lagrangian = (v[0] ** 2 + v[1] ** 2 + 0.1 * v[2] ** 2) / 2 - G * q[1]
+    system = vi.System(q, v, lagrangian, contact=gaps, restitution=0.0)
+    return system, {"q0": [0, 0.5, 0.1], "v0": [0.3, 0, 0], "h": 0.01, "steps": 100}
+
+
+def hopper():
+    """Two masses and a spring, of which the lower one sticks and is torn off again and again."""
+    q, v = vi.coordinates("a", "b")
+    lagrangian = ca.sumsqr(v) / 2 - G * ca.sum1(q) - 200 * (q[1] - q[0] - 1) ** 2
+    system = vi.System(q, v, lagrangian, contact=q[0], restitution=0.0)
+    return system, {"q0": [0.5, 1.5], "v0": [0.0, 0.0], "h": 0.01, "steps": 100}
+
+
 SCENES = [stack, arm_at_walls, ball_with_drag, shaken_ball, sliding_disc, rod_at_a_wall, ladder]
+SCENES += [cradle, pile, rocking_block, hopper]
 
 
 @pytest.mark.parametrize("build", SCENES)
@@ -171,6 +207,31 @@ def test_bounces_die_out_and_the_ball_rests():
 def test_too_many_coordinates_for_the_loop_are_refused():
     with pytest.raises(vi.VarintError, match="too large"):
         contact_data(1000, 1, np.ones(1), ca.SX(0, 1), {})
+
+
+def test_a_cradle_hands_the_momentum_on_and_back():
+    """All of it, to the last pendulum, half a period later back to the first."""
+    system, start = cradle()
+    motion = vi.simulate(system, **start)
+    first, back = motion.events[:4], motion.events[4:8]
+    assert [e.contact for e in first] == [0, 1, 2, 3] and [e.contact for e in back] == [3, 2, 1, 0]
+    speed = np.sqrt(2 * G * (1 - np.cos(0.5)))
+    for blows, leaves in ((first, 4), (back, 0)):
+        moves = np.array(blows[-1].v_after)
+        assert abs(abs(moves[leaves]) - speed) < 1e-6
+        assert np.abs(np.delete(moves, leaves)).max() < 1e-13
+
+
+@pytest.mark.parametrize("build", [cradle, pile, hopper])
+def test_blows_stops_and_releases_are_dealt_with_in_the_core(build, monkeypatch):
+    """All but those at the start."""
+    dealt = []
+    settle = contact_loop.settle
+    monkeypatch.setattr(contact_loop, "settle", lambda *x, **y: dealt.append(x) or settle(*x, **y))
+    system, start = build()
+    events = vi.simulate(system, **start).events
+    assert len(events) >= 3 and len(dealt) == 1
+    assert {e.kind for e in events} >= ({"detachment", "stop"} if build is hopper else set())
 
 
 def test_every_blow_of_a_stack_that_chatters_to_rest_takes_its_part_of_the_energy():

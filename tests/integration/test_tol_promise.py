@@ -240,3 +240,27 @@ def test_where_errors_grow_a_thousandfold_so_does_what_iterations_leave(
     steps = 8 * motion.stats["steps"]
     close = vi.simulate(system, vi.gauss(8), steps=steps, save_every=8, **start)
     assert error(motion, close.q) <= motion.stats["error_estimate"] <= tol
+
+
+@pytest.mark.parametrize(
+    ("system", "q0", "v0", "duration", "tol"),
+    [
+        (DOUBLE_PENDULUM, [1.63, 0.34], [-0.55, 0.27], 19.0, 1e-5),
+        (DOUBLE_PENDULUM, [1.63, 0.34], [-0.63, 0.24], 25.0, 1e-5),
+        (SWINGING_SPRING, [1.41, 0.87], [0.45, -0.13], 68.0, 1e-3),
+        (SWINGING_SPRING, [1.53, 1.09], [0.3, -0.1], 66.0, 1e-3),
+    ],
+)
+def test_errors_that_grow_are_not_hidden_by_how_few_nodes_two_runs_share(
+    system, q0, v0, duration, tol
+):
+    start = dict(q0=q0, v0=v0, duration=duration)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        motion = vi.simulate(system, tol=tol, **start)
+    close = vi.simulate(system, vi.gauss(8), steps=8192, save_every=8192, **start)
+    scales = error_scales(system, motion)
+    true = (np.abs(motion.q[-1] - close.q[-1]) / scales).max()
+    estimate = motion.stats["error_estimate"]
+    assert true <= estimate
+    assert estimate <= tol or "out of reach" in str(told[0].message)

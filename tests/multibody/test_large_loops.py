@@ -15,7 +15,7 @@ from varint.codegen.newton import newton_scheme
 AXES = ((0, 1, 0), (1, 0, 0), (0, 0, 1))
 
 
-def ring(hinges: int) -> mb.Model:
+def ring(hinges: int, **joint: mb.Passive) -> mb.Model:
     """A floating trunk with two arms that hold each other."""
     world, half = mb.Model(), hinges // 2
     world.free(world, world.body(10.0, (0, 0, 0.1), (1, 1, 0.5), "trunk"))
@@ -25,7 +25,7 @@ def ring(hinges: int) -> mb.Model:
         parent = "trunk" if begins else last
         at = (0, 0.2 * (i // half) - 0.1, 0) if begins else (0, 0, -0.15)
         last = world.body(1.0, (0.02, 0.01, -0.08), (0.01, 0.012, 0.005), f"link{i}").name
-        world.revolute(parent, last, AXES[i % 3], at)
+        world.revolute(parent, last, AXES[i % 3], at, **joint)
         if i % half == half - 1:
             hands.append((last, (0, 0.1 - 0.2 * (i // half), -0.15)))
     world.loop("point", *hands)
@@ -77,6 +77,20 @@ def test_the_default_call_of_a_ring_runs_and_steps_too_large_end_with_a_reason()
     assert abs(motion.q[-1] - exact.q[-1]).max() <= 2e-9
     with pytest.raises(vi.ConvergenceError, match="h is too large"):
         vi.simulate(scene, vi.lobatto(3), q0=q0, v0=v0, h=0.5, steps=20)
+
+
+@pytest.mark.long
+def test_the_default_call_of_a_stiff_ring_takes_steps_that_are_stable():
+    """Lobatto rules of three nodes are stable up to h ω = √8; the springs' ω is about 1000 here."""
+    model = ring(6, passive=mb.Passive(stiffness=1e4))
+    scene = model.system()
+    q0, v0 = vi.project(scene, *mb.start_values(model, {}, {"trunk": [0.01, 0.02, 0.03, 1, 2, 3]}))
+    motion = vi.simulate(scene, q0=q0, v0=v0, duration=0.1, tol=1e-6)
+    assert motion.stats["error_estimate"] <= 1e-6
+    exact = vi.simulate(scene, vi.lobatto(3), q0=q0, v0=v0, duration=0.1, steps=4096)
+    assert abs(motion.q[-1] - exact.q[-1]).max() <= 2e-6
+    with pytest.raises(vi.ConvergenceError, match="h is too large"):
+        vi.simulate(scene, vi.lobatto(3), q0=q0, v0=v0, h=0.02, steps=20)
 
 
 @pytest.mark.long

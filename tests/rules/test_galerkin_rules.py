@@ -161,3 +161,21 @@ def test_rules_are_made_once_and_compare_by_value():
 def test_tables_cannot_be_written_to():
     with pytest.raises(ValueError, match="read-only"):
         lagrange_table((0, 1), (0.5,))[0, 0] = 7
+
+
+@pytest.mark.parametrize(
+    ("s", "limit"), [(2, 2.0), (3, math.sqrt(8)), (4, 3.112718), (5, 6.054050), (6, 6.253008)]
+)
+@pytest.mark.filterwarnings("ignore:.*h = .* is too large")
+def test_lobatto_rules_are_stable_up_to_their_limit_and_not_beyond(s, limit):
+    """A step of an oscillator is a matrix of determinant 1: stable where its trace is below 2."""
+    q, v = vi.coordinates("x")
+    oscillator = vi.System(q, v, (v**2 - q**2) / 2)
+
+    def trace(h):
+        runs = [
+            vi.simulate(oscillator, vi.lobatto(s), q0=[x], v0=[1 - x], h=h, steps=1) for x in (1, 0)
+        ]
+        return runs[0].q[-1, 0] + runs[1].p[-1, 0]
+
+    assert abs(trace(limit * (1 - 1e-6))) < 2 < abs(trace(limit * (1 + 1e-6)))

@@ -24,15 +24,17 @@ from varint.boundary.newton import Measure, NewtonResult, coordinate_ranges, new
 from varint.boundary.problem import first_path
 from varint.boundary.refinement import parts_by_turning, path_error, refine
 from varint.boundary.stationary import BoundaryValueProblem
+from varint.boundary.winding import goes_as
 from varint.rules.rule import gauss
 
 CLOSE, CONTRACTION = 0.2, 0.25  # of the path; of the first correction, what the second may be
 # times the wanted duration: what a first path is taken to last when it is made a motion
-DURATIONS = (1.0, 2.0, 0.5, 4.0, 0.25)
+DURATIONS = (1.0, 2.0, 0.5, 1.4, 0.7, 4.0, 0.25, 2.8, 0.35)
 STEPS, STEPS_A_RADIAN, MOST_STEPS = 20, 4, 300  # of the nodes that move along
 MOST_UNKNOWNS = 6000  # of a path whose nodes move along: the search takes seconds then
 SETTLED = 0.02  # of the path: what another rule on the same nodes may change
 MOST_DOUBLINGS = 4
+ROUND_OFF = 1e-12  # of the duration, in times of nodes that are the same
 SEARCH = gauss(4)  # on steps by the path's own length its error is 1e-4 or less
 
 
@@ -72,11 +74,14 @@ def along_its_way(
             found = _is_near(one, nodes, duration)
             if found:
                 yield one
-    for path in _ways(problem, nodes, duration):
-        one = _resolved(problem, path, duration, tol)
-        if one.outcome.solved and (tol is None or one.error <= tol):
-            found = True
-            yield one
+    for ways in _ways(problem, nodes, duration):
+        for path in ways:
+            one, kept = _resolved(problem, path, duration, tol)
+            if kept and (tol is None or one.error <= tol):
+                found = True
+                yield one
+        if found:
+            return
     if not found:
         yield from on_its_steps(problem, nodes, duration, tol)
 
@@ -97,9 +102,21 @@ def is_close(problem: BoundaryValueProblem, iterate: Iterate) -> bool:
 
 def _is_near(one: Found, nodes: np.ndarray, duration: float) -> bool:
     """Whether a path has stayed where Newton's method saw it from the first one."""
-    first = first_path(one.problem, nodes, duration).points
-    apart = np.abs(one.outcome.iterate.points - first) / coordinate_ranges(first)
-    return one.outcome.solved and float(apart.max()) <= CLOSE / (1 - CONTRACTION)
+    return _has_stayed(one, one.problem, first_path(one.problem, nodes, duration))
+
+
+def _has_stayed(one: Found, problem: BoundaryValueProblem, near: Iterate) -> bool:
+    """Whether a path has stayed where Newton's method saw it: near another one on steps of which
+    its own are parts.
+    """
+    if not one.outcome.solved:
+        return False
+    own, wanted = (x.grid / x.steps for x in (one.problem, problem))
+    points = np.vstack([one.outcome.iterate.starts, one.outcome.iterate.end])
+    first = np.vstack([near.starts, near.end])
+    same = np.searchsorted(own, wanted - ROUND_OFF)
+    apart = np.abs(points[same] - first) / coordinate_ranges(near.points)
+    return float(apart.max()) <= CLOSE / (1 - CONTRACTION)
 
 
 def _can_move(problem: BoundaryValueProblem, nodes: np.ndarray) -> bool:
@@ -138,17 +155,21 @@ def _at_once(
 
 def _ways(
     problem: BoundaryValueProblem, nodes: np.ndarray, duration: float
-) -> Iterator[MovingPath]:
-    """Motions of the wanted duration whose nodes moved along from the first path."""
-    search, steps = replace(problem, rule=SEARCH), _search_steps(nodes)
+) -> Iterator[Iterator[MovingPath]]:
+    """Motions of the wanted duration whose nodes moved along from the first path, for each duration
+    that this one may be taken to last; last those that go another way round.
+    """
+    search, steps, others = replace(problem, rule=SEARCH), _search_steps(nodes), []
     for share in DURATIONS:
         motion = of_any_duration(search, moving_path(search, nodes, share * duration, steps))
-        found = False
-        for path in () if motion is None else of_duration(search, motion, duration):
-            found = True
-            yield path
-        if found:
-            return
+        if motion is None:
+            continue
+        if goes_as(problem.system, motion.iterate.points, nodes):
+            yield of_duration(search, motion, duration)
+        else:
+            others.append(motion)
+    for motion in others:
+        yield of_duration(search, motion, duration)
 
 
 def _search_steps(nodes: np.ndarray) -> int:
@@ -163,18 +184,22 @@ def _search_steps(nodes: np.ndarray) -> int:
 
 def _resolved(
     problem: BoundaryValueProblem, path: MovingPath, duration: float, tol: float | None
-) -> Found:
-    """A path that was found by nodes that move, on the problem's own steps or to its tolerance."""
+) -> tuple[Found, bool]:
+    """A path that was found by nodes that move, on the problem's own steps or to its tolerance, and
+    whether it is still that one: from nodes too coarse for it Newton's method leaps to another.
+    """
     if tol is None:
         t = duration / problem.steps * problem.grid
         near = replace(through_times(SEARCH, path, t, problem.rule), duration=duration)
-        return _at_once(problem, near, newton)
+        one = _at_once(problem, near, newton)
+        return one, _has_stayed(one, problem, near)
     mesh, near = _settled(problem, path, duration)
 
     def halved(times: int) -> tuple[BoundaryValueProblem, Iterate]:
         return split_steps(mesh, near, np.full(mesh.steps, 2**times))
 
-    return Found(*refine(halved, tol))
+    one = Found(*refine(halved, tol))
+    return one, _has_stayed(one, mesh, near)
 
 
 def _settled(

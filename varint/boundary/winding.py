@@ -87,18 +87,31 @@ def with_ways_compared(path: Trajectory, guess: np.ndarray) -> Trajectory:
     first path (nodes, n) go round each place where the scene is singular, the origin or another
     body; none where the nodes leave it open.
     """
-    found: list[dict[tuple[str, ...], int]] = [{}, {}]
-    for names, rows in singular_places(path.system):
-        ways = [places @ rows.T for places in (path.q, guess)]
-        if all(_is_sure(places) for places in ways):
-            for turns, places in zip(found, ways, strict=True):
-                turns[names] = _turns(places)
-    if not found[0]:
+    found = _turns_of_both(path.system, path.q, guess)
+    if not found:
         return path
-    stats = {**path.stats, "winding": found[0], "winding_of_guess": found[1]}
+    own, wanted = ({names: both[i] for names, both in found.items()} for i in range(2))
+    stats = {**path.stats, "winding": own, "winding_of_guess": wanted}
     told = replace(path, stats=MappingProxyType(stats))
     told.__dict__["action"] = path.action  # of the path itself, see `trajectory_of`
     return told
+
+
+def goes_as(system: System, nodes: np.ndarray, guess: np.ndarray) -> bool:
+    """Whether a path goes round as its first path does, as far as the nodes (…, n) of both tell."""
+    return all(own == wanted for own, wanted in _turns_of_both(system, nodes, guess).values())
+
+
+def _turns_of_both(
+    system: System, nodes: np.ndarray, guess: np.ndarray
+) -> dict[tuple[str, ...], tuple[int, int]]:
+    """Turns of a path and of its guess round the places at which the scene is singular."""
+    found = {}
+    for names, rows in singular_places(system):
+        ways = [places @ rows.T for places in (nodes, guess)]
+        if all(_is_sure(places) for places in ways):
+            found[names] = (_turns(ways[0]), _turns(ways[1]))
+    return found
 
 
 def other_way(path: Trajectory) -> str | None:

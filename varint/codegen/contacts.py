@@ -31,7 +31,8 @@ Expressions = Mapping[str, tuple[list[ca.SX], list[ca.SX]]]
 
 
 Ended = IntEnum("Ended", c_names(_SOURCE, "enum Ended {"), start=0)  # type: ignore[misc]  # how a call ends
-ENDED, FULL, BESIDE = Ended
+ENDED, FULL, BESIDE, SETTLED = Ended
+HIT = c_number(_SOURCE, "HIT_HEAD")  # numbers of a hit before its states
 
 
 class ContactArguments(Structure):
@@ -80,12 +81,14 @@ class Flight(NamedTuple):
     Attributes
     ----------
     status : int
-        ENDED at the last node; FULL: to be called again; BESIDE: before something that is no clean
-        impact.
+        ENDED at the last node; FULL: to be called again; BESIDE: before something that is not dealt
+        with there; SETTLED: after impacts other contacts hold.
     t, k, q, p : array (rows,), (rows,), (rows, n), (rows, n)
         Nodes of the grid, and those of impacts as the motion leaves them.
-    hits : array (impacts, 5 + 5 n)
-        Row, contact, impulse, energies before and after, q, v and p before, v and p after.
+    hits : array (impacts, HIT + 5 n)
+        Row, contact, whether it is stopped (1) or lets go (2), when, impulse, energies before and
+        after, q, v and p before, v and p after. Those of a call that is SETTLED lie behind the last
+        row.
     state : array
         Hand it to the next call to go on as if the run had not stopped: k, t, impacts in step k,
         steps of the next look; q, p, v, rounding errors of q and p; and what the loop carries.
@@ -94,7 +97,10 @@ class Flight(NamedTuple):
     seconds : float
     located : array (2 + 5n,) or None
         Of what ends a call BESIDE, where its instant is known: the time, whether the step ends
-        there, and q, p, v, rounding errors of q and p as they are before it.
+        there, and q, p, v, rounding errors of q and p as they are before it; after it, where the
+        call is SETTLED.
+    holding : tuple of int
+        Contacts that hold then.
     """
 
     status: int
@@ -108,6 +114,7 @@ class Flight(NamedTuple):
     residual: float
     seconds: float
     located: np.ndarray | None = None
+    holding: tuple[int, ...] = ()
 
 
 def contact_data(
@@ -186,7 +193,7 @@ def fly(
     n = kernel.n
     many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
     state = state.copy()
-    rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, 5 + 5 * n))
+    rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, HIT + 5 * n))
     stats = np.zeros(7 + 5 * n)  # as they are where there is no memory for the call
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
@@ -215,4 +222,6 @@ def fly(
     rows, hits = rows[:made].copy(), hits[:struck].copy()
     nodes = rows[:, 0].copy(), rows[:, 1].astype(int), rows[:, 2 : 2 + n], rows[:, 2 + n :]
     located = stats[5:] if stats[4] else None
-    return Flight(status, *nodes, hits, state, iterations, float(stats[3]), seconds, located)
+    holding = tuple(np.flatnonzero(closed).tolist())
+    work = iterations, float(stats[3]), seconds
+    return Flight(status, *nodes, hits, state, *work, located, holding)

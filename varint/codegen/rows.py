@@ -46,6 +46,8 @@ class RowFunction(NamedTuple):
         apart in memory; of one row where it is the same at all points.
         """
         count = max([len(x) for x in arguments])
+        if not count:  # arrays of no rows have no strides
+            return [np.empty((0, width)) for width in self.widths]
         places, apart = [], []
         for x in arguments:
             if x.strides[-1] != x.itemsize and x.shape[-1] > 1:

@@ -43,8 +43,8 @@ def fit(
     coordinates, Hamilton's principle along the measured motion gives a start of its own, by linear
     least squares for parameters that stand linearly in L and F; guesses far off do no harm then.
     Scenes with contacts are one run from its start, through impacts as they come, restitution a
-    parameter (``System(restitution=c.e)``); where the guess bounces otherwise than the data the
-    first of them are fitted before all. Masses and moments of inertia stay positive. Noise levels
+    parameter (``System(restitution=c.e)``). Where no start meets the data, the first of them are
+    fitted before all. Masses and moments of inertia stay positive. Noise levels
     that are not known (``Measurement(…, jitter=vi.free(…))``) are estimated with the motion, by
     restricted maximum likelihood.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.errors import ConvergenceError, SolverError
-from varint.estimation.first_part import SHARES, with_first_part
+from varint.estimation.first_part import SHARES, with_first_part, with_values
 from varint.estimation.gauss_newton import Solved, loss_of, solve, values_at
 from varint.estimation.problem import Estimation
 from varint.estimation.regressor import from_the_data
@@ -79,30 +79,40 @@ def fitted(
 
 def _starts(shoot: Shooter, huber: float | None) -> Iterator[np.ndarray]:
     """Guesses of all unknowns: the user's, and those that the data show; the better ones first,
-    where single runs can tell. With contacts the user's, then what the first data lead to.
+    where single runs can tell. Where none leads anywhere, what the first data lead to.
     """
-    p = shoot.problem
-    if p.system.structure.contacts:
-        yield first_guess(p)
-        yield _from_first_data(shoot, huber)
-        return
-    yield from _starts_of_smooth(shoot)
+    yield from _guesses(shoot)
+    yield _from_first_data(shoot, huber)
 
 
 def _from_first_data(shoot: Shooter, huber: float | None) -> np.ndarray:
-    """Fits of the first data, then of more of them, each from what the one before found: a run with
-    another number of impacts is met by other minima, and until the first impact there is one.
+    """Fits of the first data, then of more of them, each from what the one before found: long runs
+    amplify wrong guesses, and with another number of impacts they meet other minima; short ones
+    do not.
     """
-    p, z = shoot.problem, first_guess(shoot.problem)
+    found = shoot.problem
     for share in SHARES:
-        part = replace(shoot, problem=with_first_part(p, share))
+        part = _near(with_first_part(found, share))
         with suppress(ConvergenceError):
-            z = fitted(part, z, *bounds(p), huber).solved.z
-    return z
+            one = replace(shoot, problem=part)
+            found = with_values(
+                found, fitted(one, first_guess(part), *bounds(part), huber).solved.z
+            )
+    return guessed_states(found, first_guess(found))
 
 
-def _starts_of_smooth(shoot: Shooter) -> list[np.ndarray]:
-    """Of motions without contacts."""
+def _near(p: Estimation) -> Estimation:
+    """With what is told of every unknown: its guess, give or take its size. Few data leave open
+    what more will tell.
+    """
+    z = first_guess(p)[: p.many]
+    rows = np.column_stack([np.arange(p.many), z, sizes(p, z)])
+    rows = rows[(z != 0) | (rows[:, 0] >= len(p.theta))]  # a parameter of zero has no size
+    return p._replace(prior=np.concatenate([p.prior, rows]))
+
+
+def _guesses(shoot: Shooter) -> list[np.ndarray]:
+    """The user's, and those that all data show."""
     p = shoot.problem
     problems = [x for x in (from_the_data(p), p) if x is not None]
     guesses = [guessed_states(x, first_guess(x)) for x in problems]

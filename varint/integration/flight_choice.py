@@ -24,6 +24,7 @@ from varint.integration.events.impacts import (
     MOST_IMPACTS,
     PULL,
     RESTING,
+    RESTLESS,
     TOUCH,
     ZENO,
 )
@@ -31,7 +32,7 @@ from varint.integration.events.roots import LOCATED
 from varint.integration.gears import compiled_kernel, gears_of, kernel_now, newton
 from varint.integration.problem import InitialValueProblem
 from varint.integration.steppers.uniform_field import is_uniform
-from varint.numerics.limits import GAP_ITERATIONS
+from varint.numerics.limits import GAP_ITERATIONS, ROOT_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -39,7 +40,9 @@ NUMBERS = {
     "MOST_LOOKS": MOST_LOOKS,
     "NEWTON": NEWTON,
     "GAP_ITERATIONS": GAP_ITERATIONS,
+    "ROOT_ITERATIONS": ROOT_ITERATIONS,
     "MOST_IMPACTS": MOST_IMPACTS,
+    "RESTLESS": RESTLESS,
     "TOUCH": TOUCH,
     "RESTING": RESTING,
     "PULL": PULL,

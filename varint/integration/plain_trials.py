@@ -16,7 +16,7 @@ from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.rule_choice import iteration_level, steps_for
 from varint.integration.run import motion_at_once
-from varint.integration.run_distance import with_first_half
+from varint.integration.run_distance import with_early
 from varint.integration.trajectories import Run
 from varint.integration.two_runs import (
     FLOOR,
@@ -103,7 +103,7 @@ def by_plain_trials(
             scales = error_scales(system, plain_motion(system, rule, other, 0.0), scale)
         unit = math.gcd(few, many)
         off = one.found.rows[:: few // unit, 0] - q[:: many // unit]
-        return with_first_half(np.abs(off, out=off) / scales)
+        return with_early(np.abs(off, out=off) / scales)
 
     course = Course(trial, apart, radians, system.structure.linear)
     return run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)

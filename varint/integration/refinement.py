@@ -16,10 +16,10 @@ from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
-from varint.integration.run_distance import distance, ends_apart
+from varint.integration.run_distance import differences, ends_apart, with_early
 from varint.integration.second_looks import Trial, has_steps, luck, transient
 from varint.integration.small_motions import frequencies
-from varint.integration.two_runs import FLOOR, STALLED, rounding
+from varint.integration.two_runs import FLOOR, STALLED, growth_of, rounding, shows_its_error
 from varint.integration.walls import Failure, no_way_on, require_way_on
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -50,7 +50,8 @@ def refine(
 ) -> Choice:
     """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
     before: tuple[int, Trajectory] | None = None
-    apart, order, stalls, runs, best = math.inf, None, 0, 0, None
+    apart, growth, order, stalls, runs, best = math.inf, 1.0, None, 0, 0, None
+    smooth = shows_its_error(system) and not has_steps(system)
     quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
     while steps <= most:
@@ -75,7 +76,9 @@ def refine(
             steps *= 2
             continue
         ratio, last = steps / before[0], apart
-        seen = distance(before[1], before[0], motion, steps, scales)
+        seen, early = with_early(differences(before[1], before[0], motion, steps, scales))
+        if smooth:  # elsewhere it may be a force that begins to act
+            growth = max(growth, growth_of(seen, early))
         if ends_early:
             seen = max(seen, ends_apart(before[1], motion, scales))
         # no smooth motion comes together faster than by the rule's order: less is luck
@@ -83,7 +86,7 @@ def refine(
         if ratio == 2 and last < math.inf:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
         before = steps, motion
-        rounded = rounding(apart, radians, steps)
+        rounded = rounding(apart, radians, steps, growth)
         stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
         if stalls and rounded == apart > tol:  # from now on it wanders
             best = best and replace(best, estimate=max(best.estimate, apart))

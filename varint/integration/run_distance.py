@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from varint.integration.two_runs import ROUNDED
 from varint.results.trajectory import Trajectory
 
+EARLIEST = 8  # part of the nodes that come before a difference tells of all later ones
 LOOKS = 65  # nodes at which runs without common ones are compared
 
 
@@ -30,9 +32,17 @@ def differences(
     return np.abs(q1[i] - q2[j]) / scales
 
 
-def with_first_half(off: np.ndarray) -> tuple[float, float]:
-    """The largest of differences (nodes, n), and that of the first half of the nodes."""
-    return float(off.max()), float(off[: len(off) // 2 + 1].max())
+def with_early(off: np.ndarray) -> tuple[float, float]:
+    """The largest of differences (nodes, n), and the least that one of the early ones, up to the
+    middle, lets expect there: differences of regular motions grow with the square of time at most.
+    """
+    far, middle = off.max(axis=1), len(off) // 2
+    if not middle:
+        return float(far.max()), float(far.max())
+    first = max(len(off) // EARLIEST, 1)
+    so_far = np.maximum(np.maximum.accumulate(far[: middle + 1])[first:], ROUNDED)
+    expected = so_far * (middle / np.arange(first, middle + 1)) ** 2
+    return float(far.max()), float(expected.min())
 
 
 def distance_between_nodes(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:

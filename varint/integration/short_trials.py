@@ -38,7 +38,7 @@ from varint.scene.system import System
 _NAMES = (
     *("ROUGH", "HALF", "FLOOR", "LOST", "GAIN", "MARGIN", "SAFETY", "SPREAD", "EVIDENCE"),
     *("ROUNDED", "NO_SHRINKAGE", "NOT_WORSE", "ROUNDING", "STALLED", "PART_CLOSE", "CAUTION"),
-    *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT"),
+    *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT", "UNEVEN"),
     *("SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
 )
 _LIMITS = np.array(

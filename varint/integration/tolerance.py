@@ -47,7 +47,7 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, short_run, start_run, trajectory_of
-from varint.integration.run_distance import differences, ends_apart, with_first_half
+from varint.integration.run_distance import differences, ends_apart, with_early
 from varint.integration.second_looks import Trial
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import (
@@ -145,6 +145,7 @@ def choose_steps(
             by_two_runs = False
 
     failures: list[Failure] = []  # since the last run that ended well
+    unproved = False  # by two runs: errors may grow, also what iterations leave
 
     def trial(
         chosen: Rule, steps: int, part: int = 1, wanted: float = tol, beyond: float = 0.0
@@ -152,7 +153,7 @@ def choose_steps(
         problem = problem_with_steps(chosen, start, steps)
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
-            level=iteration_level(wanted, steps),
+            level=0.0 if unproved else iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
         )
         try:
@@ -176,6 +177,7 @@ def choose_steps(
             if found:
                 return found
         failures.clear()
+        unproved = start.steps == 1 and shows_its_error(system)
         few, ends_early = start.steps * first, stop is not None
         return refine(system, own, start, tol, radians, trial, failures, few, scale, ends_early)
 
@@ -193,7 +195,7 @@ def _from_two_runs(
 
     def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> tuple[float, float]:
         scales = error_scales(system, other, scale)
-        seen, half = with_first_half(differences(one, few, other, many, scales))
+        seen, half = with_early(differences(one, few, other, many, scales))
         return max(seen, ends_apart(one, other, scales)) if ends_early else seen, half
 
     def run(steps: int, wanted: float, part: int) -> Attempt | None:

@@ -44,6 +44,7 @@ SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
 LONG, PARTS = 1500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 ATTEMPTS = 6
+SHARED = (256, 16), (96, 8)  # steps above which runs have so many parts that both can share
 CAUTION = 0.85  # of the rule's order is counted on at most
 # ratio of the steps of two runs: at least, what a new coarse run aims at, and at most, where the
 # error that is predicted of the first coarse one is not clearly small, and otherwise
@@ -52,6 +53,7 @@ CLEAR = 0.03  # such an error
 # of differences from the middle to the end, where they grow with the square of time; what grows
 # more is taken for a growth of all errors: what iterations leave in a step, and round-off, grow too
 SECULAR_GROWTH = 4.0
+UNEVEN = 10.0  # errors that grow are as uneven, and between shared nodes by as much larger, at most
 LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
 
 
@@ -110,7 +112,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     """
     p = rule.order
     rough = min(ROUGH, tol * 2.0**p / HALF)
-    steps, runs = _by_a_part(course, _in_fours(first), rough, p)
+    steps, runs = _by_a_part(course, _shared(first), rough, p)
     coarse: Attempt | None = None
     expected = before = math.inf
     clear, growth, doubted = CLEAR, 1.0, False  # once, for steps may lie in a resonance
@@ -119,20 +121,20 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             tried, runs = course.trial(steps, rough, 1), runs + 1
             expected = _expected(course, tried)
             if tried is None or not expected <= LOST:
-                steps = _in_fours(steps * _ratio(expected, rough, p, 2.0))
+                steps = _shared(steps * _ratio(expected, rough, p, 2.0))
                 continue
             wanted = _ratio(MARGIN * expected, tol, p, math.inf)
             if wanted > (FAR if expected <= clear else MOST):
-                steps, clear = _in_fours(steps * wanted / GOOD), LOST
+                steps, clear = _shared(steps * wanted / GOOD), LOST
                 continue
             coarse = tried
-        more = _in_fours(steps * _ratio(MARGIN * expected, tol, p, FAR))
+        more = _shared(steps * _ratio(MARGIN * expected, tol, p, FAR))
         wanted = tol / growth
         fine, runs = course.trial(more, wanted, 1), runs + 1
         if fine is None:
             return None
         apart, early = course.apart(coarse.run, steps, fine.run, more)
-        growth = max(growth, apart / (SECULAR_GROWTH * max(early, ROUNDED)))
+        growth = max(growth, growth_of(apart, early))
         rounded, stalls = rounding(apart, course.radians, more, growth), apart > STALLED * before
         shrinkage = _shrinkage(coarse.swing, fine.swing, more / steps, p, course.linear)
         if not math.isfinite(apart) or (stalls and rounded > tol):
@@ -143,13 +145,21 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 return None
             coarse, steps, doubted = fine, more, True
             continue
-        shown = max(SPREAD * apart * shrinkage / (1 - shrinkage), rounded, floor)
+        spread = SPREAD * min(growth, UNEVEN)
+        shown = max(spread * apart * shrinkage / (1 - shrinkage), rounded, floor)
         left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             return Proved(more, fine.run, max(shown, left), runs)
         coarse, steps, before = fine, more, apart
         expected = shown if apart < ROUGH * EVIDENCE else apart
     return None
+
+
+def growth_of(apart: float, early: float) -> float:
+    """How much more errors grow than those of a regular motion, by the largest difference of two
+    runs and what an early one lets expect in the middle.
+    """
+    return apart / (SECULAR_GROWTH * max(early, ROUNDED))
 
 
 def rounding(apart: float, radians: float, steps: int, growth: float = 1.0) -> float:
@@ -198,7 +208,7 @@ def _by_a_part(course: Course, steps: int, rough: float, p: int) -> tuple[int, i
         if rough / PART_CLOSE < expected < rough * PART_CLOSE:
             break
         factor = (max(expected, 1e-300) / rough) ** (1 / p) if math.isfinite(expected) else 2.0
-        steps = _in_fours(steps * min(max(factor, 0.5), 2.0))
+        steps = _shared(steps * min(max(factor, 0.5), 2.0))
     return steps, runs
 
 
@@ -222,5 +232,7 @@ def _ratio(error: float, wanted: float, p: int, most: float) -> float:
     return min(max((error / wanted) ** (1 / p), LEAST), most)
 
 
-def _in_fours(steps: float) -> int:
-    return 4 * max(math.ceil(steps / 4), 2)
+def _shared(steps: float) -> int:
+    """As many steps or a few more, so that two runs share nodes: at least these parts of them."""
+    parts = next((parts for least, parts in SHARED if steps > least), 4)
+    return parts * max(math.ceil(steps / parts), 2)

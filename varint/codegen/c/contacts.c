@@ -1,15 +1,16 @@
 /* Bodies that fly between impacts: steps of a loop (run.h) as long as every gap certainly stays open, impacts located
    within a step by shorter steps of the same rule, and Newton's law of restitution there.
 
-   The same as varint/integration/events does in general, where what holds goes on to do so and one contact is hit that none of
-   these feels; the run ends BESIDE where that is not so. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
+   The same as varint/integration/events does in general, for rows that are clearly independent: blows that come together are
+   dealt one after the other, then it is found what holds. The run ends SETTLED where that is another set, which has another loop,
+   and BESIDE where this is not enough. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
    again unseen. */
 
-enum Ended { ENDED, FULL, BESIDE };
+enum Ended { ENDED, FULL, BESIDE, SETTLED };
 #define MOST_STEPS 256 /* between two looks at the gaps */
 #define FEW_STEPS 16   /* after an impact */
-#define GRAZING 10     /* times ZENO: a flight so short is looked at by itself */
-#define REGULAR 1e-12  /* pivots of scaled equations */
+#define SOME_HITS 32   /* at one instant, that have room */
+#define REGULAR 1e-10  /* pivots of scaled equations: below, rows may depend on each other */
 #define NUMBERS (5 * N) /* q, p, v and the rounding errors of q and p */
 #define POINT (1 + NUMBERS + 2 * CONTACTS)
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
@@ -23,18 +24,22 @@ typedef struct {
     int64_t room, hits, steps;              /* rows and hits that have room; steps after which the call ends */
     double t0, h, level;
     int64_t held;                           /* rows that hold: constraints, and contacts that push */
-    const int64_t *rows_held, *holds;       /* which; of each contact whether it is closed for now */
+    const int64_t *rows_held;               /* which */
+    int64_t *holds;                         /* of each contact whether it is closed for now; where the run is SETTLED, then */
     const double *c, *scale;                /* typical sizes of velocities and momenta */
     double *state;                          /* k, t, impacts in step k, steps of the next look; q, p, v, rests of q and p; carry */
     double *rows;                           /* t, k, q, p of every node */
-    double *hit;                            /* row, contact, impulse, energies, q, v and p before, v and p after */
-    double *stats;                          /* rows, hits, iterations, residual; whether an instant was located that is no
-                                               clean impact, when, whether its step ends there, q, p, v, rests of q and p */
+    double *hit;                            /* row, contact, whether it is stopped (1) or lets go (2), when, impulse, energies, q, v and p before,
+                                               v and p after */
+    double *stats;                          /* rows, hits, iterations, residual; whether an instant was located, before blows
+                                               that are not for here, or SETTLED, when, whether its step ends there, q, p, v,
+                                               rests of q and p; its hits have the row that would follow */
     const void *scene;
 } ContactArguments;
 
 #define STATE_Q 4
-#define HIT_SIZE (5 + 5 * N)
+#define HIT_HEAD 7
+#define HIT_SIZE (HIT_HEAD + 5 * N)
 #define ROW_SIZE (2 + 2 * N)
 
 typedef struct {
@@ -45,6 +50,7 @@ typedef struct {
     double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
     double *restitution;
     int *pivots;
+    int64_t *held;                          /* how many rows hold just now, then which: those of constraints first */
     double iterations, residual, energy;
     int looks;
 } Work;
@@ -56,8 +62,10 @@ typedef struct {
 #define REST_OF(x) ((x) + 1 + 3 * N)
 #define GAP_OF(x) ((x) + 1 + NUMBERS)
 #define RATE_OF(x) ((x) + 1 + NUMBERS + CONTACTS)
-#define HELD_ROW(j) (x->slope + a->rows_held[j] * N)
-#define CONTACT_ROW(i) (x->slope + (ROWS - CONTACTS + (i)) * N)
+#define HELD(j) x->held[1 + (j)]
+#define HELD_ROW(j) (x->slope + HELD(j) * N)
+#define FIRST (ROWS - CONTACTS) /* row of the first contact */
+#define CONTACT_ROW(i) (x->slope + (FIRST + (i)) * N)
 
 INLINE double sum_of(const double *x, const double *y, int count) {
     double s = 0;
@@ -183,7 +191,7 @@ static int closing(Work *x, const double *from, double t, int i, const double *l
     return fabs(f) <= x->close[i];
 }
 
-enum Found { NONE, HIT, DOUBT };
+enum Found { NONE, HIT, LEAVES, DOUBT };
 
 /* Whether gap i closes between two instants, and then the instant where it does first in place of the later one. Where bounds
    leave it in doubt, the halves are looked at. */
@@ -206,9 +214,21 @@ static int first_between(Work *x, const double *from, double t, int i, const dou
     return first_between(x, from, t, i, later, right, shortest, found);
 }
 
+/* Of the instants 2^-k of the way ahead, the first at which a gap at rest is not zero. */
+static int leaving(Work *x, const double *from, double t, const double *end, int i, double *open) {
+    double earlier[POINT];
+    COPY(open, end, POINT);
+    for (double part = 0.5; part > SHORTEST; part /= 2) {
+        if (!ahead_by(x, from, t, end[0] * part, earlier)) return 0;
+        if (fabs(GAP_OF(earlier)[i]) <= x->close[i]) break;
+        COPY(open, earlier, POINT);
+    }
+    return 1;
+}
+
 /* The first impact in a step from one instant to another, as the instant `at`; gaps within `close` of zero touch. */
 static int first_impact(Work *x, const double *from, double t, const double *end, double *at) {
-    double least[CONTACTS], instant[POINT];
+    double least[CONTACTS], instant[POINT], open[POINT];
     int found = NONE, clear = 1;
     least_gaps(x, from, end, t, least);
     for (int i = 0; i < CONTACTS; i++)
@@ -217,9 +237,11 @@ static int first_impact(Work *x, const double *from, double t, const double *end
     x->looks = 0, view(x, from, t);
     for (int i = 0; i < CONTACTS; i++) {
         if (x->a->holds[i] || (least[i] >= -x->close[i] && !is_closed(end, i, x->close[i]))) continue;
-        if (GAP_OF(from)[i] <= x->close[i] && fabs(RATE_OF(from)[i]) <= RESTING * x->quick[i]) return DOUBT;
-        COPY(instant, end, POINT);
-        const int closes = first_between(x, from, t, i, from, instant, fabs(end[0]) * SHORTEST, NONE);
+        COPY(open, from, POINT), COPY(instant, end, POINT);
+        if (GAP_OF(from)[i] <= x->close[i] && fabs(RATE_OF(from)[i]) <= RESTING * x->quick[i]) {
+            if (!leaving(x, from, t, end, i, open) || GAP_OF(open)[i] < -x->close[i]) return DOUBT; /* one that sinks must hold */
+        }
+        const int closes = first_between(x, from, t, i, open, instant, fabs(end[0]) * SHORTEST, NONE);
         if (closes == DOUBT) return DOUBT;
         if (closes && (!found || instant[0] < at[0])) COPY(at, instant, POINT), found = HIT;
     }
@@ -229,8 +251,7 @@ static int first_impact(Work *x, const double *from, double t, const double *end
 /* The equations M y - W' m = b, W y = c of all that holds, factorised; scaled as `_saddle` in impacts.py. 0 where they
    are not regular. */
 static int factorise(Work *x) {
-    const ContactArguments *a = x->a;
-    const int held = (int)a->held, all = N + held;
+    const int held = (int)x->held[0], all = N + held;
     double *const f = x->factors, *const size = x->size, largest = 0;
     for (int d = 0; d < N; d++) size[d] = sqrt(fabs(x->mass[d * N + d])), largest = fmax(largest, size[d]);
     for (int d = 0; d < N; d++) size[d] = size[d] > 0 ? size[d] : largest;
@@ -263,7 +284,7 @@ static int factorise(Work *x) {
 }
 
 static void substitute(const Work *x, double *b) {
-    const int all = N + (int)x->a->held;
+    const int all = N + (int)x->held[0];
     const double *const f = x->factors;
     for (int i = 0; i < all; i++) b[i] /= x->size[i];
     for (int i = 0; i < all; i++) {
@@ -281,100 +302,267 @@ static void substitute(const Work *x, double *b) {
 /* Accelerations, and behind them the multipliers of what holds; after `view` and `factorise`. */
 static void accelerate(const Work *x, double *b) {
     COPY(b, x->force, N);
-    for (int j = 0; j < x->a->held; j++) b[N + j] = -x->bend[x->a->rows_held[j]];
+    for (int j = 0; j < x->held[0]; j++) b[N + j] = -x->bend[HELD(j)];
     substitute(x, b);
 }
 
-/* Whether a contact that holds would pull. */
-static int pulls(const Work *x, const double *acceleration) {
-    const ContactArguments *a = x->a;
-    double most = 0, least = 0;
-    for (int d = 0; d < N; d++) { /* forces that move other bodies */
+/* Forces that move other bodies: a push that is little beside them is none. */
+static double hardly(const Work *x, const double *acceleration) {
+    double most = 0;
+    for (int d = 0; d < N; d++) {
         double force = 0;
         for (int k = 0; k < N; k++) force += x->mass[k * N + d] * acceleration[k];
         most = fmax(most, NEAR * fabs(force));
     }
-    for (int j = 0; j < a->held; j++) {
+    return most;
+}
+
+/* Whether a contact that holds would pull at an instant. */
+static int lets_go(Work *x, const double *point, double t) {
+    const int64_t held = x->held[0];
+    double acceleration[N + held], least = 0;
+    if (!held || HELD(held - 1) < FIRST) return 0;
+    view(x, point, t);
+    if (!factorise(x)) return 1;
+    accelerate(x, acceleration);
+    double most = hardly(x, acceleration);
+    for (int j = 0; j < held; j++) {
         const double push = acceleration[N + j];
         most = fmax(most, fabs(push));
-        if (a->rows_held[j] >= ROWS - CONTACTS) least = fmin(least, push);
+        if (HELD(j) >= FIRST) least = fmin(least, push);
     }
     return !(least >= -PULL * most);
 }
 
-/* The same at an instant, where anything but constraints holds. */
-static int lets_go(Work *x, const double *point, double t) {
-    const ContactArguments *a = x->a;
-    double acceleration[N + a->held];
-    if (!a->held || a->rows_held[a->held - 1] < ROWS - CONTACTS) return 0;
+/* Multiplier of the row that holds as number j at an instant, and what is nothing beside other forces; no number where the rows
+   are not regular. */
+static double push_of(Work *x, const double *point, double t, int j, double *nothing) {
+    double acceleration[N + x->held[0]];
     view(x, point, t);
-    if (!factorise(x)) return 1;
+    if (!factorise(x)) return 0 * INFINITY;
     accelerate(x, acceleration);
-    return pulls(x, acceleration);
+    *nothing = PULL * hardly(x, acceleration);
+    return acceleration[N + j];
 }
 
-/* The impact at an instant: the rate of the one contact that is hit turns from r to -e r. 0 where more touches, rests, or
-   hardly moves afterwards. */
-static int bounce(Work *x, double *point, double t, double *hit) {
-    const ContactArguments *a = x->a;
-    double close[CONTACTS], before[CONTACTS], y[N + a->held], row[N], acceleration[N + a->held];
-    int struck = -1;
-    view(x, point, t);
-    closeness(x, Q_OF(point), x->reach, close);
-    for (int i = 0; i < CONTACTS; i++) {
-        before[i] = x->quick[i];
-        if (a->holds[i] || GAP_OF(point)[i] > close[i] || RATE_OF(point)[i] > RESTING * x->quick[i]) continue;
-        if (struck >= 0 || RATE_OF(point)[i] >= -RESTING * x->quick[i]) return 0;
-        struck = i;
+/* When the contact that holds as number j begins to pull; see `release_time` in gaps.py and `find_root` in roots.py. */
+static int release_time(Work *x, const double *from, double t, const double *end, int j, double *at) {
+    double nothing, a = 0, b = end[0], fb = push_of(x, end, t + b, j, &nothing), fa;
+    if (!(fb < -nothing)) return NONE;
+    fa = push_of(x, from, t, j, &nothing), x->looks = 0;
+    if (fa != fa) return DOUBT;
+    COPY(at, from, POINT), at[0] = 0;
+    if (!(fa > 0)) return LEAVES;
+    const double tolerance = LOCATED * fabs(b);
+    for (int k = 0; k < ROOT_ITERATIONS; k++) {
+        double c = b - fb * (b - a) / (fb - fa);
+        if (!(fmin(a, b) < c && c < fmax(a, b))) c = (a + b) / 2;
+        if (!ahead_by(x, from, t, c, at)) return DOUBT;
+        const double fc = push_of(x, at, t + c, j, &nothing);
+        if (fc != fc) return DOUBT;
+        if (fc == 0 || fabs(b - a) <= tolerance) break;
+        if (fc * fb < 0) a = b, fa = fb;
+        else fa /= 2;
+        b = c, fb = fc;
+        if (fabs(b - a) <= tolerance) break;
     }
-    if (struck < 0 || !(x->restitution[struck] > 0)) return 0;
-    const double e = x->restitution[struck], rate = RATE_OF(point)[struck];
-    COPY(row, CONTACT_ROW(struck), N), COPY(y, row, N);
-    const double length = sqrt(sum_of(row, row, N));
-    if (!(length > FLAT) || !factorise(x)) return 0;
-    for (int j = 0; j < a->held; j++) y[N + j] = 0;
-    substitute(x, y);
-    for (int j = 0; j < a->held; j++) { /* what holds takes its part of the blow; contacts may let go or hand it on */
-        const double *const held = HELD_ROW(j);
-        if (a->rows_held[j] >= ROWS - CONTACTS && fabs(y[N + j]) * sqrt(sum_of(held, held, N)) > PULL * length) return 0;
-        for (int d = 0; d < N; d++) row[d] += y[N + j] * held[d];
+    return LEAVES;
+}
+
+/* The first of the contacts that hold to let go in a step, as its number there, and the instant. */
+static int first_release(Work *x, const double *from, double t, const double *end, double *at, int *first) {
+    double instant[POINT];
+    int found = NONE;
+    for (int j = 0; j < x->held[0]; j++) {
+        if (HELD(j) < FIRST) continue;
+        const int lets = release_time(x, from, t, end, j, instant);
+        if (lets == DOUBT) return DOUBT;
+        if (lets == LEAVES && (!found || instant[0] < at[0])) COPY(at, instant, POINT), found = LEAVES, *first = j;
     }
-    const double unit = sum_of(CONTACT_ROW(struck), y, N), impulse = -(1 + e) * rate / unit;
-    double *const p = P_OF(point), *const rest_p = REST_OF(point) + N;
+    return found ? found : DOUBT;
+}
+
+INLINE void take_held(Work *x, const int64_t *held) { memcpy(x->held, held, (size_t)(1 + ROWS) * sizeof(int64_t)); }
+
+INLINE void release(Work *x, int j) {
+    for (int64_t k = j; k + 1 < x->held[0]; k++) HELD(k) = HELD(k + 1);
+    x->held[0]--;
+}
+
+INLINE double length_of(const Work *x, int64_t row) { return sqrt(sum_of(x->slope + row * N, x->slope + row * N, N)); }
+
+/* The blow that turns the rate r of a contact to -e r: what holds takes its part of it, elastic contacts hand it on, and
+   others let go where they would be pulled, unless all stay closed. The same as `_reflect` in impacts.py; `from` is seen. */
+static int reflect(Work *x, const double *from, int struck, double e, int sticks, double *to, double *impulse) {
+    double y[N + x->held[0]], row[N];
+    const double length = length_of(x, FIRST + struck), sense = -RATE_OF(from)[struck];
+    for (;;) {
+        const int held = (int)x->held[0];
+        COPY(y, CONTACT_ROW(struck), N);
+        for (int j = 0; j < held; j++) y[N + j] = 0;
+        if (!factorise(x)) return 0;
+        substitute(x, y);
+        double most = length, least = 0;
+        int pulled = -1, handed = 0;
+        for (int j = 0; j < held; j++)
+            if (HELD(j) >= FIRST) most = fmax(most, fabs(y[N + j]) * length_of(x, HELD(j)));
+        for (int j = 0; j < held; j++) {
+            if (HELD(j) < FIRST) continue;
+            const double felt = copysign(1, sense) * y[N + j] * length_of(x, HELD(j)) / most;
+            if (felt < least) least = felt, pulled = j;
+        }
+        for (int j = held - 1; j >= 0; j--)
+            if (HELD(j) >= FIRST && x->restitution[HELD(j) - FIRST] > 0 && fabs(y[N + j]) * length_of(x, HELD(j)) / most > PULL)
+                release(x, j), handed = 1;
+        if (handed) continue;
+        if (sticks || !(least < -PULL)) break;
+        release(x, pulled);
+    }
+    COPY(row, CONTACT_ROW(struck), N);
+    for (int j = 0; j < x->held[0]; j++)
+        for (int d = 0; d < N; d++) row[d] += y[N + j] * HELD_ROW(j)[d];
+    COPY(to, from, POINT);
+    const double unit = sum_of(CONTACT_ROW(struck), y, N);
+    double *const p = P_OF(to), *const rest_p = REST_OF(to) + N;
     const double rest = -(1 + e) * sum_of(y, rest_p, N) / unit; /* the rounding error of p is reflected, too */
-    double *told = hit;
-    *told++ = struck, *told++ = impulse, *told++ = x->energy, told++;
-    COPY(told, Q_OF(point), N), told += N;
-    COPY(told, V_OF(point), N), told += N;
-    COPY(told, p, N), told += N;
+    *impulse = (1 + e) * sense / unit;
     for (int d = 0; d < N; d++) {
-        const double gain = impulse * row[d], sum = p[d] + gain, part = sum - p[d];
+        const double gain = *impulse * row[d], sum = p[d] + gain, part = sum - p[d];
         rest_p[d] += ((p[d] - (sum - part)) + (gain - part)) + rest * row[d];
-        p[d] = sum, V_OF(point)[d] += impulse * y[d];
+        p[d] = sum, V_OF(to)[d] += *impulse * y[d];
     }
-    COPY(told, V_OF(point), N), COPY(told + N, p, N);
+    return 1;
+}
+
+/* Time until a contact that just bounced closes again with accelerations that stay; `point` is seen. */
+static double flight(Work *x, const double *point, int i) {
+    double acceleration[N + x->held[0]];
+    if (!factorise(x)) return 0;
+    accelerate(x, acceleration);
+    const double towards = -(x->bend[FIRST + i] + sum_of(CONTACT_ROW(i), acceleration, N));
+    return towards > 0 ? 2 * fabs(RATE_OF(point)[i]) / towards : INFINITY;
+}
+
+INLINE int see(Work *x, double *point, double t) {
     look(x, point, t);
     if (!is_finite_point(point)) return 0;
     view(x, point, t);
-    hit[3] = x->energy;
+    return 1;
+}
+
+/* One impact as `_impact` in impacts.py has it: the instant before becomes that after it; flights that become too short end at
+   once. What it was goes to `hit`. 0 where rows may depend on each other. */
+static int strike(Work *x, double *point, double t, int struck, double *hit) {
+    const double shortest = ZENO * fabs(x->a->h);
+    double to[POINT], e = x->restitution[struck], impulse, wait = 0, *told = hit + HIT_HEAD;
+    int64_t before[1 + ROWS];
+    memcpy(before, x->held, sizeof before);
+    if (!(length_of(x, FIRST + struck) > FLAT)) return 0;
+    hit[1] = struck, hit[5] = x->energy;
+    COPY(told, Q_OF(point), N), COPY(told + N, V_OF(point), N), COPY(told + 2 * N, P_OF(point), N);
+    if (!reflect(x, point, struck, e, 0, to, &impulse) || !see(x, to, t)) return 0;
+    int rocks = 0; /* and that dies out */
+    for (int64_t j = 0, k = 0; j < before[0]; j++) {
+        if (k < x->held[0] && HELD(k) == before[1 + j]) {
+            k++;
+            continue;
+        }
+        const int i = (int)(before[1 + j] - FIRST);
+        rocks |= x->restitution[i] == 0 && RATE_OF(to)[i] > 0 && flight(x, to, i) <= shortest;
+    }
+    if (rocks) {
+        take_held(x, before);
+        if (!reflect(x, point, struck, e, 1, to, &impulse) || !see(x, to, t)) return 0;
+    }
+    if (e > 0) {
+        const double next = flight(x, to, struck);
+        if (next <= shortest) {
+            wait = e < 1 ? next / (1 - e) : 0, e = 0;
+            take_held(x, before);
+            if (!reflect(x, point, struck, e, 0, to, &impulse) || !see(x, to, t)) return 0;
+        }
+    }
+    hit[2] = !(e > 0), hit[3] = t + wait, hit[4] = impulse, hit[6] = x->energy;
+    COPY(told + 3 * N, V_OF(to), N), COPY(told + 4 * N, P_OF(to), N);
+    COPY(point, to, POINT);
+    return 1;
+}
+
+/* Of the contacts at rest, those that must push to stay closed; see `_holding` in impacts.py. */
+static int hold(Work *x) {
+    while (x->held[0] && HELD(x->held[0] - 1) >= FIRST) {
+        const int held = (int)x->held[0];
+        double acceleration[N + held], least = INFINITY;
+        int pulled = -1;
+        if (!factorise(x)) return 0;
+        accelerate(x, acceleration);
+        double most = hardly(x, acceleration);
+        for (int j = 0; j < held; j++) {
+            const double push = acceleration[N + j] * length_of(x, HELD(j));
+            most = fmax(most, fabs(push));
+            if (HELD(j) >= FIRST && push < least) least = push, pulled = j;
+        }
+        if (least >= -PULL * most) return 1;
+        if (pulled < 0) return 0;
+        release(x, pulled);
+    }
+    return 1;
+}
+
+/* Impacts of all that touches and approaches, the fastest first, then what stays closed; see `settle` in impacts.py. The number of
+   events; -1 where this is not for here. What held as number `leaves` has just let go; -1: nothing has. */
+static int settle(Work *x, double *point, double t, int leaves, double *hit) {
+    double close[CONTACTS], quick[CONTACTS];
+    int count = 0, closed[CONTACTS], holds[CONTACTS], released = -1;
+    view(x, point, t);
+    if (leaves >= 0) {
+        double *told = hit + HIT_HEAD;
+        released = (int)(HELD(leaves) - FIRST), release(x, leaves), count = 1;
+        hit[1] = released, hit[2] = 2, hit[3] = t, hit[4] = 0, hit[5] = hit[6] = x->energy;
+        COPY(told, Q_OF(point), N), COPY(told + N, V_OF(point), N), COPY(told + 2 * N, P_OF(point), N);
+        COPY(told + 3 * N, V_OF(point), N), COPY(told + 4 * N, P_OF(point), N);
+    }
+    closeness(x, Q_OF(point), x->reach, close);
+    for (int i = 0; i < CONTACTS; i++) closed[i] = GAP_OF(point)[i] <= close[i], quick[i] = 0;
+    for (;; count++) {
+        int struck = -1;
+        double fastest = 0;
+        for (int i = 0; i < CONTACTS; i++) holds[i] = 0;
+        for (int64_t j = 0; j < x->held[0]; j++)
+            if (HELD(j) >= FIRST) holds[HELD(j) - FIRST] = 1;
+        for (int i = 0; i < CONTACTS; i++) {
+            quick[i] = fmax(quick[i], x->quick[i]);
+            if (holds[i] || !closed[i] || !(RATE_OF(point)[i] < -RESTING * quick[i])) continue;
+            const double comes = RATE_OF(point)[i] / quick[i];
+            if (comes < fastest) fastest = comes, struck = i;
+        }
+        if (struck < 0) break;
+        if (count == SOME_HITS || !strike(x, point, t, struck, hit + count * HIT_SIZE)) return -1;
+    }
+    int64_t fixed = 0;
+    while (fixed < x->held[0] && HELD(fixed) < FIRST) fixed++;
+    x->held[0] = fixed;
     for (int i = 0; i < CONTACTS; i++)
-        if (!a->holds[i] && GAP_OF(point)[i] <= close[i] && RATE_OF(point)[i] <= RESTING * fmax(before[i], x->quick[i])) return 0;
-    if (!factorise(x)) return 0;
-    accelerate(x, acceleration);
-    if (pulls(x, acceleration)) return 0;
-    const double towards = -(x->bend[ROWS - CONTACTS + struck] + sum_of(CONTACT_ROW(struck), acceleration, N));
-    return !(2 * RATE_OF(point)[struck] <= GRAZING * ZENO * fabs(a->h) * towards);
+        if (i != released && (holds[i] || (closed[i] && fabs(RATE_OF(point)[i]) <= RESTING * quick[i]))) HELD(x->held[0]) = FIRST + i, x->held[0]++;
+    if (!hold(x)) return -1;
+    for (int i = 0; i < CONTACTS; i++) holds[i] = 0;
+    for (int64_t j = fixed; j < x->held[0]; j++) holds[HELD(j) - FIRST] = 1;
+    for (int k = 0; k < count; k++) { /* what bounces on is not stopped */
+        double *const told = hit + k * HIT_SIZE;
+        if (told[2] == 1 && !holds[(int)told[1]]) told[2] = 0;
+    }
+    return count;
 }
 
 /* Steps until a gap closes as it would with accelerations that stay. */
 static double steps_ahead(Work *x, const double *point) {
-    double acceleration[N + x->a->held], ahead = INFINITY;
+    double acceleration[N + x->held[0]], ahead = INFINITY;
     if (!factorise(x)) return ahead;
     accelerate(x, acceleration);
     for (int i = 0; i < CONTACTS; i++) {
         if (x->a->holds[i]) continue;
         const double gap = fmax(GAP_OF(point)[i], 0), rate = RATE_OF(point)[i];
-        const double bend = x->bend[ROWS - CONTACTS + i] + sum_of(CONTACT_ROW(i), acceleration, N);
+        const double bend = x->bend[FIRST + i] + sum_of(CONTACT_ROW(i), acceleration, N);
         const double inside = rate * rate - 2 * bend * gap;
         if (!(inside >= 0) || (rate >= 0 && bend >= 0)) continue;
         const double q = sqrt(inside), closes = rate < 0 ? 2 * gap / (q - rate) : -(rate + q) / bend;
@@ -393,7 +581,7 @@ INLINE void keep(double *row, double t, int64_t k, const double *q_and_p) {
 int contacts(const ContactArguments *a) {
     scene = a->scene;
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
-    const int64_t all = N + a->held;
+    const int64_t all = N + ROWS;
     const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
                              5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS};
     double *part[sizeof sizes / sizeof *sizes];
@@ -405,13 +593,16 @@ int contacts(const ContactArguments *a) {
     for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) part[i] = memory + total, total += sizes[i];
     double *const rows = part[12], *const rests = rows + 3 * N * (MOST_STEPS + 1), *const w = part[13];
     int pivots[all];
+    int64_t held[1 + ROWS], known[1 + ROWS];
     Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
-                 part[14], pivots, 0, 0, 0, 0};
+                 part[14], pivots, held, 0, 0, 0, 0};
     Work *const x = &work;
     double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;
     double now[POINT], end[POINT], at[POINT], before[POINT], moved[N];
     a->stats[4] = 0;
+    memset(held, 0, sizeof held);
+    held[0] = a->held, memcpy(held + 1, a->rows_held, (size_t)a->held * sizeof(int64_t)), memcpy(known, held, sizeof held);
     int status = FULL;
     prepare_tape(&scene->gaps, a->c, w + GAPS_AT), prepare_tape(&scene->bounds, a->c, w + BOUNDS_AT);
     prepare_tape(&scene->blow, a->c, w + BLOW_AT);
@@ -421,8 +612,8 @@ int contacts(const ContactArguments *a) {
     COPY(now + 1, state + STATE_Q, NUMBERS);
     look(x, now, *t);
     while (k < a->last && status == FULL) {
-        if ((row - a->rows) / ROW_SIZE + MOST_STEPS + 2 > a->room || (hit - a->hit) / HIT_SIZE + 1 > a->hits || steps >= a->steps) break;
-        int found = NONE;
+        if ((row - a->rows) / ROW_SIZE + MOST_STEPS + 2 > a->room || (hit - a->hit) / HIT_SIZE + SOME_HITS > a->hits || steps >= a->steps) break;
+        int found = NONE, leaves = -1;
         view(x, now, *t);
         if (*t == a->t0 + a->h * (double)k) { /* steps of the grid until something may close */
             const double many = fmin(fmin(*next, (double)(a->last - k)), floor(steps_ahead(x, now)) + 1);
@@ -440,7 +631,7 @@ int contacts(const ContactArguments *a) {
                 COPY(end + 1, rows + 3 * N * (passed + 1), 3 * N), COPY(REST_OF(end), rests + 2 * N * (passed + 1), 2 * N);
                 look(x, end, a->t0 + a->h * (double)(k + 1));
                 found = is_finite_point(end) ? first_impact(x, now, *t, end, at) : DOUBT;
-                if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
+                if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = first_release(x, now, *t, end, at, &leaves);
                 if (found) break;
                 k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
                 COPY(now + 1, end + 1, POINT - 1);
@@ -458,7 +649,7 @@ int contacts(const ContactArguments *a) {
             for (int d = 0; d < N; d++) moved[d] = fmax(x->reach[d], fabs(Q_OF(end)[d] - Q_OF(now)[d]));
             closeness(x, Q_OF(now), moved, x->close);
             found = first_impact(x, now, *t, end, at);
-            if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = DOUBT;
+            if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = first_release(x, now, *t, end, at, &leaves);
             if (found == NONE) {
                 k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
                 COPY(now + 1, end + 1, POINT - 1);
@@ -470,16 +661,21 @@ int contacts(const ContactArguments *a) {
         double when = *t + at[0];
         const int ends = at[0] == end[0] || fabs(stop - when) <= LOCATED * fabs(stop);
         if (ends) when = stop;
-        if (found == DOUBT || *impacts >= MOST_IMPACTS) { status = BESIDE; break; }
+        if (found == DOUBT || *impacts >= (found == LEAVES ? RESTLESS : MOST_IMPACTS)) { status = BESIDE; break; }
+        if (found == HIT && lets_go(x, at, when)) { status = BESIDE; break; }
         COPY(before, at, POINT);
-        if (!bounce(x, at, when, hit + 1)) {
-            status = BESIDE;
-            if (lets_go(x, before, when)) break;
-            a->stats[4] = 1, a->stats[5] = when, a->stats[6] = ends;
-            COPY(a->stats + 7, before + 1, NUMBERS);
+        const int struck = settle(x, at, when, leaves, hit);
+        const int same = held[0] == known[0] && !memcmp(held + 1, known + 1, (size_t)held[0] * sizeof(int64_t));
+        for (int i = 0; i < struck; i++) hit[0] = (double)((row - a->rows) / ROW_SIZE), hit += HIT_SIZE;
+        if (struck < 0 || !same) {
+            status = struck < 0 ? BESIDE : SETTLED;
+            a->stats[4] = struck >= 0 || found == HIT, a->stats[5] = when, a->stats[6] = ends;
+            COPY(a->stats + 7, (struck < 0 ? before : at) + 1, NUMBERS);
+            for (int i = 0; i < CONTACTS && struck >= 0; i++) a->holds[i] = 0;
+            for (int64_t j = 0; j < held[0] && struck >= 0; j++)
+                if (held[1 + j] >= FIRST) a->holds[held[1 + j] - FIRST] = 1;
             break;
         }
-        hit[0] = (double)((row - a->rows) / ROW_SIZE), hit += HIT_SIZE;
         k += ends, *t = when, *impacts = ends ? 0 : *impacts + 1, *next = FEW_STEPS;
         COPY(now + 1, at + 1, POINT - 1);
         keep(row, *t, k, now + 1), row += ROW_SIZE;

@@ -6,7 +6,7 @@
    f = M a, what W a lacks of the second derivatives of the rows, the energy, and coefficients of restitution. */
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
-    DO(N) DO(ROWS) DO(CONTACTS) DO(MOST_LOOKS) DO(NEWTON) DO(GAP_ITERATIONS) DO(MOST_IMPACTS)
+    DO(N) DO(ROWS) DO(CONTACTS) DO(MOST_LOOKS) DO(NEWTON) DO(GAP_ITERATIONS) DO(ROOT_ITERATIONS) DO(MOST_IMPACTS) DO(RESTLESS)
 #define LIMITS(DO) \
     DO(TOUCH) DO(RESTING) DO(PULL) DO(ZENO) DO(LOCATED) DO(NEAR) DO(FLAT) DO(RESIDUAL_LIMIT) DO(SHORTEST)
 #define PLACES(DO)
@@ -21,7 +21,9 @@
 #define SHORTEST scene->SHORTEST_
 #define NEWTON ((int)scene->NEWTON_)
 #define GAP_ITERATIONS ((int)scene->GAP_ITERATIONS_)
+#define ROOT_ITERATIONS ((int)scene->ROOT_ITERATIONS_)
 #define MOST_IMPACTS ((int)scene->MOST_IMPACTS_)
+#define RESTLESS ((int)scene->RESTLESS_)
 #define TOUCH scene->TOUCH_
 #define RESTING scene->RESTING_
 #define PULL scene->PULL_

@@ -20,7 +20,8 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
 
 typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
-        stalled, part_close, caution, least, good, most, far, clear, secular_growth, left;
+        stalled, part_close, caution, least, good, most, far, clear, secular_growth, left,
+        uneven;
     double samples, most_without_a_part, parts, attempts, poor, secular, level;
     double quantiles[QUANTILES];
 } Limits;
@@ -183,19 +184,26 @@ static int64_t common_divisor(int64_t x, int64_t y) {
     return x;
 }
 
-/* The largest difference of two runs at the nodes that they share, no number where one of them is none, and that of the first
-   half of them. */
+/* The largest difference of two runs at the nodes that they share, no number where one of them is none, and the least that an
+   early one lets expect in the middle: those of regular motions grow with the square of time at most. */
+#define EARLIEST 8 /* of varint/integration/run_distance.py */
 static double apart_from(const TwoRuns *a, const Attempt *one, const Attempt *other, double *early) {
     const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit;
-    double scales[n], largest = 0, zero = 0;
+    const int64_t middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
+    double scales[n], largest = 0, zero = 0, least = INFINITY;
     set_scales(a, other, scales);
     for (int64_t k = 0; k <= unit; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
             zero += off * 0, largest = off > largest ? off : largest;
         }
-        if (k == (unit + 1) / 2) *early = largest;
+        if (first <= k && k <= middle) {
+            const double longer = (double)middle / (double)k, rounded = a->limits->rounded,
+                         expected = (largest > rounded ? largest : rounded) * (longer * longer);
+            least = expected < least ? expected : least;
+        }
     }
+    *early = least;
     return zero == 0 ? largest : NO_NUMBER;
 }
 
@@ -206,9 +214,10 @@ static double ratio_for(const TwoRuns *a, double error, double wanted, double mo
     return x < most ? x : most;
 }
 
-static int64_t in_fours(double steps) {
-    const double fours = ceil(steps / 4);
-    return 4 * (fours > 2 ? (int64_t)fours : 2);
+static int64_t shared(double steps) {
+    const int64_t parts = steps > 256 ? 16 : steps > 96 ? 8 : 4; /* SHARED */
+    const double each = ceil(steps / parts);
+    return parts * (each > 2 ? (int64_t)each : 2);
 }
 
 static double expected_of(const TwoRuns *a, const Attempt *run) {
@@ -237,7 +246,7 @@ int two_runs(const TwoRuns *a) {
     int result = NOT_SHORT, known = 0, doubted = 0;
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
     double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1;
-    int64_t steps = in_fours((double)a->first);
+    int64_t steps = shared((double)a->first);
     a->found->runs = 0;
     for (int looks = 0; steps > l->most_without_a_part && looks < 3; looks++) {
         if (!try_run(a, steps, rough, (int64_t)l->parts, &coarse, a->found)) goto end;
@@ -245,24 +254,24 @@ int two_runs(const TwoRuns *a) {
         if (rough / l->part_close < likely && likely < rough * l->part_close) break;
         double factor = likely - likely == 0 ? pow((likely > 1e-300 ? likely : 1e-300) / rough, 1 / p) : 2;
         factor = factor < 0.5 ? 0.5 : factor > 2 ? 2 : factor;
-        steps = in_fours(steps * factor);
+        steps = shared(steps * factor);
     }
     for (int attempt = 0; attempt < l->attempts; attempt++) {
         if (!known) {
             if (!try_run(a, steps, rough, 1, &coarse, a->found)) goto end;
             expected = expected_of(a, &coarse);
             if (coarse.lost || !(expected <= l->lost)) {
-                steps = in_fours(steps * ratio_for(a, expected, rough, 2));
+                steps = shared(steps * ratio_for(a, expected, rough, 2));
                 continue;
             }
             const double wanted = ratio_for(a, l->margin * expected, a->tol, INFINITY);
             if (wanted > (expected <= clear ? l->far : l->most)) {
-                steps = in_fours(steps * wanted / l->good), clear = l->lost;
+                steps = shared(steps * wanted / l->good), clear = l->lost;
                 continue;
             }
             known = 1;
         }
-        const int64_t more = in_fours(steps * ratio_for(a, l->margin * expected, a->tol, l->far));
+        const int64_t more = shared(steps * ratio_for(a, l->margin * expected, a->tol, l->far));
         const double wanted = a->tol / growth;
         double early = 0;
         if (!try_run(a, more, wanted, 1, &fine, a->found)) goto end;
@@ -279,7 +288,7 @@ int two_runs(const TwoRuns *a) {
             expected = expected_of(a, &fine), expected = apart > expected ? apart : expected;
             if (doubted || !(expected <= l->lost)) break;
         }
-        double shown = l->spread * apart * left / (1 - left);
+        double shown = l->spread * (growth < l->uneven ? growth : l->uneven) * apart * left / (1 - left);
         shown = shown > rounded ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
         const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth,
                      estimate = shown > iterated ? shown : iterated;

@@ -21,6 +21,7 @@ from varint.integration.events.flights import Flights, Located, flight_blocks
 from varint.integration.events.gaps import Passage, first_event
 from varint.integration.events.impacts import (
     MOST_IMPACTS,
+    RESTLESS,
     Setting,
     event_between,
     settle,
@@ -40,7 +41,6 @@ from varint.results.records import Event
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-RESTLESS = 10  # events in a step after which contacts that hold do so until its end
 MOST_EVENTS = 10 * MOST_IMPACTS  # between two nodes of the grid
 
 
@@ -116,11 +116,12 @@ def _at_instant(
     system: System, rule: Rule, problem: InitialValueProblem, at: RunState, located: Located
 ) -> NodeBlock:
     """What happens where a flight has located it: a block of that one node."""
-    now, k = located.now, at.k + located.ends
-    reach = abs(problem.h) * at.scale[: len(now.q)]
-    setting = Setting(system, problem.c, np.empty(0), problem.h, reach)
-    seen, tired = view(system, now, problem.c), at.events >= MOST_IMPACTS
-    there, _, events = settle(setting, now, seen, tired=tired)
+    there, k, events = located.now, at.k + located.ends, list(located.events)
+    if not located.settled:
+        reach = abs(problem.h) * at.scale[: len(there.q)]
+        setting = Setting(system, problem.c, np.empty(0), problem.h, reach)
+        seen, tired = view(system, there, problem.c), at.events >= MOST_IMPACTS
+        there, _, events = settle(setting, there, seen, tired=tired)
     after = position(system, rule, problem, there, k, at._replace(carry=None))
     after = after._replace(events=0 if located.ends else at.events + 1)
     return _node(after, 0.0, tuple(events), 0)

@@ -5,12 +5,15 @@ is more than that is left to the loop that knows all of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from varint.codegen.contacts import (
     FULL,
+    HIT,
+    SETTLED,
     ContactData,
     Flight,
     first_flight_state,
@@ -31,6 +34,8 @@ from varint.results.records import Event
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
+KINDS = ("impact", "stop", "detachment")  # by their numbers in a call
+
 
 class Flights(NamedTuple):
     """The loops of the scene in its active sets, None where there is none, and its contacts as
@@ -42,10 +47,14 @@ class Flights(NamedTuple):
 
 
 class Located(NamedTuple):
-    """An instant at which a gap closes, before the impact, and whether its step ends there."""
+    """An instant at which a gap closes, before the impact, and whether its step ends there; or
+    after it, as `settled`, with what happened, where other contacts hold from then on.
+    """
 
     now: Instant
     ends: bool
+    settled: bool = False
+    events: tuple[Event, ...] = ()
 
 
 def flight_state(
@@ -99,7 +108,7 @@ def flight_blocks(
         )
         status, state = found.status, found.state
         block = _block(found, at, n)
-        moved = state[0] > began or len(found.hits)
+        moved = state[0] > began or len(block.events)
         if moved:
             assert block.after is not None
             at = block.after
@@ -108,13 +117,31 @@ def flight_blocks(
         if gears:
             kernel = kernel_after(gears, found.seconds, per_step * (problem.steps - state[0]))
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
-    return at, None if found.located is None else _located(found.located, active_set, n)
+    return at, None if found.located is None else _located(found, active_set, n)
 
 
-def _located(flat: np.ndarray, active_set: ActiveSet, n: int) -> Located:
+def _located(found: Flight, active_set: ActiveSet, n: int) -> Located:
+    flat = found.located
+    assert flat is not None
     q, p, _, q_rest, p_rest = flat[2:].reshape(5, n)
-    x = np.concatenate([q, q_rest, p, p_rest])
-    return Located(Instant(float(flat[0]), x, active_set), bool(flat[1]))
+    x, events = np.concatenate([q, q_rest, p, p_rest]), tuple[Event, ...]()
+    if found.status == SETTLED:
+        active_set = replace(active_set, contacts=found.holding, holding=found.holding)
+        events = _events(found.hits[found.hits[:, 0] == len(found.t)], n)
+    now = Instant(float(flat[0]), x, active_set)
+    return Located(now, bool(flat[1]), found.status == SETTLED, events)
+
+
+def _events(hits: np.ndarray, n: int) -> tuple[Event, ...]:
+    """The impacts that a call tells of."""
+    contacts, kinds = hits[:, 1:3].astype(int).T.tolist()
+    states = (list(map(tuple, hits[:, i : i + n].tolist())) for i in range(HIT, HIT + 5 * n, n))
+    return tuple(
+        Event(time, KINDS[kind], contact, *numbers)
+        for contact, kind, time, *numbers in zip(
+            contacts, kinds, *hits[:, 3:HIT].T.tolist(), *states, strict=True
+        )
+    )
 
 
 def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
@@ -123,13 +150,7 @@ def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
     q, p, _, q_rest, p_rest = state[4 : 4 + 5 * n].reshape(5, n)
     x = np.concatenate([q, q_rest, p, p_rest])
     after = at._replace(x=x, k=int(state[0]), t=float(state[1]), events=int(state[2]), carry=state)
-    hits, nodes = found.hits, found.hits[:, 0].astype(int)
-    numbers = zip(found.t[nodes].tolist(), *hits[:, 1:5].T.tolist(), strict=True)
-    states = (list(map(tuple, hits[:, i : i + n].tolist())) for i in range(5, 5 + 5 * n, n))
-    events = [
-        Event(time, "impact", int(contact), impulse, before, later, *state)
-        for (time, contact, impulse, before, later), *state in zip(numbers, *states, strict=True)
-    ]
+    hits = found.hits[found.hits[:, 0] < len(found.t)]
     return NodeBlock(
         found.k,
         found.q,
@@ -138,8 +159,8 @@ def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
         len(found.k),
         t=found.t,
         active_set=at.active_set,
-        events=tuple(events),
+        events=_events(hits, n),
         iterations=found.iterations,
         after=after,
-        impacts=tuple(nodes.tolist()),
+        impacts=tuple(hits[:, 0].astype(int).tolist()),
     )

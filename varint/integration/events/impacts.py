@@ -31,6 +31,7 @@ RESTING = 1e-10  # a rate this small against the velocities in play is zero
 PULL = 1e-10  # a contact that pulls by less than this part of the forces in play pushes
 ZENO = 1e-5  # of a step: a body that would fly for a shorter time comes to rest
 MOST_IMPACTS = 1000  # between two nodes of the grid; after as many, bodies come to rest
+RESTLESS = 10  # events in a step after which contacts that hold do so until its end
 SPEED_OF_NOTHING = 1e-300  # under a division
 FLAT = 1e-150  # of a gradient: its square must be a number, too
 

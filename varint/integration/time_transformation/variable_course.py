@@ -17,7 +17,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     steps_for,
 )
-from varint.integration.run_distance import with_first_half
+from varint.integration.run_distance import with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.rate_pilot import (
@@ -147,6 +147,6 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         end = np.abs(one.q[-1] - other.q[-1])
         if ends_early:
             end = end + abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
-        return with_first_half(np.vstack([off, end]) / scales)
+        return with_early(np.vstack([off, end]) / scales)
 
     return Course(trial, apart, abs(span), attempts=ATTEMPTS)
