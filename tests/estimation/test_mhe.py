@@ -244,3 +244,24 @@ def test_what_is_no_estimator_is_refused_in_words():
     ball = vi.models.bouncing_ball()
     with pytest.raises(vi.InputError, match="contacts"):
         vi.mhe(ball.system, **(good | dict(measured=ball.system.q, q0=ball.q0, v0=ball.v0)))
+
+
+def test_a_parameter_that_few_data_leave_open_does_not_end_the_estimates():
+    """After two measurements a mass follows noise to its bounds; the steps there are damped."""
+    q, v = vi.coordinates("x", "phi")
+    u = ca.SX.sym("u")
+    c = vi.Parameters(m=0.5)
+    kinetic = (2 + c.m) * v[0] ** 2 / 2 + c.m * v[1] ** 2 / 2 + c.m * v[0] * v[1] * ca.cos(q[1])
+    lagrangian = kinetic + 9.81 * c.m * ca.cos(q[1])
+    crane = vi.System(q, v, lagrangian, force=ca.vertcat(u, 0), control=u, params=c)
+    push = 2 * np.random.default_rng(1).normal(size=(6, 1))
+    run = dict(q0=[0.2, 0.5], v0=[0.1, 0.0], h=0.04, steps=6, u=push, params=dict(m=0.8))
+    true = vi.simulate(crane, vi.gauss(2), **run)
+    given = dict(measured=q, sigma=0.01, q0=[0.0, 0.0], v0=[0.0, 0.0], h=0.04, horizon=25)
+    look = vi.mhe(crane, vi.gauss(2), **given, unknown=dict(m=vi.free(0.5, 0.1, 3.0)))
+    for seed in (0, 4):
+        noise, estimate = 0.01 * np.random.default_rng(seed).normal(size=(7, 2)), None
+        for k, y in enumerate(true.q + noise):
+            estimate = look(y, None if k == 0 else push[k - 1], estimate)
+        assert 0.1 <= estimate.params["m"] <= 3.0
+        assert np.abs(estimate.q - true.q[-1]).max() < 0.06

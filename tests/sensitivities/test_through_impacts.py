@@ -53,6 +53,23 @@ def test_a_bouncing_balls_derivatives_in_closed_form(bounces):
     assert np.abs(at_hit.after[0]).max() < 1e-12  # it is on the floor
 
 
+def test_restitution_as_a_parameter_is_what_it_is_as_a_number():
+    """By e² it is 2 e times as much; of contacts that share it the sum."""
+    q, v = vi.coordinates("x", "y")
+    c = vi.Parameters(restitution=0.9)
+    walls, e = ca.vertcat(q, 1.5 - q), c.restitution**2
+    lagrangian = ca.sumsqr(v) / 2 - 9.81 * q[1]
+    one = vi.System(q, v, lagrangian, contact=walls, restitution=e, params=c)
+    other = vi.System(q, v, lagrangian, contact=walls, restitution=0.9**2)
+    runs = [
+        vi.simulate(x, vi.lobatto(2), q0=[1.0, 1.0], v0=[2.0, 0.3], h=0.05, steps=24)
+        for x in (one, other)
+    ]
+    found, each = (vi.sensitivity(motion, ["restitution"])[-1] for motion in runs)
+    assert {event.contact for event in runs[0].events} == {0, 1, 2}
+    assert np.abs(found[:, 0] - 1.8 * each.sum(1)).max() < 1e-12 * np.abs(each).max()
+
+
 def test_a_ball_that_came_to_rest_has_forgotten_its_start():
     motion = vi.simulate(ball(0.3), vi.lobatto(3), q0=1.0, v0=0.0, h=0.05, steps=40)
     assert motion.events[-1].kind == "stop"

@@ -2,7 +2,7 @@
 bounds by an active set, shortened and damped within a radius (Levenberg & Marquardt) where the
 problem bends.
 
-A step is judged by Bock's natural level function, without equations by the loss as well.
+A step is judged by Bock's natural level function and by the loss, to which defects add at a price.
 """
 
 from __future__ import annotations
@@ -216,11 +216,18 @@ def _is_better(
     delta: np.ndarray,
 ) -> bool:
     """Whether a step δ brings enough of what the linearised problem promises of it: of the way that
-    is left to its solution, which follows valleys that bend, or of the loss where there are no
-    equations.
+    is left to its solution, which follows valleys that bend, or of the loss, with the equations'
+    defects at the price μ Σ |d|, above that of their multipliers (Han 1977).
     """
     promised = (p.r @ p.r - ((p.r + p.j @ delta) ** 2).sum()) / 2
-    if not len(p.d) and p.loss - loss_of(after.r, huber) >= ENOUGH * promised:
+    brought = p.loss - loss_of(after.r, huber)
+    if len(p.d):
+        rows = np.vstack([p.c, np.eye(len(held))[held]])
+        slope = p.j.T @ (p.r + p.j @ delta)
+        price = 2 * np.abs(np.linalg.lstsq(rows.T, -slope, rcond=None)[0][: len(p.d)]).max()
+        promised += price * (np.abs(p.d).sum() - np.abs(p.d + p.c @ delta).sum())
+        brought += price * (np.abs(p.d).sum() - np.abs(unit * after.d).sum())
+    if promised >= 0 and brought >= ENOUGH * promised:
         return True
     long, left = np.linalg.norm(whole), np.linalg.norm(whole - delta)
     return bool(_level(p, after, unit, held, huber) <= (long + left) / 2)

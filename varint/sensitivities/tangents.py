@@ -60,7 +60,8 @@ def sensitivity(
     wrt : sequence
         Any of ``"q0"``, ``"v0"``, ``"p0"`` (start), ``"h"``, ``"duration"`` (at a fixed number of
         steps), ``"t0"``, ``"u"`` (every control value, in the order of ``motion.u``),
-        ``"restitution"`` (of each contact), and parameters by name or symbol. Where ``"p0"`` is
+        ``"restitution"`` (of each contact, where it is no parameter's name), and parameters by name
+        or symbol. Where ``"p0"`` is
         among them momenta are held at the start while others vary, else velocities.
     outputs : SX (o,), optional
         Expression of q, v, t and parameters. Default: q and v.
@@ -264,7 +265,8 @@ def _names(system: System, wrt: Sequence[Any]) -> list[str]:
     """What is asked for by name, each once."""
     given = [wrt] if isinstance(wrt, (str, ca.SX)) else list(wrt)
     names = [next(iter(values_by_name([(x, None)]))) for x in given]
-    own = ["u"] * bool(system.structure.controls) + [RESTITUTION] * bool(system.structure.contacts)
+    own = ["u"] * bool(system.structure.controls)
+    own += [RESTITUTION] * bool(system.structure.contacts and RESTITUTION not in system.defaults)
     known = [*START, *TIMES, *own, *system.defaults]
     if unknown := [x for x in names if x not in known]:
         raise InputError(f"unknown {unknown} in wrt; known: {known}")
