@@ -5,7 +5,7 @@ Trees and chains of equal links by the native loop, whatever their size: all siz
 process, processor time, the least of many turns. `ratio` compares the cost of a step and link with
 that of the first row; `operations` are those of a step, for a link; `a link more` is what a further
 link costs, from one size to the next: the steps cost a·links − b, where b is what the links next to
-the ground and the tips save (nothing moves before them, nothing hangs on them), about two links'
+the ground and the tips save (nothing moves before them, nothing hangs on them), two or three links'
 worth, which ten links feel more than a hundred. A humanoid: a floating base with forty hinges in
 five limbs. The arm: gauss(2) and gauss(4), compiled, beside MuJoCo's RK4
 at equal steps, errors of its angles at the end against gauss(8) of a tenth of the step; MuJoCo
@@ -29,7 +29,7 @@ AXES, REPEATS = ((0, 1, 0), (1, 0, 0), (0, 0, 1)), 5
 EACH = ("kick", "drift")  # what every evaluation calls; "inertia" is called once a step
 RULE, H = vi.gauss(2), 2e-4  # so small that a chain of a hundred converges as one of ten
 STEPS = 8000  # of what is timed: what a call costs besides its steps is not seen
-SIZES, TURNS, WORK = (10, 30, 100), 15, 100_000  # links; turns of all sizes; steps × links of one
+SIZES, TURNS, WORK = (10, 30, 100), 70, 100_000  # links; turns of all sizes; steps × links of one
 MASS, COM, INERTIA = 1.0, (0.05, 0.02, -0.5), (0.1, 0.12, 0.05)
 
 

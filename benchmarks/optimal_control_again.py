@@ -24,7 +24,7 @@ from time import process_time
 
 import casadi as ca
 import numpy as np
-from tools.record import save, table
+from tools.record import kept, save, table
 from tools.start_problems import PROBLEMS
 
 import varint as vi
@@ -200,7 +200,7 @@ CASES = {
         0,
         0.01,
         (20, 40, 80),
-        ((4, 16), (5, 16), (5, 20), (4, 40), (5, 30)),
+        ((5, 16), (5, 20), (4, 40), (5, 30)),
         (6, 60),
     ),
     "cart-pole, weak motor": Again(
@@ -209,7 +209,7 @@ CASES = {
         0,
         0.01,
         (60, 120),
-        ((3, 60), (4, 60), (4, 90), (4, 120)),
+        ((3, 60), (4, 60), (4, 90)),
         (4, 480),
         refined=((3, 1e-4),),
     ),
@@ -237,7 +237,7 @@ CASES = {
         0,
         0.01,
         (50, 100),
-        ((3, 30), (3, 50), (4, 30), (4, 50)),
+        ((3, 50), (4, 50)),
         (4, 400),
         refined=((3, 1e-6), (3, 1e-7)),
     ),
@@ -320,12 +320,14 @@ def measured(name: str) -> list[dict]:
 
 
 def main(names: list[str]) -> None:
-    rows: list[dict] = []
+    """These problems, written as they come; others keep their rows."""
     for name in names:
         found = measured(name)
         table(found)
-        rows += found
-        save("optimal_control_again", rows)
+        rows = [row for row in kept("optimal_control_again") if row["problem"] != name] + found
+        known = [row for row in rows if row["problem"] in CASES]
+        known.sort(key=lambda row: list(CASES).index(row["problem"]))
+        save("optimal_control_again", known)
 
 
 if __name__ == "__main__":

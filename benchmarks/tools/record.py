@@ -33,6 +33,12 @@ def save(
     print(f"written to {path.relative_to(FOLDER.parents[1])}")
 
 
+def kept(name: str) -> list[dict[str, Any]]:
+    """The rows of a benchmark as they were left; none where there are none."""
+    path = FOLDER / f"{name}.json"
+    return json.loads(path.read_text())["rows"] if path.exists() else []
+
+
 def measured_with() -> dict[str, Any]:
     """Date, machine and versions."""
     return {

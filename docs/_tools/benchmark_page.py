@@ -67,9 +67,10 @@ KNOWN = {
     ),
     "optimal_control_again": Benchmark(
         "Optimal control solved again",
-        "The second solve of a problem, with another end, beside Hermite–Simpson collocation written "
-        'by hand in CasADi\'s Opti, which starts from its last solution ("warm": and its '
-        "multipliers). CPU times, the methods taking turns; the error is that of the cost, relative.",
+        "The second solve of seven problems, with another end, beside Hermite–Simpson collocation "
+        'written by hand in CasADi\'s Opti, which starts from its last solution ("warm": and its '
+        "multipliers). CPU times, the methods taking turns; the error is that of the cost, relative. "
+        '"Refined" are meshes that `refine` made before the first solve.',
     ),
     "optimal_control_assembly": Benchmark(
         "Assembly of large control problems",

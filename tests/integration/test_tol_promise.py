@@ -246,7 +246,6 @@ def test_where_errors_grow_a_thousandfold_so_does_what_iterations_leave(
     ("system", "q0", "v0", "duration", "tol"),
     [
         (DOUBLE_PENDULUM, [1.63, 0.34], [-0.55, 0.27], 19.0, 1e-5),
-        (DOUBLE_PENDULUM, [1.63, 0.34], [-0.63, 0.24], 25.0, 1e-5),
         (SWINGING_SPRING, [1.41, 0.87], [0.45, -0.13], 68.0, 1e-3),
         (SWINGING_SPRING, [1.53, 1.09], [0.3, -0.1], 66.0, 1e-3),
     ],
