@@ -263,3 +263,16 @@ def test_errors_that_grow_are_not_hidden_by_how_few_nodes_two_runs_share(
     estimate = motion.stats["error_estimate"]
     assert true <= estimate
     assert estimate <= tol or "out of reach" in str(told[0].message)
+
+
+@pytest.mark.parametrize("tol", [1e-5, 1e-9])
+@pytest.mark.parametrize(("k", "d", "duration"), [(105.0, 2909.0, 10.0), (3.0, 400.0, 50.0)])
+def test_a_layer_of_fast_decay_is_resolved_and_not_given_up(k, d, duration, tol):
+    """x = (r2 exp(r1 t) − r1 exp(r2 t))/(r2 − r1): dampers leave a layer of length 1/d."""
+    q, v = vi.coordinates("x")
+    damped = vi.System(q, v, v**2 / 2 - k * q**2 / 2, force=-d * v)
+    motion = vi.simulate(damped, q0=1.0, v0=0.0, duration=duration, tol=tol)
+    fast = -d / 2 - np.sqrt(d**2 / 4 - k)
+    slow = k / fast
+    x = (fast * np.exp(slow * motion.t) - slow * np.exp(fast * motion.t)) / (fast - slow)
+    assert np.abs(motion.q[:, 0] - x).max() <= motion.stats["error_estimate"] <= tol

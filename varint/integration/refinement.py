@@ -18,7 +18,7 @@ from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
 from varint.integration.run_distance import differences, ends_apart, with_early
 from varint.integration.second_looks import Trial, has_steps, luck, transient
-from varint.integration.small_motions import frequencies
+from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import FLOOR, STALLED, growth_of, rounding, shows_its_error
 from varint.integration.walls import Failure, no_way_on, require_way_on
 from varint.results.trajectory import Trajectory
@@ -33,6 +33,7 @@ PATIENCE = 5  # times that it may, before round-off or chaos is taken for the ca
 CERTAIN = 2  # times, where there were digits already and nothing jumps
 ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
+RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
@@ -135,7 +136,12 @@ def refine(
 
 
 def _resolves(motion: Trajectory) -> bool:
-    """Whether the steps are short for the fastest small motion anywhere on the way."""
+    """Whether the steps are short for the fastest small motion anywhere on the way, and for the
+    fastest decay that so many steps as are no great effort would resolve.
+    """
     some = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).astype(int))
-    fastest = frequencies(motion[some]).max(initial=0.0)
-    return bool(abs(motion.h) * fastest < 1.0)
+    h, total = abs(motion.h), abs(float(motion.t[-1] - motion.t[0]))
+    decays = decay_rates(motion[some])
+    within_reach = decays[decays * total < RESOLVED]
+    fastest = max(frequencies(motion[some]).max(initial=0.0), within_reach.max(initial=0.0))
+    return bool(h * fastest < 1.0)

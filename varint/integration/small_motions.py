@@ -108,6 +108,30 @@ def frequency_at_start(
     return frequency(mass.reshape(n, n).T, stiffness.reshape(n, n).T)
 
 
+def decay_rates(motion: Trajectory) -> np.ndarray:
+    """Largest |γ| at each node with det(∂F/∂v + γ M) = 0: how fast dampers stop what moves."""
+    s, n = motion.system.structure, motion.system.structure.n
+    if not s.forced or s.degenerate or n > MOST_COORDINATES:
+        return np.empty(0)
+    given = motion.q, motion.v, motion.t[:, None], motion.c
+    mass, damping = (
+        x.reshape(-1, n, n).transpose(0, 2, 1)
+        for x in over_columns(_damping(motion.system), *given)
+    )
+    both = zip(mass, damping, strict=True)
+    some = [(m, d) for m, d in both if np.isfinite(m).all() and np.isfinite(d).all()]
+    found = [np.linalg.eigvals(np.linalg.pinv(m, hermitian=True) @ d) for m, d in some]
+    return np.array([np.abs(rates).max() for rates in found])
+
+
+@per_scene
+def _damping(system: System) -> ca.Function:
+    s = system
+    force = ca.substitute(s.force, s.control, 0 * s.control)
+    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(force, s.v))]
+    return ca.Function("damping", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+
+
 def local_matrices(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """M and ∂(∂L/∂q + F)/∂q at every node, (N + 1, n, n)."""
     n = motion.system.structure.n
