@@ -14,7 +14,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_ASKED = struct.Struct("13P11q3d")  # Crossings
+_ASKED = struct.Struct("14P11q3d")  # Crossings
 SEARCHED, NO_ROOM, _ = range(
     len(c_names(c_source("crossings_core.c"), "enum Searched {"))
 )  # how a call ends
@@ -89,21 +89,30 @@ def locate_zeros(
     t, q, v, p, c = (
         np.ascontiguousarray(x, dtype=float) for x in (nodes.t, nodes.q, nodes.v, nodes.p, nodes.c)
     )
-    opening = np.empty((count, 0))
-    if kernel.opening:
-        opening = kernel.opening(q, p, None, t, np.full(count, nodes.h), c)
-    places = [address_of(x) if x.size else 0 for x in (t, q, v, p, c, opening)]
-    found, room, kept = np.zeros(2, np.int64), FEWEST, []
-    status = NO_ROOM
-    while status == NO_ROOM:
+    nowhere, found = np.empty((count, 0)), np.zeros(2, np.int64)
+
+    def search(zeros: np.ndarray, opening: np.ndarray, marks: np.ndarray | None) -> int:
+        arrays = t, q, v, p, c, opening, zeros, found, nowhere if marks is None else marks
+        places = [address_of(x) if x.size else 0 for x in arrays]
         first = int(found[1])
-        found[0] = 0
-        zeros = np.empty((room, HEAD + 3 * n))
-        heads = parts, kernel.scene, rows, values.at, bounds.at, *places
-        ends = address_of(zeros), address_of(found)
-        counts = n, count, first, opening.shape[1], FIXED_POINT_ITERATIONS, room
-        asked = *heads, *ends, *counts, *numbers[:5], nodes.close, *numbers[5:]
-        status = crossings_entry()(_ASKED.pack(*asked))
+        heads = parts, kernel.scene, rows, values.at, bounds.at
+        counts = n, count, first, opening.shape[1], FIXED_POINT_ITERATIONS, len(zeros)
+        last = *numbers[:5], nodes.close, *numbers[5:]
+        return crossings_entry()(_ASKED.pack(*heads, *places, *counts, *last))
+
+    opening = nowhere
+    if kernel.opening:  # what the loop is told costs more than the search, and few steps need one
+        marks = np.zeros(count, np.int8)
+        search(nowhere, nowhere, marks)
+        found[:], some = 0, np.flatnonzero(marks)
+        at = q[some], p[some], None, t[some], np.full(len(some), nodes.h), c
+        told = kernel.opening(*at)
+        opening = np.empty((count, told.shape[1]))
+        opening[some] = told
+    room, kept, status = FEWEST, [], NO_ROOM
+    while status == NO_ROOM:
+        found[0], zeros = 0, np.empty((room, HEAD + 3 * n))
+        status = search(zeros, opening, None)
         kept.append(zeros[: found[0]])
         room *= 4
     if status != SEARCHED:

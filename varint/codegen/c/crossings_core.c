@@ -26,6 +26,7 @@ typedef struct {
     const double *opening;                 /* of every node: what the loop must be told, `told` numbers */
     double *zeros;                         /* of each: node before it, sign before it, then a point */
     int64_t *found;                        /* zeros, and the first step that was not searched */
+    char *marks;                           /* of every step: whether it needs a search, where that alone is asked for */
     int64_t n, nodes, first, told, most, room;
     int64_t halvings, most_pieces, iterations, secants, newton;
     double close, located, pole;           /* times so near to a node are that node's; see roots.py */
@@ -231,13 +232,18 @@ int crossings(const Crossings *a) {
         for (; status == SEARCHED && k < begin + count; k++) {
             const double *const here = values + 2 * (k - begin), *const next = here + 2;
             const int64_t known = a->found[0];
+            const int doubt = in_doubt(here[0], next[0], here[1], next[1], w[k - begin], bounds + BOUNDS * (k - begin)),
+                      needed = doubt || changes(here[0], next[0]);
+            if (a->marks) {
+                a->marks[k] = (char)needed;
+                continue;
+            }
             if (next[0] == 0 && here[0] != 0) {
                 double *const zero = next_zero(a, k, sign_of(here[0]));
                 if (!zero) { status = NO_ROOM; break; }
                 take_node(a, k + 1, zero), zero[1] = next[0], zero[2] = next[1], a->found[0]++;
             }
-            const int doubt = in_doubt(here[0], next[0], here[1], next[1], w[k - begin], bounds + BOUNDS * (k - begin));
-            if (doubt || changes(here[0], next[0])) {
+            if (needed) {
                 take_node(a, k, room), take_node(a, k + 1, room + POINT);
                 room[1] = here[0], room[2] = here[1], room[POINT + 1] = next[0], room[POINT + 2] = next[1];
                 status = doubt ? search_step(a, k, room, piece, piece + 4 * most + 4) : add_root(a, k, room, room + POINT);
