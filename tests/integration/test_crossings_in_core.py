@@ -26,6 +26,8 @@ X, W = vi.coordinates("x", "y")
 SPRING = vi.System(X, W, ca.sumsqr(W) / 2 - (ca.sumsqr(X) / 2 + X[0] ** 2 * X[1] - X[1] ** 3 / 3))
 ROD = vi.System(X, W, ca.sumsqr(W) / 2 - 9.81 * X[1], constraint=ca.sumsqr(X) - 1)
 DAMPED = vi.System(A, B, ca.sumsqr(B) / 2 - ca.sumsqr(A) / 2, force=-0.1 * B)
+PUSH = ca.SX.sym("push")
+PUSHED = vi.System(A, B, ca.sumsqr(B) / 2 + ca.sum1(ca.cos(A)), control=PUSH, force=PUSH * A)
 
 MOTIONS = {
     "chain": (CHAIN, vi.gauss(8), [1.0, 0.5], [0.0, 0.0], 0.1),
@@ -33,6 +35,7 @@ MOTIONS = {
     "explicit": (SPRING, vi.composition("kahan-li8"), [0.0, 0.1], [0.4, 0.0], 0.3),
     "leapfrog": (SPRING, vi.composition("verlet"), [0.0, 0.1], [0.4, 0.0], 0.05),
     "backwards": (DAMPED, vi.gauss(2), [1.0, 0.3], [0.0, 1.0], -0.05),
+    "pushed": (PUSHED, vi.gauss(3), [1.0, 0.3], [0.0, 1.0], 0.1),
     "rod": (ROD, vi.lobatto(4), [0.8, 0.6], [0.0, 0.0], 0.05),
 }
 
@@ -61,11 +64,13 @@ def watched(name, system):
 
 def run(name):
     system, rule, q0, v0, h = MOTIONS[name]
+    u = np.sin(np.arange(200.0))[:, None] if system is PUSHED else None
     problem = initial_value_problem(
-        system, plan(system, rule).rule, Start(q0, v0), RunOptions(h=h, steps=200)
+        system, plan(system, rule).rule, Start(q0, v0, u=u), RunOptions(h=h, steps=200)
     )
     kernel = kernel_for(system, rule, problem, "native")
-    return vi.simulate(system, rule, q0=q0, v0=v0, h=h, steps=200, backend="native"), kernel
+    start = dict(q0=q0, v0=v0, h=h, steps=200, u=u)
+    return vi.simulate(system, rule, **start, backend="native"), kernel
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -97,7 +102,7 @@ def test_any_number_of_zeros_has_room():
     assert np.allclose(found.after.t, 0.05 * np.arange(1000) + 0.04, rtol=0, atol=1e-12)
 
 
-def test_controls_contacts_and_interpreted_runs_go_to_the_other_search(monkeypatch):
+def test_watched_controls_and_contacts_go_to_the_other_search(monkeypatch):
     """It is asked where the loop in C does not know the motion."""
     asked = []
     other = native_crossings.find_crossings
@@ -106,9 +111,9 @@ def test_controls_contacts_and_interpreted_runs_go_to_the_other_search(monkeypat
     push = ca.SX.sym("push")
     driven = vi.System(q, v, v**2 / 2 - q**2 / 2, control=push, force=push)
     ball = vi.System(q, v, v**2 / 2 - q, contact=q, restitution=0.5)
-    for system, more in ((driven, dict(u=[0.0])), (ball, {})):
+    for system, more, watched in ((driven, dict(u=[0.0]), q - 0.5 + push), (ball, {}, q - 0.5)):
         motion = vi.simulate(
-            system, q0=1, v0=0, h=0.01, steps=200, events={"half": q - 0.5}, **more
+            system, q0=1, v0=0, h=0.01, steps=200, events={"half": watched}, **more
         )
         assert asked and any(event.kind == "half" for event in motion.events)
         asked.clear()

@@ -14,7 +14,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_ASKED = struct.Struct("14P11q3d")  # Crossings
+_ASKED = struct.Struct("15P12q3d")  # Crossings
 SEARCHED, NO_ROOM, _ = range(
     len(c_names(c_source("crossings_core.c"), "enum Searched {"))
 )  # how a call ends
@@ -35,14 +35,15 @@ class Numbers(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Nodes of a motion, (M,) and (M, n), how long its steps are, its parameters, and how near to a
-    node a time is that node's.
+    """Nodes of a motion, (M,) and (M, n), controls that are held over the steps from them (M, r k),
+    how long the steps are, parameters, and how near to a node a time is that node's.
     """
 
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
     p: np.ndarray
+    u: np.ndarray
     h: float
     c: np.ndarray
     close: float
@@ -71,7 +72,7 @@ def locate_zeros(
     Parameters
     ----------
     kernel : Kernel
-        That made the motion; without controls.
+        That made the motion.
     values, bounds : RowFunction
         (q, v, t) → value and rate; (q, v at both ends of a piece, its begin and duration) → value,
         rate and curvature, each low and high.
@@ -86,17 +87,16 @@ def locate_zeros(
     n, count = kernel.n, len(nodes.t)
     entries: tuple[Any, ...] = (kernel.parts, rows_entry())
     parts, rows = (cast(entry, c_void_p).value or 0 for entry in entries)
-    t, q, v, p, c = (
-        np.ascontiguousarray(x, dtype=float) for x in (nodes.t, nodes.q, nodes.v, nodes.p, nodes.c)
-    )
+    given = nodes.t, nodes.q, nodes.v, nodes.p, nodes.c, nodes.u
+    t, q, v, p, c, u = (np.ascontiguousarray(x, dtype=float) for x in given)
     nowhere, found = np.empty((count, 0)), np.zeros(2, np.int64)
 
     def search(zeros: np.ndarray, opening: np.ndarray, marks: np.ndarray | None) -> int:
-        arrays = t, q, v, p, c, opening, zeros, found, nowhere if marks is None else marks
+        arrays = t, q, v, p, c, u, opening, zeros, found, nowhere if marks is None else marks
         places = [address_of(x) if x.size else 0 for x in arrays]
         first = int(found[1])
         heads = parts, kernel.scene, rows, values.at, bounds.at
-        counts = n, count, first, opening.shape[1], FIXED_POINT_ITERATIONS, len(zeros)
+        counts = n, count, first, u.shape[1], opening.shape[1], FIXED_POINT_ITERATIONS, len(zeros)
         last = *numbers[:5], nodes.close, *numbers[5:]
         return crossings_entry()(_ASKED.pack(*heads, *places, *counts, *last))
 
@@ -105,8 +105,9 @@ def locate_zeros(
         marks = np.zeros(count, np.int8)
         search(nowhere, nowhere, marks)
         found[:], some = 0, np.flatnonzero(marks)
-        at = q[some], p[some], None, t[some], np.full(len(some), nodes.h), c
-        told = kernel.opening(*at)
+        used = kernel.controls and np.abs(u[some].reshape(len(some), -1, kernel.controls)).max(1)
+        at = t[some], np.full(len(some), nodes.h), c
+        told = kernel.opening(q[some], p[some], used if kernel.controls else None, *at)
         opening = np.empty((count, told.shape[1]))
         opening[some] = told
     room, kept, status = FEWEST, [], NO_ROOM

@@ -80,8 +80,9 @@ def simulate(
     events : dict of SX or (SX, int), optional
         Log where these expressions cross zero: `Trajectory.events` has a record with the time and
         the name of each. Every step is watched, whatever `save_every` keeps. Native and compiled
-        runs are searched in C, some microseconds a crossing; those with controls or contacts, and
-        interpreted ones, by NumPy, some tens of microseconds each and a millisecond a run.
+        runs are searched in C, some microseconds a crossing; those with contacts or controls that
+        vary within steps, and interpreted ones, by NumPy, some tens of microseconds each and a
+        millisecond a run.
     time_scale : SX or "auto", optional
         σ(q) > 0 of variable steps that keep the structure: h is the step of the fictitious time τ,
         dt = σ(q) dτ, the nodes' ``t`` are physical times, and `duration` is physical too (the last

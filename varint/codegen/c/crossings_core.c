@@ -23,11 +23,11 @@ typedef struct {
     int (*rows)(const RowsArguments *);
     const void *values, *bounds;           /* (q, v, t) to value and rate; (q, v at both ends, t, w) of a piece to its bounds */
     const double *t, *q, *v, *p, *c;       /* nodes, and parameters */
-    const double *opening;                 /* of every node: what the loop must be told, `told` numbers */
+    const double *u, *opening;             /* of every node: controls held over the step, and what the loop must be told */
     double *zeros;                         /* of each: node before it, sign before it, then a point */
     int64_t *found;                        /* zeros, and the first step that was not searched */
     char *marks;                           /* of every step: whether it needs a search, where that alone is asked for */
-    int64_t n, nodes, first, told, most, room;
+    int64_t n, nodes, first, used, told, most, room; /* numbers of `u` and `opening` for each */
     int64_t halvings, most_pieces, iterations, secants, newton;
     double close, located, pole;           /* times so near to a node are that node's; see roots.py */
 } Crossings;
@@ -67,7 +67,7 @@ static int at_time(const Crossings *a, int64_t node, double t, double *point) {
     take_node(a, node, point);
     if (fabs(size) > a->close) {
         COPY(start, a->q + node * n, n), COPY(start + n, a->p + node * n, n);
-        const PartsArguments one = {1, a->told, 0, a->most, start, &begin, &size, a->c, 0, a->opening + node * a->told, rows, &good,
+        const PartsArguments one = {1, a->told, a->used, a->most, start, &begin, &size, a->c, a->u + node * a->used, a->opening + node * a->told, rows, &good,
                                     a->scene};
         if (a->parts(&one) != DONE || !good) return 0;
         COPY(point + HEAD, rows, n), COPY(point + HEAD + n, rows + 2 * n, n), COPY(point + HEAD + 2 * n, rows + n, n);

@@ -138,9 +138,10 @@ def _functions_as_data(
     s, n = system, system.structure.n
     ends = [ca.SX.sym(name, n) for name in ("q0", "v0", "q1", "v1")]
     piece = [*ends, ca.SX.sym("t"), ca.SX.sym("w")]
-    if s.structure.controls:
+    u = ca.SX.sym("u", 4 * s.control.numel())
+    sides = ca.vertcat(*bounds(*piece, u, s.c))
+    if ca.depends_on(ca.vertcat(values, sides), ca.vertcat(s.control, u)):
         return None
-    sides = ca.vertcat(*bounds(*piece, ca.SX(0, 1), s.c))
     at_nodes = row_function_or_none("values", [s.q, s.v, s.t], s.c, [values])
     along = row_function_or_none("bounds", piece, s.c, [ca.densify(sides)])
     return None if at_nodes is None or along is None else (at_nodes, along)

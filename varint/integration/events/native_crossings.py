@@ -19,7 +19,7 @@ from varint.integration.events.isolation import (
 from varint.integration.events.roots import GUESSES, LOCATED, POLE, SECANTS, Points
 from varint.integration.events.substeps import substeps_of
 from varint.numerics.limits import ROOT_ITERATIONS
-from varint.results.dense_output import node_tolerance
+from varint.results.dense_output import node_tolerance, step_controls
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 
@@ -32,8 +32,8 @@ def crossings_by(
     motion: Trajectory,
     impacts: Mapping[int, Event],
 ) -> Crossings:
-    """`find_crossings`, in C where the motion is smooth and has no controls."""
-    zeros = None if kernel is None or kernel.controls else _zeros(kernel, search, motion)
+    """`find_crossings`, in C where the motion is smooth between its nodes."""
+    zeros = None if kernel is None else _zeros(kernel, search, motion)
     if zeros is None:
         return find_crossings(search, motion, impacts, substeps_of(kernel))
     found = Points(zeros.node, zeros.t, zeros.q, zeros.v, zeros.p, zeros.value, zeros.rate)
@@ -46,13 +46,14 @@ def crossings_by(
 def _zeros(kernel: Kernel, search: CrossingSearch, motion: Trajectory) -> Zeros | None:
     """All zeros; None where another search is needed."""
     s = motion.system
-    if s.structure.contacts or s.rays or motion.active_set is not None or motion.u.shape[2]:
+    if s.structure.contacts or s.rays or motion.active_set is not None or motion.u.shape[1] > 1:
         return None
     functions = search.as_data()
     if functions is None:
         return None
     close = node_tolerance(motion) * abs(motion.h)
-    nodes = Nodes(motion.t, motion.q, motion.v, motion.p, motion.h, motion.c, close)
+    u = step_controls(motion, motion.k, np.ones(len(motion)))  # held
+    nodes = Nodes(motion.t, motion.q, motion.v, motion.p, u, motion.h, motion.c, close)
     try:
         return locate_zeros(kernel, *functions, nodes, NUMBERS)
     except CompileError:
