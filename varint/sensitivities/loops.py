@@ -8,6 +8,7 @@ import warnings
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from varint.discrete.step_map import step_map
 from varint.errors import InputError
 from varint.integration.backend import BACKENDS
 from varint.rules.rule import Rule
@@ -24,6 +25,7 @@ CALL = 5e-5  # seconds of it for a step besides
 ARRANGING, ARRANGED = 0.02, 6e-5  # seconds to arrange a scene's operations, and for one of them
 SWEEPS = 5  # that are expected of one scene, when it is decided whether to arrange it
 STARTING, STATEMENT = 0.25, 1e-4  # seconds to compile loops, and for a statement of them
+REPAID = 4  # steps a number of unknowns whose full matrices are made
 STAGES_STARTING, STAGES_STATEMENT = 1.0, 7e-4  # the same where all stages go at once
 
 
@@ -47,20 +49,28 @@ def sweeper(
     from varint.codegen.cache import CompileError
     from varint.codegen.graph import NotCompilable
 
+    which = system, rule, density, _by_one_map(system, rule, steps)
     if backend == "native":
-        return Sweeper(system, rule, density, _native(system, rule, density), native=True)
+        return Sweeper(system, rule, density, _native(*which), native=True)
     if backend == "auto" and is_built() and _worth_arranging(system, rule, steps):
         with suppress(CompileError, NotCompilable):  # then as where the core was not built
-            return Sweeper(system, rule, density, _in_gear(system, rule, density), native=True)
+            return Sweeper(system, rule, density, _in_gear(*which), native=True)
     if backend == "compiled" or _repays(system, rule, steps):
         try:
-            return Sweeper(system, rule, density, _kernels(system, rule, density))
+            return Sweeper(system, rule, density, _kernels(*which))
         except (CompileError, NotCompilable) as error:
             if backend == "compiled":
                 raise
             if isinstance(error, CompileError):
                 warnings.warn(f"{str(error).splitlines()[0]}; slower until then", stacklevel=4)
     return Sweeper(system, rule, density)
+
+
+def _by_one_map(system: System, rule: Rule, steps: int) -> bool:
+    """Whether the steps are affine maps, and enough of them to repay the matrices of these."""
+    from varint.codegen.sweep_linear import has_linear_sweep
+
+    return has_linear_sweep(system, rule) and steps >= REPAID * step_map(system, rule).y.numel()
 
 
 def is_built() -> bool:
@@ -71,16 +81,18 @@ def is_built() -> bool:
 
 
 @per_system
-def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
+def _kernels(
+    system: System, rule: Rule, density: str | None, one_map: bool
+) -> tuple[SweepKernel, ...]:
     """Where stages are iterated the factors of a step's equations are not built at once: only a
     stiff scene needs them.
     """
     from varint.codegen.sweep import sweep_kernel
     from varint.codegen.sweep_explicit import explicit_sweep_kernel, has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep, stage_sweep_kernel
-    from varint.codegen.sweep_linear import has_linear_sweep, linear_sweep_kernel
+    from varint.codegen.sweep_linear import linear_sweep_kernel
 
-    if has_linear_sweep(system, rule):
+    if one_map:
         return (linear_sweep_kernel(system, rule, density),)
     if has_stage_sweep(system, rule):
         return (stage_sweep_kernel(system, rule, density),)
@@ -90,7 +102,9 @@ def _kernels(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
 
 
 @per_system
-def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
+def _native(
+    system: System, rule: Rule, density: str | None, one_map: bool
+) -> tuple[SweepKernel, ...]:
     """`_kernels` with the scene as data."""
     from varint.codegen.native_sweep import (
         native_explicit_sweep,
@@ -100,9 +114,8 @@ def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKerne
     )
     from varint.codegen.sweep_explicit import has_explicit_sweep
     from varint.codegen.sweep_gauss import has_stage_sweep
-    from varint.codegen.sweep_linear import has_linear_sweep
 
-    if has_linear_sweep(system, rule):
+    if one_map:
         return (native_linear_sweep(system, rule, density),)
     if has_stage_sweep(system, rule):
         return (native_stage_sweep(system, rule, density),)
@@ -112,7 +125,9 @@ def _native(system: System, rule: Rule, density: str | None) -> tuple[SweepKerne
 
 
 @per_system
-def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKernel, ...]:
+def _in_gear(
+    system: System, rule: Rule, density: str | None, one_map: bool
+) -> tuple[SweepKernel, ...]:
     """`_native` that gives way to `_kernels` in time."""
     from varint.codegen.sweep import ONE_BY_ONE, sweep_scheme, sweep_source
     from varint.codegen.sweep_explicit import (
@@ -121,13 +136,13 @@ def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
         steps_at_once,
     )
     from varint.codegen.sweep_gauss import has_stage_sweep, shape_for, stage_sweep_scheme
-    from varint.codegen.sweep_linear import has_linear_sweep, linear_sweep_scheme
+    from varint.codegen.sweep_linear import linear_sweep_scheme
     from varint.sensitivities.shifting import SweepGears, shifting
 
     by_stages = has_stage_sweep(system, rule)
 
     def source() -> str:
-        if has_linear_sweep(system, rule):
+        if one_map:
             scheme = linear_sweep_scheme(system, rule, density)
             return sweep_source(scheme, steps_at_once(), "sweep_linear.c")
         if has_explicit_sweep(system, rule):
@@ -139,9 +154,9 @@ def _in_gear(system: System, rule: Rule, density: str | None) -> tuple[SweepKern
         return sweep_source(sweep_scheme(system, rule, density), ONE_BY_ONE, "sweep.c")
 
     def compiled() -> SweepKernel:
-        return _kernels(system, rule, density)[0]
+        return _kernels(system, rule, density, one_map)[0]
 
-    low = _native(system, rule, density)[0]
+    low = _native(system, rule, density, one_map)[0]
     if by_stages:
         functions = stage_sweep_scheme(system, rule, density).functions.values()
         expected = STAGES_STARTING + STAGES_STATEMENT * sum(len(f.graph.nodes) for f in functions)

@@ -6,8 +6,8 @@
    LANES steps in the lanes of vectors. Where nothing outside changes in time, what F_e and G_e pull back is bilinear in (mu', what
    a density adds to y) and (x, 1) with the same coefficients in all steps: the sums of their products over the steps are enough.
    Defined before this file, by generated source or by sweep_linear_scene.h: N, NU (controls at CONTROLS a node), Y (unknowns),
-   C (parameters), E = C + 2 + NU, the nonzeros FE of F_e and GE of G_e and their places. matrices(w, F_y, F_x, G_y, G_x), full,
-   column by column; rest(q, p, t, u, w, F at y = 0); outside(y, q, p, t, u, part, w, F_e, G_e); pull(…, mu, eta, w, G_e^T mu +
+   C (parameters), E = C + 2 + NU, the nonzeros FE of F_e, GE of G_e and S of [F_y F_x; G_y G_x], and their places. matrices(w, the
+   last of these); rest(q, p, t, u, w, F at y = 0); outside(y, q, p, t, u, part, w, F_e, G_e); pull(…, mu, eta, w, G_e^T mu +
    F_e^T eta, nothing); density(y, …, w, loss, its slopes by y, x and e) where LOSS. */
 #include "sweep.h"
 #include "outside.h"
@@ -73,30 +73,37 @@ static void negative_inverse(double *m, double *a) {
     }
 }
 
-/* The matrices of a step size, their last digits right, for every step repeats what they lack. */
-static void prepare(Work *k, const double *c, double h) {
-    double constants[C + 1], m[ROOM(Y * Y)], row[ROOM(Y)], *const x = k->from_before;
-    V fy[ROOM(Y * Y)], fx[ROOM(Y * BOTH)], gy[ROOM(BOTH * Y)], gx[BOTH * BOTH];
-    if (k->prepared && k->h == h) return;
+/* The matrices of a step size, their last digits right, for every step repeats what they lack. 0: no memory. */
+static int prepare(Work *k, const double *c, double h) {
+    const int all = Y + BOTH;
+    double constants[C + 1], *const x = k->from_before;
+    if (k->prepared && k->h == h) return 1;
+    V *const nonzeros = aligned_alloc(64, ROOM(S) * sizeof(V));
+    double *const slopes = calloc(ROOM(all * all + Y * Y + 2 * Y), sizeof(double)); /* column by column */
+    if (!nonzeros || !slopes) {
+        free(nonzeros), free(slopes);
+        return 0;
+    }
+    double *const m = slopes + all * all, *const row = m + Y * Y, *const left = row + Y;
+    const double *const fy = slopes, *const gy = slopes + Y, *const fx = slopes + Y * all, *const gx = fx + Y;
     memcpy(constants, c, C * sizeof(double)), constants[C] = h;
     matrices_prepare(constants, k->w + MATRICES_AT), rest_prepare(constants, k->w + REST_AT);
     outside_prepare(constants, k->w + OUTSIDE_AT), pull_prepare(constants, k->w + PULL_AT);
     density_prepare(constants, k->w + DENSITY_AT);
-    matrices(k->w + MATRICES_AT, fy, fx, gy, gx);
+    matrices(k->w + MATRICES_AT, nonzeros);
+    for (int i = 0; i < S; i++) slopes[S_COLUMN[i] * all + S_ROW[i]] = lane_at(&nonzeros[i], 0);
     for (int i = 0; i < Y; i++) { /* rows in units of their largest number */
-        row[i] = 0;
-        for (int j = 0; j < Y; j++) row[i] = fmax(row[i], fabs(lane_at(&fy[j * Y + i], 0)));
-        for (int j = 0; j < Y; j++) m[i * Y + j] = lane_at(&fy[j * Y + i], 0) / row[i];
+        for (int j = 0; j < Y; j++) row[i] = fmax(row[i], fabs(fy[j * all + i]));
+        for (int j = 0; j < Y; j++) m[i * Y + j] = fy[j * all + i] / row[i];
     }
     negative_inverse(m, k->a);
     for (int i = 0; i < Y * Y; i++) k->a[i] /= row[i % Y];
     memset(x, 0, Y * BOTH * sizeof(double));
     for (int round = 0; round < 3; round++) /* x = A F_x, and what is missing */
         for (int j = 0; j < BOTH; j++) {
-            double left[ROOM(Y)];
             for (int i = 0; i < Y; i++) {
-                double high = lane_at(&fx[j * Y + i], 0), low = 0;
-                for (int l = 0; l < Y; l++) add_exactly(&high, &low, lane_at(&fy[l * Y + i], 0), x[l * BOTH + j]);
+                double high = fx[j * all + i], low = 0;
+                for (int l = 0; l < Y; l++) add_exactly(&high, &low, fy[l * all + i], x[l * BOTH + j]);
                 left[i] = high + low;
             }
             for (int i = 0; i < Y; i++)
@@ -104,18 +111,20 @@ static void prepare(Work *k, const double *c, double h) {
         }
     for (int i = 0; i < BOTH; i++)
         for (int j = 0; j < BOTH; j++) {
-            double high = lane_at(&gx[j * BOTH + i], 0), low = 0;
-            for (int l = 0; l < Y; l++) add_exactly(&high, &low, lane_at(&gy[l * BOTH + i], 0), x[l * BOTH + j]);
+            double high = gx[j * all + i], low = 0;
+            for (int l = 0; l < Y; l++) add_exactly(&high, &low, gy[l * all + i], x[l * BOTH + j]);
             ((double *)(k->map + i * ROWS))[j] = high + low;
         }
     for (int i = 0; i < BOTH; i++)
         for (int j = 0; j < Y; j++) {
             double sum = 0;
-            for (int l = 0; l < Y; l++) sum = s_fma(lane_at(&gy[l * BOTH + i], 0), k->a[l * Y + j], sum);
+            for (int l = 0; l < Y; l++) sum = s_fma(gy[l * all + i], k->a[l * Y + j], sum);
             k->to_after[i * Y + j] = sum;
         }
     k->h = h, k->prepared = 1;
     k->sound = !unsound(k->a, Y * Y) && !unsound((double *)k->map, BOTH * ROWS * LANES);
+    free(nonzeros), free(slopes);
+    return 1;
 }
 
 /* The unknowns of the steps in the lanes. */
@@ -150,7 +159,7 @@ int tangents(const SweepArguments *a) {
     if (a->every) memcpy(out, a->tangent, BOTH * m * sizeof(double)), out += BOTH * m;
     for (int64_t s = 0, some; s < a->steps && !status; s += some) {
         some = alike(a, s, 1);
-        prepare(k, a->c, a->h[s]);
+        if (!prepare(k, a->c, a->h[s])) { status = NO_MEMORY; break; }
         if (!k->sound) { *a->failed = (double)s, status = NOT_REGULAR; break; }
         if (outer) solve_steps(k, a, s, (int)some), outside(k->y, k->x, k->x + N, k->t, k->u, k->x, k->w + OUTSIDE_AT, k->fe, k->ge);
         for (int l = 0; l < some; l++) {
@@ -260,7 +269,7 @@ int adjoints(const SweepArguments *a) {
     int status = SWEPT;
     for (int64_t s = a->steps, some; s > 0;) {
         some = alike(a, s - 1, -1), s -= some;
-        prepare(k, a->c, a->h[s]);
+        if (!prepare(k, a->c, a->h[s])) { status = NO_MEMORY; break; }
         if (!k->sound) { *a->failed = (double)s, status = NOT_REGULAR; break; }
         if (LOSS || !together) solve_steps(k, a, s, (int)some);
         if (LOSS) {
