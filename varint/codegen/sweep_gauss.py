@@ -4,6 +4,8 @@ vectors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
@@ -28,6 +30,7 @@ CLOSE = 1e-13
 CONTINUED_DEGREE = (
     6  # of the adjoints of a step continued over the one before; more amplifies errors
 )
+MORE = 3  # nodes behind that step which tell the adjoints, too
 FEWEST = 3
 
 
@@ -104,6 +107,7 @@ def stage_sweep_scheme(system: System, rule: Rule, density: str | None = None) -
             "FE": by_outside.nnz(),
             "WINDOW": WINDOW,
             "LOSS": int(density is not None),
+            "MORE": MORE,
             "MOST_ITERATIONS": FIXED_POINT_ITERATIONS,
         },
         {"ROUNDED": CLOSE, "LEAST_SPEED": LEAST_SPEED},
@@ -152,6 +156,7 @@ def _stage_tables(stages: int, padded: int) -> dict[str, np.ndarray]:
         "GUESS_Q": guess_q,
         "GUESS_V": guess_v,
         "CONTINUED": backwards[repeat].T,
+        "AHEAD": _continued(c, np.arange(1, MORE + 1))[repeat].T,
         "ONWARDS": backwards[::-1, ::-1][repeat].T,  # nodes lie alike seen from either end
     }
 
@@ -174,9 +179,11 @@ def _hermite(nodes: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return found, rates
 
 
-def _continued(c: np.ndarray) -> np.ndarray:
-    """What the stages at c of a step make of those at c − 1, both less the value between: the
-    polynomial through it that fits best, a row for each of the latter.
+def _continued(c: np.ndarray, nodes: Sequence[int] | np.ndarray = ()) -> np.ndarray:
+    """What the stages at c of a step, and the ends of steps behind it at `nodes`, make of stages at
+    c − 1, all less the value between: the polynomial through it that fits best, a row for each of
+    the latter.
     """
-    powers = np.arange(1, min(len(c), CONTINUED_DEGREE) + 1)
-    return (c[:, None] - 1) ** powers @ np.linalg.pinv(c[:, None] ** powers)
+    known = np.append(c, nodes)
+    powers = np.arange(1, min(len(known), CONTINUED_DEGREE) + 1)
+    return (c[:, None] - 1) ** powers @ np.linalg.pinv(known[:, None] ** powers)

@@ -7,7 +7,7 @@
    Defined before this file, by generated source or by sweep_gauss_scene.h: STAGES, STRIDE vectors of LANES for them, the
    columns COLUMN_A of a and COLUMN_M of b_j - a_ij, STAGE_B and STAGE_C (lanes beyond the stages repeat the last, with weight
    0), start values from WINDOW nodes (GUESS_Q, GUESS_V for each place of the step among them), CONTINUED and ONWARDS, which
-   continue adjoints of a step over the one before and tangents over the one behind. slopes(q, p, t, u, w, f, J), NJ nonzeros;
+   continue adjoints of a step over the one before and tangents over the one behind, and AHEAD, the first of them with MORE nodes. slopes(q, p, t, u, w, f, J), NJ nonzeros;
    their products turn_q(J, x, source, …), turn_p, the components of J x + source, and back_q, back_p of its transpose;
    outside(…, df/de); pull(…, m, w, m^T df/de); density(…, loss, its slopes by x and by e), e = (parameters, time, controls);
    momentum(q, v, t, w, p). */
@@ -38,7 +38,8 @@ typedef struct {
     Stages x, f, m, k, source;
     V *slope, *fe, *t, *u, *of_e; /* (STRIDE, NJ), (STRIDE, FE), (STRIDE), (STRIDE, NU), (STRIDE, OUT) */
     V *a, *m_of;                  /* h a_ij, h (b_j - a_ij), (STAGES, STRIDE) */
-    double *w, *size, *met, h;    /* met: the adjoint where the step at hand begins, before what is added there */
+    double *w, *size, *met, *older, h; /* met: the adjoint where the step at hand begins, before what is added there; older: at
+                                          MORE nodes behind that step, the nearest first */
 } Work;
 
 INLINE V part(const double *x) { V y; memcpy(&y, x, sizeof y); return y; }
@@ -141,14 +142,14 @@ static int linearise(Work *k, const SweepArguments *a, int64_t s, double h) {
         V speed[N];
         k->t[b] = v_fma(splat(h), part(STAGE_C + b * LANES), splat(a->t[s]));
         for (int d = 0; d < N; d++) {
-            V path = splat(x0[d]), rise = splat(0.0);
+            V path = splat(x0[d]), rise = splat(0.0), of_v = splat(0.0), rise_of_v = splat(0.0);
             for (int i = 0; i < count; i++) { /* from q at the start on, so that differences lose no digits */
                 const double q = STATE_AT(a, from + i)[d] - x0[d], v = h * SPEED_AT(a, from + i)[d];
                 const int at = (2 * i * STRIDE + b) * LANES, behind = at + STRIDE * LANES;
-                path = v_fma(part(tq + at), splat(q), v_fma(part(tq + behind), splat(v), path));
-                rise = v_fma(part(tv + at), splat(q), v_fma(part(tv + behind), splat(v), rise));
+                path = v_fma(part(tq + at), splat(q), path), of_v = v_fma(part(tq + behind), splat(v), of_v);
+                rise = v_fma(part(tv + at), splat(q), rise), rise_of_v = v_fma(part(tv + behind), splat(v), rise_of_v);
             }
-            AT_BLOCK(k->x, b)[d] = path, speed[d] = rise / h;
+            AT_BLOCK(k->x, b)[d] = path + of_v, speed[d] = (rise + rise_of_v) / h;
         }
         momentum(AT_BLOCK(k->x, b), speed, k->t + b, k->w + MOMENTUM_AT, AT_BLOCK(k->x, b) + N);
         for (int i = 0; i < LANES; i++) {
@@ -208,7 +209,7 @@ static Work *work_space(const SweepArguments *a) {
     const int64_t vectors[] = {stages, stages, columns * stages, abreast * stages, abreast * stages, STRIDE * NJ + 1, STRIDE * FE + 1,
                                                              STRIDE, STRIDE * NU + 1, STRIDE * OUT, STAGES * STRIDE, STAGES * STRIDE};
     const int64_t head = (sizeof(Work) + 63) / 64 * 64;
-    int64_t all = head + (ALL_W + 4 * N) * sizeof(double);
+    int64_t all = head + (ALL_W + (4 + 2 * MORE) * N) * sizeof(double);
     for (int i = 0; i < 12; i++) all += vectors[i] * sizeof(V);
     all = (all + 63) / 64 * 64;
     char *const at = aligned_alloc(64, all);
@@ -219,7 +220,7 @@ static Work *work_space(const SweepArguments *a) {
     k->w = (double *)(at + head); /* first, for functions as data have vectors there */
     V *vector = (V *)(k->w + ALL_W);
     for (int i = 0; i < 12; i++) *places[i] = vector, vector += vectors[i];
-    k->size = (double *)vector, k->met = k->size + 2 * N;
+    k->size = (double *)vector, k->met = k->size + 2 * N, k->older = k->met + 2 * N;
     slopes_prepare(a->c, k->w + SLOPES_AT), outside_prepare(a->c, k->w + OUTSIDE_AT), pull_prepare(a->c, k->w + PULL_AT);
     momentum_prepare(a->c, k->w + MOMENTUM_AT), density_prepare(a->c, k->w + DENSITY_AT);
     turn_q_prepare(a->c, k->w + TURN_Q_AT), turn_p_prepare(a->c, k->w + TURN_P_AT);
@@ -228,14 +229,16 @@ static Work *work_space(const SweepArguments *a) {
 }
 
 /* Stages to begin with: those of the step before, or behind, continued by the table from x, the value between, in which `met`
-   is that of their own step. */
-INLINE void begin(const double *table, const double *x, const double *met, Stages stages) {
+   is that of their own step; with `more` nodes behind that one. */
+INLINE void begin(const double *table, const double *x, const double *met, const double *older, int more, Stages stages) {
     V next[STRIDE * COMPONENTS];
     for (int b = 0; b < STRIDE; b++)
         for (int d = 0; d < COMPONENTS; d++) {
             V s = splat(x[d]);
             for (int j = 0; j < STAGES && met; j++)
                 s = v_fma(part(table + (j * STRIDE + b) * LANES), splat(at_stage(stages, j, d) - met[d]), s);
+            for (int j = 0; j < more; j++)
+                s = v_fma(part(table + ((STAGES + j) * STRIDE + b) * LANES), splat(older[j * COMPONENTS + d] - met[d]), s);
             AT_BLOCK(next, b)[d] = s;
         }
     memcpy(stages, next, sizeof next);
@@ -289,7 +292,7 @@ int tangents(const SweepArguments *a) {
             for (int i = 0; i < count; i++) {
                 double *const of = base + i * COMPONENTS;
                 for (int d = 0; d < COMPONENTS; d++) of[d] = a->tangent[d * m + j + i];
-                begin(ONWARDS, of, known ? of : 0, stages + i * each);
+                begin(ONWARDS, of, known ? of : 0, 0, 0, stages + i * each);
                 if (outer) told(k, a, s, j + i, k->source + i * each);
             }
             if ((status = iterate(k, 0, 0, &(Columns){base, stages, k->k, k->source, outer ? each : 0, count}))) { *a->failed = (double)s; break; }
@@ -308,10 +311,11 @@ int tangents(const SweepArguments *a) {
 
 int adjoints(const SweepArguments *a) {
     BEGIN(a);
-    int known = 0;
+    int64_t alike = 0; /* steps of the size of that at hand behind it */
     Work *k = work_space(a);
     double *const mu = a->tangent;
     int status = k ? SWEPT : NO_MEMORY;
+    if (!status) memcpy(k->met, mu, 2 * N * sizeof(double));
     for (int64_t s = a->steps - 1; s >= 0 && !status; s--) {
         const double h = a->h[s];
         double of_h = 0, of_t = 0;
@@ -324,10 +328,13 @@ int adjoints(const SweepArguments *a) {
             const double loss = sum(part(STAGE_B + b * LANES) * value);
             *a->loss += h * loss, of_h += loss;
         }
-        begin(CONTINUED, mu, known++ && h == a->h[s + 1] ? k->met : 0, k->m);
+        if (alike && h != a->h[s + 1]) alike = 0;
+        const int more = alike >= MORE && !a->seeds ? MORE : 0;
+        begin(more ? AHEAD : CONTINUED, mu, alike++ ? k->met : 0, k->older, more, k->m);
         if ((status = iterate(k, 1, 0, &(Columns){mu, k->m, k->k, k->source, 0, 1}))) { *a->failed = (double)s; break; }
         finish(h, k->k, mu);
-        memcpy(k->met, mu, 2 * N * sizeof(double));
+        memmove(k->older + 2 * N, k->older, (MORE - 1) * 2 * N * sizeof(double));
+        memcpy(k->older, k->met, 2 * N * sizeof(double)), memcpy(k->met, mu, 2 * N * sizeof(double));
         for (int b = 0; b < STRIDE; b++) {
             const V weight = part(STAGE_B + b * LANES);
             const V *const x = AT_BLOCK(k->x, b), *const m = AT_BLOCK(k->m, b);

@@ -3,13 +3,13 @@
    tape.h stands before this file, and STRIDE is given. varint/codegen/native_sweep.py reads the names here. */
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
-    DO(N) DO(NU) DO(STAGES) DO(C) DO(NJ) DO(FE) DO(WINDOW) DO(LOSS) DO(MOST_ITERATIONS)
+    DO(N) DO(NU) DO(STAGES) DO(C) DO(NJ) DO(FE) DO(WINDOW) DO(LOSS) DO(MORE) DO(MOST_ITERATIONS)
 #define LIMITS(DO) \
     DO(ROUNDED) DO(LEAST_SPEED)
 #define PLACES(DO) \
     DO(FE_ROW) DO(FE_COLUMN)
 #define TABLES(DO) \
-    DO(COLUMN_A) DO(COLUMN_M) DO(STAGE_B) DO(STAGE_C) DO(GUESS_Q) DO(GUESS_V) DO(CONTINUED) DO(ONWARDS)
+    DO(COLUMN_A) DO(COLUMN_M) DO(STAGE_B) DO(STAGE_C) DO(GUESS_Q) DO(GUESS_V) DO(CONTINUED) DO(AHEAD) DO(ONWARDS)
 #define FUNCTIONS(DO) \
     DO(slopes) DO(outside) DO(momentum) DO(pull) DO(density) DO(turn_q) DO(turn_p) DO(back_q) DO(back_p)
 #include "scene_members.h"
@@ -22,6 +22,7 @@
 #define FE ((int)scene->FE_)
 #define WINDOW ((int)scene->WINDOW_)
 #define LOSS ((int)scene->LOSS_)
+#define MORE ((int)scene->MORE_)
 #define MOST_ITERATIONS ((int)scene->MOST_ITERATIONS_)
 #define ROUNDED scene->ROUNDED_
 #define LEAST_SPEED scene->LEAST_SPEED_
@@ -34,6 +35,7 @@
 #define GUESS_Q scene->GUESS_Q_
 #define GUESS_V scene->GUESS_V_
 #define CONTINUED scene->CONTINUED_
+#define AHEAD scene->AHEAD_
 #define ONWARDS scene->ONWARDS_
 #define SLOPES_W (LANES * scene->slopes.registers)
 #define OUTSIDE_W (LANES * scene->outside.registers)
