@@ -23,7 +23,10 @@ from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-WINDOW = 8  # nodes around a step whose q and v tell its stages: a polynomial of degree 15
+# nodes around a step whose q and v tell its stages, of few stages and of more: these are nearer to
+# the path through the nodes
+WINDOWS = 4, 8
+FEW_STAGES = 4
 # relative: stages that miss their equations by this much have slopes that err by no more, in a step
 # of which they change the state by its angle only
 CLOSE = 1e-13
@@ -105,7 +108,7 @@ def stage_sweep_scheme(system: System, rule: Rule, density: str | None = None) -
             "C": s.c.numel(),
             "NJ": slope.nnz(),
             "FE": by_outside.nnz(),
-            "WINDOW": WINDOW,
+            "WINDOW": _window(stages),
             "LOSS": int(density is not None),
             "MORE": MORE,
             "MOST_ITERATIONS": FIXED_POINT_ITERATIONS,
@@ -133,6 +136,10 @@ def _routine(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> Routine:
     return Routine(fused(graph_of(f, last), last), last)
 
 
+def _window(stages: int) -> int:
+    return WINDOWS[stages > FEW_STAGES]
+
+
 def _stage_tables(stages: int, padded: int) -> dict[str, np.ndarray]:
     """Columns of the tableau and of its adjoint, weights, nodes, start values; lanes beyond the
     stages repeat the last one, with weight 0.
@@ -141,9 +148,10 @@ def _stage_tables(stages: int, padded: int) -> dict[str, np.ndarray]:
     b, c = constants["STAGE_B"][0], constants["STAGE_C"][0]
     a = constants["STAGE_M1"] * b  # m_ij = a_ij / b_j
     repeat = np.minimum(np.arange(padded), stages - 1)
-    guess_q, guess_v = np.zeros((2, WINDOW, 2 * WINDOW, padded))
-    for place in range(WINDOW):
-        nodes = np.arange(WINDOW) - place if place < WINDOW - 1 else np.array([0, 1])
+    window = _window(stages)
+    guess_q, guess_v = np.zeros((2, window, 2 * window, padded))
+    for place in range(window):
+        nodes = np.arange(window) - place if place < window - 1 else np.array([0, 1])
         guess_q[place, : 2 * len(nodes)], guess_v[place, : 2 * len(nodes)] = _hermite(
             nodes.astype(float), c[repeat]
         )
