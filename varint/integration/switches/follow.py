@@ -41,6 +41,7 @@ LONGER = 4.0  # units, a piece of which makes them longer again
 FIRST, MOST_IN_BLOCK = 16, 4096  # steps of a block, after each of which switches are looked for
 MOST_PIECES, MOST_NODES = 50_000, 20_000_000
 CROWD, CROWDED = 60, 1e-10  # so many pieces, one after the other, as short as this of the duration
+EDGE = 4 * np.finfo(float).eps  # of time: a switch this near to the end of a row is there
 BORDER = 1e-6  # of a unit: so much more than whole ones is whole ones
 
 
@@ -56,7 +57,8 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
     passed_by: list[int] = []
     branch, contacts = first_branch(course), Meetings(course)
     if branch is not None and branch.active_set is not None:
-        branch, p = contacts.begin(branch)
+        branch, first = contacts.begin(branch)
+        p = first.p
     for _ in range(MOST_PIECES):
         scene = branch and scene_in(system, branch)
         if branch is None or scene is None or short == CROWD or nodes > MOST_NODES:
@@ -74,6 +76,9 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         if found is None:
             break
         piece, crossed = found
+        at_edge = abs(until - piece.t[-1]) <= EDGE * max(abs(until), abs(total))
+        if at_edge:
+            piece.t[-1] = until
         piece = piece._replace(events=contacts.noted())
         yield piece
         if crossed is None or crossed[0] < 0:
@@ -90,23 +95,27 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         contacts.extent.add(piece.states[:, 0], piece.states[:, 2])
         if crossed is None and soon != until:
             continue
-        if crossed is None and row == len(times):
+        if at_edge and row == len(times):
             return
         state, before = State(t, q, v, p), branch
         if crossed is not None and crossed[0] < 0:
-            branch, p = contacts.meet(state, branch, -1 - crossed[0])
-            continue
+            branch, state = contacts.meet(state, branch, -1 - crossed[0])
+            p = state.p
+            if branch is None or not at_edge:
+                continue
         values, known, at_zero = list(branch.values), list(clocks), list(branch.sliding)
         acting = branch.controls
-        if crossed is None:
+        if at_edge:
+            if crossed is not None and crossed[0] >= 0 and crossed[0] not in at_zero:
+                at_zero.append(crossed[0])
             row += 1
             acting = tuple(course.timetable.controls[row].tolist())
             for j, x in zip(clocks, course.timetable.values[row].tolist(), strict=True):
                 values[j] = x
-        elif crossed[0] in branch.sliding:
+        elif crossed is not None and crossed[0] in branch.sliding:
             values[crossed[0]] = crossed[1]
             known.append(crossed[0])
-        else:
+        elif crossed is not None:
             at_zero.append(crossed[0])
         branch = branch._replace(values=tuple(values), controls=acting)
         known += contacts.ties(branch)
@@ -116,7 +125,8 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         passed = branch and past_corner(held, state, problem.c, way, before, branch)
         q, p, branch = passed or (q, p, None)
         if branch is not None:
-            branch, p = contacts.after_switch(State(t, q, v, p), branch)
+            branch, state = contacts.after_switch(State(t, q, state.v, p), branch)
+            p = state.p
     yield None
 
 

@@ -15,8 +15,13 @@ from varint.integration.checkpoint import Checkpoint
 from varint.integration.choice import Choice
 from varint.integration.many_steps import steps_again
 from varint.integration.plan import plan
-from varint.integration.switches.joined import BetweenNodes, active_sets, between_nodes
-from varint.integration.switches.touching import scene_in
+from varint.integration.switches.joined import BetweenNodes
+from varint.integration.switches.within_rows import (
+    WithinRows,
+    dense_output_of,
+    first_scene,
+    sets_of,
+)
 from varint.numerics.archive import read_archive
 from varint.numerics.plain import field_of, plain
 from varint.results.records import Event
@@ -55,9 +60,8 @@ def kept_choice(file: Checkpoint, system: System) -> Choice | None:
     branches = {
         name.removeprefix(BRANCHES): x for name, x in arrays.items() if name.startswith(BRANCHES)
     }
-    between = between_nodes(system, rule, branches)
-    scene, sets = scene_in(system, between.branches[0]), active_sets(between.branches)
-    assert scene is not None
+    between = dense_output_of(system, rule, branches)
+    scene, sets = first_scene(system, between), sets_of(between)
     stats: dict[str, Any] = field_of(header, "stats", dict[str, str | bool | int | float])
     nodes: dict[str, Any] = {name: arrays[name] for name in NODES}
     v = nodes.pop("v")
@@ -72,7 +76,7 @@ def kept_choice(file: Checkpoint, system: System) -> Choice | None:
         origin=field_of(header, "origin", float),
         functions=steps_again(rule),
         dense_output=between,
-        active_sets=tuple(dict.fromkeys(sets)),
+        active_sets=sets,
         events=field_of(header, "events", tuple[Event, ...]),
         stats=MappingProxyType({"plan": plan(scene.system, rule)} | stats),
         **nodes,
@@ -103,7 +107,7 @@ def keep(file: Checkpoint, choice: Choice) -> None:
 def _contents(file: Checkpoint, choice: Choice) -> tuple[dict[str, Any], dict[str, Any]]:
     motion = choice.motion
     between = motion.dense_output
-    assert isinstance(between, BetweenNodes)
+    assert isinstance(between, (BetweenNodes, WithinRows))
     header = {
         "format": FORMAT,
         "identity": file.identity,

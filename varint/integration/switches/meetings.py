@@ -27,7 +27,7 @@ from varint.results.records import Event, State
 
 SOON = 4.0  # times the flight that lies ahead, after which a contact has closed again
 
-Next = tuple[Branch | None, np.ndarray]  # branch and momenta with which a motion goes on
+Next = tuple[Branch | None, State]  # with which a motion goes on
 
 
 class Meetings:
@@ -59,7 +59,7 @@ class Meetings:
     def after_switch(self, state: State, branch: Branch) -> Next:
         """On a new branch other contacts may hold."""
         if not touches(self.course, state, branch):
-            return branch, state.p
+            return branch, state
         return self._after(state, land(self.course, state, branch, self.extent))
 
     def flight(self, start: State, branch: Branch, until: float) -> tuple[float, float]:
@@ -92,6 +92,6 @@ class Meetings:
 
     def _after(self, state: State, found: Landed | None) -> Next:
         if found is None:
-            return None, state.p
+            return None, state
         self._events += with_times_of_rest(state.t, self._events, found.events)
-        return found.branch, found.state.p
+        return found.branch, found.state

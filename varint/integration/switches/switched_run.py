@@ -17,7 +17,7 @@ from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
 from varint.integration.events.crossings import Watch
 from varint.integration.hidden import missed_impulse
-from varint.integration.plan import default_rule
+from varint.integration.plan import default_rule, plan
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.rule_choice import choose_rule, phase_error
@@ -30,6 +30,11 @@ from varint.integration.switches.joined import joined, nodes_apart
 from varint.integration.switches.kept import keep, kept_choice, words_of
 from varint.integration.switches.timetable import timetable
 from varint.integration.switches.watching import cut_piece, with_events
+from varint.integration.switches.within_rows import (
+    of_users_scene,
+    rows_written_out,
+    written_out,
+)
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.two_runs import FLOOR
 from varint.numerics.progress import notice
@@ -62,6 +67,9 @@ def choose_switched_steps(
     """
     if not _possible(system, rule, problem, options, tol):
         return None
+    user, nodes = system, plan(system, rule).rule.nodes
+    if problem.u.shape[1] > 1:
+        system, problem = written_out(system, nodes), rows_written_out(problem)
     begin, total = problem.t0, problem.h * problem.steps
     table = timetable(system, problem.c, begin, total, problem.u[:, 0])
     problem = problem._replace(h=total, steps=1)
@@ -70,10 +78,8 @@ def choose_switched_steps(
     file = None
     if options.checkpoint is not None:
         words = words_of(options.backend, tol, options.scale, rule, options.save_every)
-        file = checkpoint_of(
-            options.checkpoint, system, course.rule, problem, stop, watches, **words
-        )
-        kept = kept_choice(file, system)
+        file = checkpoint_of(options.checkpoint, user, course.rule, problem, stop, watches, **words)
+        kept = kept_choice(file, user)
         if kept is not None:
             return kept
     with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
@@ -89,6 +95,8 @@ def choose_switched_steps(
             return None
         choice, pieces = found
         motion = with_events(course, pieces, choice.motion, watches)
+        if system is not user:
+            motion = of_users_scene(user, nodes, motion)
         choice = replace(choice, motion=_every(motion, options.save_every))
     if file is not None:
         keep(file, choice)
@@ -108,7 +116,6 @@ def _possible(
     rows = () if problem.active_set is None else problem.active_set.rows
     return (
         not (system.structure.contacts and system.structure.nonholonomic)
-        and problem.u.shape[1] == 1
         and len(rows) == system.structure.constraints
         and LEAST_TOL <= tol <= MOST_TOL
         and (rule is None or rule in known)
