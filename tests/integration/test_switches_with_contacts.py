@@ -196,3 +196,44 @@ def test_files_without_the_contacts_of_their_switches_are_refused(tmp_path):
     np.savez(path, **arrays)
     with pytest.raises(InputError, match="which contacts hold"):
         vi.load(path)
+
+
+def test_steps_of_a_given_size_end_at_switches_and_impacts_and_go_on_by_the_grid():
+    """Uniform forces between them are exact by any step."""
+    c, e, h = 2.0, 0.8, 0.05
+    motion = vi.simulate(ball(lambda v: -c * ca.sign(v), e), q0=1.0, v0=0.0, h=h, steps=40)
+    hit, speed = math.sqrt(2 / (G - c)), math.sqrt(2 * (G - c))
+    apex = hit + e * speed / (G + c)
+    assert motion.events[0].time == pytest.approx(hit, **CLOSE)
+    assert motion.at(apex).q.item() == pytest.approx((e * speed) ** 2 / (2 * (G + c)), **CLOSE)
+    assert motion.h == h
+    steps = motion.t / h
+    grid = np.abs(steps - np.round(steps)) < 1e-9
+    assert np.round(steps[grid]) == pytest.approx(np.arange(41))
+    between = motion.t[~grid]
+    assert between[:2] == pytest.approx([hit, apex], **CLOSE)
+    assert len(between) == len(motion.events) + motion.stats["switches"] // 2
+    some = vi.simulate(
+        ball(lambda v: -c * ca.sign(v), e), q0=1.0, v0=0.0, h=h, steps=40, save_every=7
+    )
+    assert len(some) == len(between) + 7 and some.q[-1] == motion.q[-1]
+
+
+def test_the_rule_keeps_its_order_through_bounces_and_switches():
+    """Of order 4 by lobatto(3), with a drag that kinks in its slope at every apex."""
+    scene = ball(lambda v: -0.8 * v * ca.fabs(v) - ca.sign(v), 0.9)
+    exact = vi.simulate(scene, q0=1.0, v0=0.0, duration=2.0, tol=1e-12).q[-1].item()
+    errors = [
+        abs(vi.simulate(scene, q0=1.0, v0=0.0, duration=2.0, h=h).q[-1].item() - exact)
+        for h in (0.05, 0.025, 0.0125)
+    ]
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert ((orders > 3.5) & (orders < 4.5)).all(), (errors, orders)
+
+
+def test_a_block_is_held_by_friction_on_a_table_in_steps_of_a_given_size():
+    c, v0 = 2.0, 3.0
+    scene = block(lambda v: -c * ca.sign(v), 0.5)
+    motion = vi.simulate(scene, q0=[0, 0], v0=[v0, 0], h=0.25, duration=2.0)
+    assert motion.q[-1] == pytest.approx([1 - 0.25 * (v0**2 - 2 * c) / (2 * c), 0], **CLOSE)
+    assert np.abs(motion.v[-1]).max() < 1e-15

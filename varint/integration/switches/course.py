@@ -36,6 +36,8 @@ class Course:
         The unit at first of each branch a piece of which has ended at a switch.
     kernels : dict
         The loop of each scene that moves.
+    grid : float or None
+        Step size, where that is given.
     say : callable
         Takes () → how far it is.
     """
@@ -48,6 +50,7 @@ class Course:
     units: dict[Branch, float] = field(default_factory=dict)
     known: dict[Branch, float] = field(default_factory=dict)
     kernels: dict[Branch, Kernel | None] = field(default_factory=dict)
+    grid: float | None = None
     say: Callable[[Callable[[], str]], None] = lambda note: None
 
 

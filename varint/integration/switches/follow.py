@@ -66,13 +66,16 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         until = float(times[row]) if row < len(times) else begin + total
         start = State(t, q, q, p)
         soon, unit = contacts.flight(start, branch, until)
-        found = _piece(course, scene, branch, start, soon, parts, unit)
+        count = None
+        if course.grid is not None and (soon == until or unit >= abs(course.grid)):
+            soon, count = _to_grid(course, t, until)
+        found = _piece(course, scene, branch, start, soon, parts, unit, count)
         for _ in range(SHORTER):
             alike = _alike(branch)
             if found is not None or alike in course.known or alike not in course.units:
                 break
             course.units[alike] /= SHORTEN
-            found = _piece(course, scene, branch, start, soon, parts, unit)
+            found = _piece(course, scene, branch, start, soon, parts, unit, count)
         if found is None:
             break
         piece, crossed = found
@@ -130,6 +133,24 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
     yield None
 
 
+def _to_grid(course: Course, t: float, until: float) -> tuple[float, int]:
+    """Until when to go on in steps of a given size, and in how many: to the next node of the grid,
+    and from there by whole steps.
+    """
+    begin, h = course.problem.t0, course.grid
+    assert h is not None
+    close = EDGE * max(abs(begin), abs(course.problem.h)) / abs(h) + BORDER
+    done, end = (t - begin) / h, (until - begin) / h
+    if abs(done - round(done)) > close:
+        soon = begin + h * math.ceil(done)
+        return (until, 1) if math.ceil(done) >= end - close else (soon, 1)
+    whole = round(end) if abs(end - round(end)) <= close else math.floor(end)
+    count = whole - round(done)
+    if count < 1 or abs(end - whole) <= close:
+        return until, max(count, 1)
+    return begin + h * whole, count
+
+
 def first_unit(course: Course) -> float | None:
     """The unit of time at the start; None where it is not known on which branch it is."""
     branch, problem = first_branch(course), course.problem
@@ -147,9 +168,11 @@ def _piece(
     until: float,
     parts: int,
     shortest: float,
+    count: int | None,
 ) -> tuple[Piece, tuple[int, float] | None] | None:
     """The piece from a state until a time or a switch, and which switch that is; None where its
-    steps are too large or do not enter the branch. A unit is no longer than `shortest`.
+    steps are too large or do not enter the branch. A unit is no longer than `shortest`, and the
+    number of steps may be given.
     """
     c, span = all_parameters(course.problem.c, branch), until - start.t
     kernel = _kernel(course, scene, branch)
@@ -158,7 +181,7 @@ def _piece(
     unit = min(_unit(course, branch, start), shortest)
     if not abs(span) / unit * parts < MOST_NODES:
         return None
-    steps = parts * max(math.ceil(abs(span) / unit - BORDER), 1)
+    steps = count or parts * max(math.ceil(abs(span) / unit - BORDER), 1)
     loop = Loop(scene.system, course.rule, kernel, c)
     h, k, carry, size = span / steps, 0, None, FIRST
     q, p = start.q, start.p

@@ -65,7 +65,7 @@ def choose_switched_steps(
     """The run whose steps end where forces or potentials switch; None where the scene has no such
     switches, or the motion cannot be followed over them.
     """
-    if not _possible(system, rule, problem, options, tol):
+    if not (LEAST_TOL <= tol <= MOST_TOL and possible(system, rule, problem, options)):
         return None
     user, nodes = system, plan(system, rule).rule.nodes
     if problem.u.shape[1] > 1:
@@ -103,13 +103,10 @@ def choose_switched_steps(
     return choice
 
 
-def _possible(
-    system: System,
-    rule: Rule | None,
-    problem: InitialValueProblem,
-    options: RunOptions,
-    tol: float,
+def possible(
+    system: System, rule: Rule | None, problem: InitialValueProblem, options: RunOptions
 ) -> bool:
+    """Whether steps may end at switches, as far as the scene and what is asked tell."""
     made, known = (lobatto if _held(system) else gauss), list(rules_for(system))
     if not system.structure.nonholonomic:
         known = [made(k) for k in range(2 if made is lobatto else 1, 9)]
@@ -117,7 +114,6 @@ def _possible(
     return (
         not (system.structure.contacts and system.structure.nonholonomic)
         and len(rows) == system.structure.constraints
-        and LEAST_TOL <= tol <= MOST_TOL
         and (rule is None or rule in known)
         and options.on_failure == "raise"
         and options.backend != "interpreted"
@@ -156,7 +152,7 @@ def _refined(
     order = float(p) if frozen.system.structure.linear else None
     last, runs, failures, stalls = math.inf, 0, 0, 0
     while parts <= MOST:
-        pieces = _run(course, parts, stop)
+        pieces = run_pieces(course, parts, stop)
         runs += 1
         if pieces is None:
             failures, before, last = failures + 1, None, math.inf
@@ -191,7 +187,7 @@ def _refined(
     return best and (replace(best[0], runs=runs), best[1])
 
 
-def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
+def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
     end = course.problem.t0 + course.problem.h
