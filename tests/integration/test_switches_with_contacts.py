@@ -237,3 +237,54 @@ def test_a_block_is_held_by_friction_on_a_table_in_steps_of_a_given_size():
     motion = vi.simulate(scene, q0=[0, 0], v0=[v0, 0], h=0.25, duration=2.0)
     assert motion.q[-1] == pytest.approx([1 - 0.25 * (v0**2 - 2 * c) / (2 * c), 0], **CLOSE)
     assert np.abs(motion.v[-1]).max() < 1e-15
+
+
+@pytest.mark.parametrize("c", [0.95, 1.3])
+def test_frictions_of_both_coordinates_hold_a_block_on_a_slope_together(c):
+    """With y = x/10 both velocities are zero at once; how much each of them holds is not
+    determined, and 0.95 alone would not do.
+    """
+    d, slope, v0 = 1.5, 0.1, 2.0
+    q, v = vi.coordinates("x", "y")
+    force = ca.vertcat(-c * ca.sign(v[0]), -d * ca.sign(v[1]))
+    lagrangian = (v[0] ** 2 + v[1] ** 2) / 2 - G * q[1]
+    scene = vi.System(q, v, lagrangian, force=force, contact=q[1] - slope * q[0])
+    motion = vi.simulate(scene, q0=[0, 0], v0=[v0, slope * v0], duration=3.0)
+    mass, friction = 1 + slope**2, c + slope * d
+    way = mass * v0**2 / (2 * (friction + slope * G))
+    assert slope * G < friction  # it stays
+    assert motion.q[-1] == pytest.approx([way, slope * way], **CLOSE)
+    assert np.abs(motion.v[-1]).max() < 1e-14
+
+
+def test_a_blow_turns_the_signs_of_all_that_it_moves():
+    """Two balls over each other, both with friction: the lower one is on its way up when the upper
+    one hits it, and they come to rest on the floor.
+    """
+    q, v = vi.coordinates("a", "b")
+    lagrangian = (v[0] ** 2 + 2 * v[1] ** 2) / 2 - G * (q[0] + 2 * q[1])
+    force = ca.vertcat(-2 * ca.sign(v[0]), -0.3 * ca.sign(v[1] - v[0]))
+    gaps = ca.vertcat(q[0], q[1] - q[0] - 0.1)
+    scene = vi.System(q, v, lagrangian, force=force, contact=gaps, restitution=[0.5, 0.0])
+    motion = vi.simulate(scene, q0=[0.5, 1.0], v0=[0, 0], duration=3.0)
+    assert motion.q[-1] == pytest.approx([0, 0.1], abs=1e-12)
+    assert motion.multipliers[-1] == pytest.approx([3 * G, 2 * G])
+    assert (np.diff(motion.energy) < 1e-12).all()
+    # the first fall and bounce of the lower one, and where they meet
+    hit = math.sqrt(2 * 0.5 / (G - 2))
+    assert motion.events[0].time == pytest.approx(hit, **CLOSE)
+    steps = vi.simulate(scene, q0=[0.5, 1.0], v0=[0, 0], duration=0.5, h=1 / 64)
+    assert [x.time for x in steps.events[:2]] == pytest.approx(
+        [x.time for x in motion.events[:2]], **CLOSE
+    )
+
+
+def test_sides_of_a_kink_at_nodes_are_no_missed_impulses():
+    """Steps end at x = 0, where round-off says which side it is."""
+    q, v, t = *vi.coordinates("x", "y"), vi.time()
+    lagrangian = (v[0] ** 2 + v[1] ** 2) / 2 - 3 * ca.fabs(q[0]) - q[1] ** 2
+    force = ca.vertcat(-2 * ca.sign(v[0]) + 1.2 * ca.sin(3 * t), -0.1 * ca.sign(v[1]))
+    scene = vi.System(q, v, lagrangian, force=force, contact=q[1], t=t)
+    motion = vi.simulate(scene, q0=[0, 0.67], v0=[0.9, 0], duration=1.3)
+    assert motion.stats["error_estimate"] < 1e-12 and len(motion) < 400
+    assert motion.stats["switches_by_motion"] > 3

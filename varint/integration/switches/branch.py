@@ -11,7 +11,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.discrete.constraints import ActiveSet
+from varint.discrete.constraints import ActiveSet, velocity_rows
 from varint.integration.switches.accelerations import acceleration, push_without_force, rate_of
 from varint.integration.switches.frozen import FrozenScene, frozen_scene, with_force
 from varint.integration.switches.holding import force_by_numbers, held_force
@@ -22,6 +22,7 @@ from varint.scene.system import System
 
 DERIVATIVES = 3  # in time of what switches, that tell on which side the motion goes on
 MANY = 3  # switches that may hold a motion, in 2³ ways
+SOME, APART = 3, 1e-9  # states and smallest singular value by which directions are told apart
 SEEN = 30_000  # operations of an acceleration at most
 
 
@@ -83,6 +84,35 @@ def slidable(system: System) -> tuple[int, ...]:
         if not ca.depends_on(ca.vertcat(frozen.system.lagrangian, frozen.sigma), s):
             found.append(j)
     return tuple(found)
+
+
+@per_system
+def _slopes_somewhere(system: System) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Gradients by velocities of rows and of what switches, at some random states."""
+    frozen = _frozen(system)
+    s, random = frozen.system, np.random.default_rng(1)
+    x = [ca.jacobian(y, s.v) for y in (velocity_rows(s), frozen.sigma)]
+    function, found = _function("slopes", [s.q, s.v, s.t, s.c], x), []
+    for _ in range(SOME):
+        at = [random.uniform(0.1, 1.0, y.numel()) for y in (s.q, s.v, s.t)]
+        rows, sigma = (np.array(y) for y in function(*at, s.default_vector))
+        found.append((rows, sigma))
+    return found
+
+
+@per_system
+def hold_apart(system: System, sliding: tuple[int, ...]) -> bool:
+    """Whether each of some switches holds the motion in a direction of its own, that neither
+    constraints nor the others do: if not, it is not determined how much each of them holds.
+    """
+    for rows, sigma in _slopes_somewhere(system):
+        own = sigma[list(sliding)]
+        size = np.linalg.norm(own, axis=1, keepdims=True)
+        every = np.vstack([rows, own / np.where(size > 0, size, 1)])
+        before = np.linalg.matrix_rank(rows) if len(rows) else 0
+        if np.linalg.matrix_rank(every, tol=APART) == before + len(sliding):
+            return True
+    return False
 
 
 @per_system

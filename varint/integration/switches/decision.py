@@ -14,6 +14,7 @@ from varint.integration.switches.branch import (
     DERIVATIVES,
     Branch,
     branch_scene,
+    hold_apart,
     later_rates,
     slidable,
 )
@@ -132,6 +133,8 @@ def _held_together(
     values = np.array(branch.values)
     values[list(may_hold)] = np.where(inside, 0.0, x)
     held = tuple(j for j, holds in zip(may_hold, inside, strict=True) if holds)
+    if not hold_apart(system, held):
+        return None
     one = branch._replace(values=tuple(values.tolist()), sliding=held)
     return _settled(system, state, c, one, known)
 
@@ -155,6 +158,8 @@ def _candidates(
     assert found is not None
     sigma = found[0]
     for sliding in order:
+        if not hold_apart(system, sliding):
+            continue
         free = [j for j in at_zero if j not in sliding]
         sides = []
         for j in free:

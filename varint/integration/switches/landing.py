@@ -133,18 +133,16 @@ def _branch_after(
     least = UNMOVED * call(_speed_function(system), *at, extent.fast)[0]
     stays = np.abs(sigma[1][0] - sigma[0][0]) <= least
     sliding = tuple(j for j in branch.sliding if stays[j] and j not in tied)
-    values = list(branch.values)
-    for j in branch.sliding:
-        if j not in sliding and j not in tied:
-            values[j] = float(np.sign(sigma[1][0][j])) or 1.0
-    for j, side in tied.items():
-        own = float(np.sign(sigma[1][0][j]))
-        leaves = side * np.sign(course.problem.h)
-        values[j] = leaves if abs(sigma[1][0][j]) <= least[j] else own
+    now, counts = sigma[1][0], _counts(system)
     # what an impact leaves at rest is at zero, whatever round-off says
-    still = np.flatnonzero((np.abs(sigma[1][0]) <= least) & ~np.array(_counts(system)))
-    at_zero = sorted({*sliding, *still.tolist()} - {*tied, *clocks})
-    one = branch._replace(values=tuple(values), sliding=sliding)
+    still = (np.abs(now) <= least) & ~counts
+    known = np.array(branch.values)
+    own = np.where(counts, np.floor(now), np.where(still | (now == 0), known, np.sign(now)))
+    own[clocks] = known[clocks]
+    for j, side in tied.items():
+        own[j] = side * np.sign(course.problem.h) if still[j] else own[j]
+    at_zero = sorted({*sliding, *np.flatnonzero(still).tolist()} - {*tied, *clocks})
+    one = branch._replace(values=tuple(own.tolist()), sliding=sliding)
     return next_branch(course, after, one, at_zero, [*clocks, *tied])
 
 

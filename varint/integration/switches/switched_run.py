@@ -141,6 +141,8 @@ def _refined(
 ) -> tuple[Choice, list[Piece]] | None:
     """Runs of twice as many steps each until they have come together; the best and its pieces."""
     system, rule, p = course.system, course.rule, course.rule.order
+    # at the ends of steps, which lie on switches, round-off chooses the side
+    looks = rule if rule.nodes[0] > 0 else gauss(max(len(rule.nodes) - 1, 1))
     frozen = frozen_scene(system)
     assert frozen is not None
     needed = ANGLE * (max(radians, 1.0) * phase_error(rule) / tol) ** (1 / p)
@@ -172,7 +174,7 @@ def _refined(
         rounded = _floor(motion, len(pieces), scales)
         estimate = max(apart * left / (1 - left), rounded)
         if estimate <= tol and not frozen.system.structure.autonomous:
-            estimate = max(estimate, missed_impulse(system, rule, motion, scales, tol))
+            estimate = max(estimate, missed_impulse(system, looks, motion, scales, tol))
         found = Choice(rule, len(motion) - 1, motion, estimate, runs, estimate <= tol)
         if best is None or estimate < best[0].estimate:
             best = found, pieces

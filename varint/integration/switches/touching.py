@@ -54,9 +54,10 @@ def _with_contacts(
     a, reactions = found
     inputs = [s.q, s.v, s.t, s.c]
     margin, rate = inner.margins(*inputs)
-    tied = ties(system, active_set)
+    tied = ties(system, active_set, sliding)
     kept = [i for i, (j, _) in enumerate(inner.watched) if j not in tied]
-    free = [i for i in range(system.contact.numel()) if i not in active_set.holding]
+    rests = _still_gaps(system, active_set, sliding)
+    free = [i for i, still in enumerate(rests) if not (still or i in active_set.holding)]
     first = len(active_set.rows)  # the rows of contacts come before the non-holonomic ones
     pushes = ca.vertcat(
         ca.SX(0, 1), *(reactions[first + i] for i in range(len(active_set.contacts)))
@@ -108,29 +109,49 @@ def with_contacts(system: System, sliding: tuple[int, ...], active_set: ActiveSe
 
 
 @per_system
-def ties(system: System, active_set: ActiveSet) -> dict[int, float]:
-    """Switches that stay at zero as long as contacts hold, as velocities across a floor at rest
-    do, and the signs that they have where these let go.
+def ties(system: System, active_set: ActiveSet, sliding: tuple[int, ...] = ()) -> dict[int, float]:
+    """Switches that stay at zero as long as contacts and other switches hold, as velocities across
+    a floor at rest do, and the signs that they have where these contacts let go.
     """
-    if not active_set.holding:
-        return {}
+    frozen = frozen_scene(active_set.scene(system))
+    assert frozen is not None
+    tied, parts = _kept_at_zero(system, active_set, sliding, frozen.sigma)
+    tied[list(sliding)] = False
+    tied &= ~frozen.counts
+    return {j: 1.0 if parts[j] >= 0 else -1.0 for j in np.flatnonzero(tied).tolist()}
+
+
+def _still_gaps(system: System, active_set: ActiveSet, sliding: tuple[int, ...]) -> np.ndarray:
+    """Which gaps stay as they are as long as contacts and switches hold."""
+    s = system
+    rate = ca.jtimes(s.contact, s.q, s.v) + ca.jacobian(s.contact, s.t)
+    return _kept_at_zero(system, active_set, sliding, rate)[0]
+
+
+def _kept_at_zero(
+    system: System, active_set: ActiveSet, sliding: tuple[int, ...], x: ca.SX
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which expressions of velocities are zero wherever contacts and switches hold, as far as some
+    random states tell, and how much of the contacts' rates is in them.
+    """
     frozen = frozen_scene(active_set.scene(system))
     assert frozen is not None
     s, first = frozen.system, len(active_set.rows)
-    rows = velocity_rows(s)
-    outputs = [frozen.sigma, ca.jacobian(frozen.sigma, s.v), rows, ca.jacobian(rows, s.v)]
-    function = ca.Function("ties", [s.q, s.v, s.t, s.c], [ca.densify(x) for x in outputs])
+    rows = ca.vertcat(velocity_rows(s), *(frozen.sigma[j] for j in sliding))
+    if not rows.numel():
+        return np.zeros(x.numel(), dtype=bool), np.zeros(x.numel())
+    outputs = [x, ca.jacobian(x, s.v), rows, ca.jacobian(rows, s.v)]
+    function = ca.Function("kept", [s.q, s.v, s.t, s.c], [ca.densify(y) for y in outputs])
     random, seen = np.random.default_rng(1), []
     for _ in range(LOOKS):
-        q, v, t = (random.uniform(0.1, 1.0, x.numel()) for x in (s.q, s.v, s.t))
-        off, slope = (np.array(x) for x in function(q, v, t, s.default_vector)[2:])
+        q, v, t = (random.uniform(0.1, 1.0, y.numel()) for y in (s.q, s.v, s.t))
+        off, slope = (np.array(y) for y in function(q, v, t, s.default_vector)[2:])
+        fast = np.abs(v).max()
         v = v - (np.linalg.pinv(slope) @ off).ravel()
-        sigma, of_sigma = (np.array(x) for x in function(q, v, t, s.default_vector)[:2])
-        parts = np.linalg.lstsq(slope.T, of_sigma.T, rcond=None)[0]
-        left = np.abs(of_sigma.T - slope.T @ parts).max(axis=0)
-        size = np.abs(of_sigma).max(axis=1)
-        still = np.abs(sigma.ravel()) <= TIED * size * np.abs(v).max()
+        value, of_x = (np.array(y) for y in function(q, v, t, s.default_vector)[:2])
+        parts = np.linalg.lstsq(slope.T, of_x.T, rcond=None)[0]
+        left = np.abs(of_x.T - slope.T @ parts).max(axis=0)
+        size = np.abs(of_x).max(axis=1)
+        still = np.abs(value.ravel()) <= TIED * size * fast
         seen.append((size > 0) & (left <= TIED * size) & still)
-    signs = parts[first : first + len(active_set.contacts)].sum(axis=0)
-    tied = np.all(seen, axis=0) & ~frozen.counts
-    return {j: 1.0 if signs[j] >= 0 else -1.0 for j in np.flatnonzero(tied).tolist()}
+    return np.all(seen, axis=0), parts[first : first + len(active_set.contacts)].sum(axis=0)
