@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
 from varint.codegen.algebra import graph_of
 from varint.codegen.graph import Graph, fused, needed, operations, uniform_nodes
 from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
+from varint.codegen.repeats import Repeats
+from varint.codegen.repeats_in_c import c_repeats
 from varint.codegen.rolled import INFIX, Forms, c_expression, c_loops, group_by_form
 
 # operations from which on a function is not written into its callers: the compiler takes longer, no
@@ -19,6 +22,8 @@ LONG = 300
 APART = "static __attribute__((noinline, noclone, unused))"
 WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
 ROLLED = 0.5  # forms for an operation at most: more are not worth loops
+REPEATED = 0.6  # of the statements at most, where blocks that repeat are written once
+SHORT = 16  # operations of a block on average: to call shorter ones takes as long as what they do
 
 
 @dataclass(frozen=True)
@@ -121,19 +126,77 @@ def emit_graph(
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(len(graph.outputs))]
-    parts = [] if forms or len(body) <= LARGEST else c_parts(name, statements, stores)
     kind = "INLINE" if len(prepare) <= LARGEST else APART
     source = _function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
-    largest = max((len(part.body) for part in parts), default=len(body))
-    for part in parts:
-        source += _function(APART, part.name, [*arguments, "V *m"], part.body)
-    source += _function(
-        "INLINE" if len(body) <= LONG else APART,
-        name,
-        arguments,
-        calls_of(parts, arguments) or body,
+    if forms or len(body) <= LARGEST:
+        pieces = Pieces("", body, len(body), len(body))
+    else:
+        parts = _parts(name, statements, stores, arguments)
+        found = _repeats(graph, live, uniform)
+        pieces = _repeated(name, found, arguments, stride, constant, place) if found else parts
+        if pieces.length > REPEATED * parts.length or pieces.largest > LARGEST:
+            pieces = parts
+    whole = _function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)
+    source += pieces.before + whole
+    return Emitted(source, len(kept), count, roots, pieces.length, pieces.largest)
+
+
+class Pieces(NamedTuple):
+    """The body of a function, the C source before it that it calls, the statements of both, and
+    most of them in one C function.
+    """
+
+    before: str
+    body: list[str]
+    length: int
+    largest: int
+
+
+def _repeats(graph: Graph, live: list[int], uniform: list[bool]) -> Repeats | None:
+    """The operations in blocks, where these are long enough and many of one form."""
+    pairs = sine_and_cosine(graph, live, uniform)
+    varying = [i for i in live if not uniform[i] and graph.nodes[i][0] != "input"]
+    units = [pairs.get(i, (i,)) for i in varying if pairs.get(i) != (0, 0)]
+    found = Repeats(graph, units, uniform)
+    if found.written() > REPEATED * len(units):
+        return None
+    found.join()
+    return found if len(units) > SHORT * len(found.order) else None
+
+
+def _repeated(
+    name: str,
+    found: Repeats,
+    arguments: list[str],
+    stride: str,
+    constant: Callable[[int], str],
+    place: Callable[[int], int],
+) -> Pieces:
+    """The function as blocks that repeat, each form once."""
+    blocks = c_repeats(name, found, _called(arguments), stride, constant, place)
+    before = blocks.tables + "".join(
+        _function(APART, part, [*arguments, "const int32_t *at", "const double *c", "V *m"], text)
+        for part, text in blocks.functions.items()
     )
-    return Emitted(source, len(kept), count, roots, len(body), largest)
+    largest = max(len(blocks.calls), *map(len, blocks.functions.values()))
+    return Pieces(before, blocks.calls, blocks.length, largest)
+
+
+def _parts(
+    name: str, statements: list[Statement], stores: list[Statement], arguments: list[str]
+) -> Pieces:
+    """The function as parts of bounded length, one after the other."""
+    parts = c_parts(name, statements, stores)
+    before = "".join(_function(APART, x.name, [*arguments, "V *m"], x.body) for x in parts)
+    length = sum(len(x.body) for x in parts)
+    return Pieces(
+        before, calls_of(parts, _called(arguments)), length, max(len(x.body) for x in parts)
+    )
+
+
+def _called(arguments: list[str]) -> str:
+    """The arguments as those who call the function's parts write them."""
+    return ", ".join(x.split("*")[-1].split()[-1] for x in arguments)
 
 
 def _forms(graph: Graph, last: int, written_out: int) -> Forms | None:

@@ -1,0 +1,255 @@
+"""Long graphs as blocks that repeat: what is done for every link of a machine is found again and
+again, and needs to be written once.
+
+Operations with the same first and last component of the arguments that they depend on, and of the
+outputs that depend on them, belong together: in a recursion over links these are the operations of
+one link in one direction. On any way from operation to operation the components reach further
+before and less far behind, so that no value leaves a block and comes back. Blocks of the same form,
+in an order of evaluation, become longer ones as long as the same two follow one another often.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Hashable, Iterator, Sequence
+from itertools import pairwise
+
+from varint.codegen.graph import COMMUTATIVE, Graph
+
+OFTEN = 4  # times that two blocks follow one another before they become one
+LONGEST = 300  # operations of a block that is made of others
+GROWTH = 8  # operations more to write that two blocks in one are worth, each time they are met
+PRODUCTS = ("fma", "fms", "fnma")  # whose first two operands may be exchanged
+Unit = tuple[int, ...]  # an operation, or the sine and the cosine of an angle
+Block = tuple[Unit, ...]
+
+
+Reach = dict[int, tuple[int, int]]  # of arguments or outputs of a length: first, last component
+
+
+def _wider(a: Reach, b: Reach) -> Reach:
+    """What both reach, and what lies between."""
+    result = dict(a)
+    for size, (first, last) in b.items():
+        low, high = result.get(size, (first, last))
+        result[size] = (min(low, first), max(high, last))
+    return result
+
+
+class Repeats:
+    """The operations of a graph in blocks, in an order of evaluation.
+
+    Attributes
+    ----------
+    order : list of Block
+    shapes : list of int
+        Equal numbers for blocks that differ in places and numbers alone.
+    stored : dict
+        Node → the outputs it is, as (output, row).
+    """
+
+    def __init__(self, graph: Graph, units: Sequence[Unit], uniform: Sequence[bool]) -> None:
+        self.graph, self.uniform = graph, uniform
+        self.known: dict[Hashable, int] = {}
+        self.taken: dict[Unit, tuple[int, ...]] = {
+            unit: tuple(graph.nodes[unit[0]][1:]) for unit in units
+        }
+        self.stored: dict[int, list[tuple[int, int]]] = defaultdict(list)
+        for k, output in enumerate(graph.outputs):
+            for row, i in enumerate(output):
+                self.stored[i].append((k, row))
+        self.order = self._evaluated([self._in_form(block) for block in self._split(units)])
+        self.shapes = [self.shape(block) for block in self.order]
+
+    def varying(self, i: int) -> bool:
+        """Is node i an operation, whose value is not the same all the time?"""
+        return not self.uniform[i] and self.graph.nodes[i][0] != "input"
+
+    def label(self, key: Hashable) -> int:
+        """The same number for the same key."""
+        return self.known.setdefault(key, len(self.known))
+
+    def _split(self, units: Sequence[Unit]) -> list[list[Unit]]:
+        """Units by the first and the last component of the arguments that they depend on, and of
+        the outputs that depend on them, in the order of evaluation.
+        """
+        nodes, sizes = self.graph.nodes, list(map(len, self.graph.outputs))
+        rows: dict[int, int] = defaultdict(int)
+        for name, *rest in nodes:
+            if name == "input":
+                rows[rest[0]] = max(rows[rest[0]], rest[1] + 1)
+        before: dict[int, Reach] = {}
+        after: dict[int, Reach] = {}
+        for unit in units:
+            seen: Reach = {}
+            for j in self.taken[unit]:
+                if not self.uniform[j]:
+                    if nodes[j][0] == "input":
+                        _, k, row = nodes[j]
+                        before[j] = {rows[k]: (row, row)}
+                    seen = _wider(seen, before[j])
+            before |= dict.fromkeys(unit, seen)
+        for i, places in self.stored.items():
+            for k, row in places:
+                after[i] = _wider(after.get(i, {}), {sizes[k]: (row, row)})
+        found: dict[tuple, list[Unit]] = defaultdict(list)
+        for unit in reversed(units):
+            use: Reach = {}
+            for i in unit:
+                use = _wider(use, after.get(i, {}))
+            for j in self.taken[unit]:
+                after[j] = _wider(after.get(j, {}), use)
+            key = tuple(sorted(before[unit[0]].items())), tuple(sorted(use.items()))
+            found[key].append(unit)
+        return [block[::-1] for block in reversed(found.values())]
+
+    def _in_form(self, block: Sequence[Unit]) -> Block:
+        """The block's units in an order that depends on its form alone, and their operands."""
+        within = {i: unit for unit in block for i in unit}
+        past: dict[int, int] = {}  # node → label of what it is made of
+        depth: dict[Unit, int] = {}
+        for unit in block:
+            for j in self.taken[unit]:
+                past.setdefault(j, self.label(self._kind(j)))
+            depth[unit] = 1 + max(
+                (depth[within[j]] for j in self.taken[unit] if j in within), default=0
+            )
+            name = self.graph.nodes[unit[0]][0]
+            made = tuple(tuple(sorted(past[j] for j in part)) for part in self._parts(unit))
+            ends = tuple(tuple(k for k, _ in self.stored.get(i, ())) for i in unit)
+            for n, i in enumerate(unit):
+                past[i] = self.label((name, len(unit), n, made, ends))
+        future: dict[int, list[tuple[int, int]]] = defaultdict(list)
+        full: dict[int, int] = {}
+
+        def whole(i: int) -> int:
+            if i not in full:
+                full[i] = self.label((past[i], tuple(sorted(future[i]))))
+            return full[i]
+
+        for unit in reversed(block):
+            use = self.label(tuple(whole(i) for i in unit))
+            for n, part in enumerate(self._parts(unit)):
+                for j in part:
+                    future[j].append((use, n))
+        for unit in block:
+            self.taken[unit] = tuple(
+                j for part in self._parts(unit) for j in sorted(part, key=whole)
+            )
+        return tuple(sorted(block, key=lambda unit: (depth[unit], [whole(i) for i in unit])))
+
+    def _parts(self, unit: Unit) -> list[tuple[int, ...]]:
+        """The operands of a unit; those that may be exchanged together."""
+        name, taken = self.graph.nodes[unit[0]][0], self.taken[unit]
+        if name in COMMUTATIVE:
+            return [taken]
+        if name in PRODUCTS:
+            return [taken[:2], taken[2:]]
+        return [(j,) for j in taken]
+
+    def _kind(self, i: int) -> tuple:
+        """Where a value from outside a block comes from."""
+        name, *rest = self.graph.nodes[i]
+        if name == "const":
+            return ("number",)
+        if self.uniform[i]:
+            return ("same",)
+        return ("input", rest[0]) if name == "input" else ("value",)
+
+    def shape(self, block: Block) -> int:
+        """A number for the block's form."""
+        places: dict[int, int] = {}
+        form: list[tuple] = []
+        for unit in block:
+            taken: list[Hashable] = []
+            for j in self.taken[unit]:
+                if self.uniform[j]:
+                    taken.append(self._kind(j))
+                else:
+                    known = j in places
+                    place = places.setdefault(j, len(places))
+                    taken.append(place if known else (place, self._kind(j)))
+            for i in unit:
+                places[i] = len(places)
+            ends = tuple(tuple(k for k, _ in self.stored.get(i, ())) for i in unit)
+            form.append((self.graph.nodes[unit[0]][0], len(unit), tuple(taken), ends))
+        return self.label(tuple(form))
+
+    def _evaluated(self, blocks: Sequence[Block]) -> list[Block]:
+        """The blocks in an order of evaluation, each as late as the next that needs it allows."""
+        home = {i: k for k, block in enumerate(blocks) for unit in block for i in unit}
+        waiting: list[tuple[int, Iterator[int]]] = []
+        done: dict[int, Block] = {}
+        for last in range(len(blocks)):
+            waiting.append((last, iter((last,))))
+            while waiting:
+                k, needed = waiting[-1]
+                following = next((j for j in needed if j not in done), None)
+                if following is None:
+                    waiting.pop()
+                    done[k] = blocks[k]
+                else:
+                    waiting.append((following, self._needed(blocks[following], home, following)))
+        return list(done.values())
+
+    def _needed(self, block: Block, home: dict[int, int], own: int) -> Iterator[int]:
+        taken = (j for unit in block for j in self.taken[unit] if self.varying(j))
+        return (home[j] for j in taken if home[j] != own)
+
+    def written(self) -> int:
+        """Operations of the blocks, those of one form counted once."""
+        sizes = zip(self.shapes, map(len, self.order), strict=True)
+        return sum(dict(sizes).values())
+
+    def join(self) -> None:
+        """Make one block of two that follow one another often, the most frequent first, and then
+        of all that follow one another and whose forms are met only once.
+        """
+        refused: set[tuple[int, int]] = set()
+        while True:
+            found = Counter(
+                pair
+                for pair, (a, b) in zip(pairwise(self.shapes), pairwise(self.order), strict=True)
+                if pair not in refused and pair[0] != pair[1] and len(a) + len(b) <= LONGEST
+            )
+            pair, count = max(found.items(), key=lambda item: item[::-1], default=((0, 0), 0))
+            if count < OFTEN:
+                return self._gather()
+            if not self._replaced(pair):
+                refused.add(pair)
+
+    def _replaced(self, pair: tuple[int, int]) -> bool:
+        """Make one block of this pair wherever the whole has a frequent form; False where that is
+        nowhere, or there would be much more to write.
+        """
+        at, k = list[int](), 0
+        while k + 1 < len(self.order):
+            if (self.shapes[k], self.shapes[k + 1]) == pair:
+                at.append(k)
+                k += 1
+            k += 1
+        whole = {k: self.order[k] + self.order[k + 1] for k in at}
+        shapes = {k: self.shape(block) for k, block in whole.items()}
+        count = Counter(shapes.values())
+        chosen = [k for k in at if count[shapes[k]] >= OFTEN]
+        more = len(whole[at[0]]) * len({shapes[k] for k in chosen})
+        for n, shape in enumerate(pair):
+            if self.shapes.count(shape) == len(chosen):
+                more -= len(self.order[at[0] + n])
+        if more > GROWTH * len(chosen):
+            return False
+        for k in reversed(chosen):
+            self.order[k : k + 2] = [whole[k]]
+            self.shapes[k : k + 2] = [shapes[k]]
+        return bool(chosen)
+
+    def _gather(self) -> None:
+        often, order = Counter(self.shapes), list[Block]()
+        alone = False
+        for block, shape in zip(self.order, self.shapes, strict=True):
+            if alone and often[shape] == 1 and len(order[-1]) + len(block) <= LONGEST:
+                order[-1] += block
+            else:
+                order.append(block)
+            alone = often[shape] == 1
+        self.order, self.shapes = order, [self.shape(block) for block in order]
