@@ -131,9 +131,10 @@ def emit_graph(
     if forms or len(body) <= LARGEST:
         pieces = Pieces("", body, len(body), len(body))
     else:
-        parts = _parts(name, statements, stores, arguments)
+        pieces = parts = _parts(name, statements, stores, arguments)
         found = _repeats(graph, live, uniform)
-        pieces = _repeated(name, found, arguments, stride, constant, place) if found else parts
+        if found:
+            pieces = _repeated(name, found, arguments, stride, constant, place)
         if pieces.length > REPEATED * parts.length or pieces.largest > LARGEST:
             pieces = parts
     whole = _function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)

@@ -10,8 +10,9 @@ in an order of evaluation, become longer ones as long as the same two follow one
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from itertools import pairwise
 
 from varint.codegen.graph import COMMUTATIVE, Graph
@@ -24,16 +25,16 @@ Unit = tuple[int, ...]  # an operation, or the sine and the cosine of an angle
 Block = tuple[Unit, ...]
 
 
-Reach = dict[int, tuple[int, int]]  # of arguments or outputs of a length: first, last component
+Reach = tuple[float, float]  # the first and the last component
+NOTHING: Reach = (math.inf, -math.inf)
 
 
-def _wider(a: Reach, b: Reach) -> Reach:
-    """What both reach, and what lies between."""
-    result = dict(a)
-    for size, (first, last) in b.items():
-        low, high = result.get(size, (first, last))
-        result[size] = (min(low, first), max(high, last))
-    return result
+def _wider(reaches: Iterable[Reach]) -> Reach:
+    """What all reach, and what lies between."""
+    low, high = NOTHING
+    for first, last in reaches:
+        low, high = min(low, first), max(high, last)
+    return low, high
 
 
 class Repeats:
@@ -72,35 +73,33 @@ class Repeats:
     def _split(self, units: Sequence[Unit]) -> list[list[Unit]]:
         """Units by the first and the last component of the arguments that they depend on, and of
         the outputs that depend on them, in the order of evaluation.
+
+        Only what is as long as the first argument counts, the coordinates: other arrays are in no
+        order of the scene's.
         """
-        nodes, sizes = self.graph.nodes, list(map(len, self.graph.outputs))
-        rows: dict[int, int] = defaultdict(int)
-        for name, *rest in nodes:
-            if name == "input":
-                rows[rest[0]] = max(rows[rest[0]], rest[1] + 1)
+        nodes = self.graph.nodes
+        last: dict[int, int] = defaultdict(int)  # component of every argument
+        for node in nodes:
+            if node[0] == "input":
+                last[node[1]] = max(last[node[1]], node[2])
         before: dict[int, Reach] = {}
         after: dict[int, Reach] = {}
+        for i, node in enumerate(nodes):
+            if node[0] == "input":
+                before[i] = (node[2], node[2]) if last[node[1]] == last[0] else NOTHING
         for unit in units:
-            seen: Reach = {}
-            for j in self.taken[unit]:
-                if not self.uniform[j]:
-                    if nodes[j][0] == "input":
-                        _, k, row = nodes[j]
-                        before[j] = {rows[k]: (row, row)}
-                    seen = _wider(seen, before[j])
+            seen = _wider(before.get(j, NOTHING) for j in self.taken[unit])
             before |= dict.fromkeys(unit, seen)
         for i, places in self.stored.items():
-            for k, row in places:
-                after[i] = _wider(after.get(i, {}), {sizes[k]: (row, row)})
-        found: dict[tuple, list[Unit]] = defaultdict(list)
+            after[i] = _wider(
+                (row, row) for k, row in places if len(self.graph.outputs[k]) == 1 + last[0]
+            )
+        found: dict[tuple[Reach, Reach], list[Unit]] = defaultdict(list)
         for unit in reversed(units):
-            use: Reach = {}
-            for i in unit:
-                use = _wider(use, after.get(i, {}))
+            use = _wider(after.get(i, NOTHING) for i in unit)
             for j in self.taken[unit]:
-                after[j] = _wider(after.get(j, {}), use)
-            key = tuple(sorted(before[unit[0]].items())), tuple(sorted(use.items()))
-            found[key].append(unit)
+                after[j] = _wider((after.get(j, NOTHING), use))
+            found[before[unit[0]], use].append(unit)
         return [block[::-1] for block in reversed(found.values())]
 
     def _in_form(self, block: Sequence[Unit]) -> Block:
