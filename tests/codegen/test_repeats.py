@@ -9,11 +9,12 @@ import pytest
 
 import varint as vi
 import varint.multibody as mb
-from varint.codegen import emit, source
+from varint.codegen import emit, pieces, source
 from varint.codegen.cache import compiler
-from varint.codegen.emit import emit_graph, sine_and_cosine
+from varint.codegen.emit import emit_graph
 from varint.codegen.gauss import gauss_scheme
-from varint.codegen.graph import needed, operands, uniform_nodes
+from varint.codegen.graph import needed, operands, sine_and_cosine, uniform_nodes
+from varint.codegen.joined import join
 from varint.codegen.repeats import Repeats
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -50,7 +51,7 @@ def blocks(routine):
 def test_blocks_follow_one_another_in_an_order_of_evaluation(name, joined):
     units, found = blocks(functions(12)[name])
     if joined:
-        found.join()
+        join(found)
     assert sorted(unit for block in found.order for unit in block) == sorted(units)
     known = set()
     for block in found.order:
@@ -65,7 +66,7 @@ def test_what_is_written_does_not_grow_with_the_links():
     lengths = []
     for links in (18, 36):
         units, found = blocks(functions(links)["inertia"])
-        found.join()
+        join(found)
         lengths.append(found.written())
     assert lengths[1] < 1.2 * lengths[0]
     assert 3 * lengths[1] < len(units)
@@ -91,7 +92,8 @@ def test_blocks_give_the_bytes_of_what_is_written_out(scene, least, monkeypatch,
     written = []
     monkeypatch.setattr(emit, "LARGEST", least)
     monkeypatch.setattr(emit, "REPEATED", 100.0)
-    monkeypatch.setattr(emit, "SHORT", 0)
+    monkeypatch.setattr(pieces, "SHORT", 0)
+    monkeypatch.setattr(pieces, "REPEATED", 100.0)
     monkeypatch.setattr(
         source, "emit_graph", lambda *a: written.append(emit_graph(*a)) or written[-1]
     )
@@ -101,4 +103,4 @@ def test_blocks_give_the_bytes_of_what_is_written_out(scene, least, monkeypatch,
 
 def test_blocks_that_are_met_once_are_not_worth_it():
     graph, last = gauss_scheme(chain(2), 2).functions["inertia"]
-    assert emit._repeats(graph, sorted(needed(graph)), uniform_nodes(graph, last)) is None
+    assert pieces.repeats_of(graph, sorted(needed(graph)), uniform_nodes(graph, last)) is None

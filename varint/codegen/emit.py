@@ -5,25 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import casadi as ca
 
 from varint.codegen.algebra import graph_of
-from varint.codegen.graph import Graph, fused, needed, operations, uniform_nodes
-from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
-from varint.codegen.repeats import Repeats
-from varint.codegen.repeats_in_c import c_repeats
+from varint.codegen.graph import (
+    Graph,
+    fused,
+    needed,
+    operations,
+    sine_and_cosine,
+    uniform_nodes,
+)
+from varint.codegen.parts import LARGEST, Statement
+from varint.codegen.pieces import (
+    APART,
+    REPEATED,
+    Pieces,
+    c_function,
+    in_blocks,
+    in_parts,
+    repeats_of,
+)
 from varint.codegen.rolled import INFIX, Forms, c_expression, c_loops, group_by_form
 
 # operations from which on a function is not written into its callers: the compiler takes longer, no
 # gain
 LONG = 300
-APART = "static __attribute__((noinline, noclone, unused))"
 WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
 ROLLED = 0.5  # forms for an operation at most: more are not worth loops
-REPEATED = 0.6  # of the statements at most, where blocks that repeat are written once
-SHORT = 16  # operations of a block on average: to call shorter ones takes as long as what they do
 
 
 @dataclass(frozen=True)
@@ -127,77 +137,19 @@ def emit_graph(
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(len(graph.outputs))]
     kind = "INLINE" if len(prepare) <= LARGEST else APART
-    source = _function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
+    source = c_function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
     if forms or len(body) <= LARGEST:
         pieces = Pieces("", body, len(body), len(body))
     else:
-        pieces = parts = _parts(name, statements, stores, arguments)
-        found = _repeats(graph, live, uniform)
+        pieces = parts = in_parts(name, statements, stores, arguments)
+        found = repeats_of(graph, live, uniform)
         if found:
-            pieces = _repeated(name, found, arguments, stride, constant, place)
+            pieces = in_blocks(name, found, arguments, stride, constant, place)
         if pieces.length > REPEATED * parts.length or pieces.largest > LARGEST:
             pieces = parts
-    whole = _function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)
+    whole = c_function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)
     source += pieces.before + whole
     return Emitted(source, len(kept), count, roots, pieces.length, pieces.largest)
-
-
-class Pieces(NamedTuple):
-    """The body of a function, the C source before it that it calls, the statements of both, and
-    most of them in one C function.
-    """
-
-    before: str
-    body: list[str]
-    length: int
-    largest: int
-
-
-def _repeats(graph: Graph, live: list[int], uniform: list[bool]) -> Repeats | None:
-    """The operations in blocks, where these are long enough and many of one form."""
-    pairs = sine_and_cosine(graph, live, uniform)
-    varying = [i for i in live if not uniform[i] and graph.nodes[i][0] != "input"]
-    units = [pairs.get(i, (i,)) for i in varying if pairs.get(i) != (0, 0)]
-    found = Repeats(graph, units, uniform)
-    if found.written() > REPEATED * len(units):
-        return None
-    found.join()
-    return found if len(units) > SHORT * len(found.order) else None
-
-
-def _repeated(
-    name: str,
-    found: Repeats,
-    arguments: list[str],
-    stride: str,
-    constant: Callable[[int], str],
-    place: Callable[[int], int],
-) -> Pieces:
-    """The function as blocks that repeat, each form once."""
-    blocks = c_repeats(name, found, _called(arguments), stride, constant, place)
-    before = blocks.tables + "".join(
-        _function(APART, part, [*arguments, "const int32_t *at", "const double *c", "V *m"], text)
-        for part, text in blocks.functions.items()
-    )
-    largest = max(len(blocks.calls), *map(len, blocks.functions.values()))
-    return Pieces(before, blocks.calls, blocks.length, largest)
-
-
-def _parts(
-    name: str, statements: list[Statement], stores: list[Statement], arguments: list[str]
-) -> Pieces:
-    """The function as parts of bounded length, one after the other."""
-    parts = c_parts(name, statements, stores)
-    before = "".join(_function(APART, x.name, [*arguments, "V *m"], x.body) for x in parts)
-    length = sum(len(x.body) for x in parts)
-    return Pieces(
-        before, calls_of(parts, _called(arguments)), length, max(len(x.body) for x in parts)
-    )
-
-
-def _called(arguments: list[str]) -> str:
-    """The arguments as those who call the function's parts write them."""
-    return ", ".join(x.split("*")[-1].split()[-1] for x in arguments)
 
 
 def _forms(graph: Graph, last: int, written_out: int) -> Forms | None:
@@ -235,31 +187,6 @@ def _statements(
             text = f"V x{sine}, x{cosine}; v_sincos({value(rest[0])}, &x{sine}, &x{cosine});"
             result.append(Statement(text, (sine, cosine), (rest[0],)))
     return result
-
-
-def sine_and_cosine(
-    graph: Graph, live: list[int], uniform: list[bool]
-) -> dict[int, tuple[int, int]]:
-    """For each node that belongs to a sine and cosine of one angle: the pair at the first, (0,
-    0) at the second.
-    """
-    found: dict[int, dict[str, int]] = {}
-    for i in live:
-        if graph.nodes[i][0] in ("sin", "cos") and not uniform[i]:
-            found.setdefault(graph.nodes[i][1], {})[graph.nodes[i][0]] = i
-    pairs = {}
-    for both in found.values():
-        if len(both) == 2:
-            pairs[min(both.values())] = (both["sin"], both["cos"])
-            pairs[max(both.values())] = (0, 0)
-    return pairs
-
-
-def _function(kind: str, name: str, arguments: list[str], body: list[str]) -> str:
-    """A C function that may leave arguments unused."""
-    unused = " ".join(f"(void){x.split('*')[-1].split()[-1]};" for x in arguments)
-    head = f"{kind} void {name}({', '.join(arguments)}) {{"
-    return "\n    ".join([head, unused, *body]) + "\n}\n"
 
 
 def _once(node: tuple, value: Callable[[int], str]) -> str:

@@ -4,22 +4,18 @@ again, and needs to be written once.
 Operations with the same first and last component of the arguments that they depend on, and of the
 outputs that depend on them, belong together: in a recursion over links these are the operations of
 one link in one direction. On any way from operation to operation the components reach further
-before and less far behind, so that no value leaves a block and comes back. Blocks of the same form,
-in an order of evaluation, become longer ones as long as the same two follow one another often.
+before and less far behind, so that no value leaves a block and comes back.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
-from itertools import pairwise
 
 from varint.codegen.graph import COMMUTATIVE, Graph
 
-OFTEN = 4  # times that two blocks follow one another before they become one
-LONGEST = 300  # operations of a block that is made of others
-GROWTH = 8  # operations more to write that two blocks in one are worth, each time they are met
+FEW = 8  # operations of a block that is made part of another one
 PRODUCTS = ("fma", "fms", "fnma")  # whose first two operands may be exchanged
 Unit = tuple[int, ...]  # an operation, or the sine and the cosine of an angle
 Block = tuple[Unit, ...]
@@ -59,7 +55,8 @@ class Repeats:
         for k, output in enumerate(graph.outputs):
             for row, i in enumerate(output):
                 self.stored[i].append((k, row))
-        self.order = self._evaluated([self._in_form(block) for block in self._split(units)])
+        blocks = self._with_few(self._split(units))
+        self.order = self._evaluated([self._in_form(block) for block in blocks])
         self.shapes = [self.shape(block) for block in self.order]
 
     def varying(self, i: int) -> bool:
@@ -101,6 +98,25 @@ class Repeats:
                 after[j] = _wider((after.get(j, NOTHING), use))
             found[before[unit[0]], use].append(unit)
         return [block[::-1] for block in reversed(found.values())]
+
+    def _with_few(self, blocks: list[list[Unit]]) -> list[list[Unit]]:
+        """Short blocks as part of the only longer one that takes what they make, or makes what
+        they take.
+        """
+        home = {i: k for k, block in enumerate(blocks) for unit in block for i in unit}
+        takers: list[set[int]] = [set() for _ in blocks]
+        makers: list[set[int]] = [set() for _ in blocks]
+        for k, block in enumerate(blocks):
+            makers[k] = {home[j] for unit in block for j in self.taken[unit] if j in home} - {k}
+            for m in makers[k]:
+                takers[m].add(k)
+        for k, block in enumerate(blocks):
+            for others, after in ((takers[k], True), (makers[k], False)):
+                other = min(others, default=k) if len(others) == 1 else k
+                if 0 < len(blocks[k]) <= FEW < len(blocks[other]):
+                    blocks[other] = block + blocks[other] if after else blocks[other] + block
+                    blocks[k] = []
+        return [block for block in blocks if block]
 
     def _in_form(self, block: Sequence[Unit]) -> Block:
         """The block's units in an order that depends on its form alone, and their operands."""
@@ -199,56 +215,3 @@ class Repeats:
         """Operations of the blocks, those of one form counted once."""
         sizes = zip(self.shapes, map(len, self.order), strict=True)
         return sum(dict(sizes).values())
-
-    def join(self) -> None:
-        """Make one block of two that follow one another often, the most frequent first, and then
-        of all that follow one another and whose forms are met only once.
-        """
-        refused: set[tuple[int, int]] = set()
-        while True:
-            found = Counter(
-                pair
-                for pair, (a, b) in zip(pairwise(self.shapes), pairwise(self.order), strict=True)
-                if pair not in refused and pair[0] != pair[1] and len(a) + len(b) <= LONGEST
-            )
-            pair, count = max(found.items(), key=lambda item: item[::-1], default=((0, 0), 0))
-            if count < OFTEN:
-                return self._gather()
-            if not self._replaced(pair):
-                refused.add(pair)
-
-    def _replaced(self, pair: tuple[int, int]) -> bool:
-        """Make one block of this pair wherever the whole has a frequent form; False where that is
-        nowhere, or there would be much more to write.
-        """
-        at, k = list[int](), 0
-        while k + 1 < len(self.order):
-            if (self.shapes[k], self.shapes[k + 1]) == pair:
-                at.append(k)
-                k += 1
-            k += 1
-        whole = {k: self.order[k] + self.order[k + 1] for k in at}
-        shapes = {k: self.shape(block) for k, block in whole.items()}
-        count = Counter(shapes.values())
-        chosen = [k for k in at if count[shapes[k]] >= OFTEN]
-        more = len(whole[at[0]]) * len({shapes[k] for k in chosen})
-        for n, shape in enumerate(pair):
-            if self.shapes.count(shape) == len(chosen):
-                more -= len(self.order[at[0] + n])
-        if more > GROWTH * len(chosen):
-            return False
-        for k in reversed(chosen):
-            self.order[k : k + 2] = [whole[k]]
-            self.shapes[k : k + 2] = [shapes[k]]
-        return bool(chosen)
-
-    def _gather(self) -> None:
-        often, order = Counter(self.shapes), list[Block]()
-        alone = False
-        for block, shape in zip(self.order, self.shapes, strict=True):
-            if alone and often[shape] == 1 and len(order[-1]) + len(block) <= LONGEST:
-                order[-1] += block
-            else:
-                order.append(block)
-            alone = often[shape] == 1
-        self.order, self.shapes = order, [self.shape(block) for block in order]
