@@ -21,6 +21,7 @@ from varint.integration.trajectories import Run
 from varint.integration.two_runs import (
     FLOOR,
     SAMPLES,
+    WATCHED,
     Attempt,
     Course,
     Proved,
@@ -105,7 +106,7 @@ def by_plain_trials(
         off = one.found.rows[:: few // unit, 0] - q[:: many // unit]
         return with_early(np.abs(off, out=off) / scales)
 
-    course = Course(trial, apart, radians, system.structure.linear)
+    course = Course(trial, apart, radians, system.structure.linear, watched=WATCHED)
     return run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
 
 
