@@ -46,6 +46,7 @@ PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 # parts of a shorter coarse run, the first of which is looked at before the others are run; steps of
 # that part at least; fewest parts that are worth it
 WATCHED, FIRST_PART, FEWEST = 8, 8, 4
+SLOW = 20  # iterations a step of a part beyond which twice the steps take less time
 ATTEMPTS = 6
 SHARED = (256, 16), (96, 8)  # steps above which runs have so many parts that both can share
 CAUTION = 0.85  # of the rule's order is counted on at most

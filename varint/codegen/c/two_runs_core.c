@@ -22,7 +22,7 @@ typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
         stalled, part_close, caution, least, good, most, far, clear, secular_growth, left,
         uneven;
-    double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, poor, secular, level;
+    double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, slow, poor, secular, level;
     double quantiles[QUANTILES];
 } Limits;
 
@@ -121,7 +121,7 @@ static int64_t watched_parts(const TwoRuns *a, int64_t steps) {
 }
 
 /* A run of one of so many parts of the steps; `rows` are 0 where there was no memory. One of `watched` parts, more than one,
-   ends with the first of them where that is none. */
+   ends with the first of them where that is none. A part whose iteration contracts poorly is none, either. */
 static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to, Proved *found) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
@@ -134,9 +134,9 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     RunStats *const stats = (RunStats *)(carry + a->carry);
     carry[0] = 0;
     to->steps = steps, to->lost = 0, to->iterations = to->residual = 0;
-    const int64_t seen = watched > 1 ? steps / watched : 0;
-    int status = DONE, early = 0;
-    for (int64_t k = 0, end; k < count && status == DONE && !early; k = end) {
+    const int64_t seen = watched > 1 ? steps / watched : 0, first = a->pilot < count ? a->pilot : count;
+    int status = DONE, early = 0, slow = 0;
+    for (int64_t k = 0, end; k < count && status == DONE && !early && !slow; k = end) {
         end = count;
         if (k < seen) end = seen;
         if (k < a->pilot && a->pilot < end) end = a->pilot;
@@ -145,14 +145,18 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
             .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene});
         to->iterations += stats->iterations;
-        if (k < a->pilot && to->iterations > l->poor * end) return 0;
+        if (a->pilot && end == first && to->iterations > l->poor * end) {
+            if (part == 1 && end > seen) return 0;
+            slow = 1;
+        }
+        if ((end == seen || (part > 1 && end == count)) && to->iterations > l->slow * end) slow = 1;
         if (stats->residual > to->residual) to->residual = stats->residual;
-        if (end != seen || status != DONE) continue;
+        if (end != seen || status != DONE || slow) continue;
         energy_errors(a, to->rows, seen + 1, to->swing, room);
         early = !(expected_of(a, to) <= l->lost);
     }
     found->runs++;
-    to->lost = status != DONE;
+    to->lost = status != DONE || slow;
     if (!to->lost && !early) energy_errors(a, to->rows, count + 1, to->swing, room);
     return 1;
 }
