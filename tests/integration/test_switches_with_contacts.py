@@ -288,3 +288,17 @@ def test_sides_of_a_kink_at_nodes_are_no_missed_impulses():
     motion = vi.simulate(scene, q0=[0, 0.67], v0=[0.9, 0], duration=1.3)
     assert motion.stats["error_estimate"] < 1e-12 and len(motion) < 400
     assert motion.stats["switches_by_motion"] > 3
+
+
+@pytest.mark.parametrize("steps", [dict(), dict(h=0.02)])
+def test_derivatives_go_through_bounces_and_kinks_that_let_no_force_jump(steps):
+    """v |v| is as smooth at the apex as they need it; sign(v) is not."""
+    given = dict(v0=0.0, duration=1.2) | steps
+    scene, d = ball(lambda v: -0.3 * v * ca.fabs(v), 0.7), 1e-5
+    motion = vi.simulate(scene, q0=1.0, **given)
+    ends = [vi.simulate(scene, q0=x, **given) for x in (1 + d, 1 - d)]
+    slope = [(ends[0].q[-1] - ends[1].q[-1]) / (2 * d), (ends[0].v[-1] - ends[1].v[-1]) / (2 * d)]
+    assert motion.transition_matrix()[:, 0] == pytest.approx(np.ravel(slope), rel=1e-6)
+    dry = vi.simulate(ball(lambda v: -ca.sign(v), 0.7), q0=1.0, **given)
+    with pytest.raises(InputError, match="jump or kink"):
+        dry.transition_matrix()

@@ -91,7 +91,8 @@ def course_of(motion: Trajectory) -> Course:
             "a step of this run failed and was taken in parts: its derivatives are not available; "
             "run it with a smaller h"
         )
-    if switches := motion.stats.get("switches_by_motion"):
+    older = motion.stats.get("switches_by_motion")  # files that do not tell which of them jump
+    if switches := motion.stats.get("jumps_by_motion", older):
         raise InputError(
             f"the forces or potentials jump or kink {switches} times along this run, where its "
             "motion has it so: its derivatives are not available there; smooth what jumps, such as "

@@ -17,6 +17,7 @@ from varint.integration.switches.branch import Branch, slidable
 from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.frozen import frozen_scene
+from varint.integration.switches.jumping import jumping_times, switching_times
 from varint.integration.switches.loop import kernel_of
 from varint.integration.switches.touching import scene_in
 from varint.results.dense_output import node_tolerance, require_within
@@ -205,7 +206,8 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
     acting = np.array([x.branch.controls for x in pieces]).reshape(len(pieces), -1)
     q, p = np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1])
     sets, branch = active_sets(branches), np.append(each, each[-1:])
-    steps, ends = len(t) - 1, _switching_times(pieces)
+    steps, ends = len(t) - 1, switching_times(pieces)
+    jumps = jumping_times(course, pieces)
     system, rule = course.system, course.rule
     chosen = plan(scene_in(system, pieces[0].branch).system, rule)  # type: ignore[union-attr]
     motion = Trajectory(
@@ -234,19 +236,13 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
                 "residual": max(x.residual for x in pieces),
                 "switches": len(ends),
                 "switches_by_motion": int((~np.isin(ends, course.timetable.times)).sum()),
+                "jumps_by_motion": int((~np.isin(jumps, course.timetable.times)).sum()),
                 "interrupted": False,
             }
         ),
     )
     motion.__dict__["v"] = np.ascontiguousarray(states[:, 2])
     return motion
-
-
-def _switching_times(pieces: Sequence[Piece]) -> list[float]:
-    """When pieces begin whose branch, whatever contacts hold, is another one."""
-    kinds = [x.branch._replace(active_set=None) for x in pieces]
-    pairs = zip(pieces[1:], kinds[1:], kinds, strict=False)
-    return [float(x.t[0]) for x, after, before in pairs if after != before]
 
 
 def nodes_apart(one: Sequence[Piece], other: Sequence[Piece]) -> np.ndarray | None:
