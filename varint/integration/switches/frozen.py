@@ -44,11 +44,11 @@ class FrozenScene(NamedTuple):
 
 @per_system
 def frozen_scene(system: System) -> FrozenScene | None:
-    """The scene with its switches as parameters; None where it has none, or more than forces and
-    potentials switch, or it has contacts or no masses.
+    """The scene with its switches as parameters, contacts left open; None where it has none, or
+    more than forces and potentials switch, or it has no masses.
     """
     s = system
-    if s.contact.numel() or s.structure.degenerate:
+    if s.structure.degenerate or jumps(s.contact, ca.vertcat(s.q, s.t)):
         return None
     inputs = [s.q, s.v, s.t, s.c, s.control]
     operations = operations_of(ca.Function("scene", inputs, [s.lagrangian, ca.densify(s.force)]))
