@@ -8,9 +8,11 @@ Until they are met, Newton's steps need not keep v = q̇, so that a path that br
 motion grossly is led to a motion that keeps them where the discrete Euler–Lagrange equations, of
 second order in q alone, lead away (lifted Newton method: Albersmeyer & Diehl 2010).
 
-It is solved on half of the steps with a price on bends, then on twice as many as are asked for
-without it, where that fails first on all of them, and where that fails too all over without the
-price: coarse meshes forgive a wild path, and in a smooth motion a finer mesh has little to mend.
+It is solved on half of the steps, at a price on bends if the path breaks the equations of motion
+more than the straight line does; then on twice as many as are asked for, without a price; where
+that fails first on all of them, and where that fails too all over without the price. Coarse meshes
+forgive a wild path, and in a smooth motion a finer mesh has little to mend.
+
 The price, beside a cost of order one, is
 
     S = κ Σ_i ∫_0^1 (d²q_i/ds² / L_i)² ds,    s = t / T,  L_i the extent of the path in q_i,
@@ -21,17 +23,25 @@ the same in whatever units and for whatever duration.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from varint.control.coarse import RoughStart
 from varint.control.guess import Guess, build_start, hermite, read_guess, write_guess
-from varint.control.lifted_program import build_lifted_start, build_places, build_program
+from varint.control.lifted_program import (
+    Places,
+    build_lifted_start,
+    build_places,
+    build_program,
+)
+from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
 from varint.nlp.arrangement import natural_scales, plain_order
+from varint.nlp.program import NonlinearProgram
 from varint.nlp.solver import build_solver
 
 # a motion whose cost no longer changes much is good enough for a finer mesh, however far its
@@ -99,7 +109,8 @@ def lifted_start(problem: ControlProblem, progress: bool | None = False) -> Roug
     part = problem.phases[0]
     drawn = read_guess(part.phase, part.t0)
     rough, total, best = Rough(None, 0, False), 0, None
-    for price in (price_of_bends(problem, drawn), None):
+    prices = (price_of_bends(problem, drawn),) if _is_wild(problem, drawn) else ()
+    for price in (*prices, None):
         rough, finest = _on_finer_meshes(problem, drawn, price, progress)
         total += rough.iterations
         best = rough.guess or best
@@ -164,6 +175,30 @@ def _solved(
     u = Piecewise(mesh, np.array([0.5]), x[places.u][:, None])
     rough = Guess(path, u, float(shared[0]), shared[1:])
     return Rough(rough, found.iterations, found.stopped)
+
+
+def _is_wild(problem: ControlProblem, drawn: Guess) -> bool:
+    """Does a path break the equations of motion more than the straight line does? Others are near
+    the motion that is meant, whatever its bends.
+    """
+    phase, t0 = problem.phases[0].phase, problem.phases[0].t0
+    places = build_places(phase, phase.steps)
+    nlp = build_program(phase, t0, phase.mesh, places, None)
+    line = read_guess(replace(phase, guess=None), t0)
+    own, straight = (_misfit(phase, places, nlp, guess) for guess in (drawn, line))
+    return not own <= straight
+
+
+def _misfit(phase: CheckedPhase, places: Places, nlp: NonlinearProgram, guess: Guess) -> float:
+    """How much a path breaks the equations of motion with the controls that suit it best."""
+    x = np.clip(build_lifted_start(phase, phase.mesh, places, guess), nlp.x_low, nlp.x_high)
+    g, slopes = nlp.program.jacobian(x, nlp.p)
+    held = nlp.g_low == nlp.g_high
+    off = (g.full().ravel() - nlp.g_low)[held]
+    acting = slopes.full()[np.ix_(held, places.u.ravel())]
+    if not (np.isfinite(off).all() and np.isfinite(acting).all()):
+        return np.inf
+    return float(np.linalg.norm(off - acting @ np.linalg.lstsq(acting, off, rcond=None)[0]))
 
 
 def price_of_bends(problem: ControlProblem, drawn: Guess) -> np.ndarray:
