@@ -7,13 +7,15 @@ knows nothing of the tool. What counts is the time, the error at the end relativ
 coordinate of the motion, and whether that error keeps what the tolerance seems to promise. Beside
 them heyoka tuned in hindsight: its cheapest tolerance whose true error is below the wanted one.
 Calls are warm, tools take turns in one process, and the median counts; varint's is the default
-call, with everything compiled that it wants compiled.
+call, with everything compiled that it wants compiled: it is called for `WARM` seconds before, or
+until its loop is a compiled one. What it takes until then stands beside it.
 """
 
 from __future__ import annotations
 
 import re
 import sys
+import time
 import warnings
 from collections.abc import Iterator
 from itertools import chain
@@ -33,20 +35,17 @@ from varint.errors import VarintError
 from varint.numerics.arrays import call
 
 WANTED = (1e-3, 1e-6, 1e-9)
-TURNS = 5
+TURNS, ENOUGH = 5, 0.2  # at least, and more of what takes less than so many seconds together
+MOST_TURNS = 25
 SLOW = 2.0  # seconds of a run that is not repeated
+WARM, PAUSE, ONCE = 6.0, 0.5, 0.1  # seconds of calls at most, of waiting for the compiler, of calls
 NOT_THESE = ("chain of 30", "chain of 50")  # heyoka compiles for minutes
 KNOB = re.compile(r"(?:tol|epsilon)=([0-9.e+-]+)")
 
 
 def varint_settings(scene: Scene) -> Iterator[tuple[float, Setting]]:
-    model = scene.model
-
     def run(tol: float) -> np.ndarray:
-        start = {"q0": model.q0, "v0": model.v0, "duration": scene.duration}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            motion = vi.simulate(model.system, **start, tol=tol, progress=False)
+        motion = _motion(scene, tol)
         return np.concatenate([motion.q[-1], motion.p[-1]])
 
     for tol in WANTED:
@@ -76,11 +75,41 @@ def settings(scene: Scene) -> Iterator[tuple[float, Setting]]:
 
 def size_of(scene: Scene) -> float:
     """The largest coordinate of the motion."""
-    start = {"q0": scene.model.q0, "v0": scene.model.v0, "duration": scene.duration}
-    motion = vi.simulate(
-        scene.model.system, vi.gauss(8), **start, steps=scene.steps, backend="compiled"
-    )
-    return float(np.abs(motion.q).max())
+    return float(np.abs(_motion(scene, WANTED[1]).q).max())
+
+
+def _motion(scene: Scene, tol: float) -> vi.Trajectory:
+    model = scene.model
+    start = {"q0": model.q0, "v0": model.v0, "duration": scene.duration}
+    return vi.simulate(model.system, **start, tol=tol, progress=False)
+
+
+def warmed(scene: Scene) -> dict[float, float]:
+    """Median seconds of a call by its tolerance before anything of it is compiled, where nothing is
+    yet; it then is.
+    """
+    before = {}
+    for tol in WANTED:
+        taken = []
+        for _ in range(TURNS):
+            motion = _motion(scene, tol)
+            if motion.stats["backend"].startswith("compiled"):
+                break
+            taken.append(motion.stats["seconds"])
+            if taken[-1] > SLOW:
+                break
+        if taken:
+            before[tol] = median(taken)
+    for tol in WANTED:
+        began = perf_counter()
+        while perf_counter() - began < WARM:
+            until = perf_counter() + ONCE
+            while perf_counter() < until:
+                motion = _motion(scene, tol)
+            if motion.stats["backend"].startswith("compiled"):
+                break
+            time.sleep(PAUSE)
+    return before
 
 
 def tried(setting: Setting, exact: np.ndarray, size: float) -> tuple[float, float]:
@@ -98,9 +127,11 @@ def tried(setting: Setting, exact: np.ndarray, size: float) -> tuple[float, floa
 def again(chosen: list[Setting], seconds: dict[Setting, float]) -> dict[Setting, float]:
     """Median seconds of the settings, taken in turns."""
     times: dict[Setting, list[float]] = {setting: [] for setting in chosen}
-    for _ in range(TURNS):
+    for turn in range(MOST_TURNS):
         for setting, known in times.items():
             if not np.isfinite(seconds[setting]) or (known and known[0] > SLOW):
+                continue
+            if turn >= TURNS and sum(known) > ENOUGH:
                 continue
             setting.run()
             began = perf_counter()
@@ -111,7 +142,7 @@ def again(chosen: list[Setting], seconds: dict[Setting, float]) -> dict[Setting,
 
 def measured(name: str, scene: Scene) -> list[dict]:
     """A row a wanted error."""
-    exact, size = reference(scene)[0], size_of(scene)
+    exact, size, before = reference(scene)[0], size_of(scene), warmed(scene)
     knobs: dict[str, dict[float, Setting]] = {}
     for tol, setting in settings(scene):
         knobs.setdefault(setting.tool, {})[tol] = setting
@@ -136,12 +167,15 @@ def measured(name: str, scene: Scene) -> list[dict]:
         for tool, setting in here.items():
             if np.isfinite(times[setting]):
                 row |= {f"{tool}, ms": 1e3 * times[setting], f"{tool}, error": found[setting][1]}
+        if wanted in before:
+            row["varint before it is compiled, ms"] = 1e3 * before[wanted]
         row["kept by varint"] = bool(found[here["varint"]][1] <= wanted)
         rows.append(row)
     return rows
 
 
 def main(names: list[str]) -> None:
+    warnings.simplefilter("ignore")
     rows: list[dict] = []
     for name in names or [x for x in SCENES if x not in NOT_THESE]:
         rows += measured(name, SCENES[name]())

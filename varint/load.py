@@ -14,7 +14,7 @@ from varint.control.solution import ControlSolution, from_arrays
 from varint.discrete.constraints import ActiveSet
 from varint.errors import InputError
 from varint.integration.many_steps import steps_again
-from varint.integration.switches.joined import between_nodes
+from varint.integration.switches.within_rows import dense_output_of
 from varint.integration.time_transformation.physical_time import at_times
 from varint.numerics.archive import read_archive
 from varint.numerics.limits import MOST_STEPS
@@ -117,7 +117,7 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
     solution: ControlSolution | ActiveBounds | None = None
     dense_output: Any = at_times if inner else None
     if switches:
-        dense_output = between_nodes(motion.system, motion.rule, switches)
+        dense_output = dense_output_of(motion.system, motion.rule, switches)
     if control:
         solution = from_arrays(field_of(header, "control", dict), control)
     elif "bounds" in header:

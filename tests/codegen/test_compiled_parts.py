@@ -58,7 +58,7 @@ def emitted(system, rule, monkeypatch):
 )
 def test_no_function_of_a_large_scene_is_long(scene, monkeypatch):
     functions = emitted(*scene(), monkeypatch)
-    assert max(f.length for f in functions.values()) > parts.LARGEST
+    assert max(f.operations for f in functions.values()) > parts.LARGEST
     assert max(f.largest for f in functions.values()) <= parts.LARGEST
 
 

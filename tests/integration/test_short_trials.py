@@ -24,6 +24,7 @@ CART = vi.System(
     q2, v2, v2[0] ** 2 + v2[1] ** 2 / 2 + v2[0] * v2[1] * ca.cos(q2[1]) + ca.cos(q2[1])
 )
 FALLING = vi.System(q2, v2, (v2[0] ** 2 + q2[0] ** 2 * v2[1] ** 2) / 2 - (q2[0] - 2) ** 2)
+POLES = vi.models.spherical_pendulum()
 CASES = {
     "pendulum": (PENDULUM, [2.0], [0.0], 30.0),
     "one that rests": (PENDULUM, [1e-9], [0.0], 3.0),
@@ -32,6 +33,8 @@ CASES = {
     "cart": (CART, [0.0, 1.0], [0.1, 0.0], 20.0),
     "polar": (FALLING, [1.5, 0.0], [0.0, 1.0], 15.0),
     "long enough for a part": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], 400.0),
+    "lost in its first part": (KEPLER, [0.1, 0.0], [0.0, 19**0.5], 40.0),
+    "hardly contracting": (POLES.system, POLES.q0, POLES.v0, 100.0),
 }
 
 

@@ -130,6 +130,8 @@ def test_kinetics_travel_with_the_system_and_must_be_those_of_its_lagrangian():
         p = ca.Function("p", [s.q, s.v], [s.momentum])(q, v)
         back = ca.Function("v", [s.q, s.kinetics.momentum], [s.kinetics.velocity])(q, p)
         assert np.allclose(np.array(back).ravel(), v, rtol=1e-13)
+        slopes = np.array(ca.Function("dL", [s.q, s.v], [s.kinetics.slopes])(q, v)).ravel()
+        assert np.allclose(slopes[3:], np.array(p).ravel(), rtol=1e-13)
     wrong = Kinetics(2 * system.kinetics.mass_matrix)
     parts = system.q, system.v, system.lagrangian
     refused("mass matrix of kinetics is not", lambda: vi.System(*parts, kinetics=wrong))

@@ -9,14 +9,29 @@ from dataclasses import dataclass
 import casadi as ca
 
 from varint.codegen.algebra import graph_of
-from varint.codegen.graph import Graph, fused, needed, operations, uniform_nodes
-from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
+from varint.codegen.graph import (
+    Graph,
+    fused,
+    needed,
+    operations,
+    sine_and_cosine,
+    uniform_nodes,
+)
+from varint.codegen.parts import LARGEST, Statement
+from varint.codegen.pieces import (
+    APART,
+    REPEATED,
+    Pieces,
+    c_function,
+    in_blocks,
+    in_parts,
+    repeats_of,
+)
 from varint.codegen.rolled import INFIX, Forms, c_expression, c_loops, group_by_form
 
 # operations from which on a function is not written into its callers: the compiler takes longer, no
 # gain
 LONG = 300
-APART = "static __attribute__((noinline, noclone, unused))"
 WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
 ROLLED = 0.5  # forms for an operation at most: more are not worth loops
 
@@ -121,19 +136,20 @@ def emit_graph(
     prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(len(graph.outputs))]
-    parts = [] if forms or len(body) <= LARGEST else c_parts(name, statements, stores)
     kind = "INLINE" if len(prepare) <= LARGEST else APART
-    source = _function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
-    largest = max((len(part.body) for part in parts), default=len(body))
-    for part in parts:
-        source += _function(APART, part.name, [*arguments, "V *m"], part.body)
-    source += _function(
-        "INLINE" if len(body) <= LONG else APART,
-        name,
-        arguments,
-        calls_of(parts, arguments) or body,
-    )
-    return Emitted(source, len(kept), count, roots, len(body), largest)
+    source = c_function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
+    if forms or len(body) <= LARGEST:
+        pieces = Pieces("", body, len(body), len(body))
+    else:
+        pieces = parts = in_parts(name, statements, stores, arguments)
+        found = repeats_of(graph, live, uniform)
+        if found:
+            pieces = in_blocks(name, found, arguments, stride, constant, place)
+        if pieces.length > REPEATED * parts.length or pieces.largest > LARGEST:
+            pieces = parts
+    whole = c_function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)
+    source += pieces.before + whole
+    return Emitted(source, len(kept), count, roots, pieces.length, pieces.largest)
 
 
 def _forms(graph: Graph, last: int, written_out: int) -> Forms | None:
@@ -171,31 +187,6 @@ def _statements(
             text = f"V x{sine}, x{cosine}; v_sincos({value(rest[0])}, &x{sine}, &x{cosine});"
             result.append(Statement(text, (sine, cosine), (rest[0],)))
     return result
-
-
-def sine_and_cosine(
-    graph: Graph, live: list[int], uniform: list[bool]
-) -> dict[int, tuple[int, int]]:
-    """For each node that belongs to a sine and cosine of one angle: the pair at the first, (0,
-    0) at the second.
-    """
-    found: dict[int, dict[str, int]] = {}
-    for i in live:
-        if graph.nodes[i][0] in ("sin", "cos") and not uniform[i]:
-            found.setdefault(graph.nodes[i][1], {})[graph.nodes[i][0]] = i
-    pairs = {}
-    for both in found.values():
-        if len(both) == 2:
-            pairs[min(both.values())] = (both["sin"], both["cos"])
-            pairs[max(both.values())] = (0, 0)
-    return pairs
-
-
-def _function(kind: str, name: str, arguments: list[str], body: list[str]) -> str:
-    """A C function that may leave arguments unused."""
-    unused = " ".join(f"(void){x.split('*')[-1].split()[-1]};" for x in arguments)
-    head = f"{kind} void {name}({', '.join(arguments)}) {{"
-    return "\n    ".join([head, unused, *body]) + "\n}\n"
 
 
 def _once(node: tuple, value: Callable[[int], str]) -> str:

@@ -9,7 +9,7 @@ import casadi as ca
 from varint.codegen.cache import AS_WRITTEN, vector_length
 from varint.codegen.graph import NotCompilable, kernel_per_system, operations
 from varint.codegen.kernel import Kernel
-from varint.codegen.mechanics import acceleration, dense, force, velocity
+from varint.codegen.mechanics import acceleration, dense, force, momentum, velocity
 from varint.codegen.source import Routine, Source, compiled, emitted, halved, routines, source_of
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia, known_velocity
@@ -180,7 +180,7 @@ def _scheme_of(system: System, stages: int, form: int) -> Scheme:
     needs = _needs(system.q, rates)
     ahead = not by_defect and not system.control.numel() and _work(functions, needs) <= SHORT
     functions |= routines(
-        system.c, {"momentum": ([system.q, system.v, system.t], [system.momentum])}
+        system.c, {"momentum": ([system.q, system.v, system.t], [momentum(system)])}
     )
     return Scheme(
         form,
@@ -241,7 +241,7 @@ def _push_and_defect(system: System) -> Functions:
     """
     q, v, t, p = system.q, system.v, system.t, ca.SX.sym("p", system.q.numel())
     missed, speed = ca.SX.sym("missed", p.numel()), velocity(system, p)
-    outputs = [force(system), system.momentum]
+    outputs = [force(system), momentum(system)]
     gained = ca.jtimes(speed, p, missed)
     functions = routines(system.c, {"kick": ([q, v, t, system.control], outputs)})
     placed = halved(system.c, ("inertia", "drift"), [q, t], missed, [gained])

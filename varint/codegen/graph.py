@@ -251,3 +251,21 @@ def halves(graph: Graph, argument: int, constants: int) -> tuple[Graph, Graph]:
             places[i] = second.node(name, *(places[j] for j in rest))
     second.outputs = [[places[i] for i in graph.outputs[-1]]]
     return Graph(graph.nodes, graph.index, [*graph.outputs[:-1], taken]), second
+
+
+def sine_and_cosine(
+    graph: Graph, live: list[int], uniform: list[bool]
+) -> dict[int, tuple[int, int]]:
+    """For each node that belongs to a sine and cosine of one angle: the pair at the first, (0,
+    0) at the second.
+    """
+    found: dict[int, dict[str, int]] = {}
+    for i in live:
+        if graph.nodes[i][0] in ("sin", "cos") and not uniform[i]:
+            found.setdefault(graph.nodes[i][1], {})[graph.nodes[i][0]] = i
+    pairs = {}
+    for both in found.values():
+        if len(both) == 2:
+            pairs[min(both.values())] = (both["sin"], both["cos"])
+            pairs[max(both.values())] = (0, 0)
+    return pairs

@@ -23,7 +23,16 @@ def velocity(system: System, p: ca.SX) -> ca.SX:
 
 def force(system: System) -> ca.SX:
     """∂L/∂q + F in terms of q, v, t, u."""
-    return ca.gradient(system.lagrangian, system.q) + system.force
+    known = system.kinetics.slopes if system.kinetics is not None else ca.SX(0, 1)
+    n = system.q.numel()
+    slope = known[:n] if known.numel() else ca.gradient(system.lagrangian, system.q)
+    return slope + system.force
+
+
+def momentum(system: System) -> ca.SX:
+    """∂L/∂v in terms of q, v, t: the scene's own where it knows it."""
+    known = system.kinetics.slopes if system.kinetics is not None else ca.SX(0, 1)
+    return known[system.q.numel() :] if known.numel() else system.momentum
 
 
 def acceleration(system: System) -> ca.SX:
@@ -39,7 +48,8 @@ def dense(system: System) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
     """
     q, v, t, u, c = system.q, system.v, system.t, system.control, system.c
     rest = constant_part(system)
-    product = system.momentum if rest.is_zero() else ca.jtimes(system.momentum, v, v)
+    moves = momentum(system)
+    product = moves if rest.is_zero() else ca.jtimes(moves, v, v)
     both, symbols, values = ca.extract_parametric(
         ca.cse(ca.vertcat(product, force(system))), ca.vertcat(q, t, c), {}
     )

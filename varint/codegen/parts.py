@@ -91,10 +91,7 @@ def _with_stores(
     return result
 
 
-def calls_of(parts: Sequence[Part], arguments: Sequence[str]) -> list[str]:
+def calls_of(parts: Sequence[Part], arguments: str) -> list[str]:
     """C statements that call the parts one after the other."""
-    if not parts:
-        return []
-    names = ", ".join(x.split("*")[-1].split()[-1] for x in arguments)
     room = max(parts[-1].room, 1)
-    return [f"V m[{room}];", *(f"{part.name}({names}, m);" for part in parts)]
+    return [f"V m[{room}];", *(f"{part.name}({arguments}, m);" for part in parts)]

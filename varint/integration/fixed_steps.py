@@ -12,7 +12,12 @@ from varint.integration.energy_leap import energy_alarm
 from varint.integration.false_speed import false_speed
 from varint.integration.hard_steps import HardStep, until_hard
 from varint.integration.plan import plan
-from varint.integration.problem import RunOptions, Start, initial_value_problem
+from varint.integration.problem import (
+    InitialValueProblem,
+    RunOptions,
+    Start,
+    initial_value_problem,
+)
 from varint.integration.run import collect, short_run, start_run
 from varint.integration.trajectories import subsample
 from varint.numerics.limits import check_steps
@@ -51,6 +56,12 @@ def simulate_steps(
 
         words = dict(backend=asked.backend, on_failure=asked.on_failure)
         file = checkpoint_of(asked.checkpoint, system, chosen.rule, problem, stop, watches, **words)
+    if system.structure.contacts and level is None:
+        motion = _over_switches(system, chosen.rule, problem, asked, (stop, watches), began)
+        if motion is not None:
+            if alarm := energy_alarm(motion):
+                warnings.warn(alarm, stacklevel=3)
+            return motion
     if stop or watches:  # every node is looked at; those not asked for are dropped at the end
         problem = problem._replace(save_every=1)
     motion = None
@@ -82,6 +93,26 @@ def simulate_steps(
     if alarm := energy_alarm(motion) or false_speed(motion):
         warnings.warn(alarm, stacklevel=3)
     return motion if every == problem.save_every else subsample(motion, every)
+
+
+def _over_switches(
+    system: System,
+    rule: Rule,
+    problem: InitialValueProblem,
+    asked: RunOptions,
+    watched: tuple[Watch | None, list[Watch]],
+    began: float,
+) -> Trajectory | None:
+    """The run of a scene with contacts whose steps end at switches; None where it has none, or
+    cannot be followed over them.
+    """
+    from varint.integration.second_looks import has_switches
+
+    if not has_switches(system):
+        return None
+    from varint.integration.switches.fixed_grid import switched_steps
+
+    return switched_steps(system, rule, problem, asked, *watched, began)
 
 
 def _watches(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:

@@ -29,7 +29,7 @@ from varint.scene.system import System
 
 # of the compiler's predicted time: what must have been spent, or be ahead, before the source is
 # written and looked for in the cache, and before the compiler is started
-LOOK, START = 0.1, 0.5
+LOOK, START = 0.03, 0.5
 MANY = 24  # coordinates from which on arranging a scene's operations may take seconds
 
 

@@ -40,6 +40,7 @@ _NAMES = (
     *("ROUNDED", "NO_SHRINKAGE", "NOT_WORSE", "ROUNDING", "STALLED", "PART_CLOSE", "CAUTION"),
     *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT", "UNEVEN"),
     *("SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
+    *("WATCHED", "FIRST_PART", "FEWEST", "SEEN_PARTS", "SLOW"),
 )
 _LIMITS = np.array(
     [*(getattr(decided, x) for x in _NAMES), POOR, SECULAR, LEVEL, *decided.QUANTILES]

@@ -60,6 +60,7 @@ def simulate(
     h, steps, duration : float, int, float
         Step size, number of steps, total time: two of the three, or the duration alone, where rule
         (if none is given) and steps are chosen for the accuracy `tol`. A negative h runs backwards.
+        Steps end at impacts of contacts, and beside them where forces jump or kink.
     t0 : float
         Start time.
     u : array (steps, k) or (steps, r, k) or (k,), optional

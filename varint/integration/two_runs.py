@@ -43,6 +43,10 @@ STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
 LONG, PARTS = 1500, 16  # steps of a run that is worth a look at a part of it first
 PART_CLOSE = 20.0  # factor that a prediction from a part may be off
+# parts of a shorter coarse run, the first of which is looked at before the others are run; steps of
+# that part at least; fewest parts that are worth it
+WATCHED, FIRST_PART, FEWEST = 8, 8, 4
+SLOW = 20  # iterations a step of a part beyond which twice the steps take less time
 ATTEMPTS = 6
 SHARED = (256, 16), (96, 8)  # steps above which runs have so many parts that both can share
 CAUTION = 0.85  # of the rule's order is counted on at most
@@ -53,7 +57,9 @@ CLEAR = 0.03  # such an error
 # of differences from the middle to the end, where they grow with the square of time; what grows
 # more is taken for a growth of all errors: what iterations leave in a step, and round-off, grow too
 SECULAR_GROWTH = 4.0
-UNEVEN = 10.0  # errors that grow are as uneven, and between shared nodes by as much larger, at most
+# errors that grow are as uneven, and between shared nodes by as much larger, at most; by the root
+# of that where runs share so many parts
+UNEVEN, SEEN_PARTS = 10.0, 64
 LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
 
 
@@ -72,7 +78,8 @@ Apart = Callable[[Any, int, Any, int], tuple[float, float]]
 class Course(NamedTuple):
     """How a motion is run with so many steps and two runs are compared; how far its fastest small
     motions turn; where the rule's order is sure for all steps that resolve them (linear scenes);
-    how often steps are added before it is given up.
+    how often steps are added before it is given up; into how many parts a coarse run is divided at
+    most, so that one that is lost in the first of them ends there.
     """
 
     trial: Trial
@@ -80,6 +87,7 @@ class Course(NamedTuple):
     radians: float
     linear: bool = False
     attempts: int = ATTEMPTS
+    watched: int = 1
 
 
 class Proved(NamedTuple):
@@ -118,7 +126,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     clear, growth, doubted = CLEAR, 1.0, False  # once, for steps may lie in a resonance
     for _ in range(course.attempts):
         if coarse is None:
-            tried, runs = course.trial(steps, rough, 1), runs + 1
+            tried, runs = _coarse(course, steps, rough), runs + 1
             expected = _expected(course, tried)
             if tried is None or not expected <= LOST:
                 steps = _shared(steps * _ratio(expected, rough, p, 2.0))
@@ -145,7 +153,8 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 return None
             coarse, steps, doubted = fine, more, True
             continue
-        spread = SPREAD * min(growth, UNEVEN)
+        uneven = min(growth, UNEVEN)
+        spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))
         shown = max(spread * apart * shrinkage / (1 - shrinkage), rounded, floor)
         left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
@@ -198,6 +207,16 @@ def quantiles(energy: np.ndarray, moving: np.ndarray) -> list[float]:
 def _expected(course: Course, tried: Attempt | None) -> float:
     """Error of a run that its energy lets expect."""
     return math.inf if tried is None else GAIN * tried.swing[-1] * max(course.radians, 1.0)
+
+
+def _coarse(course: Course, steps: int, rough: float) -> Attempt | None:
+    """A coarse run, or its first part where that is none already: the whole is not better."""
+    parts = min(course.watched, steps // FIRST_PART)
+    if steps <= LONG and parts >= FEWEST:
+        begun = course.trial(steps, rough, parts)
+        if not _expected(course, begun) <= LOST:
+            return begun
+    return course.trial(steps, rough, 1)
 
 
 def _by_a_part(course: Course, steps: int, rough: float, p: int) -> tuple[int, int]:

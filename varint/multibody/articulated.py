@@ -33,7 +33,6 @@ from varint.multibody.kinematics import (
     body_rates,
     coordinates_of,
     moved,
-    relative_twist,
 )
 from varint.multibody.tree import GROUND, Link, Tree
 
@@ -46,14 +45,15 @@ class _Drive(NamedTuple):
 
 
 class _Given(NamedTuple):
-    """What a joint of one coordinate gives way by: the column U of inertia, its pivot D, and
-    p − S·b; then what its parent feels, I − U Uᵀ/D and b + U (p − S·b)/D, about the link's origin.
+    """What a joint of one coordinate gives way by: the column U/D of inertia over its pivot D, but
+    for its component along the joint, 1 − share; the rate (p − S·b)/D in a parent at rest; and
+    what its parent feels, I − U Uᵀ/D and b + U (p − S·b)/D, about the link's origin.
     """
 
     spin: ca.SX
     push: ca.SX
-    pivot: ca.SX
-    free: ca.SX
+    share: ca.SX
+    rate: ca.SX
     J: ca.SX
     H: ca.SX
     M: ca.SX
@@ -73,6 +73,14 @@ class _Wholly(NamedTuple):
     M: ca.SX
     spin_left: ca.SX
     push_left: ca.SX
+
+
+class _Answer(NamedTuple):
+    """The rate of a joint of one coordinate, and the twist of its link."""
+
+    rate: ca.SX
+    omega: ca.SX
+    v: ca.SX
 
 
 def velocity_of_momentum(
@@ -127,18 +135,15 @@ def velocity_of_momentum(
         outer_twist = STILL if link.parent == GROUND else twists[link.parent]
         twist = moved(link, q, outer_twist, STILL)
         if isinstance(one, _Given):
-            rate = (one.free - ca.dot(one.spin, twist.omega) - ca.dot(one.push, twist.v)) / (
-                one.pivot
-            )
+            rate, *whole = _answer(link, q, one, twist)
         else:
             here, other = twist if link.motion == "spherical" else twist[::-1]
             rate = one.rate - here - ca.mtimes(one.K, other)
+            own = Twist(rate, STILL.v) if link.motion == "spherical" else Twist(STILL.omega, rate)
+            whole = [twist.omega + own.omega, twist.v + own.v]
         if link.motion == "spherical":
-            own = Twist(rate, STILL.v)
             rate = quaternion_rates(q, rate) + q * ca.dot(q, p) / stretching[link.joint]
-        else:
-            own = relative_twist(link, q, rate)
-        twists.append(Twist(twist.omega + own.omega, twist.v + own.v))
+        twists.append(Twist(*whole))
         rates.setdefault(link.joint, []).append(rate)
     return {joint: ca.vertcat(*parts) for joint, parts in rates.items()}
 
@@ -166,22 +171,35 @@ def quaternion_rates(q: ca.SX, omega: ca.SX) -> ca.SX:
 
 @for_each_link(Inertia, Momentum, _Drive, gives=_Given)
 def _given_way(link: Link, q: ca.SX, own: Inertia, bias: Momentum, drive: _Drive) -> _Given:
+    """Without a rotor nothing is felt along the joint but its momentum: its share is zero."""
     turns = link.motion == "revolute"
     spin, push = (own.J[:, 2], own.H[2, :].T) if turns else (own.H[:, 2], own.M[:, 2])
     pivot = (spin if turns else push)[2] + drive.armature
     free = drive.momentum - (bias.spin if turns else bias.push)[2]
-    less_spin, less_push, rate = spin / pivot, push / pivot, free / pivot
-    return _Given(
-        spin,
-        push,
-        pivot,
-        free,
-        _without(own.J, less_spin, spin),
-        own.H - ca.mtimes(less_spin, push.T),
-        _without(own.M, less_push, push),
-        bias.spin + spin * rate,
-        bias.push + push * rate,
-    )
+    less_spin, less_push, share = spin / pivot, push / pivot, drive.armature / pivot
+    spin_left, push_left = bias.spin + less_spin * free, bias.push + less_push * free
+    (spin_left if turns else push_left)[2] = drive.momentum - share * free
+    H = own.H - ca.mtimes(less_spin, push.T)
+    if turns:
+        J, M = _freed(own.J, less_spin, spin, share), _without(own.M, less_push, push)
+        H[2, :] = share * push.T
+    else:
+        J, M = _without(own.J, less_spin, spin), _freed(own.M, less_push, push, share)
+        H[:, 2] = share * spin
+    rate = free / pivot
+    return _Given(less_spin, less_push, share, rate, J, H, M, spin_left, push_left)
+
+
+@for_each_link(_Given, Twist, gives=_Answer)
+def _answer(link: Link, q: ca.SX, one: _Given, outer: Twist) -> _Answer:
+    """The joint's rate in a parent that moves, and the link's twist with it."""
+    omega, v = ca.SX(outer.omega), ca.SX(outer.v)
+    spin, push = ca.SX(one.spin), ca.SX(one.push)
+    along, less = (omega, spin) if link.motion == "revolute" else (v, push)
+    before, less[2] = along[2], -one.share
+    after = one.rate - ca.dot(spin, omega) - ca.dot(push, v)
+    along[2] = after
+    return _Answer(after - before, omega, v)
 
 
 @for_each_link(Inertia, Momentum, ca.SX, gives=_Wholly)
@@ -200,6 +218,13 @@ def _given_way_wholly(link: Link, q: ca.SX, own: Inertia, bias: Momentum, p: ca.
     if link.motion == "spherical":
         return _Wholly(rate, gain, none, none, own.M - rest, p, bias.push + carried_on)
     return _Wholly(rate, gain, own.J - rest, none, none, bias.spin + carried_on, p)
+
+
+def _freed(a: ca.SX, less: ca.SX, u: ca.SX, share: ca.SX) -> ca.SX:
+    """A − less uᵀ where A's third column is u and less_2 = 1 − share."""
+    found = _without(a, less, u)
+    found[2, :], found[:, 2] = share * u.T, share * u
+    return found
 
 
 def _without(a: ca.SX, x: ca.SX, y: ca.SX) -> ca.SX:

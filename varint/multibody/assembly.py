@@ -14,6 +14,7 @@ from varint.multibody.lagrangian import gravity_potential, joint_energies, kinet
 from varint.multibody.loops import constraint_rows
 from varint.multibody.motion import motions_of
 from varint.multibody.resistance import stiffness_and_damping
+from varint.multibody.slopes import link_slopes
 from varint.multibody.stretching import (
     rays_of,
     stretching_energy,
@@ -33,9 +34,7 @@ def assemble(machine: Machine) -> System:
     lagrangian = (
         kinetic_energy(tree, motions)
         - gravity_potential(tree, motions, machine.gravity)
-        - spring_potential(machine, tree, motions)
-        + joint_energies(machine.joints, motions)
-        + stretching_energy(machine.joints, motions, stretching_inertias(machine, tree))
+        + other_energies(machine, tree, motions)
     )
     return System(
         machine.q,
@@ -50,17 +49,36 @@ def assemble(machine: Machine) -> System:
     )
 
 
+def other_energies(machine: Machine, tree: Tree, motions: Motions) -> ca.SX:
+    """What L has besides the links' kinetic energy and weight."""
+    return (
+        joint_energies(machine.joints, motions)
+        - spring_potential(machine, tree, motions)
+        + stretching_energy(machine.joints, motions, stretching_inertias(machine, tree))
+    )
+
+
+def slopes_of(machine: Machine, tree: Tree, motions: Motions) -> ca.SX:
+    """∂L/∂q and ∂L/∂v (2 n,): of the links by recursion."""
+    state = ca.vertcat(machine.q, machine.v)
+    other = ca.gradient(other_energies(machine, tree, motions), state)
+    return link_slopes(tree, motions, machine.gravity, state) + other
+
+
 def kinetics_of(machine: Machine, tree: Tree, motions: Motions) -> Kinetics:
-    """Mass matrix by composite bodies; the inverse Legendre transform by articulated bodies where
-    no joint follows another.
+    """Mass matrix by composite bodies, derivatives of L by recursion; the inverse Legendre
+    transform by articulated bodies where no joint follows another.
     """
     joints, v = list(machine.joints.values()), machine.v
     stretching = stretching_inertias(machine, tree)
     matrix = mass_matrix(tree, motions, v) + armature_matrix(joints, motions, v)
     matrix += stretching_matrix(machine.joints, motions, stretching, v)
-    resistance = stiffness_and_damping(machine, tree, motions)
+    known = {
+        "slopes": slopes_of(machine, tree, motions),
+        **stiffness_and_damping(machine, tree, motions),
+    }
     if machine.couplings:
-        return Kinetics(matrix)._replace(**resistance)
+        return Kinetics(matrix)._replace(**known)
     momenta = {joint.name: ca.SX.sym(f"p_{joint.name}", joint.v.numel()) for joint in joints}
     armatures = {joint.name: joint.passive.armature for joint in joints}
     rates = velocity_of_momentum(tree, motions, momenta, armatures, stretching)
@@ -69,5 +87,5 @@ def kinetics_of(machine: Machine, tree: Tree, motions: Motions) -> Kinetics:
         matrix,
         ca.vertcat(*(momenta[name] for name in order)),
         ca.vertcat(*(rates[name] for name in order)),
-        **resistance,
+        **known,
     )

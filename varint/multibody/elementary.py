@@ -16,7 +16,7 @@ from varint.multibody.data import Placement
 from varint.multibody.tree import Link
 
 SIZES = {"revolute": 1, "prismatic": 1, "translation": 3, "spherical": 4}
-MATRICES, SCALARS = ("J", "H", "M", "inertia"), ("mass", "momentum", "armature")
+MATRICES, SCALARS = ("J", "H", "M", "inertia"), ("mass", "momentum", "armature", "share", "rate")
 Operation = TypeVar("Operation", bound=Callable[..., Any])
 
 

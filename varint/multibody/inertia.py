@@ -93,21 +93,18 @@ def _shifted(own: Inertia, r: ca.SX) -> Inertia:
 def _spun(a: ca.SX, c: ca.SX, s: ca.SX, symmetric: bool) -> ca.SX:
     """R A Rᵀ for the rotation R about the third axis, cos = c, sin = s.
 
-    The part of the upper block that turns does so by twice the angle; its trace and its skew part
-    stay.
+    The upper block [a b; d e] becomes [a − s w, c w − d; c w − b, e + s w] with
+    w = s (a − e) + c (b + d).
     """
-    half = (a[0, 0] - a[1, 1]) / 2
-    mean = a[0, 0] - half
-    tilt = a[0, 1] if symmetric else (a[0, 1] + a[1, 0]) / 2
-    skew = 0 if symmetric else a[0, 1] - tilt
-    c2, s2 = 1 - 2 * s * s, 2 * s * c
-    half, tilt = c2 * half - s2 * tilt, s2 * half + c2 * tilt
+    b, d = a[0, 1], a[0, 1] if symmetric else a[1, 0]
+    w = s * (a[0, 0] - a[1, 1]) + (2 * c * b if symmetric else c * (b + d))
     right = [c * a[0, 2] - s * a[1, 2], s * a[0, 2] + c * a[1, 2]]
     below = right if symmetric else [c * a[2, 0] - s * a[2, 1], s * a[2, 0] + c * a[2, 1]]
+    across = c * w - d
     return ca.blockcat(
         [
-            [mean + half, tilt + skew, right[0]],
-            [tilt - skew, mean - half, right[1]],
+            [a[0, 0] - s * w, across, right[0]],
+            [across if symmetric else c * w - b, a[1, 1] + s * w, right[1]],
             [below[0], below[1], a[2, 2]],
         ]
     )

@@ -140,10 +140,10 @@ def _inertial(body: Body, place: Placement) -> Inertial:
     com = plus(place.position, product(place.rotation, body.com))
     inertia = product(product(place.rotation, body.inertia), place.rotation.T)
     moment = body.mass * com
-    return Inertial(body.mass, moment, plus(inertia, body.mass * _steiner(com)))
+    return Inertial(body.mass, moment, plus(inertia, body.mass * steiner(com)))
 
 
-def _steiner(x: Any) -> Any:
+def steiner(x: Any) -> Any:
     """|x|² 1 − x xᵀ."""
     if isinstance(x, ca.SX):
         return ca.sumsqr(x) * ca.SX.eye(3) - ca.mtimes(x, x.T)

@@ -40,7 +40,7 @@ def _key(system: Any) -> tuple[str | bytes, ...]:
     if s.kinetics is not None:
         inputs.append(s.kinetics.momentum)
         k = s.kinetics
-        outputs += [k.mass_matrix, k.velocity, k.stiffness, k.damping]
+        outputs += [k.mass_matrix, k.velocity, k.stiffness, k.damping, k.slopes]
     text: str | bytes = ca.Function("scene", inputs, outputs).serialize()
     if isinstance(text, str) and len(text) > LONG:
         import hashlib  # which takes longer to import than to describe a small scene

@@ -17,7 +17,7 @@ from varint.scene.parameters import Parameters
 
 EXPRESSIONS = ("lagrangian", "force", "constraint", "nonholonomic", "contact")
 SYMBOLS = ("q", "v", "t", "control")
-KINETICS = ("mass_matrix", "velocity", "stiffness", "damping")  # of scenes that have them
+KINETICS = ("mass_matrix", "velocity", "stiffness", "damping", "slopes")  # of scenes that have them
 FUNCTION = "functions"  # where files of format 1 have a serialised CasADi function
 
 
@@ -110,10 +110,10 @@ def parts_of(data: Any) -> dict[str, Any]:
     found = dict(
         zip(written, expressions_of(Operations(nodes, outputs), [*inputs, momentum]), strict=True)
     )
-    matrix, velocity, *resistance = (found.pop(name, None) for name in KINETICS)
+    known = {name: found.pop(name) for name in KINETICS if name in found}
     kinetics = None
-    if matrix is not None and velocity is not None:
-        kinetics = Kinetics(matrix, momentum, velocity, *(x for x in resistance if x is not None))
+    if {"mass_matrix", "velocity"} <= known.keys():
+        kinetics = Kinetics(momentum=momentum, **known)
     return {
         **symbols,
         "restitution": record.restitution,

@@ -28,6 +28,9 @@ class Kinetics(NamedTuple):
     stiffness, damping : SX (n, n)
         Roughly −∂F/∂q and −∂F/∂v of springs and dampers, for a matrix near the derivative of a
         step's equations; empty where there are none.
+    slopes : SX (2 n,)
+        ∂L/∂q, then ∂L/∂v, as by recursion over a tree of links; empty where L is to be
+        differentiated.
     """
 
     mass_matrix: ca.SX
@@ -35,6 +38,11 @@ class Kinetics(NamedTuple):
     velocity: ca.SX = ca.SX(0, 1)
     stiffness: ca.SX = ca.SX(0, 0)
     damping: ca.SX = ca.SX(0, 0)
+    slopes: ca.SX = ca.SX(0, 1)
+
+    def of_other_potential(self) -> Kinetics:
+        """The same without slopes, for a Lagrangian with another potential."""
+        return self._replace(slopes=ca.SX(0, 1))
 
     @property
     def resists(self) -> bool:
@@ -56,6 +64,8 @@ def check_kinetics(system: Any) -> None:
         raise InputError(f"kinetics has the wrong shape for {n} coordinates")
     if not {given.stiffness.shape, given.damping.shape} <= {(0, 0), (n, n)}:
         raise InputError(f"stiffness and damping of kinetics must be ({n}, {n}) or empty")
+    if given.slopes.numel() not in (0, 2 * n):
+        raise InputError(f"slopes of kinetics must be ({2 * n},) or empty")
     if given.momentum.numel() != given.velocity.numel():
         raise InputError("kinetics needs a symbol of momentum for every velocity")
     known = {x.element_hash() for x in ca.symvar(ca.vertcat(s.q, s.t, s.c))}
@@ -66,22 +76,32 @@ def check_kinetics(system: Any) -> None:
         ("velocity", given.velocity, own),
         ("stiffness", given.stiffness, moving),
         ("damping", given.damping, moving),
+        ("slopes", given.slopes, moving),
     ):
         strange = sorted(x.name() for x in ca.symvar(expression) if x.element_hash() not in may)
         if strange:
             raise InputError(f"the {what} of kinetics may not depend on {strange}")
     inputs = [s.q, s.v, s.t, s.c]
-    product = [ca.jtimes(s.momentum, s.v, s.v), ca.mtimes(given.mass_matrix, s.v)]
-    truth = ca.Function("momentum", inputs, [s.momentum, *map(ca.densify, product)])
+    momentum = ca.gradient(s.lagrangian, s.v)
+    product = [ca.jtimes(momentum, s.v, s.v), ca.mtimes(given.mass_matrix, s.v)]
+    truth = ca.Function("momentum", inputs, [momentum, *map(ca.densify, product)])
+    state = ca.vertcat(s.q, s.v)
+    slopes = ca.Function("slopes", inputs, [ca.gradient(s.lagrangian, state), given.slopes])
     back = ca.Function("velocity", [s.q, given.momentum, s.t, s.c], [ca.densify(given.velocity)])
     random = np.random.default_rng(SEED)
     for _ in range(TRIALS):
         q, v, t = random.normal(size=n), random.normal(size=n), random.normal()
         p, *products = (np.array(x).ravel() for x in truth(q, v, t, s.default_vector))
-        pairs = [products]
+        pairs = {"mass matrix": products}
         if given.velocity.numel():
             speed = np.array(back(q, p, t, s.default_vector)).ravel()
-            pairs.append([p, np.array(truth(q, speed, t, s.default_vector)[0]).ravel()])
-        for (true, other), what in zip(pairs, ("mass matrix", "velocity"), strict=False):
+            pairs["velocity"] = [p, np.array(truth(q, speed, t, s.default_vector)[0]).ravel()]
+        if given.slopes.numel():
+            pairs["slopes"] = [np.array(x).ravel() for x in slopes(q, v, t, s.default_vector)]
+        for what, (true, other) in pairs.items():
             if abs(true - other).max() > AGREES * abs(true).max():  # not if anything is NaN
-                raise InputError(f"the {what} of kinetics is not that of the Lagrangian")
+                way = "; with another potential give kinetics.of_other_potential()"
+                raise InputError(
+                    f"the {what} of kinetics is not that of the Lagrangian"
+                    + way * (what == "slopes")
+                )

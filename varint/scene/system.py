@@ -162,8 +162,9 @@ class System:
     t : SX, optional
         The time symbol from `time`, where the scene depends on time.
     kinetics : Kinetics, optional
-        What the scene knows of its Lagrangian besides the expression: a mass matrix and an inverse
-        Legendre transform that cost less than those derived from it. `varint.multibody` gives them.
+        What the scene knows of its Lagrangian besides the expression: a mass matrix, an inverse
+        Legendre transform and derivatives that cost less than those derived from it.
+        `varint.multibody` gives them.
     rays : sequence of sequences of int, optional
         Groups of coordinates of which only the ratio matters, as unit quaternions: L is unchanged
         by q → λ q, v → λ v in each. No constraint holds their length; motions have unit vectors at

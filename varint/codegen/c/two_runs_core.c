@@ -22,7 +22,7 @@ typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
         stalled, part_close, caution, least, good, most, far, clear, secular_growth, left,
         uneven;
-    double samples, most_without_a_part, parts, attempts, poor, secular, level;
+    double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, slow, poor, secular, level;
     double quantiles[QUANTILES];
 } Limits;
 
@@ -109,8 +109,20 @@ static double level_for(const TwoRuns *a, double wanted, int64_t steps) {
     return wanted * (a->limits->level < often ? a->limits->level : often);
 }
 
-/* A run of one of so many parts of the steps; `rows` are 0 where there was no memory. */
-static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, Attempt *to, Proved *found) {
+static double expected_of(const TwoRuns *a, const Attempt *run) {
+    return run->lost ? INFINITY : a->limits->gain * run->swing[QUANTILES - 1] * (a->radians > 1 ? a->radians : 1);
+}
+
+/* Parts of a coarse run, the first of which is looked at while it is made; 1 where it is too short for that. */
+static int64_t watched_parts(const TwoRuns *a, int64_t steps) {
+    const int64_t each = steps / (int64_t)a->limits->first_part, most = (int64_t)a->limits->watched,
+                  parts = each < most ? each : most;
+    return steps <= a->limits->most_without_a_part && parts >= a->limits->fewest ? parts : 1;
+}
+
+/* A run of one of so many parts of the steps; `rows` are 0 where there was no memory. One of `watched` parts, more than one,
+   ends with the first of them where that is none. A part whose iteration contracts poorly is none, either. */
+static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to, Proved *found) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
     if (count > a->longest) return 0;
@@ -122,20 +134,30 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     RunStats *const stats = (RunStats *)(carry + a->carry);
     carry[0] = 0;
     to->steps = steps, to->lost = 0, to->iterations = to->residual = 0;
-    int status = DONE;
-    for (int64_t k = 0, piece; k < count && status == DONE; k += piece) {
-        piece = k == 0 && a->pilot && a->pilot < count ? a->pilot : count - k;
+    const int64_t seen = watched > 1 ? steps / watched : 0, first = a->pilot < count ? a->pilot : count;
+    int status = DONE, early = 0, slow = 0;
+    for (int64_t k = 0, end; k < count && status == DONE && !early && !slow; k = end) {
+        end = count;
+        if (k < seen) end = seen;
+        if (k < a->pilot && a->pilot < end) end = a->pilot;
         status = a->run(&(RunArguments){
-            .steps = piece, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
+            .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
             .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene});
-        if (k == 0 && a->pilot && stats->iterations > l->poor * piece) return 0;
         to->iterations += stats->iterations;
+        if (a->pilot && end == first && to->iterations > l->poor * end) {
+            if (part == 1 && end > seen) return 0;
+            slow = 1;
+        }
+        if ((end == seen || (part > 1 && end == count)) && to->iterations > l->slow * end) slow = 1;
         if (stats->residual > to->residual) to->residual = stats->residual;
+        if (end != seen || status != DONE || slow) continue;
+        energy_errors(a, to->rows, seen + 1, to->swing, room);
+        early = !(expected_of(a, to) <= l->lost);
     }
     found->runs++;
-    to->lost = status != DONE;
-    if (!to->lost) energy_errors(a, to->rows, count + 1, to->swing, room);
+    to->lost = status != DONE || slow;
+    if (!to->lost && !early) energy_errors(a, to->rows, count + 1, to->swing, room);
     return 1;
 }
 
@@ -220,10 +242,6 @@ static int64_t shared(double steps) {
     return parts * (each > 2 ? (int64_t)each : 2);
 }
 
-static double expected_of(const TwoRuns *a, const Attempt *run) {
-    return run->lost ? INFINITY : a->limits->gain * run->swing[QUANTILES - 1] * (a->radians > 1 ? a->radians : 1);
-}
-
 /* Part of the coarse run's error that the finer one has left; no number where it does not shrink. */
 static double shrinkage(const TwoRuns *a, const Attempt *before, const Attempt *after, double ratio) {
     const Limits *const l = a->limits;
@@ -249,7 +267,7 @@ int two_runs(const TwoRuns *a) {
     int64_t steps = shared((double)a->first);
     a->found->runs = 0;
     for (int looks = 0; steps > l->most_without_a_part && looks < 3; looks++) {
-        if (!try_run(a, steps, rough, (int64_t)l->parts, &coarse, a->found)) goto end;
+        if (!try_run(a, steps, rough, (int64_t)l->parts, 1, &coarse, a->found)) goto end;
         const double likely = expected_of(a, &coarse);
         if (rough / l->part_close < likely && likely < rough * l->part_close) break;
         double factor = likely - likely == 0 ? pow((likely > 1e-300 ? likely : 1e-300) / rough, 1 / p) : 2;
@@ -258,7 +276,7 @@ int two_runs(const TwoRuns *a) {
     }
     for (int attempt = 0; attempt < l->attempts; attempt++) {
         if (!known) {
-            if (!try_run(a, steps, rough, 1, &coarse, a->found)) goto end;
+            if (!try_run(a, steps, rough, 1, watched_parts(a, steps), &coarse, a->found)) goto end;
             expected = expected_of(a, &coarse);
             if (coarse.lost || !(expected <= l->lost)) {
                 steps = shared(steps * ratio_for(a, expected, rough, 2));
@@ -274,7 +292,7 @@ int two_runs(const TwoRuns *a) {
         const int64_t more = shared(steps * ratio_for(a, l->margin * expected, a->tol, l->far));
         const double wanted = a->tol / growth;
         double early = 0;
-        if (!try_run(a, more, wanted, 1, &fine, a->found)) goto end;
+        if (!try_run(a, more, wanted, 1, 1, &fine, a->found)) goto end;
         if (fine.lost) break;
         const double apart = apart_from(a, &coarse, &fine, &early),
                      grown = apart / (l->secular_growth * (early > l->rounded ? early : l->rounded));
@@ -288,7 +306,9 @@ int two_runs(const TwoRuns *a) {
             expected = expected_of(a, &fine), expected = apart > expected ? apart : expected;
             if (doubted || !(expected <= l->lost)) break;
         }
-        double shown = l->spread * (growth < l->uneven ? growth : l->uneven) * apart * left / (1 - left);
+        const double uneven = growth < l->uneven ? growth : l->uneven,
+                     spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
+        double shown = spread * apart * left / (1 - left);
         shown = shown > rounded ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
         const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth,
                      estimate = shown > iterated ? shown : iterated;

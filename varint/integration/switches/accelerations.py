@@ -13,7 +13,13 @@ MOST_ROWS = 8  # of constraints
 
 
 def acceleration(system: System, force: ca.SX) -> ca.SX | None:
-    """dv/dt by M dv/dt − Wᵀλ = ∂L/∂q + F − (∂p/∂q) v − ∂p/∂t and W dv/dt = −dW/dt v − dw/dt,
+    """dv/dt along the constraints; None where the mass matrix or the rows are too large for it."""
+    found = acceleration_and_reactions(system, force)
+    return found and found[0]
+
+
+def acceleration_and_reactions(system: System, force: ca.SX) -> tuple[ca.SX, ca.SX] | None:
+    """dv/dt and λ by M dv/dt − Wᵀλ = ∂L/∂q + F − (∂p/∂q) v − ∂p/∂t and W dv/dt = −dW/dt v − dw/dt,
     the rows W v + w = 0 being those of constraints; None where M or W is too large for that.
     """
     s, push = system, push_without_force(system) + force
@@ -23,14 +29,15 @@ def acceleration(system: System, force: ca.SX) -> ca.SX | None:
     if rows.numel() > MOST_ROWS:
         return None
     if not rows.numel():
-        return mass_solve(s.mass_matrix, push)
+        return mass_solve(s.mass_matrix, push), ca.SX(0, 1)
     slope, mass = ca.jacobian(rows, s.v), s.mass_matrix
     if not s.structure.diagonal_mass:  # the mass matrix may be singular across the rows
         mass = mass + slope.T @ slope
     free, softness = mass_solve(mass, push), mass_solve(mass, ca.densify(slope.T))
     wanted = -ca.jtimes(rows, s.q, s.v) - ca.jacobian(rows, s.t)
     lam = ca.solve(ca.densify(slope @ softness), wanted - slope @ free)
-    return free + softness @ lam
+    reactions = lam if s.structure.diagonal_mass else lam - wanted
+    return free + softness @ lam, reactions
 
 
 def push_without_force(system: System) -> ca.SX:

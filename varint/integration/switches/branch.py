@@ -11,6 +11,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from varint.discrete.constraints import ActiveSet
 from varint.integration.switches.accelerations import acceleration, push_without_force, rate_of
 from varint.integration.switches.frozen import FrozenScene, frozen_scene, with_force
 from varint.integration.switches.holding import force_by_numbers, held_force
@@ -25,11 +26,14 @@ SEEN = 30_000  # operations of an acceleration at most
 
 
 class Branch(NamedTuple):
-    """The numbers behind all switches, those that hold the motion, and the controls."""
+    """The numbers behind all switches, those that hold the motion, the controls, and the contacts
+    that hold, in scenes that have any.
+    """
 
     values: tuple[float, ...]
     sliding: tuple[int, ...] = ()
     controls: tuple[float, ...] = ()
+    active_set: ActiveSet | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,8 @@ class BranchScene:
     system : System
         Its parameters are those of the scene and the numbers behind the switches.
     watched : tuple of (int, float)
-        Switch and what its number is beyond (a change of ±1 where it counts), of each margin.
+        Switch and what its number is beyond (a change of ±1 where it counts), of each margin;
+        −1 − i for contact i.
     margins : Function
         (q, v, t, c) → margins, positive in the branch, and their rates.
     ahead : Function

@@ -12,6 +12,7 @@ from varint.codegen.kernel import Kernel
 from varint.integration.problem import InitialValueProblem
 from varint.integration.switches.branch import Branch
 from varint.integration.switches.timetable import Timetable
+from varint.results.records import Event
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -35,6 +36,8 @@ class Course:
         The unit at first of each branch a piece of which has ended at a switch.
     kernels : dict
         The loop of each scene that moves.
+    grid : float or None
+        Step size, where that is given.
     say : callable
         Takes () → how far it is.
     """
@@ -46,13 +49,25 @@ class Course:
     backend: str
     units: dict[Branch, float] = field(default_factory=dict)
     known: dict[Branch, float] = field(default_factory=dict)
-    kernels: dict[tuple[int, ...], Kernel | None] = field(default_factory=dict)
+    kernels: dict[Branch, Kernel | None] = field(default_factory=dict)
+    grid: float | None = None
     say: Callable[[Callable[[], str]], None] = lambda note: None
+
+
+def kernel_in(course: Course, branch: Branch) -> Kernel | None:
+    """The loop of the scene of a branch, where there is one already."""
+    return course.kernels.get(which_moves(branch))
+
+
+def which_moves(branch: Branch) -> Branch:
+    """What stands for all branches of one scene: they differ by numbers alone."""
+    return branch._replace(values=(), controls=())
 
 
 class Piece(NamedTuple):
     """A smooth piece of the motion: its branch, size and number of the steps it was begun with, its
-    nodes with that of the switch it ends at, and (q, p, v) there, (N + 1, 3, n).
+    nodes with that of the switch it ends at, (q, p, v) there, (N + 1, 3, n), and what contacts do
+    where it begins.
     """
 
     branch: Branch
@@ -62,3 +77,4 @@ class Piece(NamedTuple):
     states: np.ndarray
     iterations: int
     residual: float
+    events: tuple[Event, ...] = ()

@@ -218,6 +218,13 @@ def _fits(
         if frozen.counts[j]:
             side = 1.0 if branch.values[j] == np.round(found[0][j]) else -1.0
         first = float(found[1][j]) * direction
+        if abs(first) > 0 and j in slidable(system) and len(at_zero) == 1:
+            values = list(branch.values)
+            values[j] = -side
+            other = ahead_at(system, state, c, branch._replace(values=tuple(values)))
+            # at the end of what it can hold
+            if other is not None and abs(first) <= BETWEEN * abs(float(other[1][j])):
+                first = 0.0
         for order in range(2, DERIVATIVES + 1):
             if first != 0:
                 break
@@ -231,6 +238,10 @@ def _fits(
         assert scene is not None
         share = scene.shares_at(*_arguments(state, c, branch))
         if not ((share >= -BETWEEN) & (share <= 1 + BETWEEN)).all():
+            return False, False
+        own = [i for i, (j, _) in enumerate(scene.watched) if j in branch.sliding]
+        margin, rate = (x[own] for x in call(scene.margins, *_arguments(state, c, branch)))
+        if ((margin <= BETWEEN) & (rate * direction < 0)).any():  # about to give way
             return False, False
     return True, strictly
 

@@ -17,15 +17,17 @@ from varint.integration.switches.branch import (
     branch_scene,
 )
 from varint.integration.switches.corner import past_corner
-from varint.integration.switches.course import Course, Piece
+from varint.integration.switches.course import Course, Piece, which_moves
 from varint.integration.switches.crossing import Crossing, Nodes, NoWayIn, first_crossing
 from varint.integration.switches.decision import (
     all_parameters,
 )
 from varint.integration.switches.drive import drive_frequency, fastest_small_motion
 from varint.integration.switches.loop import Grid, Loop, Part, kernel_of, loop_steps, other_steps
+from varint.integration.switches.meetings import Meetings
 from varint.integration.switches.next_branch import first_branch, next_branch
 from varint.integration.switches.timetable import timed
+from varint.integration.switches.touching import held_scene, scene_in
 from varint.integration.switches.zeno import ARCS, rest_after
 from varint.numerics.arrays import call
 from varint.results.records import State
@@ -39,6 +41,7 @@ LONGER = 4.0  # units, a piece of which makes them longer again
 FIRST, MOST_IN_BLOCK = 16, 4096  # steps of a block, after each of which switches are looked for
 MOST_PIECES, MOST_NODES = 50_000, 20_000_000
 CROWD, CROWDED = 60, 1e-10  # so many pieces, one after the other, as short as this of the duration
+EDGE = 4 * np.finfo(float).eps  # of time: a switch this near to the end of a row is there
 BORDER = 1e-6  # of a unit: so much more than whole ones is whole ones
 
 
@@ -52,24 +55,38 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
     q, p, t, row, short, nodes = problem.q0, problem.p0, begin, 0, 0, 0
     lately: list[Piece] = []
     passed_by: list[int] = []
-    branch = first_branch(course)
+    branch, contacts = first_branch(course), Meetings(course)
+    if branch is not None and branch.active_set is not None:
+        branch, first = contacts.begin(branch)
+        p = first.p
     for _ in range(MOST_PIECES):
-        scene = branch and branch_scene(system, branch.sliding)
+        scene = branch and scene_in(system, branch)
         if branch is None or scene is None or short == CROWD or nodes > MOST_NODES:
             break
         until = float(times[row]) if row < len(times) else begin + total
-        found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
+        start = State(t, q, q, p)
+        soon, unit = contacts.flight(start, branch, until)
+        count = None
+        if course.grid is not None and (soon == until or unit >= abs(course.grid)):
+            soon, count = _to_grid(course, t, until)
+        found = _piece(course, scene, branch, start, soon, parts, unit, count)
         for _ in range(SHORTER):
             alike = _alike(branch)
             if found is not None or alike in course.known or alike not in course.units:
                 break
             course.units[alike] /= SHORTEN
-            found = _piece(course, scene, branch, State(t, q, q, p), until, parts)
+            found = _piece(course, scene, branch, start, soon, parts, unit, count)
         if found is None:
             break
         piece, crossed = found
+        at_edge = abs(until - piece.t[-1]) <= EDGE * max(abs(until), abs(total))
+        if at_edge:
+            piece.t[-1] = until
+        piece = piece._replace(events=contacts.noted())
         yield piece
-        if crossed is not None:
+        if crossed is None or crossed[0] < 0:
+            lately, passed_by = [], []
+        else:
             lately, passed_by = [*lately, piece][-ARCS:], [*passed_by, crossed[0]][-ARCS:]
             rest = rest_after(course, lately, passed_by) if row == len(times) else None
             if rest is not None:
@@ -78,33 +95,66 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         short = short + 1 if abs(piece.t[-1] - t) < CROWDED * abs(total) else 0
         nodes += len(piece.t)
         t, (q, p, v) = float(piece.t[-1]), piece.states[-1]
-        if crossed is None and row == len(times):
+        contacts.extent.add(piece.states[:, 0], piece.states[:, 2])
+        if crossed is None and soon != until:
+            continue
+        if at_edge and row == len(times):
             return
+        state, before = State(t, q, v, p), branch
+        if crossed is not None and crossed[0] < 0:
+            branch, state = contacts.meet(state, branch, -1 - crossed[0])
+            p = state.p
+            if branch is None or not at_edge:
+                continue
         values, known, at_zero = list(branch.values), list(clocks), list(branch.sliding)
         acting = branch.controls
-        if crossed is None:
+        if at_edge:
+            if crossed is not None and crossed[0] >= 0 and crossed[0] not in at_zero:
+                at_zero.append(crossed[0])
             row += 1
             acting = tuple(course.timetable.controls[row].tolist())
             for j, x in zip(clocks, course.timetable.values[row].tolist(), strict=True):
                 values[j] = x
-        elif crossed[0] in branch.sliding:
+        elif crossed is not None and crossed[0] in branch.sliding:
             values[crossed[0]] = crossed[1]
             known.append(crossed[0])
-        else:
+        elif crossed is not None:
             at_zero.append(crossed[0])
-        state, before = State(t, q, v, p), branch
         branch = branch._replace(values=tuple(values), controls=acting)
+        known += contacts.ties(branch)
         branch = next_branch(course, state, branch, at_zero, known)
         way = math.copysign(1.0, total)
-        passed = branch and past_corner(system, state, problem.c, way, before, branch)
+        held = held_scene(system, before.active_set)
+        passed = branch and past_corner(held, state, problem.c, way, before, branch)
         q, p, branch = passed or (q, p, None)
+        if branch is not None:
+            branch, state = contacts.after_switch(State(t, q, state.v, p), branch)
+            p = state.p
     yield None
+
+
+def _to_grid(course: Course, t: float, until: float) -> tuple[float, int]:
+    """Until when to go on in steps of a given size, and in how many: to the next node of the grid,
+    and from there by whole steps.
+    """
+    begin, h = course.problem.t0, course.grid
+    assert h is not None
+    close = EDGE * max(abs(begin), abs(course.problem.h)) / abs(h) + BORDER
+    done, end = (t - begin) / h, (until - begin) / h
+    if abs(done - round(done)) > close:
+        soon = begin + h * math.ceil(done)
+        return (until, 1) if math.ceil(done) >= end - close else (soon, 1)
+    whole = round(end) if abs(end - round(end)) <= close else math.floor(end)
+    count = whole - round(done)
+    if count < 1 or abs(end - whole) <= close:
+        return until, max(count, 1)
+    return begin + h * whole, count
 
 
 def first_unit(course: Course) -> float | None:
     """The unit of time at the start; None where it is not known on which branch it is."""
     branch, problem = first_branch(course), course.problem
-    scene = branch and branch_scene(course.system, branch.sliding)
+    scene = branch and scene_in(course.system, branch)
     if branch is None or scene is None:
         return None
     return _unit(course, branch, State(problem.t0, problem.q0, problem.q0, problem.p0))
@@ -117,18 +167,21 @@ def _piece(
     start: State,
     until: float,
     parts: int,
+    shortest: float,
+    count: int | None,
 ) -> tuple[Piece, tuple[int, float] | None] | None:
     """The piece from a state until a time or a switch, and which switch that is; None where its
-    steps are too large or do not enter the branch.
+    steps are too large or do not enter the branch. A unit is no longer than `shortest`, and the
+    number of steps may be given.
     """
     c, span = all_parameters(course.problem.c, branch), until - start.t
     kernel = _kernel(course, scene, branch)
     if kernel is None:
         return None
-    unit = _unit(course, branch, start)
+    unit = min(_unit(course, branch, start), shortest)
     if not abs(span) / unit * parts < MOST_NODES:
         return None
-    steps = parts * max(math.ceil(abs(span) / unit - BORDER), 1)
+    steps = count or parts * max(math.ceil(abs(span) / unit - BORDER), 1)
     loop = Loop(scene.system, course.rule, kernel, c)
     h, k, carry, size = span / steps, 0, None, FIRST
     q, p = start.q, start.p
@@ -157,7 +210,8 @@ def _piece(
         k, carry, size = k + some, part.carry, min(4 * size, MOST_IN_BLOCK)
         q, p = part.rows[-1, :2]
     alike = _alike(branch)
-    if found is not None:  # the next piece on this branch is as long, more or less
+    # the next piece on this branch is as long, more or less
+    if found is not None and unit != shortest:
         length, most = abs(found.t - start.t), course.known.setdefault(alike, unit)
         if most == unit or length > LONGER * unit:
             course.units[alike] = min(most, max(length, most * LEAST_UNIT))
@@ -201,9 +255,10 @@ def _block(
 
 
 def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None:
-    if branch.sliding not in course.kernels:
-        course.kernels[branch.sliding] = kernel_of(scene.system, course.rule, course.backend)
-    return course.kernels[branch.sliding]
+    which = which_moves(branch)
+    if which not in course.kernels:
+        course.kernels[which] = kernel_of(scene.system, course.rule, course.backend)
+    return course.kernels[which]
 
 
 def _alike(branch: Branch) -> Branch:
@@ -215,7 +270,8 @@ def _unit(course: Course, branch: Branch, start: State) -> float:
     """Time in which the fastest small motion turns by `ANGLE`, or a part of the duration."""
     alike = _alike(branch)
     if alike not in course.units:
-        scene = branch_scene(course.system)
+        system = held_scene(course.system, branch.active_set)
+        scene = branch_scene(system)
         assert scene is not None
         c, total = all_parameters(course.problem.c, branch), course.problem.h
         v = call(velocity_function(scene.system), start.q, start.p, np.array([start.t]), c)[0]

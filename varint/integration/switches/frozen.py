@@ -44,11 +44,11 @@ class FrozenScene(NamedTuple):
 
 @per_system
 def frozen_scene(system: System) -> FrozenScene | None:
-    """The scene with its switches as parameters; None where it has none, or more than forces and
-    potentials switch, or it has contacts or no masses.
+    """The scene with its switches as parameters, contacts left open; None where it has none, or
+    more than forces and potentials switch, or it has no masses.
     """
     s = system
-    if s.contact.numel() or s.structure.degenerate:
+    if s.structure.degenerate or jumps(s.contact, ca.vertcat(s.q, s.t)):
         return None
     inputs = [s.q, s.v, s.t, s.c, s.control]
     operations = operations_of(ca.Function("scene", inputs, [s.lagrangian, ca.densify(s.force)]))
@@ -77,19 +77,21 @@ def frozen_scene(system: System) -> FrozenScene | None:
     lagrangian, force, sigma = ca.substitute(expressions, old, [*new, values])
     if ca.depends_on(ca.gradient(lagrangian, s.v), values):
         return None
-    frozen = _smooth(s, lagrangian, force, params)
+    frozen = _smooth(s, lagrangian, force, params, ca.depends_on(lagrangian, values))
     controls = ca.vertcat(ca.SX(0, 1), *new)
     return FrozenScene(frozen, values, sigma, np.array(read.counts), controls)
 
 
 def with_force(system: System, force: ca.SX) -> System:
     """The smooth scene with another force."""
-    return _smooth(system, system.lagrangian, force, system.params)
+    return _smooth(system, system.lagrangian, force, system.params, False)
 
 
-def _smooth(system: System, lagrangian: ca.SX, force: ca.SX, params: Parameters | None) -> System:
-    """A scene of the same coordinates and constraints, without controls."""
-    s = system
+def _smooth(
+    system: System, lagrangian: ca.SX, force: ca.SX, params: Parameters | None, otherwise: bool
+) -> System:
+    """A scene of the same coordinates and constraints, without controls; is its L another?"""
+    s, kinetics = system, system.kinetics
     return System(
         s.q,
         s.v,
@@ -99,7 +101,7 @@ def _smooth(system: System, lagrangian: ca.SX, force: ca.SX, params: Parameters 
         nonholonomic=s.nonholonomic,
         params=params,
         t=s.t,
-        kinetics=s.kinetics,
+        kinetics=kinetics.of_other_potential() if kinetics and otherwise else kinetics,
         rays=s.rays,
     )
 

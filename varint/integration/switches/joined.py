@@ -9,23 +9,28 @@ from types import MappingProxyType
 import numpy as np
 
 from varint.codegen.kernel import Kernel
+from varint.discrete.constraints import ActiveSet
 from varint.errors import InputError
 from varint.integration.many_steps import steps_again, steps_of
 from varint.integration.plan import plan
-from varint.integration.switches.branch import Branch, branch_scene, slidable
+from varint.integration.switches.branch import Branch, slidable
 from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.loop import kernel_of
+from varint.integration.switches.touching import scene_in
 from varint.results.dense_output import node_tolerance, require_within
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
+HOLDS, SOLVED = 1, 2  # contacts on a branch, in files
+NAMES = {"t", "q", "p", "branch", "values", "held"}  # of arrays of all scenes there
+
 
 def piece_motion(course: Course, piece: Piece) -> Trajectory:
     """A piece as a motion of the scene of its branch."""
-    scene = branch_scene(course.system, piece.branch.sliding)
+    scene = scene_in(course.system, piece.branch)
     assert scene is not None
     k = np.arange(len(piece.t))
     if k[-1] < piece.steps or abs(piece.t[-1] - piece.t[0]) < abs(piece.h) * (k[-1] - 0.5):
@@ -77,7 +82,15 @@ class BetweenNodes:
             row[list(x.sliding)] = 1
         nodes = {"t": self.t, "q": self.q, "p": self.p, "branch": self.branch}
         controls = np.array([x.controls for x in self.branches]).reshape(len(values), -1)
-        return nodes | {"values": values, "held": held, "controls": controls}
+        found = nodes | {"values": values, "held": held, "controls": controls}
+        sets = active_sets(self.branches)
+        if not sets:
+            return found
+        touch = np.zeros((len(values), 1 + max(max(x.holding, default=-1) for x in sets)), int)
+        for row, active_set in zip(touch, sets, strict=True):
+            row[list(active_set.holding)] = HOLDS
+            row[list(active_set.contacts)] = SOLVED
+        return found | {"contacts": touch}
 
     def __call__(self, motion: Trajectory, times: np.ndarray) -> Trajectory:
         slack = require_within(motion, times)
@@ -90,15 +103,37 @@ class BetweenNodes:
             some = np.flatnonzero(inside & (self.branch[node] == i))
             if not len(some):
                 continue
-            scene = branch_scene(motion.system, branch.sliding)
+            scene = scene_in(motion.system, branch)
             assert scene is not None
             c = all_parameters(motion.c, branch)
             kernel, none = kernel_of(scene.system, self.rule), np.empty((len(some), 0))
             ends = steps_of(scene.system, self.rule, kernel, c)
             q[some], p[some] = ends(q[some], p[some], none, self.t[node[some]], ahead[some])
+        sets = active_sets(self.branches)
         return replace(
-            motion, t=times, q=q, p=p, k=node, sizes=None, events=(), solution=None, closure=None
+            motion,
+            t=times,
+            q=q,
+            p=p,
+            k=node,
+            active_sets=tuple(dict.fromkeys(sets)),
+            active_set=_places(sets, self.branch[node]),
+            sizes=None,
+            events=(),
+            solution=None,
+            closure=None,
         )
+
+
+def active_sets(branches: Sequence[Branch]) -> list[ActiveSet]:
+    """What holds on each of the branches, where contacts may."""
+    return [x.active_set for x in branches if x.active_set is not None]
+
+
+def _places(sets: Sequence[ActiveSet], branch: np.ndarray) -> np.ndarray | None:
+    """Which of the different active sets each of these branches has."""
+    known = list(dict.fromkeys(sets))
+    return np.array([known.index(x) for x in sets])[branch] if known else None
 
 
 def between_nodes(system: System, rule: Rule, arrays: dict[str, np.ndarray]) -> BetweenNodes:
@@ -110,7 +145,7 @@ def between_nodes(system: System, rule: Rule, arrays: dict[str, np.ndarray]) -> 
         If the arrays are none of this system.
     """
     frozen, n = frozen_scene(system), system.structure.n
-    if frozen is None or set(arrays) - {"controls"} != {"t", "q", "p", "branch", "values", "held"}:
+    if frozen is None or set(arrays) - {"controls", "contacts"} != NAMES:
         raise InputError("switches are told of that the system does not have")
     t, q, p, branch, values, held = (arrays[x] for x in ("t", "q", "p", "branch", "values", "held"))
     controls = arrays.get("controls", np.empty((len(values), 0)))  # older files have none
@@ -131,8 +166,30 @@ def between_nodes(system: System, rule: Rule, arrays: dict[str, np.ndarray]) -> 
     known = all(j in may_hold for held_ones in sliding for j in held_ones)
     if not known or values[held != 0].any():
         raise InputError("a switch that holds the motion is none that can")
-    branches = map(Branch, map(tuple, values.tolist()), sliding, map(tuple, controls.tolist()))
+    branches = map(
+        Branch,
+        map(tuple, values.tolist()),
+        sliding,
+        map(tuple, controls.tolist()),
+        _read_active_sets(system, arrays.get("contacts"), len(values)),
+    )
     return BetweenNodes(rule, t, q, p, branch.astype(int), tuple(branches))
+
+
+def _read_active_sets(
+    system: System, touch: np.ndarray | None, count: int
+) -> Sequence[ActiveSet | None]:
+    """Which contacts hold on each of so many branches."""
+    s = system.structure
+    if not s.contacts:
+        return [None] * count
+    if touch is None or touch.shape[0] != count or touch.ndim != 2 or touch.shape[1] > s.contacts:
+        raise InputError("the switches do not tell which contacts hold")
+    rows = tuple(range(s.constraints))
+    solved, held = (
+        [tuple(np.flatnonzero(x).tolist()) for x in some] for some in (touch == SOLVED, touch > 0)
+    )
+    return [ActiveSet(rows, *x) for x in zip(solved, held, strict=True)]
 
 
 def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Trajectory:
@@ -147,9 +204,10 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
     each = np.repeat([places[x.branch] for x in pieces], counts)
     acting = np.array([x.branch.controls for x in pieces]).reshape(len(pieces), -1)
     q, p = np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1])
-    steps, ends = len(t) - 1, [x.t[-1] for x in pieces[:-1]]
+    sets, branch = active_sets(branches), np.append(each, each[-1:])
+    steps, ends = len(t) - 1, _switching_times(pieces)
     system, rule = course.system, course.rule
-    chosen = plan(branch_scene(system, pieces[0].branch.sliding).system, rule)  # type: ignore[union-attr]
+    chosen = plan(scene_in(system, pieces[0].branch).system, rule)  # type: ignore[union-attr]
     motion = Trajectory(
         system=system,
         rule=rule,
@@ -161,7 +219,10 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
         u=np.repeat(acting, counts, axis=0)[:, None],
         c=course.problem.c,
         functions=steps_again(rule),
-        dense_output=BetweenNodes(rule, t, q, p, np.append(each, each[-1:]), branches),
+        dense_output=BetweenNodes(rule, t, q, p, branch, branches),
+        active_sets=tuple(dict.fromkeys(sets)),
+        active_set=_places(sets, branch),
+        events=tuple(event for x in pieces for event in x.events),
         sizes=np.diff(t),
         origin=float(t[0]),
         stats=MappingProxyType(
@@ -171,7 +232,7 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
                 "steps": steps,
                 "iterations": sum(x.iterations for x in pieces),
                 "residual": max(x.residual for x in pieces),
-                "switches": len(pieces) - 1,
+                "switches": len(ends),
                 "switches_by_motion": int((~np.isin(ends, course.timetable.times)).sum()),
                 "interrupted": False,
             }
@@ -179,6 +240,13 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
     )
     motion.__dict__["v"] = np.ascontiguousarray(states[:, 2])
     return motion
+
+
+def _switching_times(pieces: Sequence[Piece]) -> list[float]:
+    """When pieces begin whose branch, whatever contacts hold, is another one."""
+    kinds = [x.branch._replace(active_set=None) for x in pieces]
+    pairs = zip(pieces[1:], kinds[1:], kinds, strict=False)
+    return [float(x.t[0]) for x, after, before in pairs if after != before]
 
 
 def nodes_apart(one: Sequence[Piece], other: Sequence[Piece]) -> np.ndarray | None:

@@ -15,8 +15,13 @@ from varint.integration.checkpoint import Checkpoint
 from varint.integration.choice import Choice
 from varint.integration.many_steps import steps_again
 from varint.integration.plan import plan
-from varint.integration.switches.branch import branch_scene
-from varint.integration.switches.joined import BetweenNodes, between_nodes
+from varint.integration.switches.joined import BetweenNodes
+from varint.integration.switches.within_rows import (
+    WithinRows,
+    dense_output_of,
+    first_scene,
+    sets_of,
+)
 from varint.numerics.archive import read_archive
 from varint.numerics.plain import field_of, plain
 from varint.results.records import Event
@@ -26,6 +31,7 @@ from varint.scene.system import System
 
 FORMAT = "varint checkpoint of switches 1"
 NODES, BRANCHES = ("t", "q", "p", "v", "k", "u", "c", "sizes"), "switches_"
+HELD = "active_set"  # array of scenes with contacts
 
 
 def kept_choice(file: Checkpoint, system: System) -> Choice | None:
@@ -54,12 +60,15 @@ def kept_choice(file: Checkpoint, system: System) -> Choice | None:
     branches = {
         name.removeprefix(BRANCHES): x for name, x in arrays.items() if name.startswith(BRANCHES)
     }
-    between = between_nodes(system, rule, branches)
-    scene = branch_scene(system, between.branches[0].sliding)
-    assert scene is not None
+    between = dense_output_of(system, rule, branches)
+    scene, sets = first_scene(system, between), sets_of(between)
     stats: dict[str, Any] = field_of(header, "stats", dict[str, str | bool | int | float])
     nodes: dict[str, Any] = {name: arrays[name] for name in NODES}
     v = nodes.pop("v")
+    if sets:
+        if HELD not in arrays:
+            raise InputError(f"the checkpoint {file.path} is not whole; move it away")
+        nodes[HELD] = arrays[HELD]
     motion = Trajectory(
         system=system,
         rule=rule,
@@ -67,6 +76,7 @@ def kept_choice(file: Checkpoint, system: System) -> Choice | None:
         origin=field_of(header, "origin", float),
         functions=steps_again(rule),
         dense_output=between,
+        active_sets=sets,
         events=field_of(header, "events", tuple[Event, ...]),
         stats=MappingProxyType({"plan": plan(scene.system, rule)} | stats),
         **nodes,
@@ -97,7 +107,7 @@ def keep(file: Checkpoint, choice: Choice) -> None:
 def _contents(file: Checkpoint, choice: Choice) -> tuple[dict[str, Any], dict[str, Any]]:
     motion = choice.motion
     between = motion.dense_output
-    assert isinstance(between, BetweenNodes)
+    assert isinstance(between, (BetweenNodes, WithinRows))
     header = {
         "format": FORMAT,
         "identity": file.identity,
@@ -110,6 +120,8 @@ def _contents(file: Checkpoint, choice: Choice) -> tuple[dict[str, Any], dict[st
     }
     header |= {name: getattr(choice, name) for name in CHOSEN}
     arrays: dict[str, Any] = {name: np.asarray(getattr(motion, name)) for name in NODES}
+    if motion.active_set is not None:
+        arrays[HELD] = motion.active_set
     return header, arrays | {BRANCHES + name: x for name, x in between.to_arrays().items()}
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
 from varint.integration.switches.branch import Branch, branch_scene, passed_straight, slidable
 from varint.integration.switches.course import Course
@@ -17,6 +18,7 @@ from varint.integration.switches.decision import (
 )
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.timetable import timed
+from varint.integration.switches.touching import held_scene
 from varint.numerics.arrays import call
 from varint.results.records import State
 
@@ -26,24 +28,32 @@ AT_ZERO = 64 * np.finfo(float).eps  # of what switches could change by during th
 def first_branch(course: Course) -> Branch | None:
     """The branch at the start."""
     system, problem = course.system, course.problem
-    scene, clocks = branch_scene(system), timed(system).places
+    begin, clocks = begins_with(course), timed(system).places
+    scene = branch_scene(held_scene(system, begin))
     if scene is None:
         return None
     values = np.ones(frozen_scene(system).s.numel())  # type: ignore[union-attr]
     values[list(clocks)] = course.timetable.values[0]
     acting = tuple(course.timetable.controls[0].tolist())
-    branch = Branch(tuple(values.tolist()), controls=acting)
+    branch = Branch(tuple(values.tolist()), controls=acting, active_set=begin)
     q, p, t = problem.q0, problem.p0, problem.t0
     c = all_parameters(problem.c, branch)
     v = call(velocity_function(scene.system), q, p, np.array([t]), c)[0]
     return next_branch(course, State(t, q, v, p), branch, [], list(clocks))
 
 
+def begins_with(course: Course) -> ActiveSet | None:
+    """All constraints and no contact, of scenes with contacts."""
+    s = course.system.structure
+    return ActiveSet(tuple(range(s.constraints))) if s.contacts else None
+
+
 def next_branch(
     course: Course, state: State, branch: Branch, at_zero: list[int], known: list[int]
 ) -> Branch | None:
     """The branch on which the motion goes on from a state, with all switches that are at zero."""
-    system, c, total = course.system, course.problem.c, course.problem.h
+    system = held_scene(course.system, branch.active_set)
+    c, total = course.problem.c, course.problem.h
     frozen = frozen_scene(system)
     assert frozen is not None
     direction = math.copysign(1.0, total)
@@ -72,6 +82,6 @@ def _through(
     course: Course, state: State, direction: float, branch: Branch, switch: int
 ) -> Branch | None:
     """The branch after the one switch at zero, which may hold the motion."""
-    system, c = course.system, course.problem.c
+    system, c = held_scene(course.system, branch.active_set), course.problem.c
     found = decided_alone(system, state, c, direction, branch, switch)
     return found or decide(system, state, c, direction, branch, [switch], [])

@@ -15,29 +15,29 @@ import numpy as np
 from varint.integration.checkpoint import checkpoint_of
 from varint.integration.choice import Choice
 from varint.integration.error_scale import error_scales
-from varint.integration.events.crossings import (
-    Watch,
-    crossing_search,
-)
-from varint.integration.events.native_crossings import crossings_by, log_crossings
+from varint.integration.events.crossings import Watch
 from varint.integration.hidden import missed_impulse
-from varint.integration.plan import default_rule
+from varint.integration.plan import default_rule, plan
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
 from varint.integration.switches.branch import slidable, slope_size
-from varint.integration.switches.course import Course, Piece
+from varint.integration.switches.course import Course, Piece, kernel_in
 from varint.integration.switches.follow import ANGLE, first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
-from varint.integration.switches.joined import joined, nodes_apart, piece_motion
+from varint.integration.switches.joined import joined, nodes_apart
 from varint.integration.switches.kept import keep, kept_choice, words_of
 from varint.integration.switches.timetable import timetable
+from varint.integration.switches.watching import cut_piece, with_events
+from varint.integration.switches.within_rows import (
+    of_users_scene,
+    rows_written_out,
+    written_out,
+)
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
-from varint.integration.trajectories import cut_at
 from varint.integration.two_runs import FLOOR
 from varint.numerics.progress import notice
-from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.system import System
@@ -65,8 +65,11 @@ def choose_switched_steps(
     """The run whose steps end where forces or potentials switch; None where the scene has no such
     switches, or the motion cannot be followed over them.
     """
-    if not _possible(system, rule, problem, options, tol):
+    if not (LEAST_TOL <= tol <= MOST_TOL and possible(system, rule, problem, options)):
         return None
+    user, nodes = system, plan(system, rule).rule.nodes
+    if problem.u.shape[1] > 1:
+        system, problem = written_out(system, nodes), rows_written_out(problem)
     begin, total = problem.t0, problem.h * problem.steps
     table = timetable(system, problem.c, begin, total, problem.u[:, 0])
     problem = problem._replace(h=total, steps=1)
@@ -75,10 +78,8 @@ def choose_switched_steps(
     file = None
     if options.checkpoint is not None:
         words = words_of(options.backend, tol, options.scale, rule, options.save_every)
-        file = checkpoint_of(
-            options.checkpoint, system, course.rule, problem, stop, watches, **words
-        )
-        kept = kept_choice(file, system)
+        file = checkpoint_of(options.checkpoint, user, course.rule, problem, stop, watches, **words)
+        kept = kept_choice(file, user)
         if kept is not None:
             return kept
     with np.errstate(all="ignore"), notice(FOLLOWING, options.progress) as say:
@@ -93,28 +94,26 @@ def choose_switched_steps(
         if found is None:
             return None
         choice, pieces = found
-        motion = _with_events(course, pieces, choice.motion, watches)
+        motion = with_events(course, pieces, choice.motion, watches)
+        if system is not user:
+            motion = of_users_scene(user, nodes, motion)
         choice = replace(choice, motion=_every(motion, options.save_every))
     if file is not None:
         keep(file, choice)
     return choice
 
 
-def _possible(
-    system: System,
-    rule: Rule | None,
-    problem: InitialValueProblem,
-    options: RunOptions,
-    tol: float,
+def possible(
+    system: System, rule: Rule | None, problem: InitialValueProblem, options: RunOptions
 ) -> bool:
-    made, known = (lobatto if system.structure.constraints else gauss), list(rules_for(system))
+    """Whether steps may end at switches, as far as the scene and what is asked tell."""
+    made, known = (lobatto if _held(system) else gauss), list(rules_for(system))
     if not system.structure.nonholonomic:
         known = [made(k) for k in range(2 if made is lobatto else 1, 9)]
     rows = () if problem.active_set is None else problem.active_set.rows
     return (
-        problem.u.shape[1] == 1
+        not (system.structure.contacts and system.structure.nonholonomic)
         and len(rows) == system.structure.constraints
-        and LEAST_TOL <= tol <= MOST_TOL
         and (rule is None or rule in known)
         and options.on_failure == "raise"
         and options.backend != "interpreted"
@@ -122,11 +121,16 @@ def _possible(
     )
 
 
+def _held(system: System) -> bool:
+    """Whether constraints hold the motion, or contacts may."""
+    return bool(system.structure.constraints or system.structure.contacts)
+
+
 def rules_for(system: System) -> dict[Rule, float]:
     """Rules that the pieces may be stepped by, with the work of a step."""
     if system.structure.nonholonomic:
         return {default_rule(system): 1.0}
-    if system.structure.constraints:
+    if _held(system):
         few = max((slope_size(system, j) for j in slidable(system)), default=0) > LARGE
         return {lobatto(k): (k - 1) ** 1.5 for k in (NODES[:1] if few else NODES)}
     return {gauss(k): 5.0 * k / min(k, 4) for k in STAGES}
@@ -148,7 +152,7 @@ def _refined(
     order = float(p) if frozen.system.structure.linear else None
     last, runs, failures, stalls = math.inf, 0, 0, 0
     while parts <= MOST:
-        pieces = _run(course, parts, stop)
+        pieces = run_pieces(course, parts, stop)
         runs += 1
         if pieces is None:
             failures, before, last = failures + 1, None, math.inf
@@ -159,7 +163,7 @@ def _refined(
         if before is None:
             before, parts = (parts, pieces), 2 * parts
             continue
-        motion = joined(course, pieces, course.kernels.get(pieces[0].branch.sliding))
+        motion = joined(course, pieces, kernel_in(course, pieces[0].branch))
         scales, ratio = error_scales(system, motion, scale), parts // before[0]
         apart = _apart(course, before[1], pieces, motion, scales)
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
@@ -183,7 +187,7 @@ def _refined(
     return best and (replace(best[0], runs=runs), best[1])
 
 
-def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
+def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
     end = course.problem.t0 + course.problem.h
@@ -192,22 +196,11 @@ def _run(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
             return None
         t = float(piece.t[-1])
         course.say(partial("{} steps a unit of time, t = {:.4g} of {:.4g}".format, parts, t, end))
-        cut = stop and _cut(course, piece, stop)
+        cut = stop and cut_piece(course, pieces[-1:], piece, stop)
         pieces.append(cut or piece)
         if cut:
             break
     return pieces
-
-
-def _cut(course: Course, piece: Piece, stop: Watch) -> Piece | None:
-    """The piece until an expression crosses zero; None where it does not."""
-    motion = piece_motion(course, piece)
-    kernel = course.kernels[piece.branch.sliding]
-    end = crossings_by(kernel, crossing_search(motion.system, stop), motion, {})
-    if not len(end.jump):
-        return None
-    cut = cut_at(motion, 0, end)
-    return piece._replace(t=cut.t, states=np.stack([cut.q, cut.p, cut.v], axis=1))
 
 
 def _floor(motion: Trajectory, pieces: int, scales: np.ndarray) -> float:
@@ -226,19 +219,6 @@ def _apart(
         late = abs(one[-1].t[-1] - other[-1].t[-1]) * np.abs(other[-1].states[-1, 2])
         return float((np.vstack([np.abs(found), late]) / scales).max())
     return distance_between_nodes(motion, joined(course, one, None), scales)
-
-
-def _with_events(
-    course: Course, pieces: list[Piece], motion: Trajectory, watches: Sequence[Watch]
-) -> Trajectory:
-    """The motion with the zeros of watched expressions."""
-    noted: list[Event] = []
-    for piece in pieces if watches else ():
-        part = piece_motion(course, piece)
-        searches = [crossing_search(part.system, watch) for watch in watches]
-        noted += log_crossings(searches, part, {}, course.kernels[piece.branch.sliding])
-    noted.sort(key=lambda event: event.time * np.sign(motion.h))
-    return replace(motion, events=tuple(noted)) if watches else motion
 
 
 def _every(motion: Trajectory, every: int) -> Trajectory:
