@@ -13,9 +13,11 @@ import varint as vi
 from varint.control.build import build_control_solver
 from varint.control.coarse import coarse_start
 from varint.control.guess import build_start, read_guess
-from varint.control.lifted import can_be_lifted, lifted_start
+from varint.control.lifted import SMOOTH, can_be_lifted, lifted_start, price_of_bends
+from varint.control.lifted_program import build_places, build_program
 from varint.control.neighbours import wave
 from varint.control.problem import transcribe
+from varint.control.scaling import choose_scales
 from varint.control.starts import default_starts
 from varint.control.trial import can_be_tried, tried
 from varint.errors import SolverError
@@ -304,6 +306,28 @@ def test_a_path_that_breaks_the_motion_grossly_leads_to_the_fastest_wire(seed):
     assert rough < 60
     found = build_control_solver(problem, start)(start, progress=False)
     assert found.success and found.iterations < 40
+
+
+@pytest.mark.parametrize("duration, reach", [(1.0, 1.0), (3.0, 1.0), (vi.free(3.0, 1, 9), 7.0)])
+def test_bends_cost_the_same_in_any_units(duration, reach):
+    """q = L s² (3 − 2 s): ∫ (d²q/ds² / L)² ds = 12, by N differences of its slopes 12 (1 − 1/N²),
+    whatever the duration and the extent; in units of the cost.
+    """
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2, force=U, control=U)
+    ends = dict(start=dict(q=[0], v=[0]), end=dict(q=[reach], v=[0]))
+    phase = vi.Phase(system, vi.gauss(2), duration, 8, U**2, **ends)
+    problem = transcribe([phase], [], 0.0)
+    part = problem.phases[0].phase
+    price = price_of_bends(problem, read_guess(part, 0.0))
+    factor = choose_scales(problem, build_start(problem)).f
+    places = build_places(part, 8)
+    free, bent = (build_program(part, 0.0, part.mesh, places, y) for y in (None, price))
+    x, s = np.zeros(places.end), part.mesh
+    x[places.x] = reach * np.array([s**2 * (3 - 2 * s), 6 * s * (1 - s) / part.duration[0]]).T
+    x[places.shared[places.shared >= 0]] = part.duration[0]
+    with_price, without = (float(y.program.value(x, y.p)[0]) for y in (bent, free))
+    assert factor * (with_price - without) == pytest.approx(12 * SMOOTH * (1 - 1 / 64), rel=1e-12)
 
 
 @pytest.mark.parametrize("rule, steps", [(vi.gauss(2), 40), (vi.midpoint(), 20)])

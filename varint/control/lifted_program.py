@@ -1,0 +1,177 @@
+"""The program of a rough solution whose velocities are unknowns of their own: where its unknowns
+sit, its bounds, its elements, its start values; see lifted.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from varint.control.guess import Guess
+from varint.control.inverse_dynamics import rest_controls
+from varint.control.phase import CheckedPhase
+from varint.discrete.legendre import mass_solve
+from varint.nlp.assembly import Element, assemble
+from varint.nlp.program import NonlinearProgram
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where the unknowns sit: (q, v) at the nodes (N + 1, 2n), controls (N, k), and duration and
+    parameters, −1 where they are fixed.
+    """
+
+    x: np.ndarray
+    u: np.ndarray
+    shared: np.ndarray
+
+    @property
+    def end(self) -> int:
+        """Number of unknowns."""
+        return max(int(y.max(initial=-1)) for y in (self.x, self.u, self.shared)) + 1
+
+
+def build_places(phase: CheckedPhase, steps: int) -> Places:
+    s = phase.system.structure
+    stride = 2 * s.n + s.controls
+    first = stride * np.arange(steps + 1)[:, None]
+    x, u = first + np.arange(2 * s.n), first[:-1] + np.arange(2 * s.n, stride)
+    free = np.append(phase.free_duration, phase.c_low < phase.c_high)
+    shared = np.where(free, x.max() + np.cumsum(free), -1)
+    return Places(x, u, shared)
+
+
+def build_program(
+    phase: CheckedPhase,
+    t0: float,
+    mesh: np.ndarray,
+    places: Places,
+    price: np.ndarray | None,
+) -> NonlinearProgram:
+    s, bounds, steps = phase.system, phase.bounds, len(mesh) - 1
+    n, nodes, points = s.structure.n, bounds.at_nodes.numel(), bounds.at_points.numel()
+    count = 2 * n + nodes + points
+    first, last = phase.start.rows.numel(), phase.end.rows.numel()
+    end = steps * count
+    of_steps = np.arange(end).reshape(steps, count)
+    of_ends = end + np.arange(first)[None], end + first + np.arange(last)[None]
+    elements = [
+        _interval(phase, t0, mesh, places, price, of_steps),
+        _end(phase, t0, places, of_ends[0], False),
+        _end(phase, t0, places, of_ends[1], True),
+    ]
+    wide = np.full(places.end, np.inf)
+    x_low, x_high = -wide, wide
+    sides = ((x_low, 0, phase.c_low, 1), (x_high, 1, phase.c_high, 2))
+    for bound, side, c, place in sides:
+        bound[places.x[:, :n]] = bounds.q[side]
+        bound[places.u] = bounds.u[side]
+        free = places.shared >= 0
+        bound[places.shared[free]] = np.append(phase.duration[place], c)[free]
+    for end_of, at in ((phase.start, places.x[0]), (phase.end, places.x[-1])):
+        given = np.concatenate([end_of.q, end_of.v], axis=1)
+        x_low[at] = np.maximum(x_low[at], given[1])
+        x_high[at] = np.minimum(x_high[at], given[2])
+    still = np.zeros(2 * n)
+    low, high = (
+        np.concatenate([np.tile(np.concatenate([still, *along]), steps), *ends])
+        for along, ends in (
+            ((bounds.nodes_low, bounds.points_low), (phase.start.low, phase.end.low)),
+            ((bounds.nodes_high, bounds.points_high), (phase.start.high, phase.end.high)),
+        )
+    )
+    program = assemble(elements, places.end, 2 * steps, len(low))
+    data = np.concatenate([mesh[:-1], np.diff(mesh)])
+    return NonlinearProgram(program, data, x_low, x_high, low, high)
+
+
+def _shared(phase: CheckedPhase, places: Places) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Duration and parameters, numbers where they are fixed; and the symbols of those that are
+    not.
+    """
+    free = np.flatnonzero(places.shared >= 0)
+    symbols, known = ca.SX.sym("shared", len(free)), np.append(phase.duration[0], phase.c)
+    values = ca.SX(ca.DM(known))
+    values[free.tolist()] = symbols
+    return values[0], values[1:], symbols
+
+
+def _interval(
+    phase: CheckedPhase,
+    t0: float,
+    mesh: np.ndarray,
+    places: Places,
+    price: np.ndarray | None,
+    rows: np.ndarray,
+) -> Element:
+    s, n, steps = phase.system, phase.system.structure.n, len(mesh) - 1
+    duration, c, free = _shared(phase, places)
+    x0, x1 = ca.SX.sym("x0", 2 * n), ca.SX.sym("x1", 2 * n)
+    u, w = ca.SX.sym("u", s.structure.controls), ca.SX.sym("w", 2)
+    push = ca.gradient(s.lagrangian, s.q) + s.force
+    push -= ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
+    rates = phase.rates.symbols
+    along = ca.Function(
+        "along",
+        [s.q, s.v, s.control, s.t, s.c, rates],
+        [
+            mass_solve(s.mass_matrix, push),
+            phase.cost,
+            phase.bounds.at_nodes,
+            phase.bounds.at_points,
+        ],
+    )
+    h, middle = duration * w[1], (x0 + x1) / 2
+    t = t0 + duration * (w[0] + w[1] / 2)
+    a, cost, nodes, points = along(middle[:n], middle[n:], u, t, c, ca.SX.zeros(rates.shape))
+    motion = x1 - x0 - h * ca.vertcat(middle[n:], a)
+    total = h * cost
+    if price is not None:
+        total += ca.dot(ca.DM(price), (duration * (x1 - x0)[n:]) ** 2) / w[1]
+    k = np.arange(steps)
+    return Element(
+        ca.vertcat(x0, u, x1, free),
+        w,
+        total,
+        ca.vertcat(motion, nodes, points),
+        np.hstack([places.x[:-1], places.u, places.x[1:], _many(places, steps)]),
+        np.stack([k, steps + k], axis=1),
+        rows,
+    )
+
+
+def _end(phase: CheckedPhase, t0: float, places: Places, rows: np.ndarray, last: bool) -> Element:
+    s, end = phase.system, phase.end if last else phase.start
+    duration, c, free = _shared(phase, places)
+    x, n = ca.SX.sym("x", 2 * s.structure.n), s.structure.n
+    terminal = phase.terminal if last else ca.SX(0)
+    at = ca.Function("at", [s.q, s.v, s.t, s.c], [terminal, ca.densify(end.rows)])
+    cost, held = at(x[:n], x[n:], t0 + duration * last, c)
+    where = np.hstack([places.x[-1 if last else 0][None], _many(places, 1)])
+    return Element(
+        ca.vertcat(x, free), ca.SX(0, 1), cost, held, where, np.zeros((1, 0), dtype=int), rows
+    )
+
+
+def _many(places: Places, copies: int) -> np.ndarray:
+    return np.tile(places.shared[places.shared >= 0], (copies, 1))
+
+
+def build_lifted_start(
+    phase: CheckedPhase, mesh: np.ndarray, places: Places, guess: Guess
+) -> np.ndarray:
+    """The path, its velocities, and the guess's controls or none: those of inverse dynamics follow
+    every kink of a path.
+    """
+    x = np.zeros(places.end)
+    fine = np.sort(np.concatenate([mesh, (mesh[:-1] + mesh[1:]) / 2]))
+    q = guess.q(fine)
+    v = np.gradient(q, guess.duration * fine, axis=0)
+    x[places.x] = np.hstack([q, v])[::2]
+    middles = (mesh[:-1] + mesh[1:]) / 2
+    x[places.u] = rest_controls(phase) if guess.u is None else guess.u(middles)
+    free = places.shared >= 0
+    x[places.shared[free]] = np.append(guess.duration, guess.c)[free]
+    return x
