@@ -89,6 +89,18 @@ def test_newtons_method_is_compiled_after_a_failure_only_where_that_pays():
     assert newton_repays(double_pendulum(), vi.gauss(4), 1)  # quick
 
 
+def statements(module, source, system, rule, monkeypatch):
+    """Statements of C of the functions that `source` hands to its loop."""
+    found = []
+    monkeypatch.setattr(
+        module,
+        "source_of",
+        lambda about, s, nodes, functions, *rest, **more: found.append(functions),
+    )
+    source.__wrapped__(system, rule)
+    return sum(f.length for f in found[0].values())
+
+
 @pytest.mark.parametrize(
     "scene",
     (
@@ -105,20 +117,12 @@ def test_newtons_method_is_compiled_after_a_failure_only_where_that_pays():
 def test_the_prediction_is_never_below_half_of_what_is_written(scene, monkeypatch):
     """In statements of C, which the compiler's time is proportional to: functions are bounded."""
     system, rule = scene()
-    written = []
-    monkeypatch.setattr(
-        newton,
-        "source_of",
-        lambda about, s, nodes, functions, *rest, **more: written.append(
-            sum(f.length for f in functions.values())
-        ),
-    )
-    newton_source.__wrapped__(system, rule)
+    written = statements(newton, newton_source, system, rule, monkeypatch)
     explicit = rule.kicks and system.structure.explicit
     starting = EXPLICIT_STARTING if explicit else STARTING
     statement = EXPLICIT_STATEMENT if explicit else STATEMENT
     predicted = (compiling_seconds(system, rule) - starting) / statement
-    assert written[0] / 2 < predicted < 6 * written[0]
+    assert written / 2 < predicted < 6 * written
 
 
 def tree(links, parent_of, floating=False):
@@ -146,14 +150,6 @@ def tree(links, parent_of, floating=False):
 )
 def test_the_prediction_of_trees_of_links_is_what_their_statements_take(system, rule, monkeypatch):
     """2.5e-4 seconds a statement of C, measured for 10 to 200 links: within a factor of 1.5."""
-    system, written = system(), []
-    monkeypatch.setattr(
-        gauss,
-        "source_of",
-        lambda about, s, nodes, functions, *rest, **more: written.append(
-            sum(f.length for f in functions.values())
-        ),
-    )
-    gauss_source.__wrapped__(system, rule)
-    measured = 0.33 + 2.5e-4 * written[0]
+    system = system()
+    measured = 0.33 + 2.5e-4 * statements(gauss, gauss_source, system, rule, monkeypatch)
     assert measured / 1.5 < compiling_seconds(system, rule) < 1.5 * measured

@@ -8,7 +8,7 @@ motion here. Where ė = 0 the motion grazes, and has no derivative.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -51,24 +51,30 @@ def _push_symbols(scene: System, row: int) -> tuple[list[ca.MX], ca.MX]:
     return inputs, multiplier_function(scene)(q, v, u, t, c)[0][row]
 
 
-@per_system
-def _gap_slopes(system: System, scene: System, contact: int) -> ca.Function:
-    return _slopes(*_crossing_symbols(scene, system.contact[contact]))
+class _Zero(NamedTuple):
+    """What becomes zero at an event: the gap of a contact in a scene, or the multiplier of a row
+    that holds there.
+    """
+
+    scene: System
+    place: int
+    holds: bool
 
 
 @per_system
-def _gap_hessian(system: System, scene: System, contact: int) -> ca.Function:
-    return _hessian(*_crossing_symbols(scene, system.contact[contact]))
+def _zero_slopes(system: System, *at: Any) -> ca.Function:
+    return _slopes(*_zero_symbols(system, _Zero(*at)))
 
 
 @per_system
-def _push_slopes(scene: System, row: int) -> ca.Function:
-    return _slopes(*_push_symbols(scene, row))
+def _zero_hessian(system: System, *at: Any) -> ca.Function:
+    return _hessian(*_zero_symbols(system, _Zero(*at)))
 
 
-@per_system
-def _push_hessian(scene: System, row: int) -> ca.Function:
-    return _hessian(*_push_symbols(scene, row))
+def _zero_symbols(system: System, zero: _Zero) -> tuple[list[ca.MX], ca.MX]:
+    if zero.holds:
+        return _push_symbols(zero.scene, zero.place)
+    return _crossing_symbols(zero.scene, system.contact[zero.place])
 
 
 def _slopes(inputs: list[ca.MX], value: ca.MX) -> ca.Function:
@@ -84,20 +90,20 @@ def _hessian(inputs: list[ca.MX], value: ca.MX) -> ca.Function:
 
 def event_slopes(system: System, active_set: ActiveSet, event: Event) -> ca.Function:
     """`crossing_slopes` of what becomes zero where a contact closes, or lets go."""
-    scene, contact = active_set.scene(system), event.contact
-    assert contact is not None
-    if event.kind != "detachment":
-        return _gap_slopes(system, scene, contact)
-    return _push_slopes(scene, _row_of(system, active_set, event))
+    return _zero_slopes(system, *_zero(system, active_set, event))
 
 
 def event_hessian(system: System, active_set: ActiveSet, event: Event) -> ca.Function:
     """(q, p, t, c, u) → its second derivatives with respect to all of them."""
+    return _zero_hessian(system, *_zero(system, active_set, event))
+
+
+def _zero(system: System, active_set: ActiveSet, event: Event) -> _Zero:
     scene, contact = active_set.scene(system), event.contact
     assert contact is not None
     if event.kind != "detachment":
-        return _gap_hessian(system, scene, contact)
-    return _push_hessian(scene, _row_of(system, active_set, event))
+        return _Zero(scene, contact, False)
+    return _Zero(scene, _row_of(system, active_set, event), True)
 
 
 def _row_of(system: System, active_set: ActiveSet, event: Event) -> int:
