@@ -26,6 +26,7 @@ from varint.orbits.correct import driven_period
 from varint.orbits.curve import Curve, Direction, Measures, measures, product, scaled
 from varint.orbits.multipliers import ON_CIRCLE, ROUNDED
 from varint.orbits.orbit import Orbit
+from varint.orbits.predict import on_cubic
 from varint.orbits.reduction import reduce
 from varint.orbits.shooting import Iterate
 from varint.scene.inputs import number
@@ -35,6 +36,7 @@ LOCATED = 1e-9  # of the step in which it lies
 TOGETHER = 1e-3  # of the step: a fold and the multiplier 1 that it makes
 SIZE = 0.02  # of the orbit's ranges: how far along a branch its first orbit lies
 DOUBLING, BRANCH, COLLISION = "period doubling", "branch point", "collision of multipliers"
+BEHIND, NEAREST = "energies below zero", "energy next to zero"  # of Ω(Φ − Φ⁻¹), not located alone
 
 
 class Point(NamedTuple):
@@ -59,6 +61,7 @@ class Bifurcation:
         ``"fold in energy"`` (or in what is varied), ``"branch point"`` (a multiplier passes 1: a
         symmetry breaks, families cross), ``"period doubling"`` (one passes −1), ``"collision of
         multipliers"`` (two pairs meet and leave the unit circle or the real axis, or come back).
+        Pairs that pass ±1 and stay on the circle, as symmetries make them, count, too.
     orbit : Orbit
         There.
     value : float
@@ -155,6 +158,10 @@ def repeated(orbit: Orbit, laps: int) -> Orbit:
 def tests_of(orbit: Orbit, tangent: Direction, curve: Curve) -> dict[str, float]:
     """What changes sign: the slope of the quantity (and of the energy) along the family, det(Φ ∓ 1)
     across the integrals, and how many multipliers have left the circle and the real axis.
+
+    Where a symmetry keeps a pair on the circle as it passes ±1, det(Φ ∓ 1) touches zero and goes
+    back; two eigenvalues of the symmetric matrix Ω(Φ − Φ⁻¹) = ΩΦ + (ΩΦ)ᵀ change their sign there,
+    one where a pair leaves the circle, none where two pairs meet.
     """
     s, at, linear = orbit.shooting, orbit.at, orbit.linear
     found = {f"fold in {curve.along}": slope_of(curve, s, at, linear, tangent)}
@@ -170,6 +177,11 @@ def tests_of(orbit: Orbit, tangent: Direction, curve: Curve) -> dict[str, float]
         width = max(ON_CIRCLE, ROUNDED * float(np.linalg.norm(reduced.matrix)))
         off = (np.abs(np.abs(values) - 1) > width**0.5) & (np.abs(values.imag) > width**0.5)
         found[COLLISION] = 0.5 - float(off.any())
+        if orbit.floquet.symplectic:
+            turned = reduced.form @ reduced.matrix
+            energies = np.linalg.eigvalsh(turned + turned.T)
+            found[BEHIND] = float((energies < 0).sum())
+            found[NEAREST] = float(np.abs(energies).min())
     return found
 
 
@@ -194,6 +206,13 @@ def located(a: Point, b: Point, length: float, curve: Curve) -> list[Bifurcation
         where = _root(a, b, length, curve, name)
         if where is not None:
             found.append((*where[:1], name, where[1]))
+    behind = [point.tests.get(BEHIND, 0.0) for point in (a, b)]
+    if abs(behind[1] - behind[0]) == 2 and not {BRANCH, DOUBLING} & set(changed):
+        where = _root(a, b, length, curve, BEHIND, sum(behind) / 2)
+        if where is not None:
+            tests = where[1].tests
+            name = BRANCH if abs(tests[BRANCH]) < abs(tests[DOUBLING]) else DOUBLING
+            found.append((*where[:1], name, where[1]))
     folds = [at for at, name, _ in found if name in ("fold in energy", f"fold in {curve.along}")]
     kept = [
         (at, name, point)
@@ -207,20 +226,30 @@ def located(a: Point, b: Point, length: float, curve: Curve) -> list[Bifurcation
     ]
 
 
-def _root(a: Point, b: Point, length: float, curve: Curve, name: str) -> tuple[float, Point] | None:
+def _signed(tests: dict[str, float], name: str, level: float) -> float:
+    """A test; of a count, the energy next to zero with the sign that the count has to `level`."""
+    return tests[name] if name != BEHIND else float(np.sign(tests[name] - level)) * tests[NEAREST]
+
+
+def _root(
+    a: Point, b: Point, length: float, curve: Curve, name: str, level: float = 0.0
+) -> tuple[float, Point] | None:
     """Arclength at which a test vanishes (Illinois' method, and halves), and the point there."""
-    low, high, below, above = 0.0, length, a.tests[name], b.tests[name]
+    low, high, ends = 0.0, length, (b.orbit, b.tangent)
+    below, above = (_signed(point.tests, name, level) for point in (a, b))
     best: tuple[float, Point] | None = None
     side = 0
     for count in range(MOST_STEPS):
         slow = count % 4 == 3 or name == COLLISION
         at = (low + high) / 2 if slow else (low * above - high * below) / (above - below)
         try:
-            orbit = stepped(a.orbit, a.tangent, at, curve, a.by)
+            near = on_cubic(a.orbit, a.tangent, ends, at, curve, a.by)
+            orbit = stepped(a.orbit, a.tangent, at, curve, a.by, near)
         except ConvergenceError:
             return best
         point = point_of(orbit, curve, a.tangent, 1.0)
-        best, value = (at, point), point.tests[name]
+        ends = orbit, point.tangent
+        best, value = (at, point), _signed(point.tests, name, level)
         if value * below > 0:
             low, below = at, value
             above = above / 2 if side == 1 else above
