@@ -35,6 +35,7 @@ from varint.control.lifted_program import (
     build_lifted_start,
     build_places,
     build_program,
+    rows_of_motion,
 )
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
@@ -190,15 +191,26 @@ def _is_wild(problem: ControlProblem, drawn: Guess) -> bool:
 
 
 def _misfit(phase: CheckedPhase, places: Places, nlp: NonlinearProgram, guess: Guess) -> float:
-    """How much a path breaks the equations of motion with the controls that suit it best."""
+    """How much a path breaks the equations of motion with the controls that suit it best, which
+    act on their own step alone.
+    """
     x = np.clip(build_lifted_start(phase, phase.mesh, places, guess), nlp.x_low, nlp.x_high)
     g, slopes = nlp.program.jacobian(x, nlp.p)
-    held = nlp.g_low == nlp.g_high
-    off = (g.full().ravel() - nlp.g_low)[held]
-    acting = slopes.full()[np.ix_(held, places.u.ravel())]
+    rows = rows_of_motion(phase)
+    off = (g.full().ravel() - nlp.g_low)[rows]
+    at = np.full((len(nlp.g_low), 2), -1)  # of a row: its step, and its place there
+    at[rows] = np.moveaxis(np.indices(rows.shape), 0, -1)
+    acts = np.full((len(x), 2), -1)
+    acts[places.u] = np.moveaxis(np.indices(places.u.shape), 0, -1)
+    row, column = (np.array(k) for k in slopes.sparsity().get_triplet())
+    own = (at[row, 0] >= 0) & (at[row, 0] == acts[column, 0])
+    row, column, value = row[own], column[own], np.array(slopes.nonzeros())[own]
+    acting = np.zeros((*off.shape, places.u.shape[1]))
+    acting[at[row, 0], at[row, 1], acts[column, 1]] = value
     if not (np.isfinite(off).all() and np.isfinite(acting).all()):
         return np.inf
-    return float(np.linalg.norm(off - acting @ np.linalg.lstsq(acting, off, rcond=None)[0]))
+    best = np.linalg.pinv(acting) @ off[..., None]
+    return float(np.linalg.norm(off[..., None] - acting @ best))
 
 
 def price_of_bends(problem: ControlProblem, drawn: Guess) -> np.ndarray:

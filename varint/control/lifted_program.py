@@ -43,6 +43,17 @@ def build_places(phase: CheckedPhase, steps: int) -> Places:
     return Places(x, u, shared)
 
 
+def rows_of_motion(phase: CheckedPhase) -> np.ndarray:
+    """Which rows of the program are the equations of motion of each step, (N, 2n)."""
+    return _rows_of_steps(phase, phase.steps)[:, : 2 * phase.system.structure.n]
+
+
+def _rows_of_steps(phase: CheckedPhase, steps: int) -> np.ndarray:
+    bounds = phase.bounds
+    count = 2 * phase.system.structure.n + bounds.at_nodes.numel() + bounds.at_points.numel()
+    return np.arange(steps * count).reshape(steps, count)
+
+
 def build_program(
     phase: CheckedPhase,
     t0: float,
@@ -51,11 +62,9 @@ def build_program(
     price: np.ndarray | None,
 ) -> NonlinearProgram:
     s, bounds, steps = phase.system, phase.bounds, len(mesh) - 1
-    n, nodes, points = s.structure.n, bounds.at_nodes.numel(), bounds.at_points.numel()
-    count = 2 * n + nodes + points
+    n, of_steps = s.structure.n, _rows_of_steps(phase, steps)
     first, last = phase.start.rows.numel(), phase.end.rows.numel()
-    end = steps * count
-    of_steps = np.arange(end).reshape(steps, count)
+    end = of_steps.size
     of_ends = end + np.arange(first)[None], end + first + np.arange(last)[None]
     elements = [
         _interval(phase, t0, mesh, places, price, of_steps),
