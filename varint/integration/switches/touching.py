@@ -103,7 +103,7 @@ def with_contacts(system: System, sliding: tuple[int, ...], active_set: ActiveSe
         restitution=s.bounce,
         params=scene.system.params,
         t=s.t,
-        kinetics=s.kinetics,
+        kinetics=scene.system.kinetics,
         rays=s.rays,
     )
 
