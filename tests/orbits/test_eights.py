@@ -48,6 +48,18 @@ def test_pairs_of_springs_pass_one_and_minus_one_on_the_circle():
         assert np.abs(other.motion.q[:, 1]).max() > 0.01
 
 
+def test_two_pairs_that_pass_in_one_step_are_told_apart():
+    """A third spring, stiffer by a thousandth, passes first."""
+    q, v = vi.coordinates("x", "y", "z")
+    c = vi.Parameters(w=0.95)
+    pull = q[0] ** 2 + c.w**2 * (q[1] ** 2 + 1.001**2 * q[2] ** 2)
+    springs = vi.System(q, v, (v.T @ v - pull) / 2, params=c)
+    along = orbits.periodic(springs, ([1, 0, 0], [0, 0, 0]), period=2 * np.pi, energy=0.5, steps=32)
+    found = orbits.family(along, along="w", to=1.05, hold="energy").bifurcations
+    assert [one.kind for one in found] == ["branch point", "branch point"]
+    assert [one.value for one in found] == pytest.approx([1 / 1.001, 1], abs=1e-8)
+
+
 def test_multipliers_of_the_figure_eight_pass_one_where_its_morse_index_is_published_to_change(
     bodies,
 ):

@@ -34,6 +34,7 @@ from varint.scene.inputs import number
 MOST_STEPS = 40  # of locating one
 LOCATED = 1e-9  # of the step in which it lies
 TOGETHER = 1e-3  # of the step: a fold and the multiplier 1 that it makes
+PASSES = 1e-6  # of the energy at the ends: one that is smaller is zero
 SIZE = 0.02  # of the orbit's ranges: how far along a branch its first orbit lies
 DOUBLING, BRANCH, COLLISION = "period doubling", "branch point", "collision of multipliers"
 BEHIND, NEAREST = "energies below zero", "energy next to zero"  # of Ω(Φ − Φ⁻¹), not located alone
@@ -207,8 +208,12 @@ def located(a: Point, b: Point, length: float, curve: Curve) -> list[Bifurcation
         if where is not None:
             found.append((*where[:1], name, where[1]))
     behind = [point.tests.get(BEHIND, 0.0) for point in (a, b)]
-    if abs(behind[1] - behind[0]) == 2 and not {BRANCH, DOUBLING} & set(changed):
-        where = _root(a, b, length, curve, BEHIND, sum(behind) / 2)
+    if abs(behind[1] - behind[0]) >= 2 and not {BRANCH, DOUBLING} & set(changed):
+        level = sum(behind) / 2
+        where = _root(a, b, length, curve, BEHIND, level)
+        if where is not None and _apart(where[1], (a, b), level):
+            at, between = where
+            return located(a, between, at, curve) + located(between, b, length - at, curve)
         if where is not None:
             tests = where[1].tests
             name = BRANCH if abs(tests[BRANCH]) < abs(tests[DOUBLING]) else DOUBLING
@@ -224,6 +229,12 @@ def located(a: Point, b: Point, length: float, curve: Curve) -> list[Bifurcation
         Bifurcation(name, p.orbit, quantity(p.orbit, curve), p.tangent, curve)
         for _, name, p in kept
     ]
+
+
+def _apart(between: Point, ends: tuple[Point, Point], level: float) -> bool:
+    """Whether an orbit lies between two where multipliers pass, not where they do together."""
+    far = max(point.tests[NEAREST] for point in ends)
+    return between.tests[BEHIND] == level and between.tests[NEAREST] > PASSES * far
 
 
 def _signed(tests: dict[str, float], name: str, level: float) -> float:
