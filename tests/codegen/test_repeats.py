@@ -4,6 +4,7 @@ the bytes of what is written out.
 
 from functools import cache
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -91,7 +92,7 @@ def test_blocks_give_the_bytes_of_what_is_written_out(scene, least, monkeypatch,
     whole = motion()
     written = []
     monkeypatch.setattr(emit, "LARGEST", least)
-    monkeypatch.setattr(emit, "REPEATED", 100.0)
+    monkeypatch.setattr(emit, "worth_it", lambda blocks, parts: True)
     monkeypatch.setattr(pieces, "SHORT", 0)
     monkeypatch.setattr(pieces, "REPEATED", 100.0)
     monkeypatch.setattr(
@@ -104,3 +105,11 @@ def test_blocks_give_the_bytes_of_what_is_written_out(scene, least, monkeypatch,
 def test_blocks_that_are_met_once_are_not_worth_it():
     graph, last = gauss_scheme(chain(2), 2).functions["inertia"]
     assert pieces.repeats_of(graph, sorted(needed(graph)), uniform_nodes(graph, last)) is None
+
+
+def test_pairs_of_bodies_that_take_more_to_fetch_than_to_compute_stay_in_parts():
+    q, v = vi.coordinates(*(f"{axis}{i}" for i in range(20) for axis in "xyz"))
+    apart = [q[3 * i : 3 * i + 3] - q[3 * j : 3 * j + 3] for i in range(20) for j in range(i)]
+    lagrangian = ca.sumsqr(v) / 2 + sum(1 / ca.norm_2(r) for r in apart)
+    f = gauss_scheme(vi.System(q, v, lagrangian), 2).functions["rhs"]
+    assert "switch (" not in emit_graph("f", f.graph, f.last).source

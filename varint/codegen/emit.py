@@ -20,12 +20,12 @@ from varint.codegen.graph import (
 from varint.codegen.parts import LARGEST, Statement
 from varint.codegen.pieces import (
     APART,
-    REPEATED,
     Pieces,
     c_function,
     in_blocks,
     in_parts,
     repeats_of,
+    worth_it,
 )
 from varint.codegen.rolled import INFIX, Forms, c_expression, c_loops, group_by_form
 
@@ -139,14 +139,12 @@ def emit_graph(
     kind = "INLINE" if len(prepare) <= LARGEST else APART
     source = c_function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
     if forms or len(body) <= LARGEST:
-        pieces = Pieces("", body, len(body), len(body))
+        pieces = Pieces("", body, len(body), len(body), len(body))
     else:
-        pieces = parts = in_parts(name, statements, stores, arguments)
+        parts = in_parts(name, statements, stores, arguments)
         found = repeats_of(graph, live, uniform)
-        if found:
-            pieces = in_blocks(name, found, arguments, stride, constant, place)
-        if pieces.length > REPEATED * parts.length or pieces.largest > LARGEST:
-            pieces = parts
+        blocks = found and in_blocks(name, found, arguments, stride, constant, place)
+        pieces = blocks if blocks and worth_it(blocks, parts) else parts
     whole = c_function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)
     source += pieces.before + whole
     return Emitted(source, len(kept), count, roots, pieces.length, pieces.largest)

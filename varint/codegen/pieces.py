@@ -7,24 +7,28 @@ from typing import NamedTuple
 
 from varint.codegen.graph import Graph, sine_and_cosine
 from varint.codegen.joined import join
-from varint.codegen.parts import Statement, c_parts, calls_of
+from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
 from varint.codegen.repeats import Repeats
 from varint.codegen.repeats_in_c import c_repeats
 
 APART = "static __attribute__((noinline, noclone, unused))"
 REPEATED = 0.6  # of the statements at most, where blocks that repeat are written once
+# of what the same without blocks executes, at most: many bodies, whose pairs take more to fetch
+# than to compute, would be slower by half
+MORE = 1.2
 SHORT = 16  # operations of a block on average: to call shorter ones takes as long as what they do
 
 
 class Pieces(NamedTuple):
-    """The body of a function, the C source before it that it calls, the statements of both, and
-    most of them in one C function.
+    """The body of a function, the C source before it that it calls, the statements of both, most
+    of them in one C function, and those that a call executes.
     """
 
     before: str
     body: list[str]
     length: int
     largest: int
+    executed: int
 
 
 def repeats_of(graph: Graph, live: list[int], uniform: list[bool]) -> Repeats | None:
@@ -37,6 +41,15 @@ def repeats_of(graph: Graph, live: list[int], uniform: list[bool]) -> Repeats | 
         return None
     join(found)
     return found if len(units) > SHORT * len(found.order) else None
+
+
+def worth_it(blocks: Pieces, parts: Pieces) -> bool:
+    """Are the blocks much shorter to compile than the parts, and hardly slower to run?"""
+    return (
+        blocks.length <= REPEATED * parts.length
+        and blocks.largest <= LARGEST
+        and blocks.executed <= MORE * parts.executed
+    )
 
 
 def in_blocks(
@@ -54,7 +67,7 @@ def in_blocks(
         for part, text in blocks.functions.items()
     )
     largest = max(len(blocks.calls), *map(len, blocks.functions.values()))
-    return Pieces(before, blocks.calls, blocks.length, largest)
+    return Pieces(before, blocks.calls, blocks.length, largest, blocks.executed)
 
 
 def in_parts(
@@ -63,10 +76,8 @@ def in_parts(
     """The function as parts of bounded length, one after the other."""
     parts = c_parts(name, statements, stores)
     before = "".join(c_function(APART, x.name, [*arguments, "V *m"], x.body) for x in parts)
-    length = sum(len(x.body) for x in parts)
-    return Pieces(
-        before, calls_of(parts, _called(arguments)), length, max(len(x.body) for x in parts)
-    )
+    length, largest = sum(len(x.body) for x in parts), max(len(x.body) for x in parts)
+    return Pieces(before, calls_of(parts, _called(arguments)), length, largest, length)
 
 
 def _called(arguments: list[str]) -> str:

@@ -19,14 +19,15 @@ ENTRIES = 16  # of tables: they take the compiler as long as a statement
 
 
 class Written(NamedTuple):
-    """C functions (name → statements), the tables they need, the statements that call them, and
-    the length of all.
+    """C functions (name → statements), the tables they need, the statements that call them, the
+    length of all, and how many statements a call executes.
     """
 
     functions: dict[str, list[str]]
     tables: str
     calls: list[str]
     length: int
+    executed: int
 
 
 @dataclass
@@ -107,6 +108,7 @@ def c_repeats(
         sum(len(form.text) for form in forms)
         + len(calls)
         + (len(at) + len(numbers) + len(order)) // ENTRIES,
+        sum(len(forms[n].text) for n in order),
     )
 
 
