@@ -13,6 +13,7 @@ import varint as vi
 
 EXPONENTS = entries("orbits")["Lyapunov exponents"]["reference"]
 RUNNING = entries("orbits")["double pendulum, running"]["reference"]
+RELEASED = entries("orbits")["double pendulum, chaotic"]
 
 
 def henon_heiles(y: float, total: float, steps: int, h: float = 0.25, **options) -> vi.Trajectory:
@@ -133,6 +134,44 @@ def test_running_motions_of_the_double_pendulum_grow_as_they_are_proved_to(arms,
         np.log(np.abs(np.roots([1, -x, 1])).max()) / turn for x in (high, trace, low)
     )
     assert small < found < large < small + 1e-5
+
+
+def released(steps: int) -> vi.Trajectory:
+    """The double pendulum of the published exponents, from its start."""
+    model = vi.models.double_pendulum(**RELEASED["params"])
+    start = dict(q0=model.q0, v0=model.v0, h=0.01, steps=steps)
+    return vi.simulate(model.system, vi.gauss(6), **start, save_every=100)
+
+
+def within(found: vi.orbits.LyapunovSpectrum, errors: float) -> bool:
+    """Whether all exponents are the published ones, by so many standard errors of both."""
+    row = RELEASED["reference"]
+    apart = np.abs(found.exponents - row["exponents"])
+    return bool((apart < errors * np.hypot(row["errors"], found.errors)).all())
+
+
+def test_exponents_of_a_chaotic_double_pendulum_are_the_published_ones():
+    """A run as long as the published one, and one whose own error is a quarter of that printed:
+    apart by less than the error printed alone.
+    """
+    short, long = (vi.orbits.lyapunov_spectrum(released(steps)) for steps in (20_000, 400_000))
+    assert within(short, 3) and within(long, 3)
+    printed, error = (RELEASED["reference"][name][0] for name in ("exponents", "errors"))
+    assert abs(long.exponents[0] - printed) < error
+    assert 3 * long.errors[0] < 1.5 * error
+    assert short.pairing < 1e-9 and long.pairing < 1e-9
+
+
+@pytest.mark.long
+def test_exponent_of_a_long_run_of_a_double_pendulum_is_the_published_one():
+    """20,000 s: an error of a tenth of that printed."""
+    motion = released(2_000_000)
+    found = vi.orbits.lyapunov_spectrum(motion)
+    printed, error = (RELEASED["reference"][name][0] for name in ("exponents", "errors"))
+    assert abs(found.exponents[0] - printed) < error
+    assert found.errors[0] < 0.15 * error
+    assert np.abs(found.exponents[1:3]).max() < 2e-3 and found.pairing < 1e-9
+    assert np.ptp(motion.energy) < 1e-9
 
 
 def test_exponents_of_the_double_pendulum_are_those_of_an_independent_integration():

@@ -14,6 +14,8 @@ from scipy.special import ellipe, ellipk
 
 import varint as vi
 from varint.codegen import cache
+from varint.codegen.graph import NotCompilable
+from varint.codegen.native_sweep import native_sweep
 from varint.numerics.arrays import call
 from varint.sensitivities import loops, steps_at_once
 from varint.sensitivities.loops import is_built, sweeper
@@ -314,6 +316,26 @@ def test_a_stiff_scene_is_differentiated_by_factors_where_the_stages_do_not_cont
     motion = vi.simulate(stiff, vi.gauss(3), q0=[1.0, 0.0], v0=[0.0, 1.0], h=0.05, steps=20)
     data, other = (vi.sensitivity(motion, backend=x) for x in ("native", "interpreted"))
     assert np.abs(data - other).max() < 1e-10 * np.abs(other).max()
+
+
+@pytest.mark.skipif(not is_built(), reason="installed without a compiler")
+def test_steps_whose_factors_are_too_large_for_the_core_are_differentiated_all_the_same():
+    """Ten stages of a double pendulum, and steps at which the iteration of their derivatives
+    fails: CasADi takes those.
+    """
+    model = vi.models.double_pendulum(theta=(2.0, 2.5), length=(1.2, 1.0))
+    start = dict(q0=model.q0, v0=model.v0, h=0.2)
+    motion = vi.simulate(model.system, vi.gauss(10), **start, steps=60)
+    with pytest.raises(NotCompilable, match="too large"):
+        native_sweep(motion.system, motion.rule, None)
+    loss = ca.sumsqr(motion.system.v)
+    sums = [vi.gradient(motion, None, loss, backend=x) for x in ("native", "interpreted")]
+    assert np.allclose(sums[0].v0, sums[1].v0, rtol=1e-9)
+    ends = vi.sensitivity(motion, ["q0", "v0"], backend="native")[-1]
+    assert np.allclose(2 * motion.v[-1] @ ends[2:, 2:], sums[0].v0, rtol=1e-6)
+    phi = motion.transition_matrix()
+    form = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.eye(2), np.zeros((2, 2))]])
+    assert np.abs(phi.T @ form @ phi - form).max() < 1e-13 * np.abs(phi).max() ** 2
 
 
 @pytest.mark.long

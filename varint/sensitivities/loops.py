@@ -184,7 +184,13 @@ def _repays(system: System, rule: Rule, steps: int) -> bool:
 
 
 def by_factors(by: Sweeper) -> SweepKernel | None:
-    """The loop that factorises the equations of a step, if it is not the one that failed."""
+    """The loop that factorises the equations of a step, if it is not the one that failed.
+
+    Raises
+    ------
+    NotCompilable
+        If these equations are too large to be written in C.
+    """
     from varint.codegen.native_sweep import native_sweep
     from varint.codegen.sweep import sweep_kernel
 

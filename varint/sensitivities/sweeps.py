@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from varint.codegen.graph import NotCompilable
 from varint.errors import ConvergenceError
 from varint.sensitivities.loops import by_factors
 from varint.sensitivities.pieces import Piece
@@ -39,7 +40,10 @@ def forwards(
     if not by.kernels:
         return forwards_interpreted(by, piece, c, directions, tangent)
     out = np.empty((len(piece.x), *tangent.shape))
-    _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent, out=out), every=1)
+    try:
+        _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent, out=out), every=1)
+    except NotCompilable:
+        return forwards_interpreted(by, piece, c, directions, tangent)
     return out
 
 
@@ -49,7 +53,10 @@ def carried(
     """∂x at the last node of the piece alone, (2n, m)."""
     if not by.kernels:
         return forwards_interpreted(by, piece, c, directions, tangent)[-1]
-    return _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent))["tangent"]
+    try:
+        return _compiled(by, "tangents", piece, c, directions, dict(tangent=tangent))["tangent"]
+    except NotCompilable:
+        return forwards_interpreted(by, piece, c, directions, tangent)[-1]
 
 
 def backwards(
@@ -74,7 +81,10 @@ def backwards(
         loss=np.zeros(1),
         outer=directions.outer,
     )
-    found = _compiled(by, "adjoints", piece, c, directions, arrays, seeds=seeds)
+    try:
+        found = _compiled(by, "adjoints", piece, c, directions, arrays, seeds=seeds)
+    except NotCompilable:
+        return backwards_interpreted(by, piece, c, adjoint, seeds, nodes)
     pulled = Pulled(found["outer"][:, 0], found["out"], float(found["loss"][0]))
     return found["tangent"], pulled
 
@@ -91,7 +101,7 @@ def _compiled(
     seeds: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """What a loop makes of copies of the arrays; where the stages' iteration fails, the loop that
-    factorises.
+    factorises; raises NotCompilable where its equations are too large for C.
     """
     kernels, status = list(by.kernels), 0
     while kernels:
