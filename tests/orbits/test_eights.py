@@ -93,3 +93,28 @@ def test_what_branches_off_the_figure_eight_is_the_published_orbit(bodies):
     assert abs(eights / own - 1) > 1e-7  # they are told apart by far
     near = [np.sort_complex(one.floquet.multipliers) for one in (branch, printed)]
     assert np.abs(near[0] - near[1]).max() < 1e-7
+
+
+def test_where_no_closed_orbit_branches_off_a_momentum_is_stationary_along_orbits_that_turn(bodies):
+    """At a = 1.22834 a multiplier of the eight passes 1: along eights that turn with the rate Ω, an
+    orbit each in the frame that turns with them, dJ/dΩ = 0.
+    """
+    first = eight(bodies, EIGHT, 1.0)
+    found = orbits.family(first, along="a", to=1.24).bifurcations
+    assert [one.kind for one in found] == ["period doubling", "fold in an integral"]
+    passes = found[1].value
+    assert passes == pytest.approx(1.228336, abs=1e-6)
+    with pytest.raises(vi.InputError, match="corotating"):
+        found[1].branch()
+    [turn] = (one for one in vi.symmetries(bodies) if one.name == "rotation about z")
+    turning = orbits.corotating(bodies, turn)
+    slopes = []
+    for a in (passes - 1e-3, passes, passes + 1e-3):
+        still = orbits.family(first, along="a", to=a, bifurcations=False)[-1]
+        start, rate = (still.q0, still.v0), 1e-3
+        resting = orbits.periodic(turning, start, period=still.period, params=dict(a=a))
+        moving = orbits.family(resting, along="rate", to=rate, bifurcations=False)[-1]
+        x, p = (part.reshape(3, 2) for part in (moving.q0, moving.motion.p[0]))
+        slopes.append((x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0]) / rate)
+    assert slopes[0] < 0 < slopes[2]
+    assert abs(slopes[1]) < 2e-3 * (slopes[2] - slopes[0])

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from varint.errors import ConvergenceError
-from varint.orbits.bifurcations import Point, passing, point_of
 from varint.orbits.continuation import (
     PATIENT,
     at_value,
@@ -22,6 +21,7 @@ from varint.orbits.curve import Curve, change, product, scaled
 from varint.orbits.guess import MODERATE, PIECES
 from varint.orbits.mesh import EACH
 from varint.orbits.orbit import Orbit
+from varint.orbits.passages import Point, passing, point_of
 from varint.orbits.predict import ahead, on_cubic
 from varint.orbits.shooting import Iterate
 

@@ -156,6 +156,7 @@ def condensed(links: Links) -> Condensed:
         else:
             first = first - carried
     matrix = np.block([[begin + end, side], [first, corner]])
-    size = np.linalg.norm(matrix, axis=1)
-    size = np.where(size > 0, size, 1.0)  # rows across have grown with what they went through
+    # rows across have grown with what they went through; those next to zero are left so, for they
+    # tell null vectors
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
     return Condensed(matrix / size[:, None], np.append(rest, below) / size, tuple(inner))

@@ -115,9 +115,10 @@ def null_directions(
     curve: Curve,
     by: Measures,
     least: int = 1,
+    small: float = NULL,
 ) -> list[Direction]:
-    """Null vectors of the equations of an orbit, `least` of them at least: tangents of the curves
-    through it.
+    """Null vectors of the equations of an orbit, those whose singular values are `small` beside the
+    largest, `least` of them at least: tangents of the curves through it.
     """
     rows = held_rows(curve, shooting, by)
     wanted = Wanted(
@@ -136,7 +137,7 @@ def null_directions(
     chain = condensed(links._replace(aside=links.aside[:, :, used], corner=links.corner[:, used]))
     values = chain.parts[1]
     surplus = chain.matrix.shape[1] - len(values)
-    many = max(surplus + int((values <= NULL * values[0]).sum()), least)
+    many = max(surplus + int((values <= small * values[0]).sum()), least)
     found = []
     for row in chain.null(many):
         y = np.zeros(border)

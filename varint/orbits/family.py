@@ -13,11 +13,12 @@ from varint.errors import InputError
 from varint.notation.html import table
 from varint.numerics.progress import progress_bar, told_beside
 from varint.orbits.advance import FIRST, exactly, in_new_segments, next_point
-from varint.orbits.bifurcations import Bifurcation, Point, located, point_of
+from varint.orbits.bifurcations import Bifurcation
 from varint.orbits.continuation import quantity
 from varint.orbits.curve import Curve, change, product
 from varint.orbits.drive import drive_of
 from varint.orbits.orbit import Orbit
+from varint.orbits.passages import Point, located, point_of
 from varint.orbits.save import save_orbits, saved_orbit
 from varint.scene.inputs import number, positive_integer
 from varint.scene.system import parameter_entries
