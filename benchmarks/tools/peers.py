@@ -36,12 +36,16 @@ class Setting:
     momenta: bool = False
 
 
-def heyoka(system, q0, v0, p0, duration) -> Iterator[Setting]:
+FORMS = "velocities", "momenta"
+TOLERANCES = 10.0 ** np.arange(-3, -18.1, -0.75)
+
+
+def heyoka(system, q0, v0, p0, duration, tolerances=TOLERANCES, forms=FORMS) -> Iterator[Setting]:
     """Adaptive Taylor integration, compiled by LLVM, in (q, v) and in (q, p)."""
-    for form, start in (("velocities", [q0, v0]), ("momenta", [q0, p0])):
-        if form == "momenta" and system.structure.explicit:
+    for form, start in zip(FORMS, ([q0, v0], [q0, p0]), strict=True):
+        if form not in forms or (form == "momenta" and system.structure.explicit):
             continue
-        for tol in 10.0 ** np.arange(-3, -18.1, -0.75):
+        for tol in tolerances:
             began = perf_counter()
             integrator = taylor(system, form, tol)
             setup = perf_counter() - began

@@ -22,14 +22,20 @@ FOLDER = Path(__file__).parents[1] / "results"
 
 
 def save(
-    name: str, rows: list[dict[str, Any]], peers: Mapping[str, str] = MappingProxyType({})
+    name: str,
+    rows: list[dict[str, Any]],
+    peers: Mapping[str, str] = MappingProxyType({}),
+    means: Mapping[str, float] = MappingProxyType({}),
 ) -> None:
-    """Write the rows of a benchmark, with the versions of other tools, and say where they are."""
+    """Write the rows of a benchmark, with the versions of other tools and geometric means of
+    ratios, and say where they are.
+    """
     FOLDER.mkdir(exist_ok=True)
     path = FOLDER / f"{name}.json"
-    path.write_text(
-        json.dumps({"measured_with": measured_with() | dict(peers), "rows": rows}, indent=1) + "\n"
-    )
+    about: dict[str, Any] = {"measured_with": measured_with() | dict(peers)}
+    if means:
+        about["geometric means"] = dict(means)
+    path.write_text(json.dumps(about | {"rows": rows}, indent=1) + "\n")
     print(f"written to {path.relative_to(FOLDER.parents[1])}")
 
 

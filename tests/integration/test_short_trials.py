@@ -73,6 +73,18 @@ def test_a_long_run_is_left_to_a_loop_that_can_be_stopped():
     assert found == NOT_SHORT
 
 
+def test_a_compiled_loop_does_longer_runs_at_once_and_ends_where_others_do():
+    asked = Start([0.5, 0.0], [0.0, 3**0.5]), RunOptions(steps=1, duration=12_000.0)
+    problem = initial_value_problem(KEPLER, vi.gauss(8), *asked)
+    way = KEPLER, vi.gauss(8), problem, inertia(KEPLER, problem), 1e-3, 36_000.0
+    assert by_short_trials(*way, "native", 0.0) == NOT_SHORT
+    found = by_short_trials(*way, "compiled", 0.0)
+    other = by_plain_trials(KEPLER, vi.gauss(8), problem, 1e-3, 36_000.0, None, "native")
+    motion = plain_motion(KEPLER, vi.gauss(8), other.run, 0.0)
+    assert (found.steps, found.runs, found.estimate) == (other.steps, other.runs, other.estimate)
+    assert np.array_equal(found.motion.q, motion.q) and np.array_equal(found.motion.p, motion.p)
+
+
 def test_a_step_that_cannot_be_solved_is_not_taken_for_a_proof():
     free = vi.System(q1, v1, v1**2 / 2 - ca.log(1 - q1))
     asked = Start([0.9], [3.0]), RunOptions(steps=1, duration=50.0)

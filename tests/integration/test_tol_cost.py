@@ -11,6 +11,8 @@ import varint as vi
 from varint.codegen.two_runs import NOT_SHORT
 from varint.integration import plain_trials, to_tolerance, tolerance
 from varint.integration.error_scale import error_scales
+from varint.integration.time_transformation import plain_course
+from varint.integration.time_transformation.plain_course import _plain
 
 PLEIADES = json.loads((Path(__file__).parents[1] / "reference" / "f.json").read_text())
 
@@ -37,6 +39,39 @@ def test_steps_follow_an_orbit_from_both_ends_and_the_promise_holds(e, tol):
         assert motion.stats["error_estimate"] <= tol
         assert motion.t[-1] == pytest.approx(6 * np.pi, rel=1e-15)
         assert motion.fictitious is not None and len(motion) <= 3 * 40
+
+
+ALIKE = {  # with steps that follow the scene, by numbers alone
+    "near": (vi.models.kepler(e=0.9), {"duration": 40 * np.pi}),
+    "backwards": (vi.models.kepler(e=0.9), {"duration": -11.0}),
+    "with a scale": (vi.models.kepler(e=0.95), {"duration": 30.0, "scale": 2.0}),
+    "lost at first": (vi.models.kepler(e=0.99), {"duration": 6 * np.pi, "t0": 1.5}),
+    "three bodies": (vi.models.arenstorf(), {}),
+}
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-9])
+@pytest.mark.parametrize("case", ALIKE)
+def test_runs_that_follow_the_scene_are_the_same_by_numbers_alone(monkeypatch, case, tol):
+    model, more = ALIKE[case]
+    plainly = []
+
+    def watched(*given):
+        plainly.append(found := _plain(*given))
+        return found
+
+    monkeypatch.setattr(plain_course, "_plain", watched)
+    short = run(model, tol, backend="native", **more)
+    monkeypatch.setattr(plain_course, "_plain", lambda *_: None)
+    long = run(model, tol, backend="native", **more)
+    assert any(plainly) and short.fictitious is not None
+    for one, other in ((short, long), (short.fictitious, long.fictitious)):
+        assert vars(one).keys() == vars(other).keys()
+        for name in "tqpkuhc":
+            assert np.array_equal(getattr(one, name), getattr(other, name))
+        assert {**one.stats, "seconds": 0} == {**other.stats, "seconds": 0}
+    between = short.t[:-1] + 0.3 * np.diff(short.t)
+    assert np.array_equal(short.at(between).q, long.at(between).q)
 
 
 @pytest.mark.parametrize("tol", [1e-6, 1e-9])

@@ -46,6 +46,10 @@ _LIMITS = np.array(
     [*(getattr(decided, x) for x in _NAMES), POOR, SECULAR, LEVEL, *decided.QUANTILES]
 )
 
+# times as many steps as of any loop are over in the same time, where it is compiled: operations
+# take a twentieth of what is counted on for the first block of a loop that nobody has seen run
+COMPILED = 8
+
 
 def by_short_trials(
     system: System,
@@ -113,7 +117,8 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
         body[members] = members[0]
     turns = np.array(angles(system), dtype=np.int64)
     piloted = scheme_of(system, rule) is BY_STAGES
-    pieces = first_piece(kernel, True) if piloted else 0, first_piece(kernel, False)
+    longest = first_piece(kernel, False) * (1 if kernel.scene else COMPILED)
+    pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
         return course_of(kernel, energy, rule.order, pieces, s.linear, body, turns, _LIMITS)
     except CompileError:

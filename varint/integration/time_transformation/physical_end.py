@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -31,6 +32,19 @@ REACHED = 1e-9  # of the duration: its end is located
 OFF_LEVEL = 0.1  # of the largest kinetic energy: the motion is another one
 
 
+class Nodes(Protocol):
+    """Nodes in fictitious time: a trajectory is one, and numbers alone."""
+
+    @property
+    def t(self) -> np.ndarray: ...
+    @property
+    def q(self) -> np.ndarray: ...
+    @property
+    def p(self) -> np.ndarray: ...
+    @property
+    def k(self) -> np.ndarray: ...
+
+
 def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[NodeBlock]:
     """Blocks until the physical time has passed `total`, more and more of its steps saved towards
     the end.
@@ -43,9 +57,9 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
     expected, done, at = problem.steps, 0, None
     ahead: float = expected
     while True:
-        count, each = max(1, int(min(ahead, FIRST_CHUNK) if not done else CAREFUL * ahead)), every
+        count, each = next_steps(ahead, done, every), every
         if ahead <= FIRST_CHUNK:
-            count, each = math.ceil(MARGIN * ahead) + 1, 1
+            each = 1
         elif done % every == 0 and count >= every:
             count -= count % every
         else:  # within the interval between two nodes
@@ -70,7 +84,19 @@ def blocks_until(scene: TransformedScene, run: Run, total: float) -> Iterator[No
         # does the clock stand still where σ vanishes?
         if done > PATIENCE * (expected + FIRST_CHUNK):
             require_level(scene, run, trajectory_of(run, run.nodes))
-        ahead = min((total - clock) / (clock / done), 16 * done)
+        ahead = steps_ahead(total, clock, done)
+
+
+def next_steps(ahead: float, done: int, every: int) -> int:
+    """How many steps to take after so many, with about so many ahead."""
+    if ahead <= FIRST_CHUNK or (done and every == 1):
+        return math.ceil(MARGIN * ahead) + 1
+    return max(1, int(CAREFUL * ahead)) if done else FIRST_CHUNK
+
+
+def steps_ahead(total: float, clock: float, done: int) -> float:
+    """About how many steps are ahead where the clock shows so much after so many."""
+    return min((total - clock) / (clock / done), 16 * done)
 
 
 def _cut(block: NodeBlock, count: int) -> NodeBlock:
@@ -94,22 +120,13 @@ def end_at_duration(run: Run, inner: Trajectory, total: float) -> Trajectory:
             run, [first_node(part), *blocks_of(moving_system(run), run.plan.rule, part, run.kernel)]
         )
         _, near = nodes_around(fine, total)
-    end = end_at(run, near, total)
-    if not abs(end[1][-1] - total) <= REACHED * abs(total):
-        raise InputError(
-            f"the duration {total:g} cannot be located between t = {near.q[0, -1]:g} and "
-            f"{near.q[1, -1]:g}, one step of the fictitious time: time_scale grows too much within "
-            "it; take a smaller h or a smaller time_scale there"
-        )
+    end = located_end(run, near, total)
     wanted = (
         np.flatnonzero(inner.k[:kept] % run.problem.save_every == 0)
         if run.problem.save_every > 1
         else slice(kept)
     )
-    before = (inner.t, inner.q, inner.p, inner.k)
-    t, q, p, k = (
-        np.concatenate((x[wanted], np.array(y)[None])) for x, y in zip(before, end, strict=True)
-    )
+    t, q, p, k = with_end((inner.t, inner.q, inner.p, inner.k), wanted, end)
     active_set = (
         None
         if inner.active_set is None
@@ -118,45 +135,85 @@ def end_at_duration(run: Run, inner: Trajectory, total: float) -> Trajectory:
     return replace(inner, t=t, q=q, p=p, k=k, active_set=active_set)
 
 
-def nodes_around(inner: Trajectory, total: float) -> tuple[int, NodeBlock]:
+def located_end(run: Run, near: NodeBlock, total: float) -> tuple[Any, ...]:
+    """τ, q, p, k at the physical time `total` between two nodes.
+
+    Raises
+    ------
+    InputError
+        If it is not found there.
+    """
+    end = end_at(run, near, total)
+    if not abs(end[1][-1] - total) <= REACHED * abs(total):
+        raise InputError(
+            f"the duration {total:g} cannot be located between t = {near.q[0, -1]:g} and "
+            f"{near.q[1, -1]:g}, one step of the fictitious time: time_scale grows too much within "
+            "it; take a smaller h or a smaller time_scale there"
+        )
+    return end
+
+
+def with_end(
+    nodes: tuple[np.ndarray, ...], wanted: slice | np.ndarray, end: tuple[Any, ...]
+) -> Iterator[np.ndarray]:
+    """τ, q, p, k of the wanted nodes and the end."""
+    return (np.concatenate((x[wanted], np.array(y)[None])) for x, y in zip(nodes, end, strict=True))
+
+
+def nodes_around(nodes: Nodes, total: float) -> tuple[int, NodeBlock]:
     """How many nodes there are before the physical time `total`, and the two around it."""
-    kept = int(np.searchsorted(np.abs(inner.q[:, -1]), abs(total) * (1 - LOCATED)))
+    kept = int(np.searchsorted(np.abs(nodes.q[:, -1]), abs(total) * (1 - LOCATED)))
     two = slice(kept - 1, kept + 1)
-    return kept, NodeBlock(inner.k[two], inner.q[two], inner.p[two], 0.0, 2)
+    return kept, NodeBlock(nodes.k[two], nodes.q[two], nodes.p[two], 0.0, 2)
 
 
 def require_level(scene: TransformedScene, run: Run, inner: Trajectory) -> None:
     """Time must go on, and the motion stay on the energy level that σ (H − E0) = 0 means as long
     as σ is not near 0.
     """
-    if len(inner) < 2:
-        return
-    n, q, p = inner.q.shape[1] - 1, inner.q, inner.p
-    rise = q[1:] - q[:-1]
-    passed = rise[:, n]
-    pace = passed / (inner.t[1:] - inner.t[:-1])
+    if lost := lost_level(scene, moving_system(run), inner, inner.c):
+        raise _lost(lost.why, inner[: lost.node + 1], lost.residual)
+
+
+class Lost(NamedTuple):
+    """The node after which a motion is lost, why, and by how much."""
+
+    node: int
+    why: str
+    residual: float
+
+
+def lost_level(scene: TransformedScene, moving: System, nodes: Nodes, c: np.ndarray) -> Lost | None:
+    """Where `require_level` is not met."""
+    t, q, p = nodes.t, nodes.q, nodes.p
+    if len(t) < 2:
+        return None
+    n = q.shape[1] - 1
+    passed = q[1:, n] - q[:-1, n]
+    pace = passed / (t[1:] - t[:-1])
     slowest = int(pace.argmin())
     if not pace[slowest] > 0:
-        raise _lost(
+        return Lost(
+            slowest,
             f"time does not go on after t = {q[slowest, n]:g}: time_scale must stay positive, and "
             "h small enough for the motion where time_scale is large; take a smaller h",
-            inner[: slowest + 1],
             math.inf,
         )
-    start, two = inner.c[-2], slice(slowest, slowest + 2)
-    (energies,) = over_columns(_level_function(moving_system(run), scene), q[two], p[two], inner.c)
-    here = _twice_kinetic(inner[slowest : slowest + 2])  # at most the largest one on the way
+    start, two = c[-2], slice(slowest, slowest + 2)
+    energies, sizes = over_columns(_level_function(moving, scene), q[two], p[two], c)
+    here = float(sizes.max())  # at most the largest one on the way
     if not np.abs(energies - start).max() <= OFF_LEVEL * here:
-        here = _twice_kinetic(inner)
+        here = float(over_columns(_level_function(moving, scene), q, p, c)[1].max())
     for energy, clock in zip(energies[:, 0].tolist(), q[two, n].tolist(), strict=True):
         if not abs(energy - start) <= OFF_LEVEL * here:
-            raise _lost(
+            return Lost(
+                slowest,
                 f"the energy is {energy:g} at t = {clock:g} and was {start:g} at the start: "
                 "time_scale comes too close to zero there, or h is too large; choose another "
                 "time_scale or a smaller h",
-                inner[: slowest + 1],
                 abs(energy - start) / here,
             )
+    return None
 
 
 def _lost(why: str, before: Trajectory, residual: float) -> ConvergenceError:
@@ -165,15 +222,11 @@ def _lost(why: str, before: Trajectory, residual: float) -> ConvergenceError:
     return ConvergenceError(why, step=step, time=time, residual=residual, trajectory=before)
 
 
-def _twice_kinetic(inner: Trajectory) -> float:
-    """Largest p·dq/dt at the nodes: the size that errors of the energy are measured by."""
-    n, v = inner.q.shape[1] - 1, inner.v
-    return float(np.abs((inner.p[:, :n] * v[:, :n]).sum(axis=1) / v[:, n]).max())
-
-
 @per_system
 def _level_function(moving: System, scene: TransformedScene) -> ca.Function:
-    """(q, p, c) of the rescaled scene that moves → energy of the original one."""
+    """(q, p, c) of the rescaled scene that moves → energy of the original one, and its |p·dq/dt|:
+    the size that errors of the energy are measured by.
+    """
     n, velocity = moving.structure.n - 1, velocity_function(moving)
     q, p, c = (
         ca.MX.sym(name, size)
@@ -181,4 +234,4 @@ def _level_function(moving: System, scene: TransformedScene) -> ca.Function:
     )
     v, t = velocity(q, p, 0, c), ca.DM.zeros(1)
     energy, _ = scene.energy(q[:n], v[:n] / v[n], t, c[:-3], c[-3])
-    return ca.Function("level", [q, p, c], [energy])
+    return ca.Function("level", [q, p, c], [energy, ca.fabs(ca.dot(p[:n], v[:n]) / v[n])])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import Any
 
@@ -9,7 +10,8 @@ import numpy as np
 
 from varint.errors import ConvergenceError, VarintError
 from varint.integration.choice import Choice
-from varint.integration.error_scale import error_scales
+from varint.integration.energy_check import energies_along
+from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.problem import InitialValueProblem, RunOptions, Start
 from varint.integration.rule_choice import (
     candidates,
@@ -20,27 +22,28 @@ from varint.integration.rule_choice import (
 from varint.integration.run_distance import with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.local_rate import local_rate
+from varint.integration.time_transformation.plain_course import (
+    PhysicalRun,
+    physical_run,
+    velocities,
+)
 from varint.integration.time_transformation.rate_pilot import (
     RatePilot,
     rate_pilot,
     varies_little,
 )
 from varint.integration.time_transformation.time_scale import AUTO
-from varint.integration.time_transformation.transformed_run import (
-    Prepared,
-    prepare,
-    run_prepared,
-)
+from varint.integration.time_transformation.transformed_run import Prepared, prepare
 from varint.integration.two_runs import (
     FLOOR,
+    SAMPLES,
     Attempt,
     Course,
-    energy_errors,
+    quantiles,
     run_twice,
     shows_its_error,
 )
 from varint.integration.walls import Failure, require_way_on
-from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -81,7 +84,10 @@ def choose_varying_steps(
         prepared = prepare(system, own, AUTO, start, asked)
         course = _course(prepared, span, total, options.scale, prepared.stop is not None)
         found = run_twice(own, course, steps_for(own, abs(span), tol), tol, FLOOR)
-    return found and Choice(own, found.steps, found.run, found.estimate, found.runs, True, True)
+    if found is None:
+        return None
+    motion = found.run.motion()
+    return Choice(own, found.steps, motion, found.estimate, found.runs, True, True)
 
 
 def worthwhile_pilot(
@@ -113,7 +119,8 @@ def may_vary(system: System, rule: Rule | None) -> bool:
 
 
 def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_early: bool) -> Course:
-    system = prepared.system
+    system, still = prepared.system, np.zeros(prepared.system.structure.n)
+    c = prepared.problem.c[: system.c.numel()]
     failures: list[Failure] = []  # since the last run that ended well
 
     def trial(steps: int, wanted: float, part: int) -> Attempt | None:
@@ -125,7 +132,7 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
             assert prepared.total is not None
             ready = prepared._replace(total=prepared.total / part)
         try:
-            motion = run_prepared(ready, problem)
+            found = physical_run(ready, problem)
         except ConvergenceError as error:  # steps too large for the motion
             failures.append((steps, error))
             require_way_on(failures, total, varying=True)
@@ -133,20 +140,27 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         except VarintError:
             return None
         failures.clear()
-        return Attempt(motion, energy_errors(motion))
+        some = slice(None, None, max(1, len(found.t) // SAMPLES))
+        energy = energies_along(system, found.q[some], found.p[some], found.t[:1], c)
+        return Attempt(found, quantiles(*energy))
 
-    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> tuple[float, float]:
-        scales = error_scales(system, other, scale)
-        unit = np.gcd(few, many)
-        i, j = np.arange(0, len(one) - 1, few // unit), np.arange(0, len(other) - 1, many // unit)
+    def apart(one: PhysicalRun, few: int, other: PhysicalRun, many: int) -> tuple[float, float]:
+        if scale is None and system.structure.quadratic_kinetic:
+            scales = scales_of_nodes(system, other.q, still, other.t[:1], c)
+        else:
+            scales = error_scales(system, other.motion(), scale)
+        unit = math.gcd(few, many)
+        i = np.arange(0, len(one.t) - 1, few // unit)
+        j = np.arange(0, len(other.t) - 1, many // unit)
         count = min(len(i), len(j))
         some = slice(None, count, max(1, count // MOST_COMPARED))
         i, j = i[some], j[some]
         late = (one.t[i] - other.t[j])[:, None]
-        off = np.abs(one.q[i] - other.q[j] - late * other[j].v)
-        end = np.abs(one.q[-1] - other.q[-1])
+        off = np.abs(one.q[i] - other.q[j] - late * velocities(prepared, other, j))
+        end = np.abs(one.q[-1:] - other.q[-1:])
         if ends_early:
-            end = end + abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
+            last = np.array([len(other.t) - 1])
+            end += abs(one.t[-1] - other.t[-1]) * np.abs(velocities(prepared, other, last))
         return with_early(np.vstack([off, end]) / scales)
 
     return Course(trial, apart, abs(span), attempts=ATTEMPTS)
