@@ -10,6 +10,7 @@ import pytest
 from control_scenes import U, coarse, move, pendulum, swing, swing_up
 
 import varint as vi
+from varint.control import replay
 from varint.control.replay import error_estimate
 
 
@@ -125,3 +126,75 @@ def test_saved_solution_reports_its_estimate(tmp_path, capsys):
     vi.load(tmp_path / "move.npz").report()
     assert "error of the path" in capsys.readouterr().out
     assert error_estimate(motion, motion.solution.u) < 1e-10
+
+
+UNEVEN = np.append(0, np.cumsum(np.linspace(1, 3, 30)))
+UNEVEN /= UNEVEN[-1]
+
+
+def by_simulation(monkeypatch, motion: vi.Trajectory) -> float:
+    """The estimate without the program's own interval."""
+    with monkeypatch.context() as patch:
+        patch.setattr(replay, "_all_at_once", lambda *_: None)
+        return error_estimate(motion, motion.solution.u)
+
+
+@coarse
+@pytest.mark.parametrize("control", ["nodes", "constant", "linear"])
+@pytest.mark.parametrize("rule", [vi.gauss(2), vi.gauss(3), vi.lobatto(3)], ids=str)
+@pytest.mark.parametrize("more", [dict(steps=30), dict(mesh=UNEVEN)], ids=["even", "uneven"])
+def test_quarter_steps_all_at_once_are_those_of_the_simulation(rule, control, more, monkeypatch):
+    """Free duration, a parameter, a force that depends on time."""
+    q, v = vi.coordinates("x", "theta")
+    push, gravity, t = ca.SX.sym("push"), ca.SX.sym("gravity"), vi.time()
+    lagrangian = 0.65 * v[0] ** 2 + 0.15 * ca.cos(q[1]) * v[0] * v[1] + 0.0375 * v[1] ** 2
+    cart = vi.System(
+        q,
+        v,
+        lagrangian + 0.15 * gravity * ca.cos(q[1]),
+        force=ca.vertcat(push + ca.sin(t), -0.01 * v[1]),
+        control=push,
+        params={gravity: 9.0},
+        t=t,
+    )
+    motion = vi.optimal_control(
+        cart,
+        rule,
+        duration=vi.free(2.0, 1.5, 2.5),
+        t0=0.3,
+        cost=push**2,
+        q0=[0, 0],
+        v0=[0, 0],
+        end=dict(q=[1, 0.8], v=[0, 0]),
+        control=control,
+        params={"gravity": 9.81},
+        **more,
+    )
+    extent = np.ptp(motion.q, axis=0)
+    assert replay._all_at_once(motion, extent) is not None
+    expected = by_simulation(monkeypatch, motion)
+    assert expected > 1e-9
+    assert motion.stats["error_estimate"] == pytest.approx(expected, rel=2e-3)
+
+
+@coarse
+def test_states_and_second_phases_are_played_back_all_at_once(monkeypatch):
+    q, v = vi.coordinates("h")
+    thrust, mass = ca.SX.sym("thrust"), ca.SX.sym("mass")
+    rocket = vi.System(q, v, v**2 / 2 - q, force=thrust / mass, control=ca.vertcat(thrust, mass))
+    flight = dict(cost=thrust**2, states={mass: -thrust / 4}, bounds=[(0, thrust, 6)])
+    first = vi.Phase(
+        rocket, vi.gauss(2), 1.0, 6, start=dict(q=[0], v=[0], states={mass: 1.0}), **flight
+    )
+    second = vi.Phase(rocket, vi.gauss(2), 1.0, 5, end=dict(q=[1.5], v=[0]), **flight)
+    for motion in vi.optimal_phases([first, second]):
+        assert replay._all_at_once(motion, np.ptp(motion.q, axis=0)) is not None
+        expected = by_simulation(monkeypatch, motion)
+        assert motion.stats["error_estimate"] == pytest.approx(expected, rel=2e-3, abs=1e-10)
+
+
+def test_a_path_far_from_a_motion_is_played_back_step_by_step(monkeypatch):
+    with pytest.warns(UserWarning, match="too coarse"):
+        motion = swing(pendulum(9.81), 8.0, 8, rule=vi.gauss(2))
+    assert replay._all_at_once(motion, np.ptp(motion.q, axis=0)) is None
+    assert motion.stats["error_estimate"] == by_simulation(monkeypatch, motion) > 0.1

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from varint.codegen.cache import CompileError, compiler, library
 from varint.numerics.progress import notice
 
 MOST = "#pragma GCC optimize (1)\n"  # more takes twice as long to compile and gains 5 %
@@ -27,6 +26,8 @@ def compiled_functions(functions: Sequence[ca.Function]) -> list[ca.Function]:
     CompileError
         If there is no compiler.
     """
+    from varint.codegen.cache import library
+
     generator = ca.CodeGenerator("kernels.c", {"with_header": False})
     for f in functions:
         generator.add(f)
@@ -56,7 +57,11 @@ def compiled_where_it_pays(
     """
     sizes = [f.n_instructions() for f in functions]
     saved = SAVED * sum(size * count for size, count in zip(sizes, calls, strict=True))
-    if saved < COMPILING[0] + COMPILING[1] * sum(sizes) or compiler() is None:
+    if saved < COMPILING[0] + COMPILING[1] * sum(sizes):
+        return list(functions)
+    from varint.codegen.cache import CompileError, compiler  # a first solve goes without
+
+    if compiler() is None:
         return list(functions)
     try:
         return compiled_functions(functions)

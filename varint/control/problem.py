@@ -47,6 +47,11 @@ class ControlProblem:
         """Number of unknowns."""
         return self.nlp.unknowns
 
+    def interval_kernels(self, part: PhaseTranscription) -> tuple[ca.Function, ...]:
+        """Value, gradient, Jacobian and Hessian of one interval of a phase."""
+        before = [x for x in self.phases if x.first_datum < part.first_datum]
+        return self.nlp.program.terms[sum(len(x.elements) for x in before)]
+
 
 def transcribe(
     phases: Sequence[Phase],

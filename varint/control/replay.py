@@ -11,8 +11,8 @@ from itertools import groupby
 import numpy as np
 
 from varint.control.piecewise import Piecewise
+from varint.control.quarter_steps import in_parts
 from varint.errors import ConvergenceError
-from varint.integration.simulate import simulate
 from varint.results.trajectory import Trajectory
 
 PARTS = 4  # of a step: an error of second order is seen to 15/16, higher ones better
@@ -54,20 +54,39 @@ def error_estimate(motion: Trajectory, controls: Piecewise) -> float:
     The controls between the nodes are the polynomials through their values; so this is the error
     of the discretisation, with all that an unstable scene makes of it until the end.
     """
+    extent = np.ptp(motion.q, axis=0)
+    extent = np.maximum(extent, STILL * extent.max())
+    extent = np.where(extent > 0, extent, 1.0)
+    q = _all_at_once(motion, extent)
+    if q is None:
+        try:
+            q = _one_by_one(motion, controls)
+        except ConvergenceError:
+            return float("inf")
+    off = np.abs(motion.q - q).max(axis=0)
+    return float((off / extent).max()) if np.isfinite(off).all() else float("inf")
+
+
+def _all_at_once(motion: Trajectory, extent: np.ndarray) -> np.ndarray | None:
+    """Positions at the nodes by quarter steps, where the problem is at hand and the path is nearly
+    a motion.
+    """
+    solution = motion.solution
+    if solution is None or solution.origin is None:
+        return None
+    part, problem = solution.origin.transcription, solution.origin.problem
+    shared = part.shared_values(solution.origin.outcome.x, problem.nlp.p)
+    terms = problem.interval_kernels(part)
+    return in_parts(part, terms, shared, solution.q, solution.u, motion.p[0], PARTS, extent)
+
+
+def _one_by_one(motion: Trajectory, controls: Piecewise) -> np.ndarray:
+    """The same by the simulation."""
     sizes = np.full(len(motion.u), motion.h) if motion.sizes is None else motion.sizes
     nodes = np.array(motion.rule.nodes)
     places = ((np.arange(PARTS)[:, None] + nodes) / PARTS).ravel()
     u = controls.within_steps(places).reshape(len(sizes) * PARTS, len(nodes), -1)
-    try:
-        q, _ = _through(motion, sizes, u, PARTS)
-    except ConvergenceError:
-        return float("inf")
-    extent = np.ptp(motion.q, axis=0)
-    extent = np.maximum(extent, STILL * extent.max())
-    off = np.abs(motion.q - q).max(axis=0)
-    if not np.isfinite(off).all():
-        return float("inf")
-    return float((off / np.where(extent > 0, extent, 1.0)).max())
+    return _through(motion, sizes, u, PARTS)[0]
 
 
 def remedy(motions: Sequence[Trajectory]) -> str:
@@ -98,6 +117,8 @@ def _run(
     motion: Trajectory, q: np.ndarray, p: np.ndarray, k: int, h: float, u: np.ndarray
 ) -> Trajectory:
     """The simulation from node k in steps of h."""
+    from varint.integration.simulate import simulate
+
     controls = u if u.shape[1] > 1 or not u.size else u[:, 0]
     return simulate(
         motion.system,

@@ -20,9 +20,7 @@ from varint.control.neighbours import wave
 from varint.control.problem import ControlProblem
 from varint.control.scaling import choose_scales
 from varint.control.transcription import PhaseTranscription
-from varint.control.trial import can_be_tried, tried
 from varint.errors import VarintError
-from varint.integration.simulate import simulate
 from varint.numerics.arrays import over_columns
 from varint.scene.system import parameters_by_name
 
@@ -60,6 +58,8 @@ def default_starts(problem: ControlProblem) -> Iterator[np.ndarray]:
     unforced = _with_guesses(problem, line, {part: _unforced(part) for part in controlled})
     if unforced is not None:
         yield unforced
+    from varint.control.trial import can_be_tried, tried
+
     weak = [part for part in open_phases if len(problem.phases) == 1 and can_be_tried(part)]
     found = _with_guesses(problem, line, {part: tried(part) for part in weak})
     if found is not None:
@@ -128,6 +128,8 @@ def _bent(part: PhaseTranscription) -> Guess | None:
     """The motion from the start with the controls at rest, bent to the coordinates given at the
     end; the velocity at the start stays. None where there is no such motion.
     """
+    from varint.integration.simulate import simulate
+
     phase, rest = part.phase, rest_controls(part.phase)
     try:
         motion = simulate(

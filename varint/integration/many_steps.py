@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from varint.integration.step_function import action_function, step_function
 from varint.numerics.arrays import over_columns
 from varint.results.records import StepsAgain
 from varint.rules.rule import Rule
@@ -26,6 +25,7 @@ Steps = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 def steps_of(system: System, rule: Rule, kernel: Kernel | None, c: np.ndarray) -> Steps:
     """By a compiled loop, where there is one and it can."""
+    from varint.integration.step_function import step_function
 
     def interpreted(
         q: np.ndarray, p: np.ndarray, u: np.ndarray, t: np.ndarray, h: np.ndarray
@@ -73,4 +73,6 @@ def steps_again(
 
 
 def _action(rule: Rule, system: System) -> ca.Function:
+    from varint.integration.step_function import action_function
+
     return action_function(system, rule)

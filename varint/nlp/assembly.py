@@ -88,9 +88,11 @@ def assemble(
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows)
     cost = ca.MX(0)
     gradients, values, slopes, curvatures = [], [], [], []
+    terms: list[tuple[ca.Function, ...]] = []
     for i, element in enumerate(elements):
         count, made = len(element.x), _kernels(element, f"element{i}")
         value, gradient, jacobian, hessian = kernels(made, count) if kernels else made
+        terms.append((value, gradient, jacobian, hessian))
         z, d = _gather(x, element.x), _gather(p, element.p)
         mu = _gather(ca.vertcat(lam_g, 0), np.where(element.g < 0, rows, element.g))
         costs, shares = value.map(count)(z, d)
@@ -122,6 +124,7 @@ def assemble(
             ["x", "p", "lam_f", "lam_g"],
             ["triu_hess_gamma_x_x"],
         ),
+        tuple(terms),
     )
 
 

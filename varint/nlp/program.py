@@ -23,12 +23,15 @@ class Program:
         (x, p) → (g, ∂g/∂x), sparse.
     hessian : Function
         (x, p, lam_f, lam_g) → upper triangle of ∂²(lam_f f + lam_g·g)/∂x², sparse.
+    terms : tuple of tuple of Function
+        Of an assembled program: value, gradient, Jacobian and Hessian of one copy of each element.
     """
 
     value: ca.Function
     gradient: ca.Function
     jacobian: ca.Function
     hessian: ca.Function
+    terms: tuple[tuple[ca.Function, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
