@@ -102,7 +102,7 @@ def test_any_number_of_zeros_has_room():
     assert np.allclose(found.after.t, 0.05 * np.arange(1000) + 0.04, rtol=0, atol=1e-12)
 
 
-def test_watched_controls_and_contacts_go_to_the_other_search(monkeypatch):
+def test_watched_controls_and_driven_contacts_go_to_the_other_search(monkeypatch):
     """It is asked where the loop in C does not know the motion."""
     asked = []
     other = native_crossings.find_crossings
@@ -110,10 +110,10 @@ def test_watched_controls_and_contacts_go_to_the_other_search(monkeypatch):
     q, v = vi.coordinates("z")
     push = ca.SX.sym("push")
     driven = vi.System(q, v, v**2 / 2 - q**2 / 2, control=push, force=push)
-    ball = vi.System(q, v, v**2 / 2 - q, contact=q, restitution=0.5)
-    for system, more, watched in ((driven, dict(u=[0.0]), q - 0.5 + push), (ball, {}, q - 0.5)):
+    ball = vi.System(q, v, v**2 / 2 - q, contact=q, restitution=0.5, control=push, force=push)
+    for system, watched in ((driven, q - 0.5 + push), (ball, q - 0.5)):
         motion = vi.simulate(
-            system, q0=1, v0=0, h=0.01, steps=200, events={"half": watched}, **more
+            system, q0=1, v0=0, h=0.01, steps=200, events={"half": watched}, u=[0.0]
         )
         assert asked and any(event.kind == "half" for event in motion.events)
         asked.clear()

@@ -83,7 +83,8 @@ class Flight(NamedTuple):
     status : int
         ENDED at the last node; FULL: to be called again; BESIDE: before something that is not dealt
         with there; SETTLED: after impacts other contacts hold.
-    t, k, q, p : array (rows,), (rows,), (rows, n), (rows, n)
+    t, k : array (rows,)
+    q, p, v : array (rows, n)
         Nodes of the grid, and those of impacts as the motion leaves them.
     hits : array (impacts, HIT + 5 n)
         Row, contact, whether it is stopped (1) or lets go (2), when, impulse, energies before and
@@ -108,6 +109,7 @@ class Flight(NamedTuple):
     k: np.ndarray
     q: np.ndarray
     p: np.ndarray
+    v: np.ndarray
     hits: np.ndarray
     state: np.ndarray
     iterations: int
@@ -193,7 +195,7 @@ def fly(
     n = kernel.n
     many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
     state = state.copy()
-    rows, hits = np.empty((many, 2 + 2 * n)), np.empty((MOST_HITS, HIT + 5 * n))
+    rows, hits = np.empty((many, 2 + 3 * n)), np.empty((MOST_HITS, HIT + 5 * n))
     stats = np.zeros(7 + 5 * n)  # as they are where there is no memory for the call
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
@@ -220,7 +222,8 @@ def fly(
     seconds = perf_counter() - began
     made, struck, iterations = (int(x) for x in stats[:3])
     rows, hits = rows[:made].copy(), hits[:struck].copy()
-    nodes = rows[:, 0].copy(), rows[:, 1].astype(int), rows[:, 2 : 2 + n], rows[:, 2 + n :]
+    q, p, v = (rows[:, i : i + n] for i in range(2, 2 + 3 * n, n))
+    nodes = rows[:, 0].copy(), rows[:, 1].astype(int), q, p, v
     located = stats[5:] if stats[4] else None
     holding = tuple(np.flatnonzero(closed).tolist())
     work = iterations, float(stats[3]), seconds

@@ -15,11 +15,12 @@ from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _ASKED = struct.Struct("15P12q3d")  # Crossings
-SEARCHED, NO_ROOM, _ = range(
-    len(c_names(c_source("crossings_core.c"), "enum Searched {"))
-)  # how a call ends
+_SOURCE = c_source("crossings_core.c")
+SEARCHED, NO_ROOM, _ = range(len(c_names(_SOURCE, "enum Searched {")))  # how a call ends
+BROKEN, _, WANTED = range(len(c_names(_SOURCE, "enum Step {")))  # from a node to the next
 FEWEST = 64  # zeros that have room
 HEAD = 5  # numbers of a zero before its state
+LOOKS = 8  # at typical sizes: a look takes as long as to locate a zero
 
 
 class Numbers(NamedTuple):
@@ -36,7 +37,8 @@ class Numbers(NamedTuple):
 
 class Nodes(NamedTuple):
     """Nodes of a motion, (M,) and (M, n), controls that are held over the steps from them (M, r k),
-    how long the steps are, parameters, and how near to a node a time is that node's.
+    how long the steps are, parameters, how near to a node a time is that node's, and between which
+    nodes there is a step (M − 1,).
     """
 
     t: np.ndarray
@@ -47,6 +49,7 @@ class Nodes(NamedTuple):
     h: float
     c: np.ndarray
     close: float
+    step: np.ndarray
 
 
 class Zeros(NamedTuple):
@@ -62,6 +65,20 @@ class Zeros(NamedTuple):
     q: np.ndarray
     v: np.ndarray
     p: np.ndarray
+
+
+def _typical_sizes(kernel: Kernel, nodes: Nodes, some: np.ndarray) -> np.ndarray:
+    """Those of velocities and momenta at some nodes, (2n,): one for all, as a run has, from a few
+    looks.
+    """
+    assert kernel.opening
+    seen = some[:: -(-len(some) // LOOKS)]
+    used = None
+    if kernel.controls:
+        used = np.abs(nodes.u[seen].reshape(len(seen), -1, kernel.controls)).max(1)
+    times = nodes.t[seen], np.full(len(seen), nodes.h)
+    told = kernel.opening(nodes.q[seen], nodes.p[seen], used, *times, nodes.c)
+    return told[:, : 2 * kernel.n].max(axis=0)
 
 
 def locate_zeros(
@@ -90,30 +107,29 @@ def locate_zeros(
     given = nodes.t, nodes.q, nodes.v, nodes.p, nodes.c, nodes.u
     t, q, v, p, c, u = (np.ascontiguousarray(x, dtype=float) for x in given)
     nowhere, found = np.empty((count, 0)), np.zeros(2, np.int64)
+    steps = np.where(nodes.step, WANTED, BROKEN).astype(np.int8)
 
-    def search(zeros: np.ndarray, opening: np.ndarray, marks: np.ndarray | None) -> int:
-        arrays = t, q, v, p, c, u, opening, zeros, found, nowhere if marks is None else marks
+    def search(zeros: np.ndarray, opening: np.ndarray, marking: bool = False) -> int:
+        arrays = t, q, v, p, c, u, opening, zeros, found, steps
         places = [address_of(x) if x.size else 0 for x in arrays]
-        first = int(found[1])
         heads = parts, kernel.scene, rows, values.at, bounds.at
-        counts = n, count, first, u.shape[1], opening.shape[1], FIXED_POINT_ITERATIONS, len(zeros)
+        sizes = u.shape[1], opening.shape[1], FIXED_POINT_ITERATIONS, len(zeros)
+        counts = n, count, marking, *sizes
         last = *numbers[:5], nodes.close, *numbers[5:]
         return crossings_entry()(_ASKED.pack(*heads, *places, *counts, *last))
 
     opening = nowhere
     if kernel.opening:  # what the loop is told costs more than the search, and few steps need one
-        marks = np.zeros(count, np.int8)
-        search(nowhere, nowhere, marks)
-        found[:], some = 0, np.flatnonzero(marks)
-        used = kernel.controls and np.abs(u[some].reshape(len(some), -1, kernel.controls)).max(1)
-        at = t[some], np.full(len(some), nodes.h), c
-        told = kernel.opening(q[some], p[some], used if kernel.controls else None, *at)
-        opening = np.empty((count, told.shape[1]))
-        opening[some] = told
+        search(nowhere, nowhere, marking=True)
+        found[:], some = 0, np.flatnonzero(steps == WANTED)
+        if len(some):
+            opening = np.empty((count, 3 * n))
+            opening[some, : 2 * n] = _typical_sizes(kernel, nodes, some)
+            opening[some, 2 * n :] = v[some]
     room, kept, status = FEWEST, [], NO_ROOM
     while status == NO_ROOM:
         found[0], zeros = 0, np.empty((room, HEAD + 3 * n))
-        status = search(zeros, opening, None)
+        status = search(zeros, opening)
         kept.append(zeros[: found[0]])
         room *= 4
     if status != SEARCHED:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -72,6 +72,7 @@ def start_run(
     if on_failure not in ("raise", "subdivide"):
         raise InputError(f"on_failure must be 'raise' or 'subdivide', got {on_failure!r}")
     kernel: Kernel | None = None
+    loop_in: Callable[[ActiveSet], Kernel | None] | None = None
     blocks_from: BlocksFrom
     scene = active_scene(system, problem)
     if system.structure.contacts:
@@ -81,7 +82,8 @@ def start_run(
 
         flights = flights_for(system, chosen.rule, problem, backend)
         begin = problem.active_set or ActiveSet(tuple(range(system.structure.constraints)))
-        kernel = flights and flights.loop_in(begin)
+        loop_in = flights and flights.loop_in
+        kernel = loop_in and loop_in(begin)
         blocks_from = partial(contact_run, system, chosen.rule, problem, flights=flights)
         remedy = partial(subdivide_contact_step, system, chosen.rule, problem)
     else:
@@ -94,6 +96,8 @@ def start_run(
     if not system.structure.contacts:
         if kernel is None:
             kernel = loop_that_took_over(nodes[-1].after, scene, chosen.rule)
+        if problem.active_set is not None:
+            loop_in = {problem.active_set: kernel}.get
         blocks_from = partial(blocks_of, scene, chosen.rule, problem, kernel)
         if folds(scene):
             from varint.integration.fold_watch import with_folds_watched
@@ -116,7 +120,8 @@ def start_run(
         from varint.integration.events.subdivide import around_failures
 
         blocks = around_failures(blocks_from, remedy, problem.steps, at)
-    return Run(system, chosen, problem, nodes or [next(blocks)], blocks, kernel, began)
+    nodes = nodes or [next(blocks)]
+    return Run(system, chosen, problem, nodes, blocks, kernel, began, loop_in)
 
 
 def short_run(
@@ -185,7 +190,7 @@ def collect(
         if searches and len(pending) > 1:
             motion = with_velocities(trajectory_of(run, pending), pending)
             impacts = impacts_in(pending)
-            noted.extend(log_crossings(searches, motion, impacts, run.kernel))
+            noted.extend(log_crossings(searches, motion, impacts, run.kernel, run.loop_in))
             whole = len(pending) == len(nodes) and not interrupted
             pending[:] = [last_node(pending)]
             if whole:
@@ -204,7 +209,8 @@ def collect(
                     recent = [last_node(nodes), block]
                     motion = with_velocities(trajectory_of(run, recent), recent)
                     impacts = impacts_in(recent)
-                    end = find_first(run.kernel, stopping, motion, impacts, reached - problem.first)
+                    passed = reached - problem.first
+                    end = find_first(run.kernel, stopping, motion, impacts, passed, run.loop_in)
                 nodes.append(block)
                 if searches and block.good:
                     pending.append(block)

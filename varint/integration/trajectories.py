@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from varint.discrete.constraints import ActiveSet
-from varint.discrete.legendre import velocity_function
 from varint.integration.many_steps import in_gear, interpreted, steps_again
 from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock
-from varint.numerics.arrays import over_columns
 from varint.results.dense_output import node_tolerance
 from varint.results.records import IMPACTS, Event
 from varint.results.trajectory import Trajectory
@@ -32,7 +30,7 @@ ABRUPT = (*IMPACTS, "detachment")  # events after which the motion is another on
 
 class Run(NamedTuple):
     """A run: what moves and how, the nodes there are, the blocks that follow, and the compiled
-    loop behind them.
+    loops behind them: that of the scene, and those of its active sets where it has some.
     """
 
     system: System
@@ -42,6 +40,7 @@ class Run(NamedTuple):
     blocks: Iterator[NodeBlock]
     kernel: Kernel | None
     began: float
+    loop_in: Callable[[ActiveSet], Kernel | None] | None = None
 
 
 def moving_system(run: Run) -> System:
@@ -126,7 +125,7 @@ def motion_of(
     """The motion with these nodes, (k, t, q, p), found by so many iterations with such a residual;
     what holds at each node, and what happened.
     """
-    system, chosen, problem, _, _, kernel, began = run
+    system, chosen, problem, _, _, kernel, began, _ = run
     grid = problem.h, problem.t0, problem.u, problem.c
     stats = {
         "plan": chosen,
@@ -209,14 +208,15 @@ def with_velocities(motion: Trajectory, nodes: Sequence[NodeBlock]) -> Trajector
     """
     if motion.system.rays:  # lengths that the loop has no part in are not those of the nodes
         return motion
-    if motion.active_set is None and all(b.v is not None for b in nodes if b.good > 1):
-        assert motion.origin is not None
-        velocity, parts = velocity_function(motion.system), []
-        for b in nodes:
-            t = motion.origin + motion.h * b.k if b.t is None else b.t
-            inputs = b.q[: b.good], b.p[: b.good], t[: b.good, None], motion.c
-            parts.append(over_columns(velocity, *inputs)[0] if b.v is None else b.v[: b.good])
-        motion.__dict__["v"] = np.concatenate(parts)
+    if not all(b.v is not None for b in nodes if b.good > 1):
+        return motion
+    some = [b for b in nodes if b.good]
+    v = np.concatenate([b.q[:1] if b.v is None else b.v[: b.good] for b in some])
+    first = np.cumsum([0] + [b.good for b in some[:-1]])
+    others = first[[b.v is None for b in some]]
+    if len(others):
+        v[others] = motion[others].v
+    motion.__dict__["v"] = v
     return motion
 
 

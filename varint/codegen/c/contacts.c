@@ -28,7 +28,7 @@ typedef struct {
     int64_t *holds;                         /* of each contact whether it is closed for now; where the run is SETTLED, then */
     const double *c, *scale;                /* typical sizes of velocities and momenta */
     double *state;                          /* k, t, impacts in step k, steps of the next look; q, p, v, rests of q and p; carry */
-    double *rows;                           /* t, k, q, p of every node */
+    double *rows;                           /* t, k, q, p, v of every node */
     double *hit;                            /* row, contact, whether it is stopped (1) or lets go (2), when, impulse, energies, q, v and p before,
                                                v and p after */
     double *stats;                          /* rows, hits, iterations, residual; whether an instant was located, before blows
@@ -40,7 +40,7 @@ typedef struct {
 #define STATE_Q 4
 #define HIT_HEAD 7
 #define HIT_SIZE (HIT_HEAD + 5 * N)
-#define ROW_SIZE (2 + 2 * N)
+#define ROW_SIZE (2 + 3 * N)
 
 typedef struct {
     const ContactArguments *a;
@@ -573,9 +573,9 @@ static double steps_ahead(Work *x, const double *point) {
 
 INLINE int is_kept(const ContactArguments *a, int64_t k) { return k % a->save_every == 0 || k == a->last; }
 
-INLINE void keep(double *row, double t, int64_t k, const double *q_and_p) {
+INLINE void keep(double *row, double t, int64_t k, const double *state) {
     row[0] = t, row[1] = (double)k;
-    COPY(row + 2, q_and_p, 2 * N);
+    COPY(row + 2, state, 3 * N);
 }
 
 int contacts(const ContactArguments *a) {

@@ -13,6 +13,7 @@
 #include "cubic_root.h"
 
 enum Searched { SEARCHED, NO_ROOM, NOT_SOLVED };
+enum Step { BROKEN, QUIET, WANTED }; /* from a node to the next: none of the motion, or whether it is to be searched */
 #define AT_ONCE 128 /* steps whose bounds are evaluated together */
 #define BOUNDS 6    /* value, rate and curvature: low, high */
 
@@ -26,8 +27,8 @@ typedef struct {
     const double *u, *opening;             /* of every node: controls held over the step, and what the loop must be told */
     double *zeros;                         /* of each: node before it, sign before it, then a point */
     int64_t *found;                        /* zeros, and the first step that was not searched */
-    char *marks;                           /* of every step: whether it needs a search, where that alone is asked for */
-    int64_t n, nodes, first, used, told, most, room; /* numbers of `u` and `opening` for each */
+    char *steps;                           /* of every node but the last: a Step */
+    int64_t n, nodes, marking, used, told, most, room; /* whether to tell apart QUIET steps alone; numbers of `u` and `opening` for each */
     int64_t halvings, most_pieces, iterations, secants, newton;
     double close, located, pole;           /* times so near to a node are that node's; see roots.py */
 } Crossings;
@@ -219,9 +220,13 @@ int crossings(const Crossings *a) {
     int32_t *const piece = malloc((size_t)(4 * most + 4 + 2 * brackets) * sizeof(int32_t));
     int status = values && piece ? SEARCHED : NOT_SOLVED;
     double *const bounds = values + 2 * (AT_ONCE + 1), *const w = bounds + BOUNDS * (AT_ONCE + 1), *const room = w + AT_ONCE;
-    int64_t k = a->first;
-    while (status == SEARCHED && k < steps) {
-        const int64_t count = steps - k < AT_ONCE ? steps - k : AT_ONCE, begin = k;
+    int64_t k = a->found[1];
+    for (;;) {
+        while (k < steps && a->steps[k] != WANTED) k++;
+        if (status != SEARCHED || k == steps) break;
+        int64_t count = 1;
+        while (k + count < steps && count < AT_ONCE && a->steps[k + count] == WANTED) count++;
+        const int64_t begin = k;
         const double *const q = a->q + k * n, *const v = a->v + k * n, *const t = a->t + k;
         for (int64_t i = 0; i < count; i++) w[i] = t[i + 1] - t[i];
         const RowsArguments nodes = {.count = count + 1, .c = a->c, .scene = a->values, .arguments = {q, v, t}, .apart = {n, n, 1},
@@ -231,14 +236,14 @@ int crossings(const Crossings *a) {
         if (a->rows(&nodes) != DONE || a->rows(&pieces) != DONE) status = NOT_SOLVED;
         for (; status == SEARCHED && k < begin + count; k++) {
             const double *const here = values + 2 * (k - begin), *const next = here + 2;
-            const int64_t known = a->found[0];
+            const int64_t known = a->found[0], ends = next[0] == 0 && here[0] != 0;
             const int doubt = in_doubt(here[0], next[0], here[1], next[1], w[k - begin], bounds + BOUNDS * (k - begin)),
                       needed = doubt || changes(here[0], next[0]);
-            if (a->marks) {
-                a->marks[k] = (char)needed;
+            if (a->marking) {
+                if (!needed && !ends) a->steps[k] = QUIET;
                 continue;
             }
-            if (next[0] == 0 && here[0] != 0) {
+            if (ends) {
                 double *const zero = next_zero(a, k, sign_of(here[0]));
                 if (!zero) { status = NO_ROOM; break; }
                 take_node(a, k + 1, zero), zero[1] = next[0], zero[2] = next[1], a->found[0]++;

@@ -159,12 +159,22 @@ def find_crossings(
     sign by an impact, at its time. A pole is no zero.
     """
     start, end, certain = _ends(search, motion, impacts)
-    before = after = isolate(search, motion, start, end, certain, substeps)
-    jumps = _jumps(start, end)
-    jumps = jumps[is_wanted(search, np.sign(end.value[jumps]))]
+    zeros = isolate(search, motion, start, end, certain, substeps)
+    return in_time(search, motion, zeros, end, start.at(slice(1, None)))
+
+
+def in_time(
+    search: CrossingSearch, motion: Trajectory, zeros: Points, come: Points, leave: Points
+) -> Crossings:
+    """Zeros and, where the expression changes its sign between the states in which the motion comes
+    to some nodes and leaves them, jumps.
+    """
+    before = after = zeros
+    jumps = _jumps(come.value, leave.value)
+    jumps = jumps[is_wanted(search, np.sign(come.value[jumps]))]
     if len(jumps):
-        before = join_points(before, end.at(jumps))
-        after = join_points(after, start.at(jumps + 1))
+        before = join_points(before, come.at(jumps))
+        after = join_points(after, leave.at(jumps))
     jump = np.arange(len(before.t)) >= len(before.t) - len(jumps)
     order = np.lexsort((jump, before.t * np.sign(motion.h)))
     late = after.at(order)
@@ -227,9 +237,8 @@ def _smooth_ends(search: CrossingSearch, motion: Trajectory) -> tuple[Points, Po
     return begin, end, certain
 
 
-def _jumps(start: Points, end: Points) -> np.ndarray:
-    """Intervals after which an impact changes the sign, or ends at zero."""
-    before, after = end.value, start.value[1:]
+def _jumps(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Where an impact changes the sign, or ends at zero."""
     jumps = (before * after < 0) | ((before != 0) & (np.abs(after) <= ROUND_OFF * np.abs(before)))
     return np.flatnonzero(jumps & (before != after))
 

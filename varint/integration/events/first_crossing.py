@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from varint.codegen.kernel import Kernel
 from varint.integration.events.crossings import Crossings
 from varint.integration.events.isolation import CrossingSearch
-from varint.integration.events.native_crossings import crossings_by
+from varint.integration.events.native_crossings import LoopIn, crossings_by
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 
@@ -22,6 +22,7 @@ def find_first(
     motion: Trajectory,
     impacts: Mapping[int, Event],
     before: int,
+    loop_in: LoopIn | None = None,
 ) -> Crossings:
     """`crossings_by`, as far as the first nodes that have any; `before` them the run had so many
     steps without one.
@@ -31,7 +32,7 @@ def find_first(
         end = min(begin + max(FEWEST, GROWTH * (before + begin)), last)
         here = {i - begin: impact for i, impact in impacts.items() if begin < i <= end}
         part = motion if (begin, end) == (0, last) else motion[begin : end + 1]
-        found = crossings_by(kernel, search, part, here)
+        found = crossings_by(kernel, search, part, here, loop_in)
         if len(found.jump) or end == last:
             break
         begin = end

@@ -162,5 +162,6 @@ def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
         events=_events(hits, n),
         iterations=found.iterations,
         after=after,
+        v=found.v,
         impacts=tuple(hits[:, 0].astype(int).tolist()),
     )
