@@ -271,7 +271,7 @@ static int factorise(Work *x) {
             if (fabs(f[r * all + c]) > fabs(f[best * all + c])) best = r;
         x->pivots[c] = best;
         if (!(fabs(f[best * all + c]) > REGULAR)) return 0;
-        for (int j = 0; j < all && best != c; j++) {
+        for (int j = c; j < all && best != c; j++) { /* factors stay in their rows: `substitute` swaps as it goes */
             const double y = f[c * all + j];
             f[c * all + j] = f[best * all + j], f[best * all + j] = y;
         }
