@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from contact_scenes import G, ball, disc_on_table, times
+from stopped_runs import assert_same_bytes
 
 import varint as vi
 from varint.codegen.contacts import contact_data
@@ -110,9 +111,23 @@ def hopper():
     return system, {"q0": [0.5, 1.5], "v0": [0.0, 0.0], "h": 0.01, "steps": 100}
 
 
+def arm_with_stops():
+    """Three links whose joints stop: coupled so strongly that equations change places."""
+    q, v = vi.coordinates("a", "b", "c")
+    angle, place, lagrangian, gaps = 0, ca.SX.zeros(2), 0, []
+    for joint in (q[0], q[1], q[2]):
+        angle += joint
+        place = place + ca.vertcat(ca.sin(angle), -ca.cos(angle))
+        lagrangian += ca.sumsqr(ca.jtimes(place, q, v)) / 2 - G * place[1]
+    for joint in (q[1], q[2]):
+        gaps += [joint + 0.5, 0.5 - joint]
+    system = vi.System(q, v, lagrangian, contact=ca.vertcat(*gaps), restitution=0.0)
+    return system, {"q0": [1.5, 0, 0], "v0": [0.0] * 3, "h": 0.01, "steps": 450}
+
+
 SCENES = [stack, arm_at_walls, ball_with_drag, shaken_ball, sliding_disc, rod_at_a_wall, ladder]
 EVERY = [(build, rule) for build in SCENES for rule in (vi.trapezoidal(), vi.lobatto(3))]
-EVERY += [(build, vi.lobatto(3)) for build in (cradle, pile, rocking_block, hopper)]
+EVERY += [(build, vi.lobatto(3)) for build in (cradle, pile, rocking_block, hopper, arm_with_stops)]
 
 
 @pytest.mark.parametrize(("build", "rule"), EVERY)
@@ -233,6 +248,33 @@ def test_blows_stops_and_releases_are_dealt_with_in_the_core(build, monkeypatch)
     events = vi.simulate(system, **start).events
     assert len(events) >= 3 and len(dealt) == 1
     assert {e.kind for e in events} >= ({"detachment", "stop"} if build is hopper else set())
+
+
+@pytest.mark.parametrize("build", [pile, hopper, arm_with_stops, ladder, shaken_ball])
+def test_changes_of_what_holds_end_no_call_and_show_in_no_byte(build, monkeypatch):
+    system, start = build()
+    fly, calls = flights.fly, []
+    monkeypatch.setattr(flights, "fly", lambda *x, **y: calls.append(x) or fly(*x, **y))
+    whole = vi.simulate(system, **start)
+    assert len(calls) == 1 and len(whole.active_sets) > 1
+    alone = flights.fly
+    monkeypatch.setattr(flights, "fly", lambda *x, **y: alone(*x, **{**y, "change": None}))
+    each = vi.simulate(system, **start)
+    assert len(calls) > 2
+    assert_same_bytes(whole, each, "v", "multipliers")
+    assert each.events == whole.events and each.active_sets == whole.active_sets
+    assert (each.active_set == whole.active_set).all()
+
+
+def test_an_error_while_what_holds_changes_is_raised(monkeypatch):
+    system, start = hopper()
+
+    def broken(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flights, "_change", broken)
+    motion = vi.simulate(system, **start)
+    assert motion.stats["interrupted"] and len(motion) < start["steps"]
 
 
 def test_every_blow_of_a_stack_that_chatters_to_rest_takes_its_part_of_the_energy():

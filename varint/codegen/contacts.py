@@ -4,8 +4,8 @@ and these as data beside it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from ctypes import Structure, c_double, c_int64, c_void_p, cast
+from collections.abc import Callable, Mapping
+from ctypes import CFUNCTYPE, Structure, c_double, c_int, c_int64, c_void_p, cast
 from dataclasses import dataclass
 from enum import IntEnum
 from time import perf_counter
@@ -33,6 +33,7 @@ Expressions = Mapping[str, tuple[list[ca.SX], list[ca.SX]]]
 Ended = IntEnum("Ended", c_names(_SOURCE, "enum Ended {"), start=0)  # type: ignore[misc]  # how a call ends
 ENDED, FULL, BESIDE, SETTLED = Ended
 HIT = c_number(_SOURCE, "HIT_HEAD")  # numbers of a hit before its states
+STATE_HEAD = c_number(_SOURCE, "STATE_Q")  # and of a state before q
 
 
 class ContactArguments(Structure):
@@ -61,18 +62,41 @@ class ContactArguments(Structure):
         ("hit", c_void_p),
         ("stats", c_void_p),
         ("scene", c_void_p),
+        ("change", c_void_p),
+        ("begun", c_void_p),
+        ("sizes", c_void_p),
     ]
 
 
+_CHANGE = CFUNCTYPE(c_int, c_int64, c_int64)
 _ARGUMENTS = packing(ContactArguments)
 
 
 @dataclass(frozen=True, eq=False)
 class ContactData:
-    """The contacts of a scene as data: address, and the memory there."""
+    """The contacts of a scene as data: address, and the memory there; rows of constraints and
+    contacts.
+    """
 
     scene: int
     block: np.ndarray
+    rows: int
+
+
+class Begun(NamedTuple):
+    """What other contacts begin with: the loop of the scene in which they hold, the rows that do
+    (see `fly`), velocities (n,) and typical sizes (2n,).
+    """
+
+    kernel: Kernel
+    held: tuple[int, ...]
+    v: np.ndarray
+    scale: np.ndarray
+
+
+# (the row that follows, its step, `Flight.located`, contacts that hold) → the rest, where it is
+# there
+Change = Callable[[int, int, np.ndarray, tuple[int, ...]], Begun | None]
 
 
 class Flight(NamedTuple):
@@ -143,7 +167,7 @@ def contact_data(
     given = {"N": n, "ROWS": rows, "CONTACTS": contacts, **numbers}
     tapes = tapes_of(routines(constants, expressions))
     block = block_of(members_by_name("contacts_scene.h", given, {}, {}, tapes))
-    return ContactData(start_of(block), block)
+    return ContactData(start_of(block), block, rows)
 
 
 def first_flight_state(
@@ -168,6 +192,7 @@ def fly(
     save_every: int,
     steps: int,
     level: float = 0.0,
+    change: Change | None = None,
 ) -> Flight:
     """Steps of the loop of the scene without contacts from a state on, and clean impacts.
 
@@ -191,6 +216,8 @@ def fly(
         The last node, distance of the kept ones, and after how many steps the call ends.
     level : float
         See `run_loop`.
+    change : callable, optional
+        What goes on in the same call where other contacts hold. What it raises ends the call.
     """
     n = kernel.n
     many = min(last // save_every + MOST_HITS, MOST_ROWS) + MOST_STEPS + 2
@@ -199,6 +226,27 @@ def fly(
     stats = np.zeros(7 + 5 * n)  # as they are where there is no memory for the call
     rows_held, closed = np.array([*held, 0], dtype=np.int64), holds.astype(np.int64)
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
+    begun, sizes = np.empty(5 + data.rows, dtype=np.int64), np.empty(3 * n)
+    carried, raised = [state[STATE_HEAD + 5 * n :]], list[BaseException]()
+
+    def asked(row: int, k: int) -> int:
+        try:
+            found = change and change(row, k, stats[5:], _holding(closed))
+        except BaseException as error:
+            raised.append(error)
+            return 0
+        if not found:
+            return 0
+        loop, size, many = found.kernel, found.kernel.carry_size, len(found.held)
+        carry = np.zeros(2 * size)  # of the run, and of shorter steps
+        carried[0] = carry[:size]
+        entry = cast(loop.entry, c_void_p).value or 0  # type: ignore[arg-type]
+        begun[:5] = entry, loop.scene, carry.ctypes.data, size, many
+        begun[5 : 5 + many] = found.held
+        sizes[:n], sizes[n:] = found.v, found.scale
+        return 1
+
+    asking = _CHANGE(asked) if change else None
     began = perf_counter()
     status = contacts_entry()(
         _ARGUMENTS.pack(
@@ -217,14 +265,23 @@ def fly(
             len(held),
             *(x.ctypes.data for x in (rows_held, closed, c, scale, state, rows, hits, stats)),
             data.scene,
+            cast(asking, c_void_p).value or 0,  # type: ignore[arg-type]
+            begun.ctypes.data,
+            sizes.ctypes.data,
         )
     )
     seconds = perf_counter() - began
+    if raised:
+        raise raised[0]
+    state = np.concatenate([state[: STATE_HEAD + 5 * n], carried[0]])
     made, struck, iterations = (int(x) for x in stats[:3])
     rows, hits = rows[:made].copy(), hits[:struck].copy()
     q, p, v = (rows[:, i : i + n] for i in range(2, 2 + 3 * n, n))
     nodes = rows[:, 0].copy(), rows[:, 1].astype(int), q, p, v
     located = stats[5:] if stats[4] else None
-    holding = tuple(np.flatnonzero(closed).tolist())
     work = iterations, float(stats[3]), seconds
-    return Flight(status, *nodes, hits, state, *work, located, holding)
+    return Flight(status, *nodes, hits, state, *work, located, _holding(closed))
+
+
+def _holding(closed: np.ndarray) -> tuple[int, ...]:
+    return tuple([i for i, x in enumerate(closed.tolist()) if x])

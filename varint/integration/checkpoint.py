@@ -55,9 +55,15 @@ class Checkpoint:
         """Write the nodes so far and where to go on from; the old file stays until the new one
         is whole. A full disk does not end the run: it is said once, and tried again later.
         """
-        last = nodes[-1].after
-        if last is not None:
-            self.put(lambda: self._contents(t0, h, nodes, events, last))
+        ends = [i for i, block in enumerate(nodes, 1) if block.after]
+        if not ends:
+            return
+        whole, last = nodes[: ends[-1]], nodes[ends[-1] - 1].after
+        assert last is not None
+        if len(whole) < len(nodes):  # the rest is done again
+            time = t0 + h * last.k if last.t is None else last.t
+            events = [event for event in events if (event.time - time) * h <= 0]
+        self.put(lambda: self._contents(t0, h, whole, events, last))
 
     def put(self, contents: Callable[[], tuple[dict[str, Any], dict[str, Any]]]) -> None:
         """Write a header and arrays."""

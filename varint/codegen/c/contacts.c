@@ -2,14 +2,13 @@
    within a step by shorter steps of the same rule, and Newton's law of restitution there.
 
    The same as varint/integration/events does in general, for rows that are clearly independent: blows that come together are
-   dealt one after the other, then it is found what holds. The run ends SETTLED where that is another set, which has another loop,
-   and BESIDE where this is not enough. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
+   dealt one after the other, then it is found what holds. Another set has another loop, which is asked for; the run ends SETTLED
+   where there is none, and BESIDE where this is not enough. Gaps along a step are bounded from its two ends (enclosures.py), so that none closes and opens
    again unseen. */
 
 enum Ended { ENDED, FULL, BESIDE, SETTLED };
 #define MOST_STEPS 256 /* between two looks at the gaps */
 #define FEW_STEPS 16   /* after an impact */
-#define SOME_HITS 32   /* at one instant, that have room */
 #define REGULAR 1e-10  /* pivots of scaled equations: below, rows may depend on each other */
 #define NUMBERS (5 * N) /* q, p, v and the rounding errors of q and p */
 #define POINT (1 + NUMBERS + 2 * CONTACTS)
@@ -35,6 +34,11 @@ typedef struct {
                                                that are not for here, or SETTLED, when, whether its step ends there, q, p, v,
                                                rests of q and p; its hits have the row that would follow */
     const void *scene;
+    int (*change)(int64_t row, int64_t k);  /* other contacts hold from a row on, in step k: as SETTLED says it in `holds` and
+                                               `stats`. Whether there is a loop for them, then in `begun`; none where it is 0 */
+    const int64_t *begun;                   /* its loop, the loop's scene, memory of what it carries, twice, its size, how many
+                                               rows hold, which */
+    const double *sizes;                    /* velocities then, typical sizes */
 } ContactArguments;
 
 #define STATE_Q 4
@@ -44,6 +48,9 @@ typedef struct {
 
 typedef struct {
     const ContactArguments *a;
+    int (*run)(const RunArguments *);       /* of what holds just now */
+    const void *loop;
+    const double *scale;
     const double *w;
     double *carry, *ends, *told, *close;    /* of shorter steps; told: RunStats */
     double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
@@ -83,7 +90,7 @@ INLINE int is_finite_point(const double *point) { return unsound(point, POINT) =
 
 static void begin_afresh(const Work *x, double *carry, const double *v) {
     carry[0] = 0;
-    COPY(carry + 1, x->a->scale, 2 * N), COPY(carry + 1 + 2 * N, v, N);
+    COPY(carry + 1, x->scale, 2 * N), COPY(carry + 1 + 2 * N, v, N);
 }
 
 /* The instant so much later, by one step of that size; 0 where it cannot be solved. */
@@ -94,8 +101,8 @@ static int ahead_by(Work *x, const double *from, double t, double ahead, double 
     double rests[4 * N];
     COPY(rests, REST_OF(from), 2 * N);
     const RunArguments one = {1, 1, 0, a->most, t, ahead, a->level, from + 1, a->c, 0, x->ends, x->carry, (RunStats *)x->told,
-                              a->loop, 0, rests};
-    const int status = a->run(&one);
+                              x->loop, 0, rests};
+    const int status = x->run(&one);
     to[0] = ahead;
     COPY(to + 1, x->ends + 3 * N, 3 * N), COPY(REST_OF(to), rests + 2 * N, 2 * N);
     if (status != DONE || !(((RunStats *)x->told)->residual <= RESIDUAL_LIMIT)) return 0;
@@ -137,7 +144,7 @@ static void least_gaps(const Work *x, const double *left, const double *right, d
    rate. */
 static void view(Work *x, const double *point, double t) {
     double typical = 0;
-    for (int d = 0; d < N; d++) typical = fmax(typical, x->a->scale[d]);
+    for (int d = 0; d < N; d++) typical = fmax(typical, x->scale[d]);
     blow(Q_OF(point), V_OF(point), &t, x->w + BLOW_AT, x->slope, x->mass, x->force, x->bend, &x->energy, x->restitution);
     for (int i = 0; i < CONTACTS; i++) {
         double along = 0, size = 0, lengths = 0;
@@ -271,7 +278,7 @@ static int factorise(Work *x) {
             if (fabs(f[r * all + c]) > fabs(f[best * all + c])) best = r;
         x->pivots[c] = best;
         if (!(fabs(f[best * all + c]) > REGULAR)) return 0;
-        for (int j = 0; j < all && best != c; j++) {
+        for (int j = c; j < all && best != c; j++) { /* factors stay in their rows: `substitute` swaps as it goes */
             const double y = f[c * all + j];
             f[c * all + j] = f[best * all + j], f[best * all + j] = y;
         }
@@ -537,7 +544,7 @@ static int settle(Work *x, double *point, double t, int leaves, double *hit) {
             if (comes < fastest) fastest = comes, struck = i;
         }
         if (struck < 0) break;
-        if (count == SOME_HITS || !strike(x, point, t, struck, hit + count * HIT_SIZE)) return -1;
+        if (count == MOST_IMPACTS || !strike(x, point, t, struck, hit + count * HIT_SIZE)) return -1;
     }
     int64_t fixed = 0;
     while (fixed < x->held[0] && HELD(fixed) < FIRST) fixed++;
@@ -571,6 +578,22 @@ static double steps_ahead(Work *x, const double *point) {
     return ahead;
 }
 
+/* How far each coordinate moves in a step. */
+INLINE void reaches(Work *x) {
+    for (int d = 0; d < N; d++) x->reach[d] = fabs(x->a->h) * x->scale[d];
+}
+
+/* The loop of other contacts that hold, which is there; what it carries along. */
+static double *take_begun(Work *x) {
+    const int64_t *const begun = x->a->begun;
+    x->run = (int (*)(const RunArguments *))(intptr_t)begun[0], x->loop = (const void *)(intptr_t)begun[1];
+    double *const carry = (double *)(intptr_t)begun[2];
+    x->carry = carry + begun[3];
+    x->held[0] = begun[4], memcpy(x->held + 1, begun + 5, (size_t)begun[4] * sizeof(int64_t));
+    x->scale = x->a->sizes + N, reaches(x);
+    return carry;
+}
+
 INLINE int is_kept(const ContactArguments *a, int64_t k) { return k % a->save_every == 0 || k == a->last; }
 
 INLINE void keep(double *row, double t, int64_t k, const double *state) {
@@ -594,10 +617,10 @@ int contacts(const ContactArguments *a) {
     double *const rows = part[12], *const rests = rows + 3 * N * (MOST_STEPS + 1), *const w = part[13];
     int pivots[all];
     int64_t held[1 + ROWS], known[1 + ROWS];
-    Work work = {a, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
+    Work work = {a, a->run, a->loop, a->scale, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
                  part[14], pivots, held, 0, 0, 0, 0};
     Work *const x = &work;
-    double *const state = a->state, *const carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
+    double *const state = a->state, *carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;
     double now[POINT], end[POINT], at[POINT], before[POINT], moved[N];
     a->stats[4] = 0;
@@ -607,12 +630,12 @@ int contacts(const ContactArguments *a) {
     prepare_tape(&scene->gaps, a->c, w + GAPS_AT), prepare_tape(&scene->bounds, a->c, w + BOUNDS_AT);
     prepare_tape(&scene->blow, a->c, w + BLOW_AT);
     double *const t = state + 1, *const impacts = state + 2, *const next = state + 3;
-    for (int d = 0; d < N; d++) x->reach[d] = fabs(a->h) * a->scale[d];
+    reaches(x);
     now[0] = 0;
     COPY(now + 1, state + STATE_Q, NUMBERS);
     look(x, now, *t);
     while (k < a->last && status == FULL) {
-        if ((row - a->rows) / ROW_SIZE + MOST_STEPS + 2 > a->room || (hit - a->hit) / HIT_SIZE + SOME_HITS > a->hits || steps >= a->steps) break;
+        if ((row - a->rows) / ROW_SIZE + MOST_STEPS + 2 > a->room || (hit - a->hit) / HIT_SIZE + MOST_IMPACTS + 1 > a->hits || steps >= a->steps) break;
         int found = NONE, leaves = -1;
         view(x, now, *t);
         if (*t == a->t0 + a->h * (double)k) { /* steps of the grid until something may close */
@@ -621,8 +644,8 @@ int contacts(const ContactArguments *a) {
             closeness(x, Q_OF(now), x->reach, x->close);
             if (carry[0] == 0) begin_afresh(x, carry, V_OF(now)), COPY(rests, REST_OF(now), 2 * N);
             const RunArguments some = {count, 1, k, a->most, a->t0, a->h, a->level, now + 1, a->c, 0, rows, carry,
-                                       (RunStats *)x->told, a->loop, 0, rests};
-            a->run(&some);
+                                       (RunStats *)x->told, x->loop, 0, rests};
+            x->run(&some);
             const RunStats *const told = (RunStats *)x->told;
             const int64_t good = (int64_t)told->steps;
             int64_t passed = 0;
@@ -668,13 +691,19 @@ int contacts(const ContactArguments *a) {
         const int same = held[0] == known[0] && !memcmp(held + 1, known + 1, (size_t)held[0] * sizeof(int64_t));
         for (int i = 0; i < struck; i++) hit[0] = (double)((row - a->rows) / ROW_SIZE), hit += HIT_SIZE;
         if (struck < 0 || !same) {
-            status = struck < 0 ? BESIDE : SETTLED;
             a->stats[4] = struck >= 0 || found == HIT, a->stats[5] = when, a->stats[6] = ends;
             COPY(a->stats + 7, (struck < 0 ? before : at) + 1, NUMBERS);
             for (int i = 0; i < CONTACTS && struck >= 0; i++) a->holds[i] = 0;
             for (int64_t j = 0; j < held[0] && struck >= 0; j++)
                 if (held[1 + j] >= FIRST) a->holds[held[1 + j] - FIRST] = 1;
-            break;
+            if (struck < 0 || !a->change || !a->change((row - a->rows) / ROW_SIZE, k + ends)) {
+                status = struck < 0 ? BESIDE : SETTLED;
+                break;
+            }
+            a->stats[4] = 0;
+            carry = take_begun(x), memcpy(known, held, sizeof known);
+            COPY(V_OF(at), a->sizes, N);
+            look(x, at, when);
         }
         k += ends, *t = when, *impacts = ends ? 0 : *impacts + 1, *next = FEW_STEPS;
         COPY(now + 1, at + 1, POINT - 1);

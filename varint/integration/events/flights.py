@@ -6,14 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from varint.codegen.contacts import (
     FULL,
     HIT,
     SETTLED,
+    Begun,
     ContactData,
     Flight,
     first_flight_state,
@@ -22,8 +25,10 @@ from varint.codegen.contacts import (
 from varint.codegen.kernel import Kernel
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.legendre import velocity_function
+from varint.discrete.scales import inertia_function, scale_function
 from varint.integration.compiled_loop import CAUTION, PATIENCE
 from varint.integration.events.contacts import Instant, first_contact
+from varint.integration.events.quiet import FIRST_LOOK
 from varint.integration.gears import gears_with, kernel_after, newton
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock, RunState
@@ -32,9 +37,23 @@ from varint.integration.steppers.uniform_field import is_uniform
 from varint.numerics.arrays import call
 from varint.results.records import Event
 from varint.rules.rule import Rule
+from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
 KINDS = ("impact", "stop", "detachment")  # by their numbers in a call
+
+
+class Held(NamedTuple):
+    """What there is to know of an active set: the scene in it, the rows that hold, which contacts
+    are closed, and the functions of its start, see `arrival_function`.
+    """
+
+    active_set: ActiveSet
+    scene: System
+    rows: tuple[int, ...]
+    closed: np.ndarray
+    arrival: ca.Function
+    velocity: ca.Function
 
 
 class Flights(NamedTuple):
@@ -57,46 +76,74 @@ class Located(NamedTuple):
     events: tuple[Event, ...] = ()
 
 
+@per_system
+def held_in(system: System, active_set: ActiveSet) -> Held:
+    """What there is to know of an active set."""
+    scene, first = active_set.scene(system), first_contact(system)
+    fixed = (*active_set.rows, *range(system.constraint.numel(), first))
+    rows = (*fixed, *(first + i for i in active_set.contacts))
+    closed = np.isin(np.arange(system.contact.numel()), active_set.holding)
+    return Held(active_set, scene, rows, closed, arrival_function(scene), velocity_function(scene))
+
+
+@per_scene
+def arrival_function(system: System) -> ca.Function:
+    """(q, p, t, time of its step, h, c) → v, typical sizes and the inertia between them."""
+    sizes = (system.structure.n, system.structure.n, 1, 1, 1, system.c.numel())
+    q, p, t, grid, h, c = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    scale = scale_function(system)(q, p, ca.MX(0, 1), grid, h, c)
+    inertia = inertia_function(system)(q, p, grid, c)
+    return ca.Function("arrival", inputs, [velocity_function(system)(q, p, t, c), scale, inertia])
+
+
 def flight_state(
-    system: System, problem: InitialValueProblem, kernel: Kernel, at: RunState
+    held: Held, problem: InitialValueProblem, kernel: Kernel, at: RunState
 ) -> np.ndarray:
     """Where a flight begins that follows other blocks."""
     assert at.t is not None
-    layout = state_layout(system.structure.n)
+    layout = state_layout(held.scene.structure.n)
     q, p = at.x[layout.q].copy(), at.x[layout.p].copy()
-    v = call(velocity_function(system), q, p, np.array([at.t]), problem.c)[0]
+    v = call(held.velocity, q, p, np.array([at.t]), problem.c)[0]
     rests = at.x[layout.q_rest], at.x[layout.p_rest]
     return first_flight_state(kernel, at.k, at.t, at.events, q, p, v, *rests)
+
+
+class Stretch(NamedTuple):
+    """What holds from a row of a call on, typical sizes and the inertia between them."""
+
+    row: int
+    active_set: ActiveSet
+    scale: np.ndarray
+    inertia: np.ndarray
 
 
 def flight_blocks(
     system: System, rule: Rule, problem: InitialValueProblem, flights: Flights, at: RunState
 ) -> Generator[NodeBlock, None, tuple[RunState, Located | None]]:
     """The run from a position on, block by block, up to where something else than a clean impact
-    is to be dealt with: where the run stands then, and the instant of that, where it is known.
+    or a change of what holds is to be dealt with: where the run stands then, and the instant of
+    that, where it is known.
     """
-    assert at.active_set is not None
-    n, active_set = system.structure.n, at.active_set
-    kernel = flights.loop_in(active_set)
-    if kernel is None:
-        return at, None
-    scene, first = active_set.scene(system), first_contact(system)
-    fixed = (*active_set.rows, *range(system.constraint.numel(), first))
-    held = (*fixed, *(first + i for i in active_set.contacts))
-    holds = np.isin(np.arange(system.contact.numel()), active_set.holding)
-    state = flight_state(scene, problem, kernel, at) if at.carry is None else at.carry
-    gears = None if is_uniform(scene) else gears_with(scene, rule, newton(), kernel)
-    work = max(kernel.operations * kernel.nodes, 1)
-    most = max(int(PATIENCE / (CAUTION * work)), 1)
-    status = int(FULL)
+    n, status, most = system.structure.n, int(FULL), 0
+    located = None
     while status == FULL:
+        active_set = at.active_set
+        assert active_set is not None
+        kernel = flights.loop_in(active_set)
+        if kernel is None:
+            return at, None
+        held = held_in(system, active_set)
+        state = flight_state(held, problem, kernel, at) if at.carry is None else at.carry
+        work = max(kernel.operations * kernel.nodes, 1)
+        most = most or max(int(PATIENCE / (CAUTION * work)), 1)
+        stretches = [Stretch(0, active_set, at.scale, at.inertia)]
         began = int(state[0])
         found = fly(
             kernel,
             flights.contacts,
             state,
-            held,
-            holds,
+            held.rows,
+            held.closed,
             at.scale,
             problem.c,
             t0=problem.t0,
@@ -105,19 +152,46 @@ def flight_blocks(
             save_every=problem.save_every,
             steps=most,
             level=problem.level,
+            change=partial(_change, system, problem, flights, stretches),
         )
-        status, state = found.status, found.state
-        block = _block(found, at, n)
-        moved = state[0] > began or len(block.events)
-        if moved:
-            assert block.after is not None
-            at = block.after
-            yield block
-        per_step = max(found.seconds / max(int(state[0]) - began, 1), 1e-12)
+        status, moved = found.status, int(found.state[0]) - began
+        if moved or len(found.hits):
+            blocks = _blocks(found, at, stretches, n)
+            yield from blocks
+            assert blocks[-1].after is not None
+            at = blocks[-1].after
+        per_step = max(found.seconds / max(moved, 1), 1e-12)
+        gears = None if is_uniform(held.scene) else gears_with(held.scene, rule, newton(), kernel)
         if gears:
-            kernel = kernel_after(gears, found.seconds, per_step * (problem.steps - state[0]))
+            kernel_after(gears, found.seconds, per_step * (problem.steps - began - moved))
         most = max(min(10 * most, int(PATIENCE / per_step)), 1)
-    return at, None if found.located is None else _located(found, active_set, n)
+        located = found.located
+    active_set = stretches[-1].active_set
+    return at, None if located is None else _located(found, active_set, n)
+
+
+def _change(
+    system: System,
+    problem: InitialValueProblem,
+    flights: Flights,
+    stretches: list[Stretch],
+    row: int,
+    k: int,
+    flat: np.ndarray,
+    holding: tuple[int, ...],
+) -> Begun | None:
+    """What other contacts begin with (see `fly`), as `position` in contact_loop.py has it."""
+    n, step = system.structure.n, min(k, problem.steps - 1)
+    active_set = replace(stretches[-1].active_set, contacts=holding, holding=holding)
+    kernel = flights.loop_in(active_set)
+    if kernel is None:
+        return None
+    held, h = held_in(system, active_set), np.array([problem.h])
+    t, q, p = flat[:1], flat[2 : 2 + n], flat[2 + n : 2 + 2 * n]
+    grid = (t - problem.h * step) + problem.h * step
+    v, scale, inertia = call(held.arrival, q, p, t, grid, h, problem.c)
+    stretches.append(Stretch(row, active_set, scale, inertia))
+    return Begun(kernel, held.rows, v, scale)
 
 
 def _located(found: Flight, active_set: ActiveSet, n: int) -> Located:
@@ -144,24 +218,37 @@ def _events(hits: np.ndarray, n: int) -> tuple[Event, ...]:
     )
 
 
-def _block(found: Flight, at: RunState, n: int) -> NodeBlock:
-    """The nodes that a call found, and where the run stands after it."""
+def _blocks(found: Flight, at: RunState, stretches: list[Stretch], n: int) -> list[NodeBlock]:
+    """The nodes that a call found, a block for each active set, and where the run stands after the
+    last of them.
+    """
     state = found.state
     q, p, _, q_rest, p_rest = state[4 : 4 + 5 * n].reshape(5, n)
     x = np.concatenate([q, q_rest, p, p_rest])
     after = at._replace(x=x, k=int(state[0]), t=float(state[1]), events=int(state[2]), carry=state)
-    hits = found.hits[found.hits[:, 0] < len(found.t)]
-    return NodeBlock(
-        found.k,
-        found.q,
-        found.p,
-        found.residual,
-        len(found.k),
-        t=found.t,
-        active_set=at.active_set,
-        events=_events(hits, n),
-        iterations=found.iterations,
-        after=after,
-        v=found.v,
-        impacts=tuple(hits[:, 0].astype(int).tolist()),
-    )
+    if len(stretches) > 1:
+        _, active_set, scale, inertia = stretches[-1]
+        after = after._replace(
+            scale=scale, inertia=inertia, active_set=active_set, largest=FIRST_LOOK
+        )
+    rows, ends = found.hits[:, 0], [*(part.row for part in stretches[1:]), len(found.t)]
+    blocks = []
+    for part, end in zip(stretches, ends, strict=True):
+        begin = part.row
+        hits = found.hits[(rows >= begin) & (rows < end)]
+        blocks.append(
+            NodeBlock(
+                found.k[begin:end],
+                found.q[begin:end],
+                found.p[begin:end],
+                found.residual,
+                end - begin,
+                t=found.t[begin:end],
+                active_set=part.active_set,
+                events=_events(hits, n),
+                v=found.v[begin:end],
+                impacts=tuple((hits[:, 0] - begin).astype(int).tolist()),
+            )
+        )
+    blocks[-1] = blocks[-1]._replace(iterations=found.iterations, after=after)
+    return [block for block in blocks if block.good or block.after]
