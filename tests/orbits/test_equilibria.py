@@ -106,6 +106,7 @@ def test_what_cannot_rest_is_refused():
         (dict(guess=[0.0, 1.0]), "shape"),
         (dict(box={"y": (0, 1)}), "the coordinates are"),
         (dict(box=[[1.0, 0.0]]), "lower bound above"),
+        (dict(box=[[1.0, 1.0]]), "is a point"),
         (dict(box=[[1.0, 0.0, 2.0]]), "must be"),
     ):
         with pytest.raises(vi.InputError, match=words):

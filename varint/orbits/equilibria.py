@@ -197,6 +197,8 @@ def _bounds(system: System, box: Any) -> tuple[np.ndarray, np.ndarray]:
         low, high = ends.T
     if (low > high).any():
         raise InputError("box has a lower bound above its upper one")
+    if (low == high).all():
+        raise InputError("box is a point: it takes a pair (lower, upper) for each coordinate")
     return low, high
 
 

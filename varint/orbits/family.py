@@ -15,8 +15,9 @@ from varint.numerics.progress import progress_bar, told_beside
 from varint.orbits.advance import FIRST, exactly, in_new_segments, next_point
 from varint.orbits.bifurcations import Bifurcation
 from varint.orbits.continuation import quantity
-from varint.orbits.curve import Curve, change, product
+from varint.orbits.curve import Curve
 from varint.orbits.drive import drive_of
+from varint.orbits.ends import is_at_rest, is_back
 from varint.orbits.orbit import Orbit
 from varint.orbits.passages import Point, located, point_of
 from varint.orbits.save import save_orbits, saved_orbit
@@ -255,8 +256,11 @@ def family(
             say(lambda: f"{len(orbits)} orbits, {along}={quantity(orbits[-1], curve):.6g}")
             if reached:
                 break
-            if _is_back(orbits, following, length, curve):
+            if is_back(orbits, following, length, curve):
                 ended = "where it began: the family is closed"
+                break
+            if is_at_rest(orbits):
+                ended = "where its orbits shrink to an equilibrium"
                 break
             before, here = here, in_new_segments(following, curve)
     return Family(tuple(orbits), along, tuple(found), ended)
@@ -278,11 +282,3 @@ def _curve(orbit: Orbit, along: Any, hold: str) -> Curve:
     drive = 0 if orbit.shooting.autonomous else drive_of(orbit, along, index)
     value = orbit.period if hold == "period" else orbit.energy
     return Curve(along, index, held, value, drive)
-
-
-def _is_back(orbits: list[Orbit], here: Point, length: float, curve: Curve) -> bool:
-    """Whether the family has come back to its first orbit."""
-    if len(orbits) < 8:
-        return False
-    away = change(here.orbit.at, orbits[0].at, curve)
-    return product(away, away, here.by) < length**2 / 4
