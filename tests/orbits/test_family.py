@@ -227,6 +227,27 @@ def test_torn_files_are_refused(backbone, tmp_path):
             vi.load(tmp_path / "torn.npz")
 
 
+def test_figures_show_what_varies_where_the_period_is_held():
+    """Kepler's circles of one period in fields of different strength, and a spring that is driven
+    at one frequency with different strengths: the period drew a level line.
+    """
+    q, v = vi.coordinates("x", "y")
+    c = vi.Parameters(k=1.0)
+    planet = vi.System(q, v, ca.sumsqr(v) / 2 + c.k / ca.norm_2(q), params=c)
+    circle = orbits.periodic(planet, ([1.0, 0.0], [0.0, 1.0]), period=2 * np.pi)
+    held = orbits.family(circle, along="k", to=2.0, bifurcations=False)
+    drawn = held.plot().axes[0]
+    assert drawn.get_ylabel() == "energy $H$" and np.ptp(held.energies) > 0.1
+    low, high = drawn.get_ylim()
+    assert low < held.energies.min() and held.energies.max() < high
+    q, v, t = *vi.coordinates("x"), vi.time()
+    f = vi.Parameters(f=1.0)
+    spring = vi.System(q, v, v**2 / 2 - 2 * q**2, force=f.f * ca.cos(t) - v / 10, params=f, t=t)
+    forced = orbits.periodic(spring, ([0.3], [0.0]), period=2 * np.pi)
+    wider = orbits.family(forced, along="f", to=2.0, bifurcations=False)
+    assert wider.plot().axes[0].get_ylabel() == "largest range"
+
+
 def test_figures_show_the_family_and_its_orbits(backbone):
     axes = backbone.plot().axes
     assert axes[0].get_ylabel() == "period $T$" and len(axes[1].lines) > 5

@@ -7,8 +7,9 @@ from varint.orbits.elements import Elements, jacobi_elements, osculating_element
 from varint.orbits.encounters import Encounters, encounters
 from varint.orbits.energy_starts import starts_at_energy
 from varint.orbits.equilibria import Equilibria, equilibria
-from varint.orbits.family import Family, family
+from varint.orbits.family import Family
 from varint.orbits.floquet import floquet
+from varint.orbits.follow import family
 from varint.orbits.frequency import Frequencies, frequencies, naff
 from varint.orbits.frequency_map import (
     FrequencyMap,
