@@ -22,8 +22,8 @@ from tools.record import save, table
 
 import varint as vi
 import varint.multibody as mb
+from varint.codegen.dependence import operations
 from varint.codegen.gauss import gauss_scheme
-from varint.codegen.graph import operations
 
 AXES, REPEATS = ((0, 1, 0), (1, 0, 0), (0, 0, 1)), 5
 EACH = ("kick", "drift")  # what every evaluation calls; "inertia" is called once a step

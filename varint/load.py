@@ -137,9 +137,9 @@ def _orbits(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) 
     """A result of `varint.orbits`."""
     from varint.orbits.files import restored
     from varint.orbits.kinds import KINDS
-    from varint.orbits.read import orbits_of
+    from varint.orbits.read import READ, orbits_of
 
-    if header.get("kind") in ("orbit", "family"):
+    if header.get("kind") in READ:
         return orbits_of(header, arrays)
     return restored(header, arrays, KINDS)
 

@@ -11,8 +11,9 @@ import pytest
 from varint.codegen.algebra import graph_of
 from varint.codegen.arguments import c_source
 from varint.codegen.cache import compiler, library
+from varint.codegen.dependence import halves, needed
 from varint.codegen.emit import emit
-from varint.codegen.graph import NotCompilable, halves, needed
+from varint.codegen.graph import NotCompilable
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 LANES = (1, 2, 4, 8)

@@ -12,9 +12,10 @@ import varint as vi
 import varint.multibody as mb
 from varint.codegen import emit, pieces, source
 from varint.codegen.cache import compiler
+from varint.codegen.dependence import needed, sine_and_cosine, uniform_nodes
 from varint.codegen.emit import emit_graph
 from varint.codegen.gauss import gauss_scheme
-from varint.codegen.graph import needed, operands, sine_and_cosine, uniform_nodes
+from varint.codegen.graph import operands
 from varint.codegen.joined import join
 from varint.codegen.repeats import Repeats
 

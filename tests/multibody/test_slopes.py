@@ -10,8 +10,8 @@ from machines import AXES, andrews, floating, many_joints, plane_chain, spatial_
 import varint as vi
 import varint.multibody as mb
 from varint.codegen import mechanics
+from varint.codegen.dependence import operations
 from varint.codegen.gauss import PRODUCT, gauss_scheme
-from varint.codegen.graph import operations
 from varint.multibody.grouped import grouped
 from varint.multibody.tree import tree_of
 from varint.scene.kinetics import Kinetics

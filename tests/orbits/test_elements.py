@@ -164,6 +164,19 @@ def test_an_encounter_is_as_near_and_as_fast_as_its_hyperbola():
     assert "1–2" in str(found) and len(found) == 1
 
 
+@pytest.mark.parametrize("save_every", [1, 100])
+def test_encounters_of_runs_that_watched_for_none_are_those_of_runs_that_did(save_every):
+    """They came out as none, whatever the run had met."""
+    model = vi.models.pythagorean_three_body()
+    run = dict(q0=model.q0, v0=model.v0, h=5e-4, duration=4.0, save_every=save_every)
+    watched = vi.orbits.approaches(model.system, 0.2)
+    told = vi.orbits.encounters(vi.simulate(model.system, vi.gauss(8), **run, events=watched), 0.2)
+    found = vi.orbits.encounters(vi.simulate(model.system, vi.gauss(8), **run), 0.2)
+    assert found.pairs == told.pairs == ("2–3", "2–3")
+    for name in ("entered", "left", "t", "distance", "speed"):
+        assert getattr(found, name) == pytest.approx(getattr(told, name), rel=1e-9)
+
+
 def test_a_collision_ends_the_run_where_the_surfaces_touch():
     q, v = vi.coordinates("x1", "y1", "x2", "y2", "x3", "y3")
     free = vi.System(q, v, ca.sumsqr(v) / 2)

@@ -8,6 +8,7 @@ from references import entries
 
 import varint as vi
 from varint import orbits
+from varint.numerics.archive import read_archive, write_archive
 
 EARTH_MOON = 0.01215058560962404
 
@@ -106,6 +107,7 @@ def test_what_cannot_rest_is_refused():
         (dict(guess=[0.0, 1.0]), "shape"),
         (dict(box={"y": (0, 1)}), "the coordinates are"),
         (dict(box=[[1.0, 0.0]]), "lower bound above"),
+        (dict(box=[[1.0, 1.0]]), "is a point"),
         (dict(box=[[1.0, 0.0, 2.0]]), "must be"),
     ):
         with pytest.raises(vi.InputError, match=words):
@@ -176,3 +178,43 @@ def test_where_coordinates_describe_no_motions_is_told():
         assert found.modes
     steady = vi.orbits.relative_equilibria(top, turn, [0.0, 2.2, 0.0], rate=3.0)
     assert np.cos(steady[0].q[1]) == pytest.approx(-2 / (0.4 * 9), rel=1e-12)
+
+
+def tied() -> vi.System:
+    """Two masses, one on an ellipse, the other on a rod below it."""
+    q, v = vi.coordinates("x", "y", "X", "Y")
+    c = vi.Parameters(g=9.81)
+    rows = ca.vertcat(q[0] ** 2 / 4 + q[1] ** 2 - 1, ca.sumsqr(q[2:] - q[:2]) - 0.25)
+    lagrangian = ca.sumsqr(v) / 2 - c.g * (q[1] + q[3])
+    return vi.System(q, v, lagrangian, constraint=rows, params=c)
+
+
+def test_equilibria_and_their_modes_are_saved_and_loaded(tmp_path):
+    guesses = [[0.1, -1, 0, -1.5], [0.1, -1, 0, -0.5]]
+    found = vi.orbits.equilibria(tied(), guesses, params=dict(g=4.0))
+    found.save(tmp_path / "rest.npz")
+    again = vi.load(tmp_path / "rest.npz")
+    assert str(again) == str(found) and len(again) == 2
+    for one, other in zip(again, found, strict=True):
+        for name in ("q", "multipliers", "c"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))
+        assert one.residual == other.residual and one.energy == other.energy
+    modes = vi.orbits.normal_modes(found[0].system, found[0])
+    modes.save(tmp_path / "modes.npz")
+    loaded = vi.load(tmp_path / "modes.npz")
+    assert str(loaded) == str(modes) and np.array_equal(loaded.exponents, modes.exponents)
+
+
+def test_torn_files_of_equilibria_are_refused(tmp_path):
+    vi.orbits.equilibria(tied(), [0.1, -1, 0, -1.5]).save(tmp_path / "rest.npz")
+    header, arrays = read_archive(tmp_path / "rest.npz", "equilibria")
+    for change in (
+        dict(q=arrays["q"][:, :-1]),
+        dict(c=np.nan * arrays["c"]),
+        dict(multipliers=np.zeros((2, 2))),
+        {name: x[:0] for name, x in arrays.items()},
+    ):
+        with (tmp_path / "torn.npz").open("wb") as file:
+            write_archive(file, header, arrays | change, compress=True)
+        with pytest.raises(vi.InputError):
+            vi.load(tmp_path / "torn.npz")

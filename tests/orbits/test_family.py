@@ -74,6 +74,28 @@ def test_a_parameter_is_varied_at_held_energy():
 
 
 @pytest.mark.long
+def test_families_end_at_the_equilibrium_to_which_their_orbits_shrink():
+    """Two wells, off the origin: small orbits of the period 2π/√(2k) where it is held, from either
+    side; of Kepler's circles, that shrink, too, there is no end.
+    """
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(k=1.0)
+    wells = vi.System(q, v, v**2 / 2 - c.k * (q**2 - 1) ** 2 / 4, params=c)
+    first = orbits.periodic(wells, ([1.3], [0.0]), period=4.7, energy=0.69**2 / 4)
+    held = orbits.family(first, along="k", increasing=False)
+    assert held.ended == "where its orbits shrink to an equilibrium"
+    assert held.values[-1] == pytest.approx((2 * np.pi / first.period) ** 2 / 2, rel=1e-6)
+    assert not held.bifurcations
+    free = orbits.family(first, increasing=False)
+    assert free.ended == held.ended and len(free) < 60
+    assert free.periods[-1] == pytest.approx(np.pi * np.sqrt(2), rel=1e-5)
+    q, v = vi.coordinates("x", "y")
+    planet = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q))
+    circle = orbits.periodic(planet, ([1.0, 0.0], [0.0, 1.0]), period=2 * np.pi)
+    small = orbits.family(circle, to=-1e4, bifurcations=False)
+    assert small[-1].energy == pytest.approx(-1e4)
+
+
 def test_a_fold_in_the_period_is_located():
     # ½ x² − ¼ x⁴ + ⅙ x⁶ softens and then hardens: T has a maximum
     q, v = vi.coordinates("x")
@@ -203,6 +225,27 @@ def test_torn_files_are_refused(backbone, tmp_path):
             write_archive(file, given["header"], given["arrays"], compress=True)
         with pytest.raises(vi.InputError):
             vi.load(tmp_path / "torn.npz")
+
+
+def test_figures_show_what_varies_where_the_period_is_held():
+    """Kepler's circles of one period in fields of different strength, and a spring that is driven
+    at one frequency with different strengths: the period drew a level line.
+    """
+    q, v = vi.coordinates("x", "y")
+    c = vi.Parameters(k=1.0)
+    planet = vi.System(q, v, ca.sumsqr(v) / 2 + c.k / ca.norm_2(q), params=c)
+    circle = orbits.periodic(planet, ([1.0, 0.0], [0.0, 1.0]), period=2 * np.pi)
+    held = orbits.family(circle, along="k", to=2.0, bifurcations=False)
+    drawn = held.plot().axes[0]
+    assert drawn.get_ylabel() == "energy $H$" and np.ptp(held.energies) > 0.1
+    low, high = drawn.get_ylim()
+    assert low < held.energies.min() and held.energies.max() < high
+    q, v, t = *vi.coordinates("x"), vi.time()
+    f = vi.Parameters(f=1.0)
+    spring = vi.System(q, v, v**2 / 2 - 2 * q**2, force=f.f * ca.cos(t) - v / 10, params=f, t=t)
+    forced = orbits.periodic(spring, ([0.3], [0.0]), period=2 * np.pi)
+    wider = orbits.family(forced, along="f", to=2.0, bifurcations=False)
+    assert wider.plot().axes[0].get_ylabel() == "largest range"
 
 
 def test_figures_show_the_family_and_its_orbits(backbone):

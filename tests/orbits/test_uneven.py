@@ -15,7 +15,7 @@ from varint.integration import compiled_loop
 from varint.numerics import progress
 from varint.orbits.continuation import stepped
 from varint.orbits.curve import Curve
-from varint.orbits.family import MOST_STEPS
+from varint.orbits.follow import MOST_STEPS
 from varint.orbits.passages import point_of
 from varint.orbits.predict import ahead, on_cubic
 

@@ -9,14 +9,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from varint.codegen.algebra import graph_of
-from varint.codegen.graph import (
-    Graph,
-    fused,
-    needed,
-    operations,
-    sine_and_cosine,
-    uniform_nodes,
-)
+from varint.codegen.dependence import fused, needed, operations, sine_and_cosine, uniform_nodes
+from varint.codegen.graph import Graph
 from varint.codegen.parts import LARGEST, Statement
 from varint.codegen.pieces import (
     APART,

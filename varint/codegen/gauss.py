@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from varint.codegen.cache import AS_WRITTEN, vector_length
-from varint.codegen.graph import NotCompilable, kernel_per_system, operations
+from varint.codegen.dependence import operations
+from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import acceleration, dense, force, momentum, velocity
 from varint.codegen.source import Routine, Source, compiled, emitted, halved, routines, source_of

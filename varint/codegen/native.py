@@ -15,9 +15,10 @@ import numpy as np
 from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of, start_of
 from varint.codegen.core import Loop, explicit_loop, gauss_loop
+from varint.codegen.dependence import operations
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
 from varint.codegen.gauss import gauss_scheme
-from varint.codegen.graph import NotCompilable, kernel_per_system, operations
+from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.source import FEW_ROOTS, Routine
 from varint.codegen.tableau import tableau_arrays

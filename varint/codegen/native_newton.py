@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from varint.codegen.block import block_of
 from varint.codegen.core import newton_loop
+from varint.codegen.dependence import operations
 from varint.codegen.frozen import no_whole_derivatives
-from varint.codegen.graph import NotCompilable, kernel_per_system, operations
+from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import (
     MOST_OF_MACHINES,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from varint.codegen.graph import Graph, sine_and_cosine
+from varint.codegen.dependence import sine_and_cosine
+from varint.codegen.graph import Graph
 from varint.codegen.joined import join
 from varint.codegen.parts import LARGEST, Statement, c_parts, calls_of
 from varint.codegen.repeats import Repeats

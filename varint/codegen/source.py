@@ -13,8 +13,9 @@ import numpy as np
 from varint.codegen.algebra import graph_of
 from varint.codegen.arguments import c_source
 from varint.codegen.cache import WHEREVER, library
+from varint.codegen.dependence import fused, halves
 from varint.codegen.emit import WRITTEN_OUT, Emitted, arranged, emit_graph
-from varint.codegen.graph import Graph, NotCompilable, fused, halves
+from varint.codegen.graph import Graph, NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.scene.system import System
 

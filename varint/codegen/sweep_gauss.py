@@ -10,8 +10,9 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.algebra import graph_of
+from varint.codegen.dependence import fused
 from varint.codegen.gauss import gauss_form, lanes_for
-from varint.codegen.graph import NotCompilable, fused, kernel_per_system
+from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.mechanics import force, velocity
 from varint.codegen.source import Routine
 from varint.codegen.sweep import LEAST_SPEED, SweepKernel, SweepScheme, compiled_sweep

@@ -9,14 +9,8 @@ from heapq import heappop, heappush
 import numpy as np
 
 from varint.codegen.arguments import c_source
-from varint.codegen.graph import (
-    Graph,
-    NotCompilable,
-    needed,
-    operands,
-    sine_and_cosine,
-    uniform_nodes,
-)
+from varint.codegen.dependence import needed, sine_and_cosine, uniform_nodes
+from varint.codegen.graph import Graph, NotCompilable, operands
 
 MOST = 65_535  # registers, operands are numbers of 16 bits
 # operations between one and another that takes its value, where there are others to do: so long it

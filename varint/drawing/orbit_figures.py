@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 MOST_SHOWN = 12  # orbits of a family that are drawn
 NARROW = 0.3  # of the wider side: a flat orbit is not drawn true to scale
 MARKS = {"fold": "s", "branch": "D", "period": "o", "collision": "X"}
+MEASURES = {"energy": "energy $H$", "period": "period $T$", "width": "largest range"}
 FAR = 3.0  # multipliers further out are shown on a logarithmic scale, if at all
 
 
@@ -48,14 +49,13 @@ def orbit_figure(
 
 
 def family_figure(
-    values: np.ndarray,
-    across: str,
-    periods: np.ndarray,
+    across: tuple[str, np.ndarray],
+    up: tuple[str, np.ndarray],
     stable: np.ndarray,
     marks: Sequence[tuple[str, float, float]],
     motions: Sequence[Trajectory],
 ) -> Figure:
-    """Period along a family, stable parts drawn through; some of its orbits beside."""
+    """One measure of a family over another, stable parts drawn through; some orbits beside."""
     import matplotlib.pyplot as plt
 
     pairs = _planes(motions[-1])[:2]
@@ -63,20 +63,20 @@ def family_figure(
         1, len(pairs) + 1, figsize=(4.6 * (len(pairs) + 1), 4.2), layout="constrained"
     )
     first = axes[0]
+    values, heights = across[1], up[1]
     for k, (a, b) in enumerate(pairwise(range(len(values)))):
         solid = bool(stable[a] and stable[b])
-        first.plot(values[[a, b]], periods[[a, b]], "-" if solid else ":", color=COLOURS[0], lw=1.5)
+        first.plot(values[[a, b]], heights[[a, b]], "-" if solid else ":", color=COLOURS[0], lw=1.5)
         if k == 0:
             first.plot([], [], "-", color=COLOURS[0], label="stable")
             first.plot([], [], ":", color=COLOURS[0], label="unstable")
     seen: set[str] = set()
-    for kind, x, period in marks:
+    for kind, x, y in marks:
         mark = next((m for name, m in MARKS.items() if kind.startswith(name)), "*")
-        first.plot(
-            x, period, mark, color=COLOURS[1], ms=6, label=None if kind in seen else kind, ls=""
-        )
+        first.plot(x, y, mark, color=COLOURS[1], ms=6, label=None if kind in seen else kind, ls="")
         seen.add(kind)
-    name_axes(first, label(across) if across != "energy" else "energy $H$", "period $T$", "family")
+    names = [MEASURES.get(name) or label(name) for name, _ in (across, up)]
+    name_axes(first, names[0], names[1], "family")
     first.legend(fontsize="small")
     chosen = thinned_indices(len(motions), MOST_SHOWN)
     shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(chosen)))

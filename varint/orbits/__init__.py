@@ -4,11 +4,12 @@ orbits and their families, stability, sections, chaos, frequencies, orbital elem
 
 from varint.orbits.bifurcations import Bifurcation
 from varint.orbits.elements import Elements, jacobi_elements, osculating_elements
-from varint.orbits.encounters import Encounters, approaches, collisions, encounters
+from varint.orbits.encounters import Encounters, encounters
 from varint.orbits.energy_starts import starts_at_energy
 from varint.orbits.equilibria import Equilibria, equilibria
-from varint.orbits.family import Family, family
+from varint.orbits.family import Family
 from varint.orbits.floquet import floquet
+from varint.orbits.follow import family
 from varint.orbits.frequency import Frequencies, frequencies, naff
 from varint.orbits.frequency_map import (
     FrequencyMap,
@@ -22,6 +23,7 @@ from varint.orbits.lyapunov import LyapunovSpectrum, lyapunov_spectrum
 from varint.orbits.modes import NormalModes, normal_modes
 from varint.orbits.multipliers import Floquet
 from varint.orbits.orbit import Orbit
+from varint.orbits.pairs import approaches, collisions
 from varint.orbits.periodic import periodic
 from varint.orbits.relative import corotating, relative_equilibria
 from varint.orbits.rest import Equilibrium

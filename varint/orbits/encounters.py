@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
 from varint.integration.simulate import simulate
-from varint.orbits.bodies import body_places
 from varint.orbits.files import save
+from varint.orbits.pairs import TOGETHER, Pair, approaches, pairs_within
+from varint.orbits.section import crossings
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
-from varint.scene.inputs import finite_array
-from varint.scene.system import System, require_system
-
-BETWEEN = "–"  # both names of a pair
-TOGETHER = "approach "  # before them in the names of events
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,95 +59,18 @@ class Encounters:
         save(self, path)
 
 
-def approaches(system: System, within: Any) -> dict[str, tuple[ca.SX, int]]:
-    """What a run must log for its `encounters`: every pair of bodies coming within a distance.
-
-    Parameters
-    ----------
-    system : System
-        Bodies whose coordinates are called x1, y1, z1, x2, …
-    within : float or array (B,)
-        The distance; or a radius of each body, such as a few Hill radii a (m/3M)^{1/3}, of which
-        the larger one of the two counts.
-
-    Returns
-    -------
-    dict
-        ``simulate(system, ..., events=vi.orbits.approaches(system, 0.1))``
-
-    Raises
-    ------
-    InputError
-        If the bodies are not known or the distance is not positive.
-
-    Examples
-    --------
-    >>> import varint as vi
-    >>> model = vi.models.pythagorean_three_body()
-    >>> list(vi.orbits.approaches(model.system, 0.2))
-    ['approach 1–2', 'approach 1–3', 'approach 2–3']
-    """
-    return {
-        f"{TOGETHER}{name}": (ca.sumsqr(apart) / reach**2 - 1, -1)
-        for name, (apart, _, reach) in _pairs(system, within, max).items()
-    }
-
-
-def collisions(system: System, radii: Any) -> ca.SX:
-    """An expression that crosses zero, falling, when two bodies touch: min (|r_i − r_j|/(R_i + R_j)
-    − 1).
-
-    Parameters
-    ----------
-    system : System
-        As for `approaches`.
-    radii : float or array (B,)
-        R of all bodies or of each; 0 for points.
-
-    Returns
-    -------
-    SX
-        ``simulate(system, ..., until=(vi.orbits.collisions(system, radii), -1))`` stops there.
-
-    Raises
-    ------
-    InputError
-        If the bodies are not known, or no two radii have a positive sum.
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> import varint as vi
-    >>> q, v = vi.coordinates("x1", "y1", "x2", "y2")
-    >>> free = vi.System(q, v, ca.sumsqr(v) / 2)
-    >>> touch = vi.simulate(
-    ...     free, vi.gauss(1), q0=[0, 0, 3, 0], v0=[1, 0, 0, 0], h=0.3, steps=20,
-    ...     until=(vi.orbits.collisions(free, 0.5), -1),
-    ... )
-    >>> round(float(touch.t[-1]), 12)
-    2.0
-    """
-    rows = [
-        ca.norm_2(apart) / reach - 1
-        for apart, _, reach in _pairs(system, radii, lambda a, b: a + b).values()
-    ]
-    least = rows[0]
-    for row in rows[1:]:
-        least = ca.fmin(least, row)
-    return least
-
-
 def encounters(motion: Trajectory, within: Any) -> Encounters:
-    """The close encounters of a run that has logged its `approaches`: when, how near, how fast.
+    """The close encounters of a run: when, how near, how fast.
 
-    From each approach the motion is followed by steps of the same rule until r·v of the pair is
-    zero, where they are nearest, and until they part: with the rule's own accuracy, whatever
-    nodes the run has kept.
+    Approaches are those that the run has logged; where it has logged none, they are located between
+    its nodes, and where it has not kept these, the run is made once more. From each approach the
+    motion is followed by steps of the same rule until r·v of the pair is zero, where they are
+    nearest, and until they part: with the rule's own accuracy, whatever nodes the run has kept.
 
     Parameters
     ----------
     motion : Trajectory
-        From ``simulate(..., events=vi.orbits.approaches(system, within))``.
+        From ``simulate(..., events=vi.orbits.approaches(system, within))``, best.
     within : float or array (B,)
         As there.
 
@@ -185,47 +103,59 @@ def encounters(motion: Trajectory, within: Any) -> Encounters:
             "this run took its steps in a fictitious time; encounters are followed by steps of "
             "one size: run it with h="
         )
-    pairs = _pairs(motion.system, within, max)
-    rows = [
-        (event.kind.removeprefix(TOGETHER), event.time, *_followed(motion, event, pairs))
-        for event in motion.events
-        if event.kind.startswith(TOGETHER)
-    ]
-    names = tuple(row[0] for row in rows)
-    numbers = np.array([row[1:] for row in rows], dtype=float).reshape(-1, 5)
+    pairs = pairs_within(motion.system, within, max)
+    logged = [event for event in motion.events if event.kind.startswith(TOGETHER)]
+    met: Sequence[Met] = logged or _located(motion, within)
+    names = tuple(event.kind.removeprefix(TOGETHER) for event in met)
+    rows = [(event.time, *_followed(motion, event, pairs)) for event in met]
+    numbers = np.array(rows, dtype=float).reshape(-1, 5)
     entered, left, t, distance, speed = numbers.T
     return Encounters(names, entered, left, t, distance, speed)
 
 
-Pair = tuple[ca.SX, ca.SX, float]
+class Approach(NamedTuple):
+    """Where a pair comes within its distance, in the words of an event."""
+
+    kind: str
+    time: float
+    q: np.ndarray
+    v_after: np.ndarray
+    p_after: np.ndarray
 
 
-def _pairs(system: System, sizes: Any, both: Any) -> dict[str, Pair]:
-    """By the names of both bodies: their difference, that of their velocities, and the size that
-    counts.
-    """
-    require_system(system)
-    places = body_places(system)
-    given = finite_array("the distance", sizes)
-    if given.shape not in ((), (len(places),)) or (given < 0).any():
-        raise InputError(
-            f"distances must be one positive number, or one for each of {list(places)}, got "
-            f"{sizes!r}"
-        )
-    each = np.broadcast_to(given, (len(places),))
-    found: dict[str, Pair] = {}
-    for (i, (a, first)), (j, (b, second)) in combinations(enumerate(places.items()), 2):
-        reach = float(both(each[i], each[j]))
-        if reach > 0:
-            apart = system.q[first.tolist()] - system.q[second.tolist()]
-            rate = system.v[first.tolist()] - system.v[second.tolist()]
-            found[f"{a}{BETWEEN}{b}"] = apart, rate, reach
-    if not found:
-        raise InputError("no pair of bodies has a positive distance")
-    return found
+Met = Event | Approach
 
 
-def _followed(motion: Trajectory, event: Event, pairs: Mapping[str, Pair]) -> tuple[float, ...]:
+def _again(motion: Trajectory, within: Any) -> tuple[Event, ...]:
+    """The events of the same run, watched for approaches."""
+    steps = int(motion.k[-1] - motion.k[0])
+    return simulate(
+        motion.system,
+        motion.rule,
+        q0=motion.q[0],
+        p0=motion.p[0],
+        t0=float(motion.t[0]),
+        h=motion.h,
+        steps=steps,
+        params=motion.parameters,
+        events=approaches(motion.system, within),
+        save_every=steps,
+    ).events
+
+
+def _located(motion: Trajectory, within: Any) -> Sequence[Met]:
+    """The approaches between the nodes of a motion that has logged none, in the order of time."""
+    if (np.diff(motion.k) > 1).any():
+        return [one for one in _again(motion, within) if one.kind.startswith(TOGETHER)]
+    found = [
+        Approach(kind, float(time), *state)
+        for kind, (apart, way) in approaches(motion.system, within).items()
+        for time, *state in zip(*crossings(motion, apart, way), strict=True)
+    ]
+    return sorted(found, key=lambda one: one.time)
+
+
+def _followed(motion: Trajectory, event: Met, pairs: Mapping[str, Pair]) -> tuple[float, ...]:
     """When a pair parts, is nearest, how near and how fast."""
     name = event.kind.removeprefix(TOGETHER)
     if name not in pairs:
@@ -255,7 +185,7 @@ def _followed(motion: Trajectory, event: Event, pairs: Mapping[str, Pair]) -> tu
     return parted, candidates[best].time, *sizes[best]
 
 
-def _size(motion: Trajectory, event: Event, apart: ca.SX, rate: ca.SX) -> tuple[float, float]:
+def _size(motion: Trajectory, event: Met, apart: ca.SX, rate: ca.SX) -> tuple[float, float]:
     """Distance and relative speed at an event."""
     s = motion.system
     function = ca.Function("size", [s.q, s.v], [ca.norm_2(apart), ca.norm_2(rate)])

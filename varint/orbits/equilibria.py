@@ -14,6 +14,7 @@ from varint.errors import ConvergenceError, InputError
 from varint.orbits.modes import NormalModes, normal_modes
 from varint.orbits.oscillations import is_regular, linearised
 from varint.orbits.rest import Equilibrium, require_restful, rest
+from varint.orbits.resting import EQUILIBRIA, save_equilibria
 from varint.scene.inputs import finite_array, generator, positive_integer, vector
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
@@ -56,6 +57,10 @@ class Equilibria:
             else "unknown: the coordinates describe no motions about it"
             for one in self
         )
+
+    def save(self, path: Any) -> None:
+        """Write them with their scene to one ``.npz`` file, which `varint.load` reads."""
+        save_equilibria(path, EQUILIBRIA, self.items)
 
     def rows(self) -> list[tuple[str, ...]]:
         """Head and rows of the table: coordinates, energy, stability."""
@@ -197,6 +202,8 @@ def _bounds(system: System, box: Any) -> tuple[np.ndarray, np.ndarray]:
         low, high = ends.T
     if (low > high).any():
         raise InputError("box has a lower bound above its upper one")
+    if (low == high).all():
+        raise InputError("box is a point: it takes a pair (lower, upper) for each coordinate")
     return low, high
 
 

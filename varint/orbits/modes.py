@@ -19,6 +19,7 @@ from varint.orbits.phase import (
     state_of,
 )
 from varint.orbits.rest import Equilibrium, require_restful, rest
+from varint.orbits.resting import MODES, save_equilibria
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.inputs import finite_array, number, positive_integer, vector
@@ -159,6 +160,12 @@ class NormalModes:
         if not isinstance(k, (int, np.integer)) or not -len(self) <= k < len(self):
             raise InputError(f"there are {len(self)} modes, 0 to {len(self) - 1}; got {k!r}")
         return int(k) % len(self)
+
+    def save(self, path: Any) -> None:
+        """Write the equilibrium with its scene to one ``.npz`` file, from which `varint.load` finds
+        the modes again.
+        """
+        save_equilibria(path, MODES, (self.equilibrium,))
 
     def rows(self) -> list[tuple[str, str]]:
         """What is printed: name and value."""

@@ -1,4 +1,4 @@
-"""Orbits and families from files."""
+"""Orbits, families and equilibria from files."""
 
 from __future__ import annotations
 
@@ -10,15 +10,22 @@ from varint.errors import InputError
 from varint.numerics.plain import field_of, record_of
 from varint.orbits.bifurcations import Bifurcation
 from varint.orbits.continuation import Curve, Direction
+from varint.orbits.equilibria import Equilibria
 from varint.orbits.family import Family
 from varint.orbits.files import FORMAT
+from varint.orbits.modes import NormalModes, normal_modes
 from varint.orbits.orbit import Orbit
+from varint.orbits.resting import EQUILIBRIA, MODES, saved_equilibria
 from varint.orbits.save import Met, Saved, read_met, read_orbits
 
-__all__ = ["FORMAT", "orbits_of"]
+__all__ = ["FORMAT", "READ", "orbits_of"]
+
+READ = "orbit", "family", EQUILIBRIA, MODES  # kinds
 
 
-def orbits_of(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Orbit | Family:
+def orbits_of(
+    header: dict[str, Any], arrays: dict[str, np.ndarray]
+) -> Orbit | Family | Equilibria | NormalModes:
     """What a file holds.
 
     Raises
@@ -27,6 +34,9 @@ def orbits_of(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Orbit | 
         If parts are missing or do not fit.
     """
     kind = field_of(header, "kind", str)
+    if kind in (EQUILIBRIA, MODES):
+        still = saved_equilibria(header, arrays)
+        return Equilibria(still) if kind == EQUILIBRIA else normal_modes(still[0].system, still[0])
     saved = read_orbits(header, arrays)
     orbits = tuple(_orbit(one) for one in saved)
     if kind == "orbit" and len(orbits) == 1:

@@ -161,7 +161,7 @@ def poincare_section(
                 raise InputError("all motions must be of one system")
             states = _logged(motion, surface, direction)
             if states is None:
-                states = _located(motion, surface, direction)
+                states = crossings(motion, surface, direction)
             found.append((np.full(len(states[0]), i), *states))
             energies.append(motion.energy[0])
             move(1, lambda: "")
@@ -212,8 +212,14 @@ def _logged(motion: Trajectory, surface: Any, direction: int) -> States | None:
     return np.array([event.time for event in events]), q, v, p
 
 
-def _located(motion: Trajectory, surface: Any, direction: int) -> States:
-    """The crossings between the nodes of a motion."""
+def crossings(motion: Trajectory, surface: Any, direction: int) -> States:
+    """The crossings between the nodes of a motion: t, q, v, p.
+
+    Raises
+    ------
+    InputError
+        If nodes were left out, or steps were of a fictitious time.
+    """
     if motion.fictitious is not None:
         raise InputError(
             "this run took its steps in a fictitious time: log its crossings on the way, "

@@ -1,0 +1,118 @@
+"""What the operations of a graph depend on, and graphs arranged by it."""
+
+from __future__ import annotations
+
+from varint.codegen.graph import Graph, operands
+
+
+def needed(graph: Graph) -> set[int]:
+    """The nodes that the outputs depend on."""
+    live: set[int] = set()
+    waiting = [i for output in graph.outputs for i in output]
+    while waiting:
+        i = waiting.pop()
+        if i not in live:
+            live.add(i)
+            waiting += operands(graph.nodes[i])
+    return live
+
+
+def uniform_nodes(graph: Graph, argument: int) -> list[bool]:
+    """Which nodes depend on nothing but the input `argument`."""
+    uniform: list[bool] = []
+    for node in graph.nodes:
+        free = node[0] == "const" or (node[0] == "input" and node[1] == argument)
+        uniform.append(free if node[0] in ("const", "input") else all(uniform[j] for j in node[1:]))
+    return uniform
+
+
+def operations(graph: Graph, argument: int) -> tuple[int, int]:
+    """How many nodes depend on more than the input `argument`, and the square roots among them."""
+    uniform = uniform_nodes(graph, argument)
+    varying = [graph.nodes[i][0] for i in needed(graph) if not uniform[i]]
+    return len(varying), sum(name in ("rsqrt", "sqrt") for name in varying)
+
+
+def fused(graph: Graph, argument: int) -> Graph:
+    """The same with products in sums as one operation that rounds once: ``fma(a, b, c) = a·b + c``,
+    ``fms`` = a·b − c, ``fnma`` = c − a·b.
+
+    What depends on nothing but the input `argument` is left as it is.
+    """
+    uniform, live = uniform_nodes(graph, argument), sorted(needed(graph))
+    elsewhere = {i for output in graph.outputs for i in output}  # used not in sums alone
+    for i in live:
+        if graph.nodes[i][0] not in ("add", "sub"):
+            elsewhere.update(operands(graph.nodes[i]))
+    result, places = Graph(), dict[int, int]()
+    for i in live:
+        name, *rest = graph.nodes[i]
+        if name in ("const", "input"):
+            places[i] = result.node(name, *rest)
+            continue
+        products = [
+            k
+            for k in range(len(rest) if name in ("add", "sub") else 0)
+            if graph.nodes[rest[k]][0] == "mul" and not uniform[rest[k]]
+        ]
+        if products:
+            k = max(products, key=lambda k: (rest[k] not in elsewhere, k))
+            a, b = (places[j] for j in graph.nodes[rest[k]][1:])
+            kind = "fma" if name == "add" else ("fms", "fnma")[k]
+            places[i] = result.node(kind, a, b, places[rest[1 - k]])
+        else:
+            places[i] = result.node(name, *(places[j] for j in rest))
+    result.outputs = [[places[i] for i in output] for output in graph.outputs]
+    return result
+
+
+def halves(graph: Graph, argument: int, constants: int) -> tuple[Graph, Graph]:
+    """What does not depend on the input `argument`, and what follows once it is known.
+
+    The first half has the outputs but the last, and one more: what the second takes from it. The
+    second half has the inputs (`argument`, taken from the first half, `constants`) and the last
+    output. What depends on the constants alone is in both halves.
+    """
+    late = [False] * len(graph.nodes)
+    for i, node in enumerate(graph.nodes):
+        late[i] = node[:2] == ("input", argument) or any(late[j] for j in operands(node))
+    uniform = uniform_nodes(graph, constants)
+    wanted: set[int] = set()
+    waiting = list(graph.outputs[-1])
+    while waiting:
+        i = waiting.pop()
+        if i not in wanted:
+            wanted.add(i)
+            waiting += operands(graph.nodes[i]) if late[i] or uniform[i] else ()
+    second, taken, places = Graph(), list[int](), dict[int, int]()
+    for i in sorted(wanted):
+        name, *rest = graph.nodes[i]
+        if name == "const":
+            places[i] = second.node(name, *rest)
+        elif not (late[i] or uniform[i]):
+            places[i] = second.node("input", 1, len(taken))
+            taken.append(i)
+        elif name == "input":
+            places[i] = second.node(name, 0 if late[i] else 2, rest[1])
+        else:
+            places[i] = second.node(name, *(places[j] for j in rest))
+    second.outputs = [[places[i] for i in graph.outputs[-1]]]
+    return Graph(graph.nodes, graph.index, [*graph.outputs[:-1], taken]), second
+
+
+def sine_and_cosine(
+    graph: Graph, live: list[int], uniform: list[bool]
+) -> dict[int, tuple[int, int]]:
+    """For each node that belongs to a sine and cosine of one angle: the pair at the first, (0,
+    0) at the second.
+    """
+    found: dict[int, dict[str, int]] = {}
+    for i in live:
+        if graph.nodes[i][0] in ("sin", "cos") and not uniform[i]:
+            found.setdefault(graph.nodes[i][1], {})[graph.nodes[i][0]] = i
+    pairs = {}
+    for both in found.values():
+        if len(both) == 2:
+            pairs[min(both.values())] = (both["sin"], both["cos"])
+            pairs[max(both.values())] = (0, 0)
+    return pairs
