@@ -74,6 +74,15 @@ def test_runs_that_follow_the_scene_are_the_same_by_numbers_alone(monkeypatch, c
     assert np.array_equal(short.at(between).q, long.at(between).q)
 
 
+@pytest.mark.parametrize("tol", [1e-3, 1e-6])
+def test_what_iterations_leave_is_not_taken_for_steps_that_are_too_large(tol):
+    """It grows in encounters: seven runs before, of up to 1,420 steps."""
+    model = vi.models.kepler(e=0.999)
+    motion = run(model, tol, duration=60.0)
+    assert error(motion, model.exact(motion.t)[0]) <= tol
+    assert motion.stats["runs"] <= 4 and len(motion) < 500
+
+
 @pytest.mark.parametrize("tol", [1e-6, 1e-9])
 def test_a_satellite_of_earth_and_moon_is_back_within_tol_after_a_hundred_steps(tol):
     model = vi.models.arenstorf()

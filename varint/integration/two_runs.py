@@ -79,7 +79,8 @@ class Course(NamedTuple):
     """How a motion is run with so many steps and two runs are compared; how far its fastest small
     motions turn; where the rule's order is sure for all steps that resolve them (linear scenes);
     how often steps are added before it is given up; into how many parts a coarse run is divided at
-    most, so that one that is lost in the first of them ends there.
+    most, so that one that is lost in the first of them ends there; part of `ROUGH` that iterations
+    of the next one leave.
     """
 
     trial: Trial
@@ -88,6 +89,7 @@ class Course(NamedTuple):
     linear: bool = False
     attempts: int = ATTEMPTS
     watched: int = 1
+    closer: float = 1.0
 
 
 class Proved(NamedTuple):
@@ -122,14 +124,16 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     rough = min(ROUGH, tol * 2.0**p / HALF)
     steps, runs = _by_a_part(course, _shared(first), rough, p)
     coarse: Attempt | None = None
+    level = rough
     expected = before = math.inf
     clear, growth, doubted = CLEAR, 1.0, False  # once, for steps may lie in a resonance
     for _ in range(course.attempts):
         if coarse is None:
-            tried, runs = _coarse(course, steps, rough), runs + 1
+            tried, runs = _coarse(course, steps, level), runs + 1
             expected = _expected(course, tried)
             if tried is None or not expected <= LOST:
                 steps = _shared(steps * _ratio(expected, rough, p, 2.0))
+                level = min(rough, ROUGH * course.closer)
                 continue
             wanted = _ratio(MARGIN * expected, tol, p, math.inf)
             if wanted > (FAR if expected <= clear else MOST):

@@ -51,6 +51,9 @@ from varint.scene.system import System
 # the rescaled scene costs more
 WORTH = 8.0
 ATTEMPTS = 16  # equal steps, which are left else, would be far more
+# encounters magnify what iterations leave, which no number of steps mends: a coarse run may be lost
+# by that alone, and the next one's leave less
+CLOSER = 0.1
 MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
 MOST_COORDINATES = 24  # beyond, finding the rate takes seconds
 
@@ -163,4 +166,4 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
             end += abs(one.t[-1] - other.t[-1]) * np.abs(velocities(prepared, other, last))
         return with_early(np.vstack([off, end]) / scales)
 
-    return Course(trial, apart, abs(span), attempts=ATTEMPTS)
+    return Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER)
