@@ -15,7 +15,7 @@ import numpy as np
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
-from varint.control.replay import LARGE, defect, error_estimate, remedy, replay
+from varint.control.replay import LARGE, defect, error_estimate, in_quarters, remedy, replay
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.solver import SolverResult
@@ -240,6 +240,10 @@ class ControlSolution:
             f"  constraint violation {self.violation:.1e}",
             f"  replay defect        {defect(motion, replay(motion)):.1e}",
             f"  error of the path    {error_in_words(motion, self.u)}",
+            *(
+                f"  beyond a bound       {name} by {x:.1e} of its range, between the nodes"
+                for name, x in motion.stats.get("beyond", {}).items()
+            ),
             f"  time                 {self.timings['build']:.3f} s to build, "
             f"{self.timings['solve']:.3f} s to solve",
         ]
@@ -298,7 +302,9 @@ class ControlSolution:
 def error_in_words(motion: Trajectory, controls: Piecewise) -> str:
     """The estimate made when the problem was solved, or one made now; what to do if it is large."""
     known = motion.stats.get("error_estimate")
-    error = error_estimate(motion, controls) if known is None else float(known)
+    if known is None:
+        known = error_estimate(motion, in_quarters(motion, controls))
+    error = float(known)
     cure = f": too coarse, {remedy([motion])}" if error > LARGE else ""
     return f"{error:.1e} of its range, by a replay in quarter steps{cure}"
 
