@@ -12,13 +12,14 @@ import io
 import os
 import runpy
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from state import package_state
+from state import package_state, say
 
 import varint as vi
 import varint.multibody as mb
@@ -477,4 +478,6 @@ def is_kept(name: str, folder: Path) -> bool:
 
 if __name__ == "__main__":  # python cards.py FOLDER NAME …, in a process of its own
     for asked in sys.argv[2:]:
+        began = time.perf_counter()
         draw(asked, Path(sys.argv[1]))
+        say(f"drew the card of {asked} in {time.perf_counter() - began:.1f} s")

@@ -74,6 +74,8 @@ def write(folder: Path, jobs: int) -> None:
         say(f"running {len(changed)} of {len(names)} examples, {jobs} at a time")
 
     undrawn = [name for name in cards.SCENES if not cards.is_kept(name, folder)]
+    if undrawn:
+        say(f"drawing {len(undrawn)} cards after them, {jobs} at a time")
 
     def draw(part: int) -> None:
         """Every so many cards in a process."""
@@ -81,7 +83,6 @@ def write(folder: Path, jobs: int) -> None:
         some = undrawn[part::jobs]
         if some:
             subprocess.run([*command, *some], check=True, env=_environment(), cwd=folder)
-            say(f"drew the cards of {len(some)} examples")
 
     def run(at: int) -> str:
         started = time.perf_counter()

@@ -88,3 +88,33 @@ def test_switches_and_smooth_controls_do_not_swing(capsys):
         motion.report()
     assert "swings" not in capsys.readouterr().out
     assert bang.duration == pytest.approx(2 * np.sqrt(3), rel=1e-3)
+
+
+def slow(steps, **given) -> vi.Trajectory:
+    """10 m from rest to rest in least time, force at most 1 and speed at most 0.3."""
+    own = dict(cost=0, terminal_cost=particle().t, end=dict(q=[10], v=[0])) | given
+    limits = [(-1, U, 1), (-0.3, particle().v, 0.3)]
+    return move(vi.gauss(2), steps, vi.free(50, 0.1, 100), bounds=limits, **own)
+
+
+def test_a_speed_limit_that_is_passed_between_the_nodes_is_told(capsys):
+    """As much of the range of the speeds as their integrals say, exact for linear forces."""
+    with pytest.warns(UserWarning, match="_dot goes beyond its bound by 0.3 of its range"):
+        motion = slow(20)
+    (part,) = motion.stats["beyond"].values()
+    h, u = motion.duration / 20, motion.solution.u
+    quarters = np.arange(4)[:, None] / 4
+    pairs = (quarters + (0.5 + np.array([-1, 1]) / 12**0.5) / 4).ravel()  # Gauss nodes of each
+    gained = u.within_steps(pairs).reshape(-1, 2).mean(axis=1) * h / 4
+    speeds = np.append(0, np.cumsum(gained))
+    assert speeds[::4] == pytest.approx(motion.v[:, 0], abs=1e-6)
+    assert part == pytest.approx((speeds.max() - 0.3) / np.ptp(speeds), rel=1e-6)
+    assert motion.v.max() < 0.3 + 1e-6
+    motion.report()
+    assert "beyond a bound" in capsys.readouterr().out
+
+
+def test_a_speed_limit_that_is_kept_between_the_nodes_is_not_told(capsys):
+    motion = slow(20, control="constant")
+    motion.report()
+    assert not motion.stats["beyond"] and "beyond a bound" not in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Zeros of an expression within the steps of a smooth motion, in one call of c/crossings_core.c."""
+"""Zeros of an expression within the steps of a motion, in one call of c/crossings_core.c."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_ASKED = struct.Struct("15P12q3d")  # Crossings
+_ASKED = struct.Struct("17P12q3d")  # Crossings
 _SOURCE = c_source("crossings_core.c")
 SEARCHED, NO_ROOM, _ = range(len(c_names(_SOURCE, "enum Searched {")))  # how a call ends
 BROKEN, _, WANTED = range(len(c_names(_SOURCE, "enum Step {")))  # from a node to the next
@@ -37,8 +37,9 @@ class Numbers(NamedTuple):
 
 class Nodes(NamedTuple):
     """Nodes of a motion, (M,) and (M, n), controls that are held over the steps from them (M, r k),
-    how long the steps are, parameters, how near to a node a time is that node's, and between which
-    nodes there is a step (M − 1,).
+    how long the steps are, parameters, how near to a node a time is that node's, and which nodes
+    there is a step from to the next (M − 1,). Where the motion jumps: v and p in which it comes
+    there, rows of `before`, and of every node which row, or −1.
     """
 
     t: np.ndarray
@@ -50,6 +51,8 @@ class Nodes(NamedTuple):
     c: np.ndarray
     close: float
     step: np.ndarray
+    before: np.ndarray
+    jumps: np.ndarray
 
 
 class Zeros(NamedTuple):
@@ -107,10 +110,11 @@ def locate_zeros(
     given = nodes.t, nodes.q, nodes.v, nodes.p, nodes.c, nodes.u
     t, q, v, p, c, u = (np.ascontiguousarray(x, dtype=float) for x in given)
     nowhere, found = np.empty((count, 0)), np.zeros(2, np.int64)
-    steps = np.where(nodes.step, WANTED, BROKEN).astype(np.int8)
+    steps, jumps = np.full(count, BROKEN, np.int8), nodes.jumps.astype(np.int32)
+    steps[:-1][nodes.step] = WANTED
 
     def search(zeros: np.ndarray, opening: np.ndarray, marking: bool = False) -> int:
-        arrays = t, q, v, p, c, u, opening, zeros, found, steps
+        arrays = t, q, v, p, c, u, opening, nodes.before, jumps, zeros, found, steps
         places = [address_of(x) if x.size else 0 for x in arrays]
         heads = parts, kernel.scene, rows, values.at, bounds.at
         sizes = u.shape[1], opening.shape[1], FIXED_POINT_ITERATIONS, len(zeros)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
+from varint.control.excess import FAR, excess_between_nodes
 from varint.control.links import Link, default_links
 from varint.control.phase import Phase
 from varint.control.problem import transcribe
@@ -128,7 +129,8 @@ def optimal_control(
         With ``u`` (N, r, k), ``cost``, ``costates``, ``replay()``, ``report()`` and ``solution``.
         ``stats["error_estimate"]`` is how far the controls, replayed in quarter steps, lead away
         from the path, relative to the range of each coordinate; a warning is given where that is
-        above 0.01.
+        above 0.01. ``stats["beyond"]`` has what goes beyond bounds on velocities between the
+        quadrature nodes, by name and relative to its range; above 0.1 a warning is given.
 
     Raises
     ------
@@ -261,16 +263,28 @@ def solve_phases(
 
 
 def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
-    """The trajectories with an estimate of their error in `stats`; a warning where it is large."""
+    """The trajectories with an estimate of their error in `stats`, and with what goes beyond bounds
+    between the nodes; a warning where one of them is large.
+    """
     errors = [error_estimate(x, x.solution.u) for x in found]
-    worst = max(errors)
-    if worst > LARGE and all(x.solution.success for x in found):
+    beyond = [excess_between_nodes(x) for x in found]
+    solved = all(x.solution.success for x in found)
+    if (worst := max(errors)) > LARGE and solved:
         warnings.warn(
             f"the solution is too coarse: its controls, replayed in quarter steps, lead "
             f"{worst:.1g} of a coordinate's range away from its path; {remedy(found)}",
             stacklevel=stacklevel,
         )
+    excess = sorted((part, name) for x in beyond for name, part in x.items())
+    if excess and excess[-1][0] > FAR and solved:
+        part, name = excess[-1]
+        warnings.warn(
+            f"{name} goes beyond its bound by {part:.1g} of its range between the quadrature "
+            "nodes, which alone keep to it; take more steps, or control='constant'",
+            stacklevel=stacklevel,
+        )
+    told = zip(found, errors, beyond, strict=True)
     return [
-        replace(x, stats=MappingProxyType({**x.stats, "error_estimate": error}))
-        for x, error in zip(found, errors, strict=True)
+        replace(x, stats=MappingProxyType({**x.stats, "error_estimate": error, "beyond": off}))
+        for x, error, off in told
     ]

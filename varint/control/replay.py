@@ -4,7 +4,7 @@ the same motion; on a finer mesh what the scene really does, and how far the pat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 
@@ -26,7 +26,7 @@ def replay(motion: Trajectory) -> Trajectory:
     """Simulate from the optimal start with the optimal controls, step for step."""
     if motion.sizes is None:
         return _run(motion, motion.q[0], motion.p[0], 0, motion.h, motion.u)
-    q, p = _through(motion, motion.sizes, motion.u, 1)
+    q, p = _ends(_legs(motion, motion.sizes, motion.u, 1), 1)
     return replace(
         _run(motion, motion.q[0], motion.p[0], 0, float(motion.sizes[0]), motion.u[:1]),
         t=motion.t,
@@ -59,10 +59,10 @@ def error_estimate(motion: Trajectory, controls: Piecewise) -> float:
     extent = np.where(extent > 0, extent, 1.0)
     q = _all_at_once(motion, extent)
     if q is None:
-        try:
-            q = _one_by_one(motion, controls)
-        except ConvergenceError:
+        legs = in_quarters(motion, controls)
+        if not legs:
             return float("inf")
+        q, _ = _ends(legs, PARTS)
     off = np.abs(motion.q - q).max(axis=0)
     return float((off / extent).max()) if np.isfinite(off).all() else float("inf")
 
@@ -80,13 +80,20 @@ def _all_at_once(motion: Trajectory, extent: np.ndarray) -> np.ndarray | None:
     return in_parts(part, terms, shared, solution.q, solution.u, motion.p[0], PARTS, extent)
 
 
-def _one_by_one(motion: Trajectory, controls: Piecewise) -> np.ndarray:
-    """The same by the simulation."""
+def in_quarters(motion: Trajectory, controls: Piecewise) -> list[Trajectory]:
+    """The replay of an optimal control in quarter steps, a trajectory for all steps of one size
+    that follow each other; none where it fails.
+
+    The controls between the nodes are the polynomials through their values.
+    """
     sizes = np.full(len(motion.u), motion.h) if motion.sizes is None else motion.sizes
     nodes = np.array(motion.rule.nodes)
     places = ((np.arange(PARTS)[:, None] + nodes) / PARTS).ravel()
     u = controls.within_steps(places).reshape(len(sizes) * PARTS, len(nodes), -1)
-    return _through(motion, sizes, u, PARTS)[0]
+    try:
+        return list(_legs(motion, sizes, u, PARTS))
+    except ConvergenceError:
+        return []
 
 
 def remedy(motions: Sequence[Trajectory]) -> str:
@@ -98,19 +105,23 @@ def remedy(motions: Sequence[Trajectory]) -> str:
     return f"{call} adds steps where they are needed, or {others}"
 
 
-def _through(
-    motion: Trajectory, sizes: np.ndarray, u: np.ndarray, parts: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and momenta at the ends of steps of these sizes, each taken in equal parts."""
-    q, p, k = [motion.q[:1]], [motion.p[:1]], 0
+def _legs(motion: Trajectory, sizes: np.ndarray, u: np.ndarray, parts: int) -> Iterator[Trajectory]:
+    """The motion in steps of these sizes, each taken in equal parts: a leg for every size."""
+    q, p, k = motion.q[0], motion.p[0], 0
     for size, run in groupby(sizes.tolist()):
         steps = len(list(run))
         some = u[k * parts : (k + steps) * parts]
-        part = _run(motion, q[-1][-1], p[-1][-1], k, size / parts, some)
-        q.append(part.q[parts::parts])
-        p.append(part.p[parts::parts])
-        k += steps
-    return np.concatenate(q), np.concatenate(p)
+        leg = _run(motion, q, p, k, size / parts, some)
+        yield leg
+        q, p, k = leg.q[-1], leg.p[-1], k + steps
+
+
+def _ends(legs: Iterable[Trajectory], parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and momenta at the ends of steps that are taken in equal parts."""
+    states = [(leg.q, leg.p) for leg in legs]
+    q, p = zip(*((q[parts::parts], p[parts::parts]) for q, p in states), strict=True)
+    first = states[0]
+    return np.concatenate([first[0][:1], *q]), np.concatenate([first[1][:1], *p])
 
 
 def _run(

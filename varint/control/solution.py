@@ -240,6 +240,10 @@ class ControlSolution:
             f"  constraint violation {self.violation:.1e}",
             f"  replay defect        {defect(motion, replay(motion)):.1e}",
             f"  error of the path    {error_in_words(motion, self.u)}",
+            *(
+                f"  beyond a bound       {name} by {x:.1e} of its range, between the nodes"
+                for name, x in motion.stats.get("beyond", {}).items()
+            ),
             f"  time                 {self.timings['build']:.3f} s to build, "
             f"{self.timings['solve']:.3f} s to solve",
         ]

@@ -1,4 +1,4 @@
-/* Where an expression crosses zero within the steps of a smooth motion. The name ends in LEVEL, the instructions that are
+/* Where an expression crosses zero within the steps of a motion, between which it may jump. The name ends in LEVEL, the instructions that are
    used.
 
    The same as varint/integration/events/isolation.py and roots.py do for all steps at once: steps are halved until bounds along
@@ -25,6 +25,8 @@ typedef struct {
     const void *values, *bounds;           /* (q, v, t) to value and rate; (q, v at both ends, t, w) of a piece to its bounds */
     const double *t, *q, *v, *p, *c;       /* nodes, and parameters */
     const double *u, *opening;             /* of every node: controls held over the step, and what the loop must be told */
+    const double *before;                  /* v and p in which the motion comes to nodes where it jumps */
+    const int32_t *jumps;                  /* of every node: which of these, or -1; 0: it jumps nowhere */
     double *zeros;                         /* of each: node before it, sign before it, then a point */
     int64_t *found;                        /* zeros, and the first step that was not searched */
     char *steps;                           /* of every node but the last: a Step */
@@ -57,6 +59,15 @@ static void take_node(const Crossings *a, int64_t node, double *point) {
     T_OF(point) = a->t[node];
     COPY(point + HEAD, a->q + node * n, n), COPY(point + HEAD + n, a->v + node * n, n);
     COPY(point + HEAD + 2 * n, a->p + node * n, n);
+}
+
+INLINE int jumps_at(const Crossings *a, int64_t node) { return a->jumps && a->jumps[node] >= 0; }
+
+/* A node as the motion comes to it. */
+static void take_end(const Crossings *a, int64_t node, double *point) {
+    const int64_t n = a->n;
+    take_node(a, node, point);
+    if (jumps_at(a, node)) COPY(point + HEAD + n, a->before + a->jumps[node] * 2 * n, 2 * n);
 }
 
 /* The motion at a time within the step after a node; 0 where that step cannot be solved. */
@@ -235,10 +246,15 @@ int crossings(const Crossings *a) {
                                       .apart = {n, n, n, n, 1, 1}, .results = {bounds}, .widths = {BOUNDS}};
         if (a->rows(&nodes) != DONE || a->rows(&pieces) != DONE) status = NOT_SOLVED;
         for (; status == SEARCHED && k < begin + count; k++) {
-            const double *const here = values + 2 * (k - begin), *const next = here + 2;
-            const int64_t known = a->found[0], ends = next[0] == 0 && here[0] != 0;
-            const int doubt = in_doubt(here[0], next[0], here[1], next[1], w[k - begin], bounds + BOUNDS * (k - begin)),
-                      needed = doubt || changes(here[0], next[0]);
+            const double *const here = values + 2 * (k - begin), *next = here + 2;
+            int doubt;
+            room[1] = here[0], room[2] = here[1];
+            if (jumps_at(a, k + 1)) {
+                take_node(a, k, room), take_end(a, k + 1, room + POINT), next = room + POINT + 1;
+                if (!look(a, room + POINT)) { status = NOT_SOLVED; break; }
+                doubt = piece_in_doubt(a, room, room + POINT);
+            } else doubt = in_doubt(here[0], next[0], here[1], next[1], w[k - begin], bounds + BOUNDS * (k - begin));
+            const int64_t known = a->found[0], ends = next[0] == 0 && here[0] != 0, needed = doubt || changes(here[0], next[0]);
             if (a->marking) {
                 if (!needed && !ends) a->steps[k] = QUIET;
                 continue;
@@ -246,11 +262,11 @@ int crossings(const Crossings *a) {
             if (ends) {
                 double *const zero = next_zero(a, k, sign_of(here[0]));
                 if (!zero) { status = NO_ROOM; break; }
-                take_node(a, k + 1, zero), zero[1] = next[0], zero[2] = next[1], a->found[0]++;
+                take_end(a, k + 1, zero), zero[1] = next[0], zero[2] = next[1], a->found[0]++;
             }
             if (needed) {
-                take_node(a, k, room), take_node(a, k + 1, room + POINT);
-                room[1] = here[0], room[2] = here[1], room[POINT + 1] = next[0], room[POINT + 2] = next[1];
+                take_node(a, k, room), take_end(a, k + 1, room + POINT);
+                room[POINT + 1] = next[0], room[POINT + 2] = next[1];
                 status = doubt ? search_step(a, k, room, piece, piece + 4 * most + 4) : add_root(a, k, room, room + POINT);
             }
             if (status == NO_ROOM) { /* this step once more, with room */

@@ -1,4 +1,4 @@
-"""A motion node by node with both states at impacts, so that it is smooth from each to the next."""
+"""Impacts along a motion: both states there, and the steps of each active set between them."""
 
 from __future__ import annotations
 
@@ -7,49 +7,56 @@ from typing import NamedTuple
 
 import numpy as np
 
+from varint.codegen.rows import RowFunction
+from varint.integration.events.roots import Points
 from varint.results.records import Event
 from varint.results.trajectory import Trajectory
 
 
-class Sides(NamedTuple):
-    """States of a motion, in the order of time: the nodes they are of, times, q, v and p, and from
-    which of them to the next (M − 1,) there is a step of the motion.
+class Before(NamedTuple):
+    """In which v and p a motion comes to nodes where it jumps, (J, 2n), and of every node which of
+    these rows, or −1; no numbers where it jumps nowhere.
     """
 
-    node: np.ndarray
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    p: np.ndarray
-    step: np.ndarray
+    states: np.ndarray
+    row: np.ndarray
 
 
-def both_sides(motion: Trajectory, impacts: Mapping[int, Event]) -> Sides:
-    """All nodes, those of impacts twice: as the motion comes to them, and as it leaves them."""
-    nodes = np.arange(len(motion))
+def states_before(motion: Trajectory, impacts: Mapping[int, Event]) -> Before:
+    """Those at impacts."""
+    n = motion.q.shape[1]
     if not impacts:
-        return Sides(nodes, motion.t, motion.q, motion.v, motion.p, np.diff(motion.t) != 0)
-    struck = np.array(sorted(impacts))
-    node = np.insert(nodes, struck, struck)
-    states = motion.t, motion.q, motion.v, motion.p
-    t, q, v, p = (np.take(x, node, axis=0) for x in states)  # a fifth of the time of x[node]
-    come = struck + np.arange(len(struck))
-    v[come] = [impacts[i].v_before for i in struck]
-    p[come] = [impacts[i].p_before for i in struck]
-    return Sides(node, t, q, v, p, np.diff(t) != 0)
+        return Before(np.empty((0, 2 * n)), np.empty(0, int))
+    row = np.full(len(motion), -1)
+    row[list(impacts)] = np.arange(len(impacts))
+    states = [(*impact.v_before, *impact.p_before) for impact in impacts.values()]
+    return Before(np.array(states), row)
 
 
-def by_active_set(motion: Trajectory, sides: Sides) -> Iterator[tuple[int, Sides]]:
-    """The states around the steps of each active set, and its number."""
+def steps_by_active_set(motion: Trajectory) -> Iterator[tuple[int, np.ndarray]]:
+    """Each active set that has steps, and from which nodes to the next these lead (M − 1,)."""
     assert motion.active_set is not None
-    of = motion.active_set[sides.node[:-1]]
+    lasts, active_set = motion.t[1:] != motion.t[:-1], motion.active_set[:-1]
     for i in range(len(motion.active_sets)):
-        taken = np.append(sides.step & (of == i), False)
-        if not taken.any():
-            continue
-        if (taken[:-1] == sides.step).all():
-            yield i, sides
-            return
-        some = np.flatnonzero(taken | np.roll(taken, 1))
-        node, t, q, v, p = (np.take(x, some, axis=0) for x in sides[:5])
-        yield i, Sides(node, t, q, v, p, taken[some[:-1]])
+        steps = lasts & (active_set == i)
+        if steps.any():
+            yield i, steps
+
+
+def jumping_nodes(values: RowFunction, motion: Trajectory, before: Before) -> tuple[Points, Points]:
+    """The states in which the motion comes to nodes and leaves them, where they may differ: at
+    impacts, and at nodes of the same time. `values`: (q, v, t) → value and rate of an expression.
+    """
+    t, q, v, p = motion.t, motion.q, motion.v, motion.p
+    still = np.append(False, t[1:] == t[:-1])
+    struck = still.copy()
+    struck[1:] |= (before.row[1:] >= 0) if len(before.row) else False
+    at, n = np.flatnonzero(struck), q.shape[1]
+    count, hit = len(at), ~still[at]
+    both = np.append(np.where(hit, at, at - 1), at)
+    t, q, v, p = t[both], q[both], v[both], p[both]
+    if hit.any():
+        v[:count][hit], p[:count][hit] = np.split(before.states[before.row[at[hit]]], [n], axis=1)
+    value, rate = values.values(motion.c, q, v, t[:, None])[0].T.copy()
+    found = Points(np.append(at - 1, at), t, q, v, p, value, rate)
+    return found.at(slice(0, count)), found.at(slice(count, None))
