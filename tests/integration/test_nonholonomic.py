@@ -171,3 +171,34 @@ def test_dependent_rows_are_refused():
     twice = vi.System(q, v, ca.sumsqr(v) / 2, nonholonomic=ca.DM([[1, 0], [2, 0]]))
     with pytest.raises(vi.InputError, match=r"\[0, 1\].*are dependent"):
         vi.simulate(twice, q0=[0, 0], v0=[0, 1], h=0.1, steps=1)
+
+
+@pytest.mark.parametrize("steps", [{"h": 0.001, "steps": 3000}, {"duration": 3.0, "tol": 1e-7}])
+def test_a_skate_that_meets_a_wall_glides_back_along_its_blade(steps):
+    """x = 2 − e u/ω (sin φ − sin φ*) after the impact at φ*, where sin φ* = sin φ₀ + 2 ω/u."""
+    q, v = vi.coordinates("x", "y", "phi")
+    blade = ca.horzcat(ca.sin(q[2]), -ca.cos(q[2]), 0)
+    lagrangian = (v[0] ** 2 + v[1] ** 2) / 2 + v[2] ** 2 / 6
+    skate = vi.System(q, v, lagrangian, nonholonomic=blade, contact=2 - q[0], restitution=0.7)
+    speed, turn, phi = 2.0, 0.2, 0.3
+    v0 = [speed * np.cos(phi), speed * np.sin(phi), turn]
+    motion = vi.simulate(skate, q0=[0, 0, phi], v0=v0, **steps)
+    assert motion.rule == vi.trapezoidal()
+    across = np.sin(motion.q[:, 2]) * motion.v[:, 0] - np.cos(motion.q[:, 2]) * motion.v[:, 1]
+    assert np.abs(across).max() < 1e-13
+    (hit,) = motion.events
+    meets = np.arcsin(np.sin(phi) + 2 * turn / speed)
+    assert hit.time == pytest.approx((meets - phi) / turn, abs=1e-6)
+    assert hit.energy_before - hit.energy_after == pytest.approx(speed**2 / 2 * 0.51, abs=1e-6)
+    end = phi + 3 * turn
+    back = 2 - 0.7 * speed / turn * (np.sin(end) - np.sin(meets))
+    assert motion.q[-1, 0] == pytest.approx(back, abs=1e-6)
+
+
+def test_refusals_beside_contacts_name_a_rule_that_is_taken():
+    q, v = vi.coordinates("x", "y")
+    rows = ca.horzcat(ca.sin(q[0]), 1)
+    scene = vi.System(q, v, ca.sumsqr(v) / 2, nonholonomic=rows, contact=1 - q[0])
+    for rule in (vi.midpoint(), vi.lobatto(3)):
+        with pytest.raises(vi.InputError, match=r"use trapezoidal\(\)"):
+            vi.simulate(scene, rule, q0=[0, 0], v0=[0, 0], h=0.01, steps=1)

@@ -330,3 +330,40 @@ def test_a_machine_with_dry_hinges_moves_as_the_scene_written_by_hand():
     )
     assert one.stats["switches"] == other.stats["switches"] >= 5
     assert np.abs(one.at(other.t).q - other.q).max() < 1e-11
+
+
+def block_held_by_friction():
+    q, v = vi.coordinates("x")
+    scene = vi.System(q, v, v**2 / 2 - 2 * (q - 1) ** 2, force=-ca.sign(v))
+    return scene, {"q0": 1.1, "v0": 0.0}
+
+
+def bead_with_a_dry_pivot_from_rest():
+    q, v = vi.coordinates("x", "y")
+    force = ca.vertcat(-ca.sign(v[0]), 0)
+    lagrangian, wire = ca.sumsqr(v) / 2 - 9.81 * q[1], ca.sumsqr(q) - 1
+    scene = vi.System(q, v, lagrangian, force=force, constraint=wire)
+    return scene, {"q0": [0.6, -0.8], "v0": [0.0, 0.0]}
+
+
+def bead_pushed_harder_later():
+    q, v = vi.coordinates("x", "y")
+    t = vi.time()
+    force = ca.vertcat(ca.if_else(t < 0.5, 1, 3), 0)
+    lagrangian, wire = ca.sumsqr(v) / 2 - 9.81 * q[1], ca.sumsqr(q) - 1
+    scene = vi.System(q, v, lagrangian, force=force, constraint=wire, t=t)
+    return scene, {"q0": [0.6, -0.8], "v0": [0.0, 0.0]}
+
+
+@pytest.mark.parametrize(
+    "build", [block_held_by_friction, bead_with_a_dry_pivot_from_rest, bead_pushed_harder_later]
+)
+def test_derivatives_where_the_written_scene_is_another_one_are_refused(build):
+    """Shares of friction that holds, and sides at nodes on a switch, are not in what is written."""
+    scene, start = build()
+    motion = vi.simulate(scene, **start, duration=1.0)
+    assert motion.stats["error_estimate"] < 1e-9
+    with pytest.raises(vi.InputError, match="as it is written is another one"):
+        motion.transition_matrix()
+    with pytest.raises(vi.InputError, match="as it is written is another one"):
+        vi.gradient(motion, terminal_loss=scene.q[0])

@@ -51,12 +51,17 @@ def require_steppable(system: System, rule: Rule) -> None:
         raise InputError(
             f"{rule} cannot carry non-holonomic constraints: they need a symmetric step of one "
             "piece (order 2); "
-            + ("use trapezoidal()" if s.constraints else "use midpoint() or trapezoidal()")
+            + (
+                "use trapezoidal()"
+                if s.constraints or s.contacts
+                else "use midpoint() or trapezoidal()"
+            )
         )
     if s.contacts and rule.points != rule.nodes:
         raise InputError(
             f"{rule} cannot carry contacts: a contact that holds is a constraint, whose multiplier "
-            "needs Lobatto points; use lobatto(3) or another lobatto(s)"
+            "needs Lobatto points; use "
+            + ("trapezoidal()" if s.nonholonomic else "lobatto(3) or another lobatto(s)")
         )
     if s.contacts and not s.quadratic_kinetic:
         raise InputError(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from varint.codegen.mechanics import force
 from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import known_velocity
 from varint.discrete.shake_equations import eliminates_path, hidden_functions, shake_equations
@@ -159,8 +160,7 @@ def _factorisation(system: System) -> int:
 def _coupling(system: System) -> ca.Sparsity:
     """Which coordinates the equations of motion couple."""
     s = system
-    push = ca.gradient(s.lagrangian, s.q) + s.force
-    slopes = [ca.jacobian_sparsity(e, x) for e in (s.momentum, push) for x in (s.q, s.v)]
+    slopes = [ca.jacobian_sparsity(e, x) for e in (s.momentum, force(s)) for x in (s.q, s.v)]
     pattern = ca.Sparsity.diag(s.structure.n)
     for slope in slopes:
         pattern = pattern + slope + slope.T

@@ -67,7 +67,7 @@ def default_rule(system: System) -> Rule:
     if s.explicit:
         return composition("blanes-moan4")
     if s.nonholonomic:
-        return lobatto(2) if s.constraints else gauss(1)
+        return lobatto(2) if s.constraints or s.contacts else gauss(1)
     if s.degenerate:
         return gauss(1)
     return lobatto(3) if s.constraints or s.contacts else gauss(2)

@@ -98,6 +98,14 @@ def course_of(motion: Trajectory) -> Course:
             "motion has it so: its derivatives are not available there; smooth what jumps, such as "
             "sign(v) to tanh(v/ε)"
         )
+    if motion.stats.get("pieces_unwritten"):
+        raise InputError(
+            "switches hold this motion, as dry friction does what rests, or it begins where forces "
+            "jump, as those of sign(v) do at v = 0, or a node of its rule lies where they jump in "
+            "time: the scene as it is written is another one there, so its derivatives are not "
+            "available; smooth what jumps, such as sign(v) to tanh(v/ε), begin with a velocity, or "
+            "hand jumps in time over as controls"
+        )
     if not motion.system.structure.contacts:
         return Course(_of_grid(motion), motion)
     found = without_arrivals(_of_contacts(motion))

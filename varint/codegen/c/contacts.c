@@ -586,8 +586,8 @@ INLINE void reaches(Work *x) {
 /* The loop of other contacts that hold, which is there; what it carries along. */
 static double *take_begun(Work *x) {
     const int64_t *const begun = x->a->begun;
-    x->run = (int (*)(const RunArguments *))(intptr_t)begun[0], x->loop = (const void *)(intptr_t)begun[1];
-    double *const carry = (double *)(intptr_t)begun[2];
+    x->run = (int (*)(const RunArguments *))(size_t)begun[0], x->loop = (const void *)(size_t)begun[1];
+    double *const carry = (double *)(size_t)begun[2];
     x->carry = carry + begun[3];
     x->held[0] = begun[4], memcpy(x->held + 1, begun + 5, (size_t)begun[4] * sizeof(int64_t));
     x->scale = x->a->sizes + N, reaches(x);

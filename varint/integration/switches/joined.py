@@ -17,7 +17,7 @@ from varint.integration.switches.branch import Branch, slidable
 from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.frozen import frozen_scene
-from varint.integration.switches.jumping import jumping_times, switching_times
+from varint.integration.switches.jumping import jumping_times, switching_times, unwritten
 from varint.integration.switches.loop import kernel_of
 from varint.integration.switches.touching import scene_in
 from varint.results.dense_output import node_tolerance, require_within
@@ -237,6 +237,7 @@ def joined(course: Course, pieces: Sequence[Piece], kernel: Kernel | None) -> Tr
                 "switches": len(ends),
                 "switches_by_motion": int((~np.isin(ends, course.timetable.times)).sum()),
                 "jumps_by_motion": int((~np.isin(jumps, course.timetable.times)).sum()),
+                "pieces_unwritten": sum(unwritten(course, x) for x in pieces),
                 "interrupted": False,
             }
         ),

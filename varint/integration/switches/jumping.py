@@ -8,6 +8,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from varint.codegen.mechanics import force
 from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.frozen import frozen_scene
@@ -61,5 +62,33 @@ def _force_function(system: System) -> ca.Function:
     frozen = frozen_scene(system)
     assert frozen is not None
     s = frozen.system
-    force = ca.densify(ca.gradient(s.lagrangian, s.q) + s.force)
-    return ca.Function("force", [s.q, s.v, s.t, s.c], [force], {"cse": True})
+    return ca.Function("force", [s.q, s.v, s.t, s.c], [ca.densify(force(s))], {"cse": True})
+
+
+def unwritten(course: Course, piece: Piece) -> bool:
+    """Whether the scene as it is written is another one than that of a piece, at nodes of its
+    steps: switches hold the motion, or a node lies on a switch, where sign(0) is neither side.
+    """
+    if piece.branch.sliding:
+        return True
+    if course.rule.nodes[0] > 0:
+        return False
+    for i in (0, -1):
+        q, _, v = piece.states[i]
+        at, u = (q.copy(), v.copy()), np.array(piece.branch.controls)
+        t = np.array([piece.t[i]])
+        here = call(
+            _force_function(course.system), *at, t, all_parameters(course.problem.c, piece.branch)
+        )[0]
+        written = call(_written_function(course.system), *at, u, t, course.problem.c)[0]
+        if not np.abs(here - written).max() <= JUMP * np.abs([here, written]).max():
+            return True
+    return False
+
+
+@per_system
+def _written_function(system: System) -> ca.Function:
+    """(q, v, u, t, c) → ∂L/∂q + F as it is written."""
+    s = system
+    inputs = [s.q, s.v, s.control, s.t, s.c]
+    return ca.Function("written", inputs, [ca.densify(force(s))], {"cse": True})
