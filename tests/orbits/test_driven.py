@@ -75,3 +75,25 @@ def test_a_drive_that_does_not_follow_the_parameter_is_refused():
         orbits.family(one, "omega", to=0.6)
     along = orbits.family(one, "f", to=0.41)  # which moves no phase
     assert (along.periods == one.period).all()
+
+
+@pytest.mark.parametrize("start", [0.3, -0.8, 1.7])
+def test_poor_guesses_of_an_answer_to_a_drive_are_followed_to_it(start):
+    """x″ + 0.1 x′ + x + x³ = 0.3 cos 1.2 t has one: from 0.3 Newton's method came to nothing."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    force = 0.3 * ca.cos(1.2 * t) - 0.1 * v
+    spring = vi.System(q, v, v**2 / 2 - q**2 / 2 - q**4 / 4, force=force, t=t)
+    found = orbits.periodic(spring, ([start], [0.0]), period=2 * np.pi / 1.2)
+    long = vi.simulate(
+        spring, vi.gauss(6), q0=0.0, v0=0.0, h=found.period / 64, steps=64 * 200, save_every=64
+    )
+    assert long.q[-1] == pytest.approx(found.q0, abs=1e-9)
+    assert found.floquet.stable and found.residual < 1e-13
+
+
+def test_a_drive_that_nothing_answers_is_said_to_have_no_orbit():
+    """A push that turns a wheel ever faster against friction that is too weak to return it."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    wheel = vi.System(q, v, v**2 / 2, force=1 + ca.cos(t) - 0.01 * v, t=t)
+    with pytest.raises(vi.ConvergenceError, match="no periodic orbit"):
+        orbits.periodic(wheel, ([0.0], [0.0]), period=2 * np.pi)

@@ -33,6 +33,7 @@ FINE = 1e-13  # in units: corrections that are round-off
 LOOSE = 1e-7  # of the change a correction makes: gaps no longer shrink, but are round-off by then
 CLOSED = 1e-9  # in units: gaps that round-off may leave, with the growth of a segment
 SETTLED = 5e-14  # in units: gaps this small close no further where corrections have stalled
+LEFT = 1e-3  # in units: gaps that no correction closes, but shorter steps; larger are no orbit's
 STALLED = 0.25  # of the correction before: Newton's converge quadratically until they are round-off
 FAR = 10.0  # in units: no correction is longer
 
@@ -217,7 +218,7 @@ def correct(wanted: Wanted, at: Iterate, patience: Patience = SEARCH) -> Correct
         before, last = length, max(shortest, CLOSED)
         trials = [x * min(1.0, FAR / max(float(np.abs(x).max()), FINE)) for x in steps]
         best = min((_tried(wanted, at, linear, x, patience) for x in trials), key=lambda x: x[0])
-        if fine and best[0] > STALLED * merit:
+        if fine and best[0] > STALLED * merit and merit <= LEFT:
             return Corrected(at, pieces, linear, merit, count)
         rounded = merit <= SETTLED and shortest <= LOOSE  # then shorter steps say nothing
         for k in range(1, patience.trials):

@@ -25,7 +25,7 @@ from varint.orbits.guess import Guess, guess_of, prepared
 from varint.orbits.nearer import nearer
 from varint.orbits.orbit import Orbit
 from varint.orbits.phase import integrals
-from varint.orbits.settle import settled, settles
+from varint.orbits.settle import answered, answers, settled, settles
 from varint.orbits.shooting import (
     Iterate,
     Shooting,
@@ -208,7 +208,14 @@ def orbit_near(
                 wanted, at = begun(replace(shooting, t0=cycle.t0), cycle)
                 return refined(wanted, at, steps, tol), at._replace(period=first.period)
         wanted, at = begun(shooting, first)
-        found = refined(wanted, at, steps, tol)
+        try:
+            found = refined(wanted, at, steps, tol)
+        except ConvergenceError:
+            answer = answered(shooting, first) if answers(shooting, first) else None
+            if answer is None:
+                raise
+            wanted, at = begun(shooting, answer)
+            found = refined(wanted, at, steps, tol)
     return found, at
 
 

@@ -1,6 +1,8 @@
-"""The cycle that a motion with friction runs into, wherever it began."""
+"""The cycle that a motion with friction runs into, wherever it began, or the answer to a drive."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from varint.scene.system import parameters_by_name
 
 STEPS = (2**9, 2**11, 2**13, 2**15)  # of the guessed period, each where fewer do not tell the cycle
 TURNS = 4  # guessed periods at a time
+STROBES, MOST_STROBES = 16, 512  # periods of a drive at a time
 MOST_TURNS = 32
 RETURNED = 1e-3  # of the ranges: a motion that comes back so near is on its cycle
 AGREE = 1e-3  # relative: periods with fewer and with more steps
@@ -25,6 +28,47 @@ def settles(shooting: Shooting, guess: Guess) -> bool:
     """
     free = shooting.autonomous and not shooting.integrals.names
     return free and guess.motion is None and not shooting.shift.any()
+
+
+def answers(shooting: Shooting, guess: Guess) -> bool:
+    """Whether a motion from the guess may come to what answers a drive with friction."""
+    driven = not shooting.autonomous and shooting.system.structure.forced
+    return driven and guess.motion is None and not shooting.shift.any()
+
+
+def answered(shooting: Shooting, guess: Guess) -> Guess | None:
+    """A start to which the motion comes back after a period of the drive; None where it comes to
+    none, as without friction, or in chaos.
+    """
+    steps, x, t0 = STEPS[0], guess.x, guess.t0
+    for _ in range(MOST_STROBES // STROBES):
+        try:
+            motion = _followed(shooting, guess, x, t0, guess.period / steps, STROBES * steps)
+        except ConvergenceError:
+            return None
+        y = np.hstack([motion.q, motion.p])
+        x, t0 = y[-1], float(motion.t[-1])
+        back = np.abs(y[-1] - y[-1 - steps]) / units_of(y[-1 - steps :]).scale
+        if back.max() < RETURNED:
+            return replace(guess, x=x)
+    return None
+
+
+def _followed(
+    shooting: Shooting, guess: Guess, x: np.ndarray, t0: float, h: float, steps: int
+) -> Trajectory:
+    q = x[: len(x) // 2]
+    return simulate(
+        shooting.system,
+        shooting.rule,
+        q0=q,
+        v0=velocity_at(shooting.system, x, t0, guess.c)[: len(q)],
+        h=h,
+        steps=steps,
+        t0=t0,
+        params=parameters_by_name(shooting.system, guess.c),
+        progress=False,
+    )
 
 
 def settled(shooting: Shooting, guess: Guess) -> Guess | None:
@@ -49,20 +93,9 @@ def settled(shooting: Shooting, guess: Guess) -> Guess | None:
 
 def _turn(shooting: Shooting, guess: Guess, steps: int) -> Guess | None:
     """The same, with so many steps of a guessed period."""
-    system, h, x = shooting.system, guess.period / steps, guess.x
+    h, x = guess.period / steps, guess.x
     for _ in range(MOST_TURNS // TURNS):
-        q = x[: len(x) // 2]
-        motion = simulate(
-            system,
-            shooting.rule,
-            q0=q,
-            v0=velocity_at(system, x, guess.t0, guess.c)[: len(q)],
-            h=h,
-            steps=TURNS * steps,
-            t0=guess.t0,
-            params=parameters_by_name(system, guess.c),
-            progress=False,
-        )
+        motion = _followed(shooting, guess, x, guess.t0, h, TURNS * steps)
         x = np.concatenate([motion.q[-1], motion.p[-1]])
         found = _last_turn(motion, guess)
         if found is not None:
