@@ -40,8 +40,9 @@ Rules = Sequence[tuple[int, int]]  # stages, steps
 class Again:
     """A problem, what is given anew (an entry of q at an end, and by how much it changes), steps of
     the collocation, rules and steps of varint, those of the reference and of the motion to begin
-    with; stages and tolerances of meshes that `refine` makes before the first solve; what the
-    reference costs, and how the collocation is written, where that is known better.
+    with; stages, steps and tolerance of meshes that `refine` makes before the first solve, and the
+    stages on them; what the reference costs, and how the collocation is written, where that is
+    known better.
     """
 
     phase: Callable[[], vi.Phase]
@@ -51,7 +52,7 @@ class Again:
     steps: Sequence[int]
     rules: Rules
     fine: tuple[int, int]
-    refined: Sequence[tuple[int, float]] = ()
+    refined: Sequence[tuple[int, int, float, int]] = ()
     exact: Callable[[float], float] | None = None
     written: Callable[..., Solve] | None = None
 
@@ -200,7 +201,7 @@ CASES = {
         0,
         0.01,
         (20, 40, 80),
-        ((5, 16), (5, 20), (4, 40), (5, 30)),
+        ((5, 16), (5, 20), (4, 40), (5, 30), (5, 40)),
         (6, 60),
     ),
     "cart-pole, weak motor": Again(
@@ -209,9 +210,9 @@ CASES = {
         0,
         0.01,
         (60, 120),
-        ((3, 60), (4, 60), (4, 90)),
+        ((3, 60), (4, 60), (4, 80), (4, 90)),
         (4, 480),
-        refined=((3, 1e-4),),
+        refined=((3, 60, 1e-4, 4),),
     ),
     "acrobot": Again(
         PROBLEMS["acrobot"],
@@ -239,7 +240,7 @@ CASES = {
         (50, 100),
         ((3, 50), (4, 50)),
         (4, 400),
-        refined=((3, 1e-6), (3, 1e-7)),
+        refined=((3, 25, 1e-6, 4), (3, 25, 1e-7, 4), (3, 50, 1e-7, 4)),
     ),
     "orbit raising": Again(
         PROBLEMS["orbit raising"],
@@ -247,8 +248,9 @@ CASES = {
         0,
         0.002,
         (40, 80),
-        ((3, 40), (4, 40), (5, 40), (4, 60)),
+        ((3, 40), (5, 26), (6, 20), (4, 40), (5, 37), (5, 40), (4, 60)),
         (5, 200),
+        refined=((4, 10, 1e-7, 4), (4, 10, 1e-7, 5)),
     ),
     "brachistochrone": Again(
         PROBLEMS["brachistochrone"],
@@ -256,7 +258,7 @@ CASES = {
         0,
         0.05,
         (30, 60),
-        ((3, 5), (4, 4), (4, 6), (5, 4)),
+        ((3, 5), (4, 4), (4, 6), (5, 4), (7, 2), (8, 2)),
         (6, 40),
         exact=cycloid_time,
         written=wire_by_hand,
@@ -287,11 +289,12 @@ def measured(name: str) -> list[dict]:
             methods[method, n] = write(phase, n, begin, case.where, ends, warm)
     for rule in case.rules:
         methods[f"varint gauss({rule[0]})", rule[1]] = by(rule, begin)
-    for stages, tol in case.refined:
-        fair = vi.refine(vi.prepare(replace(phase, rule=vi.gauss(stages)))(guess=begin), tol)
+    for stages, steps, tol, then in case.refined:
+        rough = replace(phase, rule=vi.gauss(stages), steps=steps)
+        fair = vi.refine(vi.prepare(rough)(guess=begin), tol)
         mesh = fair.solution.mesh
-        sized = replace(phase, rule=fair.rule, steps=0, mesh=mesh)
-        key = f"varint {fair.rule}, refined", len(mesh) - 1
+        sized = replace(phase, rule=vi.gauss(then), steps=0, mesh=mesh)
+        key = f"varint gauss({then}), refined", len(mesh) - 1
         methods[key] = by_varint(sized, fair, case.where, ends)
     times: dict = {key: [] for key in methods}
     costs: dict = {key: [] for key in methods}

@@ -50,7 +50,7 @@ def varint(rule: str, steps: int) -> Runs:
 
     import varint as vi
 
-    chosen = {f"gauss({k})": vi.gauss(k) for k in (2, 3, 4, 5)}[rule]
+    stages = int(rule.removeprefix("gauss(").removesuffix(")"))
     q, v = vi.coordinates("x", "theta")
     push = ca.SX.sym("push")
     kinetic = (M1 + M2) * v[0] ** 2 / 2 + M2 * LENGTH * ca.cos(q[1]) * v[0] * v[1]
@@ -59,7 +59,7 @@ def varint(rule: str, steps: int) -> Runs:
     cart = vi.System(q, v, lagrangian, force=ca.vertcat(push, 0), control=push)
     motion = vi.optimal_control(
         cart,
-        chosen,
+        vi.gauss(stages),
         duration=TIME,
         steps=steps,
         cost=push**2,

@@ -122,7 +122,6 @@ def test_kernels_are_compiled_where_they_run_often_enough(tmp_path, monkeypatch)
 
 def test_without_a_compiler_everything_works(monkeypatch):
     monkeypatch.setattr(cache, "compiler", lambda: None)
-    monkeypatch.setattr(functions, "compiler", lambda: None)
     monkeypatch.setattr(cache, "machine", cache.machine.__wrapped__)
     cache.library.cache_clear()
     kernels = choose_kernels("auto", 1e9)

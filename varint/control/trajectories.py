@@ -20,7 +20,7 @@ from varint.control.transcription import (
 from varint.discrete.constraints import tangent_function
 from varint.integration.many_steps import steps_again
 from varint.nlp.solver import SolverResult
-from varint.numerics.arrays import over_columns
+from varint.numerics.arrays import call, over_columns
 from varint.results.records import Costates
 from varint.results.trajectory import Trajectory
 
@@ -129,15 +129,15 @@ def _momenta_and_terms(
     p_minus, p_plus, cost, at_start, at_end = over_columns(
         transcription.functions.values, stages, x[slots.after], mesh, shared, lam
     )
-    at_end_of = transcription.functions.at_end(
+    terminal, p_end = call(
+        transcription.functions.at_end,
         x[slots.q[-1]],
         x[slots.v[1]],
         x[slots.states[-1]],
         x[slots.end_slack],
-        shared[0] + shared[1],
+        shared[:1] + shared[1:2],
         shared[2:],
     )
-    terminal, p_end = (np.array(y).ravel() for y in at_end_of)
     p = np.vstack([p_minus, p_plus[-1:]])
     if phase.system.structure.velocity_rows:
         v, at = x[slots.v[0]], (shared[0], shared[2:])

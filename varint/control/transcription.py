@@ -68,7 +68,8 @@ class PhaseFunctions:
         """(q, v, states, slacks, t, c) → (terminal cost, momentum) at the end."""
         s, phase = self.phase.system, self.phase
         inputs = [s.q, s.v, phase.states.symbols(s), phase.end_slacks.symbols, s.t, s.c]
-        return ca.Function("terminal", inputs, [phase.terminal, s.momentum])
+        outputs = [ca.densify(phase.terminal), ca.densify(s.momentum)]
+        return ca.Function("terminal", inputs, outputs)
 
     @cached_property
     def momentum(self) -> ca.Function:

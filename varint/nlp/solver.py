@@ -17,6 +17,7 @@ from varint.nlp.arrangement import Arrangement, Scales
 from varint.nlp.options import DIFFERENTIATED, EXTRA, KNOWN, solver_settings
 from varint.nlp.program import NonlinearProgram, scale_program
 from varint.nlp.watch import Watch
+from varint.numerics.arrays import call
 
 ITERATING = "Iterating"
 INTERRUPTED = "NonIpopt_Exception_Thrown"  # Ctrl-C where no watch takes it as a request
@@ -182,7 +183,7 @@ def _from_solver(
     sx, sg = z.scales(ux, ug)
     point, lam_x, lam_g = (found[name].full().ravel() for name in ("x", "lam_x", "lam_g"))
     x = (point * sx)[z.x]
-    g, success = nlp.program.value(x, nlp.p)[1].full().ravel(), bool(stats["success"])
+    g, success = call(nlp.program.value, x, nlp.p)[1], bool(stats["success"])
     return SolverResult(
         nlp=nlp,
         x=x,

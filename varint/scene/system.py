@@ -15,7 +15,6 @@ from varint.errors import InputError
 from varint.scene.alike import first_alike
 from varint.scene.description import description, parts_of
 from varint.scene.kinetics import Kinetics, check_kinetics
-from varint.scene.letters import lagrangian_latex
 from varint.scene.parameters import (
     Parameters,
     ParameterValues,
@@ -277,6 +276,8 @@ class System:
 
     def _repr_latex_(self) -> str | None:
         """For notebooks: the Lagrangian, where SymPy is installed and it is not too long."""
+        from varint.scene.letters import lagrangian_latex
+
         return lagrangian_latex(self)
 
     def __reduce__(self) -> tuple[Callable[[str], System], tuple[str]]:
