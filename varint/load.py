@@ -120,6 +120,7 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
         dense_output = dense_output_of(motion.system, motion.rule, switches)
     if control:
         solution = from_arrays(field_of(header, "control", dict), control)
+        _check_control(motion, solution)
     elif "bounds" in header:
         solution = _bounds(motion, header["bounds"])
         dense_output = leaning.at_times
@@ -131,6 +132,29 @@ def _whole(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -
         dense_output=dense_output,
         solution=solution,
     )
+
+
+def _check_control(motion: Trajectory, solution: ControlSolution) -> None:
+    """Path, controls and costates have a value for every step and coordinate of the motion."""
+    steps, n = len(motion) - 1, motion.q.shape[1]
+    found = {
+        "mesh": len(solution.mesh) - 1,
+        "u": len(motion.u),
+        "sizes": steps if motion.sizes is None else len(motion.sizes),
+    }
+    if off := {name: count for name, count in found.items() if count != steps}:
+        raise InputError(f"the control has {steps} steps, but {off}")
+    shapes = {
+        "q_values": (solution.q.values.shape[2:], (n,)),
+        "u_values": (solution.u.values.shape[2:], motion.u.shape[2:]),
+        "costate_values": (solution.costate.values.shape[2:], (n,)),
+        "v_ends": (solution.v_ends.shape, (2, n)),
+        "mu_q": (solution.costates.q.shape, (steps + 1, n)),
+        "mu_p": (solution.costates.p.shape, (steps + 1, n)),
+    }
+    for name, (shape, wanted) in shapes.items():
+        if shape != wanted:
+            raise InputError(f"{name} of the control has numbers {shape}, not {wanted}")
 
 
 def _orbits(header: dict[str, Any], arrays: dict[str, np.ndarray], trust: bool) -> Any:

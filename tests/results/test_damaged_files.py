@@ -144,6 +144,21 @@ def test_what_a_report_needs_is_there_or_the_file_is_refused(tmp_path, way, stra
         vi.load(put(tmp_path / "a.npz", header, arrays))
 
 
+def test_a_control_of_other_steps_or_coordinates_is_refused(tmp_path):
+    """Every array twice as long, or wide, or shorter: refused as the file is read, not when its
+    report is asked for.
+    """
+    header, arrays = parts_of(saved(tmp_path, with_controls()))
+    vi.load(put(tmp_path / "a.npz", header, arrays)).report()
+    names = [name for name, x in arrays.items() if x.ndim and name != "c"]
+    assert sum(name.startswith("control_") for name in names) >= 10
+    for name in names:
+        x = arrays[name]
+        for other in (np.concatenate([x, x]), x[:-1], np.stack([x, x], axis=-1), x[..., :0]):
+            with pytest.raises(vi.InputError, match="no whole file"):
+                vi.load(put(tmp_path / "a.npz", header, {**arrays, name: other}))
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("make", MOTIONS)
 def test_arrays_with_anything_in_them_open_or_are_refused(tmp_path, make):

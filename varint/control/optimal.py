@@ -130,7 +130,8 @@ def optimal_control(
         ``stats["error_estimate"]`` is how far the controls, replayed in quarter steps, lead away
         from the path, relative to the range of each coordinate; a warning is given where that is
         above 0.01. ``stats["beyond"]`` has what goes beyond bounds on velocities between the
-        quadrature nodes, by name and relative to its range; above 0.1 a warning is given.
+        quadrature nodes, if anything does, by name and relative to its range; above 0.1 a warning
+        is given.
 
     Raises
     ------
@@ -283,8 +284,11 @@ def assess(found: list[Trajectory], stacklevel: int) -> list[Trajectory]:
             "nodes, which alone keep to it; take more steps, or control='constant'",
             stacklevel=stacklevel,
         )
-    told = zip(found, errors, beyond, strict=True)
+    told = [
+        {"error_estimate": x} | ({"beyond": y} if y else {})
+        for x, y in zip(errors, beyond, strict=True)
+    ]
     return [
-        replace(x, stats=MappingProxyType({**x.stats, "error_estimate": error, "beyond": off}))
-        for x, error, off in told
+        replace(x, stats=MappingProxyType({**x.stats, **more}))
+        for x, more in zip(found, told, strict=True)
     ]
