@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -157,6 +158,19 @@ def test_a_control_of_other_steps_or_coordinates_is_refused(tmp_path):
         for other in (np.concatenate([x, x]), x[:-1], np.stack([x, x], axis=-1), x[..., :0]):
             with pytest.raises(vi.InputError, match="no whole file"):
                 vi.load(put(tmp_path / "a.npz", header, {**arrays, name: other}))
+
+
+def test_times_that_steps_do_not_reach_are_refused_between_nodes(tmp_path):
+    """They would be looked for step by step."""
+    q, v = vi.coordinates("theta")
+    pendulum = vi.System(q, v, v**2 / 2 + ca.cos(q))
+    motion = vi.simulate(pendulum, vi.gauss(2), q0=0.5, v0=0.0, h=0.1, steps=20, save_every=4)
+    far = np.append(motion.t[:-1], 1e9)
+    replace(motion, t=far).save(tmp_path / "far.npz")
+    again = vi.load(tmp_path / "far.npz")
+    assert again.at(0.35).q == pytest.approx(motion.at(0.35).q, rel=1e-5)
+    with pytest.raises(vi.InputError, match="times do not fit its steps"):
+        again.at(1e8)
 
 
 @pytest.mark.filterwarnings("ignore")

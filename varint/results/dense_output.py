@@ -41,7 +41,9 @@ def states_at(
     node = np.searchsorted(direction * motion.t, shifted, side="right") - 1
     node = np.clip(node, 0, len(motion) - 1)
     states = [motion.q[node], motion.p[node], motion.k[node]]
-    for _ in steps_ahead(motion, node, times - motion.t[node], states):
+    ahead = times - motion.t[node]
+    _require_steps(motion, node, ahead)
+    for _ in steps_ahead(motion, node, ahead, states):
         continue
     q, p = with_unit_rays(motion.system.rays, *states[:2])
     return q, p, states[2], None if motion.active_set is None else motion.active_set[node]
@@ -54,6 +56,17 @@ def require_within(motion: Trajectory, times: np.ndarray) -> float:
     if not ((times >= low - slack) & (times <= high + slack)).all():
         raise InputError(f"times must lie between {low:g} and {high:g}, got {times}")
     return slack
+
+
+def _require_steps(motion: Trajectory, node: np.ndarray, ahead: np.ndarray) -> None:
+    """Refuse nodes that lie further apart than the steps between them reach."""
+    size = abs(motion.h) if motion.sizes is None else np.abs(motion.sizes).max()
+    steps = np.diff(motion.k, append=motion.k[-1])[node] + 2  # parts of the first and last one
+    if (far := np.abs(ahead) > steps * size).any():
+        raise InputError(
+            f"the time {motion.t[node[far]][0] + ahead[far][0]:g} is further from its node than "
+            f"{steps[far][0]} steps of {size:g}: the motion's times do not fit its steps"
+        )
 
 
 def steps_ahead(
