@@ -11,7 +11,8 @@ second order in q alone, lead away (lifted Newton method: Albersmeyer & Diehl 20
 It is solved on half of the steps, at a price on bends if the path breaks the equations of motion
 more than the straight line does; then on twice as many as are asked for, without a price; where
 that fails first on all of them, and where that fails too all over without the price. Coarse meshes
-forgive a wild path, and in a smooth motion a finer mesh has little to mend.
+forgive a wild path, and in a smooth motion a finer mesh has little to mend. Where neither half of
+the steps nor all of them lead to a motion, no motion is near the path.
 
 The price, beside a cost of order one, is
 
@@ -55,7 +56,7 @@ UNSETTLED = {
 ROUGH = UNSETTLED | {
     "tol": 1e-4,
     "constr_viol_tol": 1e-5,
-    "max_iter": 200,
+    "max_iter": 120,
     "acceptable_constr_viol_tol": 1e-3,
     "acceptable_obj_change_tol": 0.1,
     "acceptable_iter": 1,
@@ -115,7 +116,7 @@ def lifted_start(problem: ControlProblem, progress: bool | None = False) -> Roug
         rough, finest = _on_finer_meshes(problem, drawn, price, progress)
         total += rough.iterations
         best = rough.guess or best
-        if finest or rough.stopped:
+        if finest or rough.stopped or best is None:
             break
     if best is None:
         return RoughStart(None, total)

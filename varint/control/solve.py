@@ -38,6 +38,7 @@ Callback = Callable[[int, float, float, list[Trajectory]], Any]
 PATIENCE = 50
 OTHER = 1  # seed of neighbours where ways around have been tried: not the same ones again
 ROUGHLY = "by a rough solution near the guess"
+IN_VAIN = "by rough solutions, of which there is none"
 DRAWN = 150  # the same from a rough solution near a path that the user has drawn
 # ends of a solver that has met no motion which keeps all conditions
 UNMET = (
@@ -106,7 +107,8 @@ def _from_path(
 ) -> list[Trajectory]:
     """From a path that the user has drawn: by rough solutions near it, and at once (first, if it is
     nearly a motion), from the default starts, and then from the path with all the time that it
-    wants. The trajectories tell the attempts and their iterations where the first one failed.
+    wants. Where no rough solution was found none is looked for by another rule. The trajectories
+    tell the attempts and their iterations where the first one failed.
     """
     from varint.control.coarse import coarse_start
     from varint.control.lifted import lifted_start
@@ -128,8 +130,12 @@ def _from_path(
         if rough.x is not None:
             return attempt(ROUGHLY, rough.x, DRAWN, rough.iterations)
         if rough.iterations:
-            tries.append((ROUGHLY, rough.iterations))
+            tries.append((IN_VAIN, rough.iterations))
         return None
+
+    def by_one_rule() -> SolverResult | None:
+        in_vain = any(what == IN_VAIN for what, _ in tries)
+        return None if in_vain else roughly(coarse_start)
 
     def by_default() -> SolverResult | None:
         outcome = None
@@ -142,9 +148,9 @@ def _from_path(
     def patiently() -> SolverResult | None:
         return attempt("from the guess, with patience", x, np.inf)
 
-    lifted, coarse = partial(roughly, lifted_start), partial(roughly, coarse_start)
+    lifted = partial(roughly, lifted_start)
     first = (directly, lifted) if is_nearly_a_motion(problem, x) else (lifted, directly)
-    for way in (*first, coarse, by_default, patiently):
+    for way in (*first, by_one_rule, by_default, patiently):
         outcome = way()
         if outcome is not None and _is_over(outcome):
             break
