@@ -12,7 +12,7 @@ It is solved on half of the steps, at a price on bends if the path breaks the eq
 more than the straight line does; then on twice as many as are asked for, without a price; where
 that fails first on all of them, and where that fails too all over without the price. Coarse meshes
 forgive a wild path, and in a smooth motion a finer mesh has little to mend. Where neither half of
-the steps nor all of them lead to a motion, no motion is near the path.
+the steps nor all of them lead to a motion in many iterations, no motion is near the path.
 
 The price, beside a cost of order one, is
 
@@ -73,6 +73,7 @@ FINER = ROUGH | {
 }
 FIRST = 0.5, 1.0  # steps of the first rough solution, of those asked for: the one that succeeds
 FINEST = 2.0  # the same of the last one; of rules with no more nodes than the midpoint rule 1
+IN_VAIN = 120  # iterations after which half of the steps and all of them have led to nothing
 SMOOTH = 0.1  # κ, the price of bends on the first mesh
 STILL = 1e-9  # of the largest extent: coordinates that move less do not move
 ALMOST = 1e-4  # a path that breaks rows by less is as good a start as a solution
@@ -116,7 +117,7 @@ def lifted_start(problem: ControlProblem, progress: bool | None = False) -> Roug
         rough, finest = _on_finer_meshes(problem, drawn, price, progress)
         total += rough.iterations
         best = rough.guess or best
-        if finest or rough.stopped or best is None:
+        if finest or rough.stopped or (best is None and total > IN_VAIN):
             break
     if best is None:
         return RoughStart(None, total)
