@@ -113,10 +113,10 @@ KNOWN = {
     "one_knob": Benchmark(
         "One knob",
         "Every tool with its own tolerance and nothing else: time, and the error at the end "
-        "relative to the largest coordinate. Beside them heyoka tuned in hindsight, over three "
-        "tolerances a decade: its cheapest run whose error is below the wanted one, and its "
-        "cheapest run whose error is no larger than varint's, which is often far smaller than was "
-        "wanted; where none of heyoka's comes so near, the most accurate one stands for it.",
+        "relative to the largest coordinate. Beside them heyoka tuned in hindsight: its cheapest "
+        "run whose error is below the wanted one; where a column says so, also its cheapest run "
+        "whose error is no larger than varint's, which is often far smaller than was wanted (the "
+        "most accurate one where none comes so near).",
     ),
     "scripts": Benchmark(
         "Whole scripts",
