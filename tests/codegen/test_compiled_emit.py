@@ -271,7 +271,7 @@ def evaluated(graph, values):
         "exp": np.exp,
     }
     found = {}
-    for i in sorted(needed(graph)):
+    for i in needed(graph):
         name, *rest = graph.nodes[i]
         if name == "input":
             found[i] = values[graph.nodes[i]]

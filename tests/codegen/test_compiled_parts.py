@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.codegen import emit, newton, parts, source
+from varint.codegen import emit, newton, parts, routines
 from varint.codegen.cache import compiler
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.newton import newton_kernel, newton_source
@@ -109,9 +109,11 @@ def test_values_take_little_room_between_parts():
 
 def test_a_scene_that_was_found_too_large_is_not_examined_again(monkeypatch, forget):
     examined = []
-    graph = source._graph
-    monkeypatch.setattr(source, "MOST_OPERATIONS", 10)
-    monkeypatch.setattr(source, "_graph", lambda *about: examined.append(about) or graph(*about))
+    function = routines._function
+    monkeypatch.setattr(routines, "MOST_OPERATIONS", 10)
+    monkeypatch.setattr(
+        routines, "_function", lambda *about: examined.append(about) or function(*about)
+    )
     system, rule = arm(2), vi.lobatto(3)
     for _ in range(3):
         with pytest.raises(NotCompilable, match="more than 10"):

@@ -40,8 +40,8 @@ def functions(links):
 
 
 def blocks(routine):
-    graph, last = routine
-    live, uniform = sorted(needed(graph)), uniform_nodes(graph, last)
+    graph, last = routine.graph, routine.last
+    live, uniform = needed(graph), uniform_nodes(graph, last)
     pairs = sine_and_cosine(graph, live, uniform)
     varying = [i for i in live if not uniform[i] and graph.nodes[i][0] != "input"]
     units = [pairs.get(i, (i,)) for i in varying if pairs.get(i) != (0, 0)]
@@ -104,8 +104,8 @@ def test_blocks_give_the_bytes_of_what_is_written_out(scene, least, monkeypatch,
 
 
 def test_blocks_that_are_met_once_are_not_worth_it():
-    graph, last = gauss_scheme(chain(2), 2).functions["inertia"]
-    assert pieces.repeats_of(graph, sorted(needed(graph)), uniform_nodes(graph, last)) is None
+    f = gauss_scheme(chain(2), 2).functions["inertia"]
+    assert pieces.repeats_of(f.graph, needed(f.graph), uniform_nodes(f.graph, f.last)) is None
 
 
 def test_pairs_of_bodies_that_take_more_to_fetch_than_to_compute_stay_in_parts():

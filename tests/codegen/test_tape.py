@@ -21,7 +21,7 @@ from varint.codegen.emit import arranged, emit_graph
 from varint.codegen.gauss import gauss_kernel
 from varint.codegen.graph import NotCompilable
 from varint.codegen.native import native_gauss
-from varint.codegen.tape import tape_of
+from varint.codegen.tape import tape_of, with_many_roots
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -29,7 +29,8 @@ pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def both_ways(f: ca.Function, lanes: int, many: bool, x: np.ndarray, c) -> tuple[np.ndarray, ...]:
     """f at the points x (count, n): by its tape, and by its compiled code."""
     n, m, graph = f.numel_in(0), f.numel_out(0), arranged(f)
-    written, tape = emit_graph("f", graph, 1), tape_of(graph, 1, many)
+    written, tape = emit_graph("f", graph, 1), tape_of(graph, 1)
+    tape = with_many_roots(tape) if many else tape
     loop = f"""
     int run(const Tape *tape, int64_t count, const double *x, const double *c, double *one,
             double *other) {{

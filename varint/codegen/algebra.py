@@ -29,7 +29,7 @@ def graph_of(f: ca.Function, constants: int = -1) -> Graph:
     The argument with the index `constants` is the same all the time.
     """
     raw = raw_graph(f)
-    live = sorted(needed(raw))
+    live = needed(raw)
     r = _rewriting(raw, live, constants % f.n_in())
     uses = Counter(j for i in live for j in operands(raw.nodes[i]))
     uses.update(i for output in raw.outputs for i in output)
@@ -286,6 +286,8 @@ def _inverse(powers: Powers) -> Powers:
 def _times(r: _Rewriting, a: int, powers: Powers) -> int:
     """a × powers as a node; the powers come first, so that several nodes can share them."""
     same = varying = r.graph.one
+    if not powers:
+        return a
     for base, e in powers:
         power = _power(r.graph, base, e, r.kinds[base])
         if base in r.constant:

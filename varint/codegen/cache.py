@@ -127,11 +127,12 @@ def cache_folder() -> Path:
         raise CompileError(
             f"the cache folder {folder} cannot be made ({error.strerror}); set XDG_CACHE_HOME"
         ) from None
-    _refuse_foreign(folder)
+    refuse_foreign(folder)
     return folder
 
 
-def _refuse_foreign(path: Path) -> None:
+def refuse_foreign(path: Path) -> None:
+    """Refuse what others could have written; raises OSError where there is nothing."""
     if not hasattr(os, "geteuid"):
         return
     about = path.lstat()
@@ -236,7 +237,7 @@ def _key(source: str, contraction: str) -> str:
 
 def _cached(folder: Path, key: str) -> ctypes.CDLL | None:
     for path in folder.glob(f"{key}-*.so"):
-        _refuse_foreign(path)
+        refuse_foreign(path)
         if path.name == _file_name(key, path.read_bytes()):
             with suppress(OSError):  # made for another C library: compiled again
                 return ctypes.CDLL(str(path))

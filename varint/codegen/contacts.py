@@ -20,7 +20,7 @@ from varint.codegen.core import contacts_entry
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import MOST_COORDINATES, TOO_LARGE, members_by_name, tapes_of
-from varint.codegen.source import routines
+from varint.codegen.routines import routines
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _SOURCE = c_source("contacts.c")

@@ -2,35 +2,45 @@
 
 from __future__ import annotations
 
-from varint.codegen.graph import Graph, operands
+from varint.codegen.graph import LEAVES, Graph, operands
 
 
-def needed(graph: Graph) -> set[int]:
-    """The nodes that the outputs depend on."""
-    live: set[int] = set()
-    waiting = [i for output in graph.outputs for i in output]
-    while waiting:
-        i = waiting.pop()
-        if i not in live:
-            live.add(i)
-            waiting += operands(graph.nodes[i])
-    return live
+def needed(graph: Graph) -> list[int]:
+    """The nodes that the outputs depend on, in the order of evaluation."""
+    live = [False] * len(graph.nodes)
+    for output in graph.outputs:
+        for i in output:
+            live[i] = True
+    for i in range(len(live) - 1, -1, -1):
+        if live[i] and (node := graph.nodes[i])[0] not in LEAVES:
+            for j in node[1:]:
+                live[j] = True
+    return [i for i, alive in enumerate(live) if alive]
 
 
 def uniform_nodes(graph: Graph, argument: int) -> list[bool]:
     """Which nodes depend on nothing but the input `argument`."""
     uniform: list[bool] = []
     for node in graph.nodes:
-        free = node[0] == "const" or (node[0] == "input" and node[1] == argument)
-        uniform.append(free if node[0] in ("const", "input") else all(uniform[j] for j in node[1:]))
+        if node[0] in LEAVES:
+            free = node[0] == "const" or node[1] == argument
+        elif len(node) == 3:
+            free = uniform[node[1]] and uniform[node[2]]
+        else:
+            free = all(uniform[j] for j in node[1:])
+        uniform.append(free)
     return uniform
 
 
 def operations(graph: Graph, argument: int) -> tuple[int, int]:
     """How many nodes depend on more than the input `argument`, and the square roots among them."""
     uniform = uniform_nodes(graph, argument)
-    varying = [graph.nodes[i][0] for i in needed(graph) if not uniform[i]]
-    return len(varying), sum(name in ("rsqrt", "sqrt") for name in varying)
+    return counted(graph, [i for i in needed(graph) if not uniform[i]])
+
+
+def counted(graph: Graph, nodes: list[int]) -> tuple[int, int]:
+    """How many nodes there are, and the square roots among them."""
+    return len(nodes), sum([graph.nodes[i][0] in ("rsqrt", "sqrt") for i in nodes])
 
 
 def fused(graph: Graph, argument: int) -> Graph:
@@ -39,29 +49,27 @@ def fused(graph: Graph, argument: int) -> Graph:
 
     What depends on nothing but the input `argument` is left as it is.
     """
-    uniform, live = uniform_nodes(graph, argument), sorted(needed(graph))
+    uniform, live = uniform_nodes(graph, argument), needed(graph)
     elsewhere = {i for output in graph.outputs for i in output}  # used not in sums alone
     for i in live:
         if graph.nodes[i][0] not in ("add", "sub"):
             elsewhere.update(operands(graph.nodes[i]))
-    result, places = Graph(), dict[int, int]()
+    result, places, nodes = Graph(), dict[int, int](), graph.nodes
     for i in live:
-        name, *rest = graph.nodes[i]
-        if name in ("const", "input"):
+        name, *rest = nodes[i]
+        if name in LEAVES:
             places[i] = result.node(name, *rest)
             continue
-        products = [
-            k
-            for k in range(len(rest) if name in ("add", "sub") else 0)
-            if graph.nodes[rest[k]][0] == "mul" and not uniform[rest[k]]
-        ]
+        products = []
+        if name in ("add", "sub"):
+            products = [k for k in (0, 1) if nodes[rest[k]][0] == "mul" and not uniform[rest[k]]]
         if products:
             k = max(products, key=lambda k: (rest[k] not in elsewhere, k))
-            a, b = (places[j] for j in graph.nodes[rest[k]][1:])
+            _, a, b = nodes[rest[k]]
             kind = "fma" if name == "add" else ("fms", "fnma")[k]
-            places[i] = result.node(kind, a, b, places[rest[1 - k]])
+            places[i] = result.node(kind, places[a], places[b], places[rest[1 - k]])
         else:
-            places[i] = result.node(name, *(places[j] for j in rest))
+            places[i] = result.node(name, *[places[j] for j in rest])
     result.outputs = [[places[i] for i in output] for output in graph.outputs]
     return result
 

@@ -91,7 +91,7 @@ def emit_graph(
         Operations from which on the source has loops over operations of the same form.
     """
     uniform = uniform_nodes(graph, last)
-    live = sorted(needed(graph))
+    live = needed(graph)
     names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}
     kept: dict[int, int] = {}  # uniform node: its place in w
 
@@ -146,10 +146,12 @@ def emit_graph(
 
 def _forms(graph: Graph, last: int, written_out: int) -> Forms | None:
     """The forms of its operations, where they are so many and alike that loops are worth it."""
+    if len(graph.nodes) <= written_out:
+        return None
     count, _ = operations(graph, last)
     if count <= written_out:
         return None
-    forms = group_by_form(graph, sorted(needed(graph)), uniform_nodes(graph, last))
+    forms = group_by_form(graph, needed(graph), uniform_nodes(graph, last))
     return forms if len(forms.members) < ROLLED * count else None
 
 

@@ -8,7 +8,8 @@ from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import force, velocity
-from varint.codegen.source import Routine, Source, compiled, emitted, routines, source_of
+from varint.codegen.routines import Routine, routines
+from varint.codegen.source import Source, compiled, emitted, source_of
 from varint.rules.rule import Rule
 from varint.scene.system import System
 

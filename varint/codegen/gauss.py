@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import casadi as ca
 
 from varint.codegen.cache import AS_WRITTEN, vector_length
-from varint.codegen.dependence import operations
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import acceleration, dense, force, momentum, velocity
-from varint.codegen.source import Routine, Source, compiled, emitted, halved, routines, source_of
+from varint.codegen.routines import Routine, halved, routines
+from varint.codegen.source import Source, compiled, emitted, source_of
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia, known_velocity
 from varint.rules.rule import Rule
@@ -270,5 +270,5 @@ def _work(functions: dict[str, Routine], needs: dict[str, list[bool]]) -> int:
     """Roughly the vector operations of an evaluation at the stages."""
     products = sum(needs["NEEDS_Q"]) + ("rhs" not in functions) * sum(needs["NEEDS_P"])
     return PRODUCT * products + sum(
-        operations(f.graph, f.last)[0] for name, f in functions.items() if name != "velocity"
+        f.sizes.operations for name, f in functions.items() if name != "velocity"
     )

@@ -49,6 +49,9 @@ def kernel_per_system(build: Callable[..., Built]) -> Callable[..., Built]:
 
 # elementary operations that have no form in C
 _WITHOUT_C = {"erfinv"}
+_OTHER_KINDS = {"assign", "lift", "sq", "twice", "inv", "pow", "constpow"}  # see _plain
+LEAVES = frozenset(("const", "input"))  # computed from no other node
+ONE = ("const", 1.0)
 COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
 
 
@@ -61,13 +64,14 @@ class Graph:
     outputs: list[list[int]] = field(default_factory=list)
 
     def node(self, operation: str, *operands) -> int:
-        if operation in COMMUTATIVE:
-            operands = tuple(sorted(operands))
-        key = (operation, *operands)
-        if key not in self.index:
-            self.index[key] = len(self.nodes)
+        if operation in COMMUTATIVE and operands[0] > operands[1]:
+            key = operation, operands[1], operands[0]
+        else:
+            key = (operation, *operands)
+        at = self.index.setdefault(key, len(self.nodes))
+        if at == len(self.nodes):
             self.nodes.append(key)
-        return self.index[key]
+        return at
 
     def times(self, a: int, b: int) -> int:
         """a × b, where one of them may be the number 1."""
@@ -76,16 +80,16 @@ class Graph:
         return a if self.is_one(b) else self.node("mul", a, b)
 
     def is_one(self, a: int) -> bool:
-        return self.nodes[a] == ("const", 1.0)
+        return self.nodes[a] == ONE
 
     @property
     def one(self) -> int:
-        return self.node("const", 1.0)
+        return self.node(*ONE)
 
 
 def operands(node: tuple) -> tuple[int, ...]:
     """The nodes that a node is computed from."""
-    return () if node[0] in ("const", "input") else node[1:]
+    return () if node[0] in LEAVES else node[1:]
 
 
 def raw_graph(f: ca.Function) -> Graph:
@@ -119,6 +123,8 @@ def _plain(graph: Graph, name: str, a: list[int]) -> int:
     """One operation of CasADi's in terms of fewer kinds: no sq, inv, constpow; powers by
     multiplication.
     """
+    if name not in _OTHER_KINDS:
+        return graph.node(name, *a)
     if name in ("assign", "lift"):
         return a[0]
     if name == "sq":
@@ -127,16 +133,14 @@ def _plain(graph: Graph, name: str, a: list[int]) -> int:
         return graph.node("mul", graph.node("const", 2.0), a[0])
     if name == "inv":
         return graph.node("div", graph.node("const", 1.0), a[0])
-    if name in ("pow", "constpow"):
-        operation, *exponent = graph.nodes[a[1]]
-        if (
-            operation == "const"
-            and abs(exponent[0]) <= MOST_PRODUCTS
-            and (2 * exponent[0]).is_integer()
-        ):
-            return _plain_power(graph, a[0], exponent[0])
-        name = "pow"
-    return graph.node(name, *a)
+    operation, *exponent = graph.nodes[a[1]]
+    if (
+        operation == "const"
+        and abs(exponent[0]) <= MOST_PRODUCTS
+        and (2 * exponent[0]).is_integer()
+    ):
+        return _plain_power(graph, a[0], exponent[0])
+    return graph.node("pow", *a)
 
 
 def _plain_power(graph: Graph, base: int, exponent: float) -> int:

@@ -14,7 +14,7 @@ from varint.codegen.core import look_ahead_entry
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import address_of
 from varint.codegen.native import tapes_of
-from varint.codegen.source import routines
+from varint.codegen.routines import routines
 
 _ASKED = struct.Struct("4P2q4d")  # LookAhead
 

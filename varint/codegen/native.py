@@ -15,14 +15,14 @@ import numpy as np
 from varint.codegen.arguments import c_source
 from varint.codegen.block import Member, block_of, start_of
 from varint.codegen.core import Loop, explicit_loop, gauss_loop
-from varint.codegen.dependence import operations
 from varint.codegen.explicit import LOOPS_FROM, about, explicit_functions, sequence
 from varint.codegen.gauss import gauss_scheme
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
-from varint.codegen.source import FEW_ROOTS, Routine
+from varint.codegen.routines import Routine
+from varint.codegen.source import FEW_ROOTS
 from varint.codegen.tableau import tableau_arrays
-from varint.codegen.tape import NOTHING_TO_DO, Tape, tape_of
+from varint.codegen.tape import NOTHING_TO_DO, Tape
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -64,7 +64,7 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
     )
     block = block_of([*counts, *needs, tables, *ordered])
     first = next(iter(x.functions.values()))
-    heads = x.about, n, controls, x.stages, operations(*first)[0]
+    heads = x.about, n, controls, x.stages, first.sizes.operations
     return kernel_on(heads, gauss_loop(x.lanes, x.vectors, x.form), block)
 
 
@@ -72,23 +72,23 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
 def native_explicit(system: System, rule: Rule) -> Kernel:
     """The kernel of `explicit_kernel` with the scene as data; raises as `native_gauss` does."""
     functions = explicit_functions(system, rule)
-    size = sum(len(f.graph.nodes) for f in functions.values())
+    size = sum(f.sizes.nodes for f in functions.values())
     if size > LOOPS_FROM:  # long sums are added up in another order there
         raise NotCompilable(TOO_LARGE)
     n, controls, kicks = system.q.numel(), system.control.numel(), len(rule.kicks)
     members = [n, controls, kicks, *map(np.array, sequence(rule))]
     block = block_of([*members, *tapes_of(functions).values()])
-    work = next(operations(*f)[0] for f in functions.values())
+    work = next(f.sizes.operations for f in functions.values())
     return kernel_on((about(rule), n, controls, kicks, work), explicit_loop(), block)
 
 
 def tapes_of(functions: Mapping[str, Routine], most: int = MOST_OPERATIONS) -> dict[str, Tape]:
     """The functions as tapes; their square roots are those of the compiled kernel."""
-    sizes = [operations(*f) for f in functions.values()]
-    if sum(size for size, _ in sizes) > most:
+    sizes = [f.sizes for f in functions.values()]
+    if sum(x.operations for x in sizes) > most:
         raise NotCompilable(TOO_LARGE)
-    many = sum(roots for _, roots in sizes) > FEW_ROOTS
-    return {name: tape_of(f.graph, f.last, many) for name, f in functions.items()}
+    many = sum(x.roots for x in sizes) > FEW_ROOTS
+    return {name: f.tape(many) for name, f in functions.items()}
 
 
 def kernel_on(heads: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from varint.codegen.block import block_of
 from varint.codegen.core import newton_loop
-from varint.codegen.dependence import operations
 from varint.codegen.frozen import no_whole_derivatives
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
@@ -36,5 +35,5 @@ def native_newton(system: System, rule: Rule) -> Kernel:
     members = members_by_name("newton_scene.h", x.counts | x.limits, x.places, x.tables, tapes)
     first = next(iter(functions.values()))
     heads = x.about, system.q.numel(), system.control.numel(), len(rule.nodes)
-    kernel = kernel_on((*heads, operations(*first)[0]), newton_loop(), block_of(members))
+    kernel = kernel_on((*heads, first.sizes.operations), newton_loop(), block_of(members))
     return replace(kernel, opening=x.opening, rows=x.rows)

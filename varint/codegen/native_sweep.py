@@ -84,7 +84,7 @@ def native_curvature(system: System, rule: Rule) -> Sweep:
 
 
 def _block(file: str, scheme: SweepScheme) -> np.ndarray:
-    if any(len(f.graph.nodes) > WRITTEN_OUT for f in scheme.functions.values()):
+    if any(f.sizes.nodes > WRITTEN_OUT for f in scheme.functions.values()):
         raise NotCompilable(TOO_LARGE)  # in C they are loops, which add up in another order
     numbers = {"SS": 0} | scheme.counts | scheme.limits
     arrays = NO_CURVATURE | scheme.places

@@ -21,8 +21,9 @@ from varint.codegen.continuation import HISTORY, continuation_tables
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
+from varint.codegen.routines import Routine, routines
 from varint.codegen.solution import Functions, Solution, solution_of
-from varint.codegen.source import Routine, Source, compiled, emitted, routines, source_of
+from varint.codegen.source import Source, compiled, emitted, source_of
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
 from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations

@@ -15,7 +15,7 @@ from varint.codegen.cache import CompileError
 from varint.codegen.core import rows_entry
 from varint.codegen.graph import NotCompilable
 from varint.codegen.native import tapes_of
-from varint.codegen.source import routines
+from varint.codegen.routines import routines
 from varint.numerics.arrays import over_columns
 
 MOST_ARGUMENTS = 8  # of c/rows_core.c

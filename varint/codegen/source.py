@@ -10,17 +10,15 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.codegen.algebra import graph_of
 from varint.codegen.arguments import c_source
 from varint.codegen.cache import WHEREVER, library
-from varint.codegen.dependence import fused, halves
-from varint.codegen.emit import WRITTEN_OUT, Emitted, arranged, emit_graph
-from varint.codegen.graph import Graph, NotCompilable
+from varint.codegen.emit import WRITTEN_OUT, Emitted, emit_graph
+from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
+from varint.codegen.routines import Expressions, Routine, routines
 from varint.scene.system import System
 
 FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
-MOST_OPERATIONS = 1_000_000  # of a right-hand side: more takes too long to arrange
 MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 # statements from which on the compiler's time matters more than the last tenth of the run's
 LARGE_SOURCE = 20_000
@@ -87,46 +85,6 @@ def compiled(source: Source) -> Kernel:
     return replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size)
 
 
-class Routine(NamedTuple):
-    """Operations on inputs 0 to `last`, the last of which is the same all the time."""
-
-    graph: Graph
-    last: int
-
-
-def routines(
-    constants: ca.SX,
-    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
-    written_out: int = WRITTEN_OUT,
-) -> dict[str, Routine]:
-    """Functions by name from (inputs, outputs); `constants`, the same all the time, are appended
-    to the inputs.
-    """
-    return {
-        name: Routine(_graph(name, [*inputs, constants], outputs, written_out), len(inputs))
-        for name, (inputs, outputs) in expressions.items()
-    }
-
-
-def halved(
-    constants: ca.SX,
-    names: tuple[str, str],
-    inputs: list[ca.SX],
-    late: ca.SX,
-    outputs: list[ca.SX],
-) -> dict[str, Routine]:
-    """Two functions: the outputs but the last, and what the second takes from the first; then the
-    last output, once `late` is known: ``second(late, taken, w, output)``.
-    """
-    last = len(inputs)  # of the first half: what it has besides the inputs are the constants
-    graph = graph_of(_function(names[0], [*inputs, constants, late], outputs), last)
-    first, second = (
-        Routine(fused(half, k), k)
-        for half, k in zip(halves(graph, last + 1, last), (last, 2), strict=True)
-    )
-    return {names[0]: first, names[1]: second}
-
-
 def emitted(
     functions: Mapping[str, Routine], stride: str = "1", written_out: int = WRITTEN_OUT
 ) -> dict[str, Emitted]:
@@ -148,23 +106,7 @@ def emitted(
 
 
 def emit_functions(
-    constants: ca.SX,
-    expressions: Mapping[str, tuple[list[ca.SX], list[ca.SX]]],
-    written_out: int = WRITTEN_OUT,
+    constants: ca.SX, expressions: Expressions, written_out: int = WRITTEN_OUT
 ) -> dict[str, Emitted]:
     """`routines` as C."""
     return emitted(routines(constants, expressions, written_out), written_out=written_out)
-
-
-def _graph(name: str, inputs: list[ca.SX], outputs: list[ca.SX], written_out: int) -> Graph:
-    return arranged(_function(name, inputs, outputs), written_out)
-
-
-def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
-    if f.n_instructions() > MOST_OPERATIONS:
-        raise NotCompilable(
-            f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
-            'backend="interpreted", or fewer coordinates'
-        )
-    return f

@@ -16,14 +16,8 @@ from varint.codegen.arguments import c_source, c_table
 from varint.codegen.band import Band, band
 from varint.codegen.cache import AS_WRITTEN, library
 from varint.codegen.graph import kernel_per_system
-from varint.codegen.source import (
-    FAST_COMPILATION,
-    FEW_ROOTS,
-    LARGE_SOURCE,
-    Routine,
-    emitted,
-    routines,
-)
+from varint.codegen.routines import Routine, routines
+from varint.codegen.source import FAST_COMPILATION, FEW_ROOTS, LARGE_SOURCE, emitted
 from varint.discrete.constrained_equations import CORRECTION_FLOOR
 from varint.discrete.step_map import StepMap, path_guess, running, step_map
 from varint.discrete.tolerances import LAST_CORRECTION

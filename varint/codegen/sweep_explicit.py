@@ -8,7 +8,7 @@ import numpy as np
 from varint.codegen.cache import vector_length
 from varint.codegen.dependence import needed
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.source import routines
+from varint.codegen.routines import routines
 from varint.codegen.sweep import SweepKernel, SweepScheme, compiled_sweep, numbers_of, sweep_scheme
 from varint.discrete.kick_drift import drift_function
 from varint.discrete.step_map import StepMap, running, step_map

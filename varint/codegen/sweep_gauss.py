@@ -9,12 +9,10 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from varint.codegen.algebra import graph_of
-from varint.codegen.dependence import fused
 from varint.codegen.gauss import gauss_form, lanes_for
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.mechanics import force, velocity
-from varint.codegen.source import Routine
+from varint.codegen.routines import MOST_OPERATIONS, routines
 from varint.codegen.sweep import LEAST_SPEED, SweepKernel, SweepScheme, compiled_sweep
 from varint.codegen.tableau import gauss_tableau
 from varint.discrete.legendre import full_inertia
@@ -101,7 +99,7 @@ def stage_sweep_scheme(system: System, rule: Rule, density: str | None = None) -
     expressions |= _products(slope.sparsity(), s.structure.n)
     rows, columns = by_outside.sparsity().get_triplet()
     return SweepScheme(
-        {name: _routine(name, [*x, s.c], outputs) for name, (x, outputs) in expressions.items()},
+        routines(s.c, expressions, MOST_OPERATIONS),
         {
             "STAGES": stages,
             "N": s.structure.n,
@@ -130,11 +128,6 @@ def _products(pattern: ca.Sparsity, n: int) -> dict[str, tuple[list[ca.SX], list
         for half, part in zip("qp", ca.vertsplit(ca.densify(product), n), strict=True):
             found[f"{name}_{half}"] = [nonzeros, x, source], [source + part]
     return found
-
-
-def _routine(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> Routine:
-    f, last = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs])), len(inputs) - 1
-    return Routine(fused(graph_of(f, last), last), last)
 
 
 def _window(stages: int) -> int:

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.graph import NotCompilable, kernel_per_system
-from varint.codegen.source import routines
+from varint.codegen.routines import routines
 from varint.codegen.sweep import SweepKernel, SweepScheme, compiled_sweep, sweep_scheme
 from varint.codegen.sweep_explicit import steps_at_once
 from varint.discrete.step_map import StepMap, step_map

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from heapq import heappop, heappush
+from typing import NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import c_source
-from varint.codegen.dependence import needed, sine_and_cosine, uniform_nodes
+from varint.codegen.dependence import counted, needed, sine_and_cosine, uniform_nodes
 from varint.codegen.graph import Graph, NotCompilable, operands
 
 MOST = 65_535  # registers, operands are numbers of 16 bits
@@ -27,7 +28,18 @@ SUMS = {
     "fms": ("abc", 2),
     "fnma": ("abc", 1),
 }
+EXACT, ITERATED = "rsqrt_exact", "rsqrt_iterated"  # 1/√x where roots are few, and many
 RESERVED = {"1": 0, "0": 1}  # the registers of 1 and −0
+
+
+class Sizes(NamedTuple):
+    """Of a graph: its nodes, those that do not depend on the parameters alone, and the square roots
+    among them.
+    """
+
+    nodes: int
+    operations: int
+    roots: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +48,8 @@ class Tape:
 
     Attributes
     ----------
+    sizes : Sizes
+        Of the graph that they were.
     uniforms, numbers, registers : int
         Registers of what is the same all the time, numbers of `once`, registers in all.
     once, often : array (…, 6) of uint16
@@ -45,6 +59,7 @@ class Tape:
         (argument, component, register).
     """
 
+    sizes: Sizes
     uniforms: int
     numbers: int
     registers: int
@@ -56,7 +71,9 @@ class Tape:
 
 
 _NO_OPERATION, _NO_PLACES = np.zeros((1, 6), np.uint16), np.zeros((0, 3), np.uint16)
-NOTHING_TO_DO = Tape(0, 0, 0, _NO_OPERATION, _NO_OPERATION, np.zeros(1), _NO_PLACES, _NO_PLACES)
+NOTHING_TO_DO = Tape(
+    Sizes(0, 0, 0), 0, 0, 0, _NO_OPERATION, _NO_OPERATION, np.zeros(1), _NO_PLACES, _NO_PLACES
+)
 
 
 @cache
@@ -69,8 +86,9 @@ def operation_codes() -> dict[str, int]:
     return {name: k for k, name in enumerate(["end", *names])}
 
 
-def tape_of(graph: Graph, last: int, many_roots: bool) -> Tape:
-    """The tape of a graph on inputs 0 to `last`, the last of which is the same all the time.
+def tape_of(graph: Graph, last: int) -> Tape:
+    """The tape of a graph on inputs 0 to `last`, the last of which is the same all the time, for
+    few square roots.
 
     Raises
     ------
@@ -78,24 +96,32 @@ def tape_of(graph: Graph, last: int, many_roots: bool) -> Tape:
         If an operation has no form there, or there are too many.
     """
     codes, uniform = operation_codes(), uniform_nodes(graph, last)
-    live = sorted(needed(graph))
+    live = needed(graph)
     unknown = {graph.nodes[i][0] for i in live} - {*codes, *SUMS, "input", "const"}
     if unknown:
         raise NotCompilable(f"{sorted(unknown)} have no form on a tape; use backend='compiled'")
     varying = [i for i in live if not uniform[i]]
-    ends = [i for output in graph.outputs for i in output]
+    wanted = [i for output in graph.outputs for i in output]
     kept = {j: None for i in varying for j in operands(graph.nodes[i]) if uniform[j]}
-    kept |= {i: None for i in ends if uniform[i]}
+    kept |= {i: None for i in wanted if uniform[i]}
     places = {i: k for k, i in enumerate(kept, len(RESERVED))}
     uniforms = len(RESERVED) + len(places)
     once, constants, numbers = _once(graph, [i for i in live if uniform[i]], places)
-    roots = "rsqrt_iterated" if many_roots else "rsqrt_exact"
-    often, inputs, registers = _often(graph, varying, uniform, places, set(ends), roots)
+    often, inputs, registers = _often(graph, varying, uniform, places, set(wanted))
     outputs: list[tuple[int, ...]] = [
         (k, r, places[i]) for k, output in enumerate(graph.outputs) for r, i in enumerate(output)
     ]
     tables = _table(once, 6), _table(often, 6), np.array([*constants, 0.0])
-    return Tape(uniforms, numbers, registers, *tables, _table(inputs, 3), _table(outputs, 3))
+    ends = _table(inputs, 3), _table(outputs, 3)
+    sizes = Sizes(len(graph.nodes), *counted(graph, varying))
+    return Tape(sizes, uniforms, numbers, registers, *tables, *ends)
+
+
+def with_many_roots(tape: Tape) -> Tape:
+    """The same where reciprocal square roots count by their number, not by their latency."""
+    codes, often = operation_codes(), tape.often.copy()
+    often[often[:, 0] == codes[EXACT], 0] = codes[ITERATED]
+    return replace(tape, often=often)
 
 
 def _table(rows: list[tuple[int, ...]], width: int) -> np.ndarray:
@@ -131,7 +157,6 @@ def _often(
     uniform: list[bool],
     places: dict[int, int],
     ends: set[int],
-    roots: str,
 ) -> tuple[list[tuple[int, ...]], list[tuple[int, ...]], int]:
     """Operations of a call, the inputs they begin with, and how many registers there are.
 
@@ -172,7 +197,7 @@ def _often(
             found = RESERVED | dict(zip("abc", at, strict=False))
             rows.append(_row(codes["sum"], places[unit[0]], *(found[x] for x in what), signs))
         else:
-            rows.append(_row(codes[roots if name == "rsqrt" else name], places[unit[0]], *at))
+            rows.append(_row(codes[EXACT if name == "rsqrt" else name], places[unit[0]], *at))
         free += [places[j] for j in unit if j not in last and j not in ends]
     return [*rows, _row(codes["end"])], inputs, count
 

@@ -10,7 +10,7 @@ from varint.codegen.graph import kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import force, velocity
 from varint.codegen.native import kernel_on, tapes_of
-from varint.codegen.source import routines
+from varint.codegen.routines import routines
 from varint.discrete.legendre import mass_solve
 from varint.scene.system import System
 

@@ -159,7 +159,7 @@ def _in_gear(
     low = _native(system, rule, density, one_map)[0]
     if by_stages:
         functions = stage_sweep_scheme(system, rule, density).functions.values()
-        expected = STAGES_STARTING + STAGES_STATEMENT * sum(len(f.graph.nodes) for f in functions)
+        expected = STAGES_STARTING + STAGES_STATEMENT * sum(f.sizes.nodes for f in functions)
     else:
         expected = STARTING + STATEMENT * operations(system, rule)[1]
     return (shifting(SweepGears(low, source, compiled, expected)),)
