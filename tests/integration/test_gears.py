@@ -91,6 +91,29 @@ def test_many_short_runs_shift_up_like_a_long_one(monkeypatch, tmp_path, forget)
     assert first.q.tobytes() == last.q.tobytes()
 
 
+@pytest.mark.parametrize(
+    ("runs", "begins"),
+    (
+        ([(0.1, 0.0)] * 9, None),  # of the compiler's time: spent, and still ahead
+        ([(0.4, 0.4)], None),  # over before the compiler would be
+        ([(0.4, 0.4), *[(0.4, 0.0)] * 5], 3),  # many of these
+        ([(0.01, 3.0)], 0),  # a long one, from its first piece on
+        ([(0.4, 0.0), (0.01, 3.0)], 1),
+    ),
+)
+def test_the_compiler_starts_where_it_ends_before_the_runs_do(
+    runs, begins, monkeypatch, tmp_path, forget
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found = gears_of(henon_heiles(), vi.gauss(7), BY_STAGES)
+    begun = []
+    monkeypatch.setattr(gears, "begin_compilation", lambda *source: begun.append(source))
+    whole = gears.compiling_seconds(found.system, found.rule)
+    for k, (spent, ahead) in enumerate(runs):
+        assert gears.kernel_after(found, spent * whole, ahead * whole) is found.low
+        assert bool(begun) == (begins is not None and k >= begins), k
+
+
 def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path, forget):
     """A compiler that fails, a cache that is full: the run goes on as it began."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
