@@ -147,10 +147,10 @@ def encounter_settings(scene: Scene):
     start = {"q0": model.q0, "v0": model.v0, "backend": "compiled", "progress": False}
     for stages, h, tol in product(STAGES, RADIANS, LEVELS):
 
-        def run(rule=vi.gauss(stages), h=float(h), tol=tol):
+        def run(stages=stages, h=float(h), tol=tol):
             motion = vi.simulate(
                 model.system,
-                rule,
+                vi.gauss(stages),
                 h=h,
                 duration=scene.duration,
                 time_scale="auto",

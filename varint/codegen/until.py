@@ -12,7 +12,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import rows_entry, until_entry
-from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
@@ -20,8 +20,8 @@ _ASKED = struct.Struct("8P5q6d")  # Until
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
 TOLD = 5
 
-# memory for nodes that no call uses
-_rooms: list[np.ndarray] = []
+# memory for nodes that no call uses, and where it lies
+_rooms: list[tuple[np.ndarray, int]] = []
 
 
 class Entries(NamedTuple):
@@ -75,8 +75,8 @@ class Until(NamedTuple):
 
 def run_until(
     entries: Entries,
-    start: np.ndarray,
-    c: np.ndarray,
+    start: int,
+    c: int,
     *,
     h: float,
     level: float,
@@ -86,22 +86,24 @@ def run_until(
     energy: float,
     off: float,
 ) -> Until | None:
-    """The motion from q and p in `start` (2n,), about so many steps h until the last coordinate is
-    `total`; None where a step cannot be solved, the clock stands still, the energy is off `energy`
-    by more than a part `off` of p·v where the clock is slowest, or nodes are too many.
+    """The motion from q and p at the address `start` with parameters at `c`, about so many steps h
+    until the last coordinate is `total`.
+
+    None where a step cannot be solved, the clock stands still, the energy is off `energy` by more
+    than a part `off` of p·v where the clock is slowest, or nodes are too many.
     """
     n = entries.n
-    room = _rooms.pop() if _rooms else np.empty(ROOM + TOLD)
+    memory = _rooms.pop() if _rooms else _new_room()
+    room, at = memory
     try:
-        at = address_of(room)
         status = entries.entry(
             _ASKED.pack(
                 entries.run,
                 entries.scene,
                 entries.rows,
                 entries.energies,
-                address_of(start),
-                address_of(c),
+                start,
+                c,
                 at + 8 * TOLD,
                 at,
                 n,
@@ -124,4 +126,9 @@ def run_until(
         nodes = room[TOLD : TOLD + 3 * n * count].reshape(count, 3, n)[:, :2].copy()
         return Until(nodes, time, iterations, residual, bool(quiet))
     finally:
-        _rooms.append(room)
+        _rooms.append(memory)
+
+
+def _new_room() -> tuple[np.ndarray, int]:
+    room = np.empty(ROOM + TOLD)
+    return room, new_address(room)

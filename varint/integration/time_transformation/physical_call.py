@@ -8,6 +8,7 @@ asked for, or something is not as it should be, and says what.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -16,23 +17,22 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.cache import CompileError
-from varint.codegen.kernel import Kernel
+from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.rows import RowFunction, row_function_or_none
 from varint.codegen.until import Entries, Until, entries_of, run_until
 from varint.discrete.legendre import velocity_function
-from varint.integration.backend import kernel_for
-from varint.integration.compiled_loop import POOR, scheme_of
-from varint.integration.gears import BY_STAGES, gears_with, kernel_after, kernel_now
+from varint.integration.compiled_loop import POOR, kernel_of, native_kernel, scheme_of
+from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_after, kernel_now
 from varint.integration.plain_start import (
-    asks_for_no_more,
+    Room,
+    asks_for_nodes,
     begin_in,
     is_plain,
     is_plain_number,
     room_of,
-    rooms,
 )
 from varint.integration.plan import Plan, plan
-from varint.integration.problem import LEVEL, InitialValueProblem, RunOptions, Start
+from varint.integration.problem import LEVEL, RunOptions, Start
 from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_end import FIRST_CHUNK, OFF_LEVEL, PATIENCE
@@ -47,7 +47,8 @@ from varint.rules.rule import Rule
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
-BACKENDS = "auto", "compiled", "native"
+LOOPS = {"compiled": kernel_of, "native": native_kernel}
+BACKENDS = "auto", *LOOPS
 
 
 def physical_call(
@@ -56,52 +57,54 @@ def physical_call(
     """The motion, and whether its energy stays; None where it is no such run, or comes to no good
     end, and another way is to be taken.
     """
-    began, h, total = perf_counter(), options.h, options.duration
-    every, backend = options.save_every, options.backend
-    if options.steps is not None or options.progress or every < 1 or backend not in BACKENDS:
+    began, h, total, every = perf_counter(), options.h, options.duration, options.save_every
+    if options.steps is not None or options.progress or options.backend not in BACKENDS:
         return None
     if not (is_plain_number(h) and is_plain_number(total) and h * total > 0):  # type: ignore[operator]
         return None
-    if not asks_for_no_more(rule, start, options._replace(save_every=1, backend="auto")):
-        return None
-    scene = transformed_scene(system, sigma)
     own = isinstance(sigma, str)
-    if not is_plain(system) or (own and local_rate(system).reason):
+    scene = transformed_scene(system, sigma)
+    if not (asks_for_nodes(rule, start, options) and every > 0 and is_plain(system)):
+        return None
+    if own and local_rate(system).reason:
         return None
     h, total = float(h), float(total)  # type: ignore[arg-type]
     called = called_on(scene.system, scene, rule)
-    pool = rooms(system, False)
-    room = pool.pop() if pool else room_of(system, False)
-    began_in = called.starts.pop() if called.starts else _start_of(system, scene)
+    begun = called.starts.pop() if called.starts else _start_of(system, scene)
     try:
+        room = begun.room
         c = begin_in(room, system, start)
         if c is None:
             return None
         slowest = 0.0
         if own:
-            pilot = rate_pilot(system, room.q, room.v, c, total, h < 0)
-            slowest = slowest_rate(pilot, total)
-        pace = _begin(began_in, room.q, room.v, float(start.t0), c, slowest)
-        n = len(room.q)
-        x = np.empty(2 * n + 2)
-        x[:n], x[n], x[n + 1 : -1], x[-1] = room.q, 0.0, room.values[:n], pace
-        constants = began_in.inner.copy()
+            slowest = slowest_rate(rate_pilot(system, room.q, room.v, c, total, h < 0), total)
+        pace = _begin(begun, slowest)
+        if not 0 < pace < math.inf:
+            return None
+        check_steps(start.t0, h * pace, 1)
+        level = 0.0 if options.iteration_tol is None else LEVEL * options.iteration_tol
+        constants = begun.inner.copy()
+        asked = Asked(begun.at, begun.inner_at, h, level, float(constants[-2]))
+        found = until_end(called, scene, asked, total, total / (h * pace), options.backend)
     finally:
-        pool.append(room)
-        called.starts.append(began_in)
-    if not 0 < pace < math.inf:
-        return None
-    check_steps(start.t0, h * pace, 1)
-    level = 0.0 if options.iteration_tol is None else LEVEL * options.iteration_tol
-    u = np.empty((1, 1, 0))
-    problem = InitialValueProblem(
-        x[: n + 1], x[n + 1 :], 0.0, h, 1, 1, u, constants, 1, level=level
-    )
-    found = until_end(called, scene, problem, total, total / (h * pace), backend)
+        called.starts.append(begun)
     if found is None:
         return None
-    inner = inner_motion(called, scene, problem, found, every, perf_counter() - began)
+    inner = inner_motion(called, scene, h, constants, found, every, perf_counter() - began)
     return in_physical_time(system, start.t0, inner), found.until.quiet
+
+
+class Asked(NamedTuple):
+    """Addresses of the start and of all parameters, step, level of iterations, and energy of the
+    start.
+    """
+
+    start: int
+    c: int
+    h: float
+    level: float
+    energy: float
 
 
 class Ended(NamedTuple):
@@ -114,34 +117,31 @@ class Ended(NamedTuple):
 def until_end(
     called: Called,
     scene: TransformedScene,
-    problem: InitialValueProblem,
+    asked: Asked,
     total: float,
     expected: float,
     backend: str,
 ) -> Ended | None:
-    """The run of the problem until the physical time; None where another way is to be taken."""
-    energies = energies_of(scene.system, scene)
-    kernel = called.kernel(scene.system, problem, backend)
-    entries = None if kernel is None or energies is None else called.entries_on(kernel, energies)
-    if kernel is None or entries is None:
+    """The run until the physical time; None where another way is to be taken."""
+    loop = called.loop(scene.system, backend)
+    if loop is None:
         return None
+    kernel, entries = loop
     now = perf_counter()
     found = run_until(
         entries,
-        np.concatenate((problem.q0, problem.p0)),
-        problem.c,
-        h=problem.h,
-        level=problem.level,
+        asked.start,
+        asked.c,
+        h=asked.h,
+        level=asked.level,
         total=total,
         expected=expected,
         patience=PATIENCE * (expected + FIRST_CHUNK),
-        energy=float(problem.c[-2]),
+        energy=asked.energy,
         off=OFF_LEVEL,
     )
-    if backend == "auto" and kernel.scene:
-        gears = gears_with(scene.system, called.plan.rule, called.scheme, kernel)
-        if gears:
-            kernel_after(gears, perf_counter() - now, 0.0)
+    if called.gears and backend == "auto" and kernel.scene:
+        kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None or found.iterations > called.most * len(found.nodes):
         return None
     return Ended(found, kernel)
@@ -150,7 +150,8 @@ def until_end(
 def inner_motion(
     called: Called,
     scene: TransformedScene,
-    problem: InitialValueProblem,
+    h: float,
+    c: np.ndarray,
     found: Ended,
     every: int,
     seconds: float,
@@ -159,13 +160,13 @@ def inner_motion(
     nodes, time, iterations, residual, _ = found.until
     count = len(nodes) - 1
     k = np.arange(count + 1)
-    t = problem.h * k
+    t = h * k
     k[-1], t[-1] = count - 1, time
     if every > 1:
         wanted = np.append(np.arange(0, count, every), count)
         nodes, k, t = nodes[wanted], k[wanted], t[wanted]
     q, p = nodes[:, 0], nodes[:, 1]
-    grid = problem.h, 0.0, np.empty((count, 1, 0)), problem.c
+    grid = h, 0.0, np.empty((count, 1, 0)), c
     work = int(iterations), residual
     return plain_motion_of(
         scene.system, called.plan, found.kernel, (k, t, q, p), grid, work, seconds=seconds
@@ -174,38 +175,39 @@ def inner_motion(
 
 @dataclass(eq=False)
 class Called:
-    """Of a rescaled scene and a rule: the plan, how many iterations a step may take, and the loops
-    that ran, with what is called of them.
+    """Of a rescaled scene and a rule: the plan, the gears, how many iterations a step may take,
+    what is said of energies, memory for starts, and the loops of the backends.
     """
 
     plan: Plan
-    scheme: Any
+    gears: Gears | None
     most: float
+    energies: RowFunction | None
     starts: list[_Start] = field(default_factory=list)
-    seen: dict[str, Kernel | None] = field(default_factory=dict)
-    last: tuple[Kernel | None, Entries | None] = (None, None)
+    loops: dict[str, tuple[Kernel, Entries] | None] = field(default_factory=dict)
 
-    def kernel(self, system: System, problem: InitialValueProblem, backend: str) -> Kernel | None:
-        """The loop of a backend, the best one that is there."""
-        kernel = self.seen.get(backend)
-        if kernel is None:
-            kernel = self.seen[backend] = kernel_for(system, self.plan.rule, problem, backend)
-        if kernel is None or backend != "auto":
-            return kernel
-        gears = gears_with(system, self.plan.rule, self.scheme, kernel)
-        return kernel_now(gears) if gears else kernel
+    def loop(self, moving: System, backend: str) -> tuple[Kernel, Entries] | None:
+        """The best loop of a backend that is there, and what is called; None where the core
+        cannot.
+        """
+        known = self.loops.get(backend)
+        if backend == "auto" and self.gears:
+            kernel = kernel_now(self.gears)
+            if known is None or known[0] is not kernel:
+                known = self.loops[backend] = _loop(kernel, self.energies)
+        elif known is None and backend != "auto":
+            kernel = LOOPS[backend](moving, self.plan.rule)
+            known = self.loops[backend] = _loop(kernel, self.energies)
+        return known
 
-    def entries_on(self, kernel: Kernel, energies: RowFunction) -> Entries | None:
-        """What is called; None where the core cannot."""
-        if kernel is not self.last[0]:
-            entries = None
-            if not (kernel.opening or kernel.note[0]):
-                try:
-                    entries = entries_of(kernel, energies)
-                except CompileError:
-                    entries = None
-            self.last = kernel, entries
-        return self.last[1]
+
+def _loop(kernel: Kernel, energies: RowFunction | None) -> tuple[Kernel, Entries] | None:
+    if energies is None or kernel.opening or kernel.note[0]:
+        return None
+    try:
+        return kernel, entries_of(kernel, energies)
+    except CompileError:
+        return None
 
 
 @per_system
@@ -213,10 +215,11 @@ def called_on(moving: System, scene: TransformedScene, rule: Rule | None) -> Cal
     """What is called of a rescaled scene with a rule, or with the one that suits it."""
     chosen = plan(moving, rule)
     scheme = scheme_of(moving, chosen.rule)
-    return Called(chosen, scheme, POOR if scheme is BY_STAGES else math.inf)
+    gears = gears_of(moving, chosen.rule, scheme)
+    most = POOR if scheme is BY_STAGES else math.inf
+    return Called(chosen, gears, most, energies_of(moving, scene))
 
 
-@per_system
 def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
     """(q, p) → energy of the original scene and |p·dq/dt|, energy of the rescaled one and its
     |p·v|; None where they are no data.
@@ -235,35 +238,52 @@ def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
 
 
 class _Start(NamedTuple):
-    """Memory for a start in fictitious time: q, v, t, c and the slowest rate, from which `begin`
-    makes energy and time scale; `inner` are all parameters of the rescaled scene.
+    """Memory for a start in fictitious time.
+
+    Attributes
+    ----------
+    room : Room
+        Of the original scene.
+    x, inner : array
+        q and p of the rescaled scene, and all its parameters.
+    scale : array (1,)
+        σ, by `begin`, as is the energy in `inner`.
+    at, inner_at : int
+        Addresses of `x` and `inner`.
     """
 
-    q: np.ndarray
-    v: np.ndarray
-    t: np.ndarray
+    room: Room
+    x: np.ndarray
     inner: np.ndarray
     scale: np.ndarray
-    begin: Any
-    held: Any
+    at: int
+    inner_at: int
+    begin: Callable[[], object]
+    held: tuple
 
 
 def _start_of(system: System, scene: TransformedScene) -> _Start:
-    n, many = system.q.numel(), system.c.numel()
-    q, v, t, inner, scale = (np.zeros(k) for k in (n, n, 1, many + 3, 1))
+    n, many = system.structure.n, system.c.numel()
+    room, x, inner, scale = (
+        room_of(system, False),
+        np.zeros(2 * n + 2),
+        np.zeros(many + 3),
+        np.zeros(1),
+    )
     buffer, trigger = scene.energy.buffer()
-    inputs = q, v, t, inner[:many], inner[many : many + 1]
+    inputs = room.q, room.v, room.t, inner[:many], inner[many : many + 1]
     outputs = inner[many + 1 : many + 2], scale
     hand_over(buffer, inputs, outputs)
-    return _Start(q, v, t, inner, scale, trigger, (buffer, inputs, outputs))
+    at, inner_at = new_address(x), new_address(inner)
+    return _Start(room, x, inner, scale, at, inner_at, trigger, (buffer, inputs, outputs))
 
 
-def _begin(
-    start: _Start, q: np.ndarray, v: np.ndarray, t0: float, c: np.ndarray, slowest: float
-) -> float:
-    """σ at the start, whose energy and parameters are then in `inner`."""
-    start.q[:], start.v[:], start.t[0] = q, v, t0
-    start.inner[:-3], start.inner[-3] = c, slowest
+def _begin(start: _Start, slowest: float) -> float:
+    """σ at the start that lies in the room; the start in fictitious time is then in `x`."""
+    room, x, inner = start.room, start.x, start.inner
+    n = len(room.q)
+    inner[:-3], inner[-3] = room.c, slowest
     start.begin()
-    start.inner[-1] = start.scale[0]
-    return float(start.scale[0])
+    inner[-1] = x[-1] = scale = start.scale[0]
+    x[:n], x[n + 1 : -1] = room.q, room.values[:n]
+    return float(scale)

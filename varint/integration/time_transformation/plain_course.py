@@ -10,9 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from varint.codegen.kernel import address_of
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.time_transformation.physical_call import (
+    BACKENDS,
+    Asked,
     called_on,
     inner_motion,
     until_end,
@@ -61,16 +64,20 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
     began, s = perf_counter(), scene.system.structure
     if total is None or stop or watches or options.progress or options.save_every != 1:
         return None
+    if options.backend not in BACKENDS:
+        return None
     if s.constraints or s.nonholonomic or s.contacts or s.controls or scene.system.rays:
         return None
     called = called_on(scene.system, scene, chosen.rule)
-    found = until_end(called, scene, problem, total, float(problem.steps), options.backend)
+    x, c, h = np.concatenate((problem.q0, problem.p0)), problem.c, problem.h
+    asked = Asked(address_of(x), address_of(c), h, problem.level, float(c[-2]))
+    found = until_end(called, scene, asked, total, float(problem.steps), options.backend)
     if found is None:
         return None
     seconds = perf_counter() - began
 
     def motion() -> Trajectory:
-        inner = inner_motion(called, scene, problem, found, 1, seconds)
+        inner = inner_motion(called, scene, h, c, found, 1, seconds)
         return in_physical_time(system, t0, inner)
 
     n, nodes = system.structure.n, found.until.nodes
