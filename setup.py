@@ -31,6 +31,7 @@ NAMES = (
     "rows_",
     "two_runs_",
     "few_steps_",
+    "until_",
     "look_ahead_",
     "crossings_",
 )  # the first two for every shape

@@ -1,7 +1,7 @@
 """Run time against error: varint beside heyoka, REBOUND, DOP853 (SciPy's and compiled), CasADi's
 CVODES and IDAS.
 
-python3 tasks.py bench benchmarks/work_precision.py [scene ...]
+python3 tasks.py bench benchmarks/work_precision.py [--record] [scene ...]
 
 For every scene each tool is tried over a grid of its options; for each wanted error its cheapest
 option that reaches it is then timed again, all tools taking turns in one process, a run that is not
@@ -11,7 +11,8 @@ milliseconds. The summary is of runs that take the best peer 1 ms or more; of th
 apart. Errors are those of the end: the largest component of q, against the closed form or a run of
 order 32, and the energy, relative to the largest kinetic energy |p·v|/2 at both ends and the
 energy. Set-up (building, compiling) is reported beside the run times. Results:
-benchmarks/results/work_precision.json and .png; of chosen scenes out/ in their place.
+benchmarks/results/work_precision.json and .png; of chosen scenes out/ in their place, or with
+--record their rows in the record, each with when it was measured.
 """
 
 import json
@@ -63,6 +64,9 @@ LEVELS = (
     1e-2,
     1e-1,
 )
+# of encounters, whose steps follow the scene's rate: rules, and radians a step
+STAGES = 6, 8, 10
+RADIANS = 0.4 * 1.15 ** np.arange(12)
 TURNS = 9
 # seconds of the best peer: a run of milliseconds, in which a call's cost does not count
 LONG = 1e-3
@@ -82,6 +86,9 @@ GENERAL = (
 
 def varint_settings(scene: Scene):
     """Rules, steps and stopping levels of `simulate`; with a time scale where the scene has one."""
+    if scene.encounters:
+        yield from encounter_settings(scene)
+        return
     model = scene.model
     start = {"q0": model.q0, "v0": model.v0, "backend": "compiled", "progress": False}
     for rule in RULES:
@@ -132,6 +139,28 @@ def varint_settings(scene: Scene):
                     steps = f"gauss({stages}), time_scale, h=2π/{per_orbit}/{around}"
                     about = f"{steps}, iteration_tol={tol}"
                     yield Setting("varint", about, run, 0.0, True)
+
+
+def encounter_settings(scene: Scene):
+    """Rules, radians a step and stopping levels of `simulate` with the scene's own time scale."""
+    model = scene.model
+    start = {"q0": model.q0, "v0": model.v0, "backend": "compiled", "progress": False}
+    for stages, h, tol in product(STAGES, RADIANS, LEVELS):
+
+        def run(stages=stages, h=float(h), tol=tol):
+            motion = vi.simulate(
+                model.system,
+                vi.gauss(stages),
+                h=h,
+                duration=scene.duration,
+                time_scale="auto",
+                iteration_tol=tol,
+                **start,
+            )
+            return np.concatenate([motion.q[-1], motion.p[-1]])
+
+        about = f"gauss({stages}), time_scale='auto', h={h:.2g}, iteration_tol={tol}"
+        yield Setting("varint", about, run, 0.0, True)
 
 
 def settings(scene: Scene):
@@ -278,9 +307,14 @@ def setup_of_varint(scene: Scene):
     return found
 
 
-def main(names):
+def main(arguments):
+    names = [name for name in arguments if name != "--record"]
+    merged = bool(names) and "--record" in arguments
     results = {"measured_with": measured_with(), "turns": TURNS, "scenes": {}}
     ratios = []
+    if merged:
+        results = json.loads((RESULTS / "work_precision.json").read_text())
+        ratios = [row for row in results["ratios"] if row["scene"] not in names]
     for name in names or SCENES:
         scene = SCENES[name]()
         exact, apart = reference(scene)
@@ -296,6 +330,8 @@ def main(names):
             "all": cloud,
             "setup": setup,
         }
+        if merged:
+            results["scenes"][name]["measured_with"] = measured_with()
         print(f"\n{name}   reference and heyoka's tightest run: {apart:.1e} apart", end="")
         print(
             f"   varint's first run: {setup['cold']:.2f} s, compiled earlier {setup['cached']:.2f} "
@@ -314,7 +350,7 @@ def main(names):
                 }
                 ratios.append(row)
         sys.stdout.flush()
-        keep(results, ratios, names)
+        keep(results, ratios, RESULTS if merged or not names else PART)
     for about, mean in results["geometric means"].items():
         print(f"geometric mean, {about}: {mean:.3f}")
     print("above 2/3:")
@@ -347,7 +383,7 @@ def told(measure: str, wanted: float, here: dict) -> tuple[float, float]:
     return ratio, min(rivals)
 
 
-def keep(results, ratios, names):
+def keep(results, ratios, folder: Path):
     """Write what is known so far."""
     # "×" comes after the name alone
     longest = {name.split(" ×")[0]: name for name in sorted(results["scenes"])}
@@ -366,7 +402,6 @@ def keep(results, ratios, names):
         k: float(np.exp(np.mean(np.log(r)))) for k, r in groups.items() if r
     }
     results["ratios"] = ratios
-    folder = PART if names else RESULTS
     folder.mkdir(exist_ok=True)
     (folder / "work_precision.json").write_text(json.dumps(results, indent=1, ensure_ascii=False))
     fronts.figure(results).savefig(folder / "work_precision.png", dpi=110)

@@ -29,6 +29,8 @@ class Scene:
         (masses, G) where REBOUND can run it.
     slow : bool
         Leave out the tools that need minutes for it.
+    encounters : bool
+    long : bool
     """
 
     model: Model
@@ -37,6 +39,8 @@ class Scene:
     scale: ca.SX | None = None
     bodies: tuple | None = None
     slow: bool = False
+    # close encounters: steps follow the scene's own rate, and equal ones are not tried
+    encounters: bool = False
     # repeats another one for longer: the slowest tools need not show what they do again
     long: bool = False
 
@@ -52,6 +56,13 @@ def solar_system() -> Scene:
     model = vi.models.outer_solar_system()
     defaults = model.system.defaults
     return Scene(model, 2e5, 150, bodies=(defaults["m"], float(defaults["G"])))
+
+
+def encounters(model: Model, duration: float = 0.0) -> Scene:
+    """A scene of close encounters; of bodies that attract each other with REBOUND, too."""
+    masses = model.system.defaults.get("m")
+    bodies = (masses, 1.0) if masses is not None else None
+    return Scene(model, duration or model.duration, 0, bodies=bodies, encounters=True)
 
 
 def chain(links: int, steps: int) -> Scene:
@@ -96,6 +107,12 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "spherical pendulum": lambda: Scene(vi.models.spherical_pendulum(), 100.0, 150),
     "pendulum on a cart": lambda: Scene(vi.models.sliding_support(), 100.0, 250),
     "charged particle": lambda: Scene(vi.models.inverse_distance_field(), 200.0, 150),
+    "arenstorf": lambda: encounters(vi.models.arenstorf()),
+    "pleiades": lambda: encounters(vi.models.pleiades()),
+    "pythagorean": lambda: encounters(vi.models.pythagorean_three_body()),
+    "kepler 0.99": lambda: replace(
+        encounters(vi.models.kepler(e=0.99), 20 * np.pi), bodies=([1.0, 0.0], 1.0)
+    ),
     "fpu": lambda: Scene(vi.models.fpu_chain(), 200.0, 3000),
     "chain of 10": lambda: chain(10, 13),
     "chain of 30": lambda: chain(30, 24),

@@ -205,6 +205,12 @@ def _measured(result: dict[str, Any]) -> str:
     return f"Measured on {', '.join(str(x) for x in [*place, *versions] if x)}."
 
 
+def _when(measured: dict[str, Any]) -> str:
+    """When a scene was measured, where that was not with the others."""
+    about = measured.get("measured_with")
+    return f", measured {about['date']}, varint {about['varint']}" if about else ""
+
+
 def _scenes(result: dict[str, Any], name: str, source: Path) -> list[str]:
     """Work and precision of several scenes: the figure, the ratios, and every scene's times."""
     import matplotlib.pyplot as plt
@@ -236,7 +242,7 @@ def _scenes(result: dict[str, Any], name: str, source: Path) -> list[str]:
     lines.append("\nTimes of every tool in ms:\n")
     for scene, measured in scenes.items():
         lines += [
-            f"<details><summary>{scene}</summary>\n",
+            f"<details><summary>{scene}{_when(measured)}</summary>\n",
             *_table(_by_tool(measured["rows"])),
             "\n</details>\n",
         ]

@@ -116,6 +116,14 @@ def few_steps_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def until_entry() -> Callable[[bytes], int]:
+    """c/until_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("until_core.c", ("until",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def look_ahead_entry() -> Callable[[bytes], int]:
     """c/look_ahead_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("look_ahead_core.c", ("look_ahead",), "{name}_{level}", {})

@@ -69,14 +69,18 @@ class Room(NamedTuple):
 def asks_for_no_more(rule: Rule | None, start: Start, options: RunOptions) -> bool:
     """Whether a rule, coordinates, velocities, parameters and how long are all that is given."""
     o = options
+    return o.backend == "auto" and o.save_every == 1 and asks_for_nodes(rule, start, o)
+
+
+def asks_for_nodes(rule: Rule | None, start: Start, options: RunOptions) -> bool:
+    """The same, but for how many of the nodes are kept and by which loop."""
+    o = options
     return (
         (rule is None or isinstance(rule, Rule))
         and o.until is o.events is o.scale is o.checkpoint is o.at is start.u is start.p0 is None
         and start.v0 is not None
         and type(o.save_every) is int
-        and o.save_every == 1
         and o.on_failure == "raise"
-        and o.backend == "auto"
         and is_plain_number(start.t0)
     )
 

@@ -35,6 +35,7 @@ from varint.integration.time_transformation.fictitious_start import (
     start_velocity,
 )
 from varint.integration.time_transformation.local_rate import local_rate
+from varint.integration.time_transformation.physical_call import physical_call
 from varint.integration.time_transformation.physical_end import (
     blocks_until,
     end_at_duration,
@@ -69,6 +70,12 @@ def simulate_transformed(
     total = None if duration is None else number("duration", duration)
     if total is not None and not total * number("h", h) > 0:
         raise InputError(f"h={h} and duration={duration} must have the same sign and not be zero")
+    if (found := physical_call(system, rule, sigma, start, options)) is not None:
+        motion, quiet = found
+        assert motion.fictitious is not None
+        if not quiet and (alarm := energy_alarm(motion.fictitious)):
+            warnings.warn(alarm, stacklevel=3)
+        return motion
     if isinstance(sigma, str):
         transformed_scene(system, sigma)
         if reason := local_rate(system).reason:

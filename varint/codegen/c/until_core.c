@@ -1,0 +1,142 @@
+/* Steps of a scene with a clock among its coordinates until the clock shows a wanted time, with a last one that ends there,
+   in one call. The name ends in LEVEL, the instructions that are used. */
+#define NAMED(name, level) name##_##level
+#define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
+#define until WITH_ALL(until, LEVEL)
+#define LANES 1
+#include "lanes.h"
+#include "run.h"
+#include "rows.h"
+
+#define AT_ONCE 16       /* steps before the clock is looked at */
+#define LOCATED 0x1p-50  /* of the time: the end is there */
+#define REACHED 1e-9     /* of the duration: the end is located */
+#define SAMPLES 32       /* energies that are looked at */
+#define GROSS 0.25       /* of the largest p·v: a change of the energy that nothing in the scene can do */
+#define RESULTS 4
+
+/* varint/codegen/until.py has the same layout */
+typedef struct {
+    int (*run)(const RunArguments *);
+    const void *scene;
+    int (*rows)(const RowsArguments *);
+    const void *energies; /* (q, p) to the energy that was E0 at the start, its |p·v|, the energy that is constant, its |p·v| */
+    const double *start, *c;
+    double *nodes, *told; /* (room, 3 n): q, p, v; nodes before the end, its fictitious time, iterations, residual, quiet */
+    int64_t n, carry, most, patience, room;
+    double h, level, total, expected, energy, off; /* energy: that of the start, off by what part of |p·v| at most */
+} Until;
+
+typedef struct { double iterations, residual; int64_t last; } Work;
+
+/* Nodes until the first one at or behind the end; another status than DONE where there is none. */
+static int steps_until(const Until *a, double *carry, RunStats *stats, Work *work) {
+    const int64_t n = a->n, width = 3 * n;
+    const double sign = a->total > 0 ? 1 : -1, end = fabs(a->total);
+    double ahead = a->expected;
+    carry[0] = 0;
+    for (int64_t done = 0;;) {
+        int64_t count = ahead < AT_ONCE ? (int64_t)ceil(ahead) + 1 : AT_ONCE;
+        if (count > a->room - 1 - done) count = a->room - 1 - done;
+        if (count < 1 || done > a->patience) return NOT_CONVERGED;
+        const RunArguments asked = {.steps = count, .save_every = 1, .first = done, .most = a->most, .h = a->h, .level = a->level,
+                                    .start = a->start, .c = a->c, .rows = a->nodes + width * done, .carry = carry,
+                                    .stats = stats, .scene = a->scene};
+        const int status = a->run(&asked);
+        const double *const clock = a->nodes + n - 1;
+        work->iterations += stats->iterations;
+        if (stats->residual > work->residual) work->residual = stats->residual;
+        for (int64_t k = done + 1; k <= done + (int64_t)stats->steps; k++)
+            if (clock[k * width] * sign >= end) { /* what comes after the end is nobody's concern */
+                work->last = k;
+                return DONE;
+            }
+        if (status != DONE) return status;
+        done += count;
+        const double here = clock[done * width], passed = here - clock[(done - 1) * width];
+        if (!(passed * sign > 0)) return NOT_CONVERGED;
+        ahead = (a->total - here) / passed;
+    }
+}
+
+/* Does time go on, and is the energy where the clock is slowest still that of the start? */
+static int on_level(const Until *a, int64_t last) {
+    const int64_t n = a->n, width = 3 * n;
+    const double *const clock = a->nodes + n - 1;
+    double least = INFINITY, energy[2], size[2], others[4];
+    int64_t slowest = 0;
+    for (int64_t k = 0; k < last; k++) {
+        const double pace = (clock[(k + 1) * width] - clock[k * width]) / a->h;
+        if (!(pace > 0)) return 0;
+        if (pace < least) least = pace, slowest = k;
+    }
+    const double *const at = a->nodes + width * slowest;
+    const RowsArguments looked = {.count = 2, .c = a->c, .scene = a->energies, .arguments = {at, at + n}, .apart = {width, width},
+                                  .results = {energy, size, others, others + 2}, .widths = {1, 1, 1, 1}};
+    if (a->rows(&looked) != DONE) return 0;
+    const double most = a->off * fmax(size[0], size[1]);
+    return fabs(energy[0] - a->energy) <= most && fabs(energy[1] - a->energy) <= most;
+}
+
+/* Is the constant energy at some nodes that of the start, as far as a run that went astray is concerned? */
+static int quiet(const Until *a, int64_t nodes) {
+    const int64_t n = a->n, width = 3 * n, apart = (nodes + SAMPLES - 1) / SAMPLES, count = (nodes - 1) / apart + 1;
+    double found[RESULTS][SAMPLES];
+    const RowsArguments looked = {.count = count, .c = a->c, .scene = a->energies, .arguments = {a->nodes, a->nodes + n},
+                                  .apart = {width * apart, width * apart},
+                                  .results = {found[0], found[1], found[2], found[3]}, .widths = {1, 1, 1, 1}};
+    if (a->rows(&looked) != DONE) return 0;
+    double largest = 0;
+    for (int64_t k = 0; k < count; k++) largest = found[3][k] > largest ? found[3][k] : largest;
+    for (int64_t k = 0; k < count; k++)
+        if (!(fabs(found[2][k] - found[2][0]) <= GROSS * largest)) return 0;
+    return 1;
+}
+
+/* The fictitious time at which the clock shows the end between the nodes `kept` - 1 and `kept`, whose place the state there
+   takes: by the inverse of Hermite's cubic, then Newton's method on the clock (physical_time.py: reach_times). */
+static int end_at(const Until *a, int64_t kept, double *carry, RunStats *stats, double *time) {
+    const int64_t n = a->n, width = 3 * n;
+    double *const before = a->nodes + width * (kept - 1), *const after = before + width, ends[2 * width];
+    const double from = a->h * (double)(kept - 1), to = a->h * (double)kept, rise = to - from;
+    const double passed = after[n - 1] - before[n - 1], x = (a->total - before[n - 1]) / passed, y = 1 - x;
+    const double close = LOCATED * fmax(fabs(a->total), fabs(passed));
+    double tau = from + x * (x * (3 - 2 * x) * rise + passed * y * (y / before[width - 1] - x / after[width - 1]));
+    double low = from, high = to, off = INFINITY;
+    for (int i = 0; i < 60; i++) {
+        const RunArguments one = {.steps = 1, .save_every = 1, .most = a->most, .t0 = from, .h = tau - from, .start = before,
+                                  .c = a->c, .rows = ends, .carry = carry, .stats = stats, .scene = a->scene};
+        carry[0] = 0;
+        const int status = a->run(&one);
+        if (status != DONE) return status;
+        *time = tau;
+        off = a->total - ends[width + n - 1];
+        const double step = off / ends[2 * width - 1];
+        if (fabs(off) <= close || fabs(step) <= LOCATED * fmax(fabs(tau), fabs(rise))) break;
+        if (step * rise > 0) low = tau;
+        else high = tau;
+        tau += step;
+        if ((tau - low) * (high - tau) < 0) tau = (low + high) / 2;
+    }
+    memcpy(after, ends + width, width * sizeof(double));
+    return fabs(off) <= REACHED * fabs(a->total) ? DONE : NOT_CONVERGED;
+}
+
+int until(const Until *a) {
+    const int64_t n = a->n, width = 3 * n;
+    double *const carry = malloc((size_t)a->carry * sizeof(double)), stats[sizeof(RunStats) / sizeof(double) + width];
+    if (!carry) return NOT_FINITE;
+    RunStats *const of = (RunStats *)stats;
+    Work work = {0, 0, 0};
+    int status = steps_until(a, carry, of, &work);
+    if (status == DONE && !on_level(a, work.last)) status = NOT_CONVERGED;
+    if (status == DONE) {
+        int64_t kept = work.last; /* the node before the last one is not behind the end, but may be there */
+        while (kept > 1 && fabs(a->nodes[(kept - 1) * width + n - 1]) >= fabs(a->total) * (1 - LOCATED)) kept--;
+        a->told[4] = quiet(a, kept);
+        status = end_at(a, kept, carry, of, &a->told[1]);
+        a->told[0] = (double)kept, a->told[2] = work.iterations, a->told[3] = work.residual;
+    }
+    free(carry);
+    return status;
+}
