@@ -15,6 +15,7 @@ from pathlib import Path
 from time import perf_counter
 
 import casadi as ca
+import heyoka as hy
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as dop853
@@ -40,27 +41,36 @@ FORMS = "velocities", "momenta"
 TOLERANCES = 10.0 ** np.arange(-3, -18.1, -0.75)
 
 
-def heyoka(system, q0, v0, p0, duration, tolerances=TOLERANCES, forms=FORMS) -> Iterator[Setting]:
-    """Adaptive Taylor integration, compiled by LLVM, in (q, v) and in (q, p)."""
+def heyoka(
+    system, q0, v0, p0, duration, tolerances=TOLERANCES, forms=FORMS, most_steps=0
+) -> Iterator[Setting]:
+    """Adaptive Taylor integration, compiled by LLVM, in (q, v) and in (q, p).
+
+    The tolerance chooses the order and nothing else: tolerances of the same order are one run. One
+    that has taken `most_steps` (0: any number) raises RuntimeError.
+    """
     for form, start in zip(FORMS, ([q0, v0], [q0, p0]), strict=True):
         if form not in forms or (form == "momenta" and system.structure.explicit):
             continue
+        known: dict[int, Callable[[], np.ndarray]] = {}
         for tol in tolerances:
             began = perf_counter()
             integrator = taylor(system, form, tol)
             setup = perf_counter() - began
             state = np.concatenate(start)
 
-            def run(integrator=integrator, state=state):
+            def run(integrator=integrator, state=state) -> np.ndarray:
                 integrator.time = 0.0
                 integrator.state[:] = state
-                integrator.propagate_until(duration)
+                outcome = integrator.propagate_until(duration, max_steps=most_steps)[0]
+                if outcome == hy.taylor_outcome.step_limit:
+                    raise RuntimeError(f"heyoka has not come to t={duration:g}")
                 return integrator.state.copy()
 
             yield Setting(
                 "heyoka",
                 f"{form}, tol={tol:.0e}, order {integrator.order}",
-                run,
+                known.setdefault(integrator.order, run),
                 setup,
                 form == "momenta",
             )

@@ -27,8 +27,18 @@ def save(
     peers: Mapping[str, str] = MappingProxyType({}),
     means: Mapping[str, float] = MappingProxyType({}),
 ) -> None:
+    """`write`, and say where it is."""
+    print(f"written to {write(name, rows, peers, means).relative_to(FOLDER.parents[1])}")
+
+
+def write(
+    name: str,
+    rows: list[dict[str, Any]],
+    peers: Mapping[str, str] = MappingProxyType({}),
+    means: Mapping[str, float] = MappingProxyType({}),
+) -> Path:
     """Write the rows of a benchmark, with the versions of other tools and geometric means of
-    ratios, and say where they are.
+    ratios: the file.
     """
     FOLDER.mkdir(exist_ok=True)
     path = FOLDER / f"{name}.json"
@@ -36,13 +46,22 @@ def save(
     if means:
         about["geometric means"] = dict(means)
     path.write_text(json.dumps(about | {"rows": rows}, indent=1) + "\n")
-    print(f"written to {path.relative_to(FOLDER.parents[1])}")
+    return path
 
 
 def kept(name: str) -> list[dict[str, Any]]:
     """The rows of a benchmark as they were left; none where there are none."""
     path = FOLDER / f"{name}.json"
     return json.loads(path.read_text())["rows"] if path.exists() else []
+
+
+def with_scene(
+    rows: list[dict[str, Any]], new: list[dict[str, Any]], scenes: list[str]
+) -> list[dict[str, Any]]:
+    """Rows in the order of the scenes, those of the scenes that were measured anew replaced."""
+    again = {row["scene"] for row in new}
+    both = [row for row in rows if row["scene"] not in again] + new
+    return sorted(both, key=lambda row: scenes.index(row["scene"]))
 
 
 def measured_with() -> dict[str, Any]:

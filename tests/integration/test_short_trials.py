@@ -103,7 +103,10 @@ def test_a_call_that_asks_for_no_more_gives_what_the_long_way_gives(monkeypatch,
     long = vi.simulate(system, **asked)
     for name in "tqpkuhc":
         assert np.array_equal(getattr(short, name), getattr(long, name))
-    told, other = ({**motion.stats, "seconds": 0} for motion in (short, long))
+    told, other = (
+        {**motion.stats, "seconds": 0, "backend": motion.stats["backend"].split(": ")[1]}
+        for motion in (short, long)  # the compiler may have come to its end between them
+    )
     assert told == other
     assert vars(short).keys() >= {"system", "rule", "origin", "functions"}
     for name in ("rule", "origin", "functions", "active_sets", "active_set", "events", "sizes"):

@@ -307,6 +307,18 @@ def test_every_stored_result_has_a_title_and_words_on_the_page():
     assert stored and stored <= set(benchmark_page.KNOWN)
 
 
+def test_a_scene_that_is_measured_anew_replaces_its_rows_and_no_others():
+    def rows(scene, *times):
+        return [{"scene": scene, "tolerance": tol, "ms": x} for tol, x in zip("ab", times, strict=True)]
+
+    stored = [*rows("first", 1, 2), *rows("third", 5, 6)]
+    scenes = ["first", "second", "third"]
+    with_second = record.with_scene(stored, rows("second", 3, 4), scenes)
+    assert [row["ms"] for row in with_second] == [1, 2, 3, 4, 5, 6]
+    again = record.with_scene(with_second, rows("first", 7, 8), scenes)
+    assert [row["ms"] for row in again] == [7, 8, 3, 4, 5, 6]
+
+
 def test_a_benchmark_stores_date_machine_and_versions():
     about = record.measured_with()
     assert set(about) >= {

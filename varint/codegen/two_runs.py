@@ -9,30 +9,25 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import two_runs_entries
-from varint.codegen.few_steps import Entries, entries_of
+from varint.codegen.few_steps import entries_of
 from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _FOUND = struct.Struct("qq3dP")  # Proved
-_ASKED = struct.Struct("11P8q4d")  # TwoRuns
+# TwoRuns, what belongs to the course, to the places, and to what is asked
+_COURSE, _PLACES, _ASKED = struct.Struct("7P7q"), struct.Struct("4Pq"), struct.Struct("q4d")
 _TAKEN = struct.Struct("4PPqq2d")  # Taken
 FOUND = _FOUND.size // 8  # numbers that the core tells
 PROVED, NOT_PROVED, NOT_SHORT = range(3)
 
 
 class Course(NamedTuple):
-    """What runs, and how its errors are measured; see `course_of`."""
+    """What runs, how its errors are measured, and what lies at its addresses; see `course_of`."""
 
-    entries: Entries
-    limits: int
-    body: int
-    turns: int
-    order: int
-    linear: int
-    pilot: int
-    longest: int
-    held: tuple  # what lies at these addresses
+    n: int
+    head: bytes
+    held: tuple
 
 
 def course_of(
@@ -70,28 +65,26 @@ def course_of(
         If the loop was not built with the package and cannot be compiled.
     """
     two_runs_entries()
-    return Course(
-        entries_of(kernel, energy),
-        address_of(limits),
-        address_of(body),
-        address_of(turns),
-        order,
-        int(linear),
-        *pieces,
-        (limits, body, turns),
-    )
+    on = entries_of(kernel, energy)
+    arrays = limits, body, turns
+    numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces
+    calls = on.run, on.scene, on.rows, on.energy
+    head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers)
+    return Course(on.n, head, (on, *arrays))
 
 
 class Places(NamedTuple):
-    """Addresses of q and p at the start, of the diagonal of the mass matrix, of parameters, and of
-    `FOUND` numbers that are told, which are this memory.
-    """
+    """Where the start lies, and the `FOUND` numbers that are told; see `places_of`."""
 
-    start: int
-    mass: int
-    c: int
-    found: int
+    head: bytes
     told: np.ndarray
+
+
+def places_of(start: int, mass: tuple[int, int], c: int, found: int, told: np.ndarray) -> Places:
+    """Addresses of q and p at the start, of the diagonal of the mass matrix and how far its numbers
+    are apart, of parameters, and of `FOUND` numbers that are told, which are this memory.
+    """
+    return Places(_PLACES.pack(start, c, mass[0], found, mass[1]), told)
 
 
 class Found(NamedTuple):
@@ -111,7 +104,6 @@ class Found(NamedTuple):
 def two_runs(
     course: Course,
     places: Places,
-    *,
     t0: float,
     duration: float,
     first: int,
@@ -133,47 +125,20 @@ def two_runs(
         How far the fastest small motions turn.
     tol : float
     """
-    entries = course.entries
-    n, (start, mass, c, found, memory) = entries.n, places
     many, take = two_runs_entries()
-    status = many(
-        _ASKED.pack(
-            entries.run,
-            entries.scene,
-            entries.rows,
-            entries.energy,
-            course.limits,
-            start,
-            c,
-            mass,
-            course.body,
-            course.turns,
-            found,
-            n,
-            entries.carry,
-            course.order,
-            first,
-            course.linear,
-            FIXED_POINT_ITERATIONS,
-            course.pilot,
-            course.longest,
-            t0,
-            duration,
-            radians,
-            tol,
-        )
-    )
+    asked = _ASKED.pack(first, t0, duration, radians, tol)
+    status = many(course.head + places.head + asked)
     if status != PROVED:
         return status
-    steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(memory.data)
-    nodes = steps + 1
-    q, p = np.empty((nodes, n)), np.empty((nodes, n))
-    t, k = np.empty(nodes), np.empty(nodes, np.int64)
+    steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told.data)
+    n, nodes = course.n, steps + 1
+    both, t, k = np.empty((2, nodes, n)), np.empty(nodes), np.empty(nodes, np.int64)
+    at = new_address(both)
     done = take(
         _TAKEN.pack(
             rows,
-            new_address(q),
-            new_address(p),
+            at,
+            at + 8 * n * nodes,
             new_address(t),
             new_address(k),
             n,
@@ -183,4 +148,4 @@ def two_runs(
         )
     )
     assert done == DONE
-    return Found(steps, runs, estimate, int(iterations), residual, k, t, q, p)
+    return Found(steps, runs, estimate, int(iterations), residual, k, t, both[0], both[1])

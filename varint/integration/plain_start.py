@@ -12,11 +12,11 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.kernel import address_of
-from varint.codegen.two_runs import FOUND
+from varint.codegen.two_runs import FOUND, Places, places_of
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import RunOptions, Start
 from varint.integration.small_motions import local_function_of_momentum
-from varint.integration.start import check_mass, start_function
+from varint.integration.start import check_mass, regular_at, start_function
 from varint.numerics.arrays import hand_over
 from varint.rules.rule import Rule
 from varint.scene.inputs import vector
@@ -24,6 +24,7 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System, parameter_values
 
 LARGE = 2.0**53  # whole numbers below are numbers of double precision
+FLOAT = np.dtype(float)
 
 
 class Room(NamedTuple):
@@ -37,12 +38,14 @@ class Room(NamedTuple):
         p, ∂L/∂q + F, L and M, by `begin`; p lies behind q.
     local : array
         M and the derivatives of forces by coordinates, by `look`.
-    mass : array (n,)
-        To be written: the diagonal of M.
-    found : array
-        What the core tells.
-    at, mass_at, found_at, c_at : int
-        Addresses.
+    told : array
+        q, values and v, one behind the other.
+    regular : set of bytes
+        Parameters for which the mass matrix is known to be regular; `check_mass` adds to it.
+    at, c_at : int
+        Addresses of q and of the parameters.
+    places : Places
+        What two runs are handed.
     begin, look : callable
         `look` is None in a room without.
     held : tuple
@@ -55,12 +58,11 @@ class Room(NamedTuple):
     c: np.ndarray
     values: np.ndarray
     local: np.ndarray
-    mass: np.ndarray
-    found: np.ndarray
+    told: np.ndarray
+    regular: set[bytes]
     at: int
-    mass_at: int
-    found_at: int
     c_at: int
+    places: Places
     begin: Callable[[], object]
     look: Callable[[], object] | None
     held: tuple
@@ -111,20 +113,20 @@ def rooms(system: System, looks: bool) -> list[Room]:
 def room_of(system: System, looks: bool) -> Room:
     """A room for the scene, whose functions are made of symbols alone."""
     n, many = system.structure.n, system.c.numel()
-    sizes = n, 2 * n + 1 + n * n, n, 2 * n * n, n, FOUND, 1, many
+    sizes = n, 2 * n + 1 + n * n, n, 2 * n * n, FOUND, 1, many
     ends = np.cumsum(sizes)
     block = np.zeros(ends[-1])
-    q, values, v, local, mass, found, t, c = np.split(block, ends[:-1])
+    q, values, v, local, found, t, c = np.split(block, ends[:-1])
     at = address_of(block)
-    mass_at, found_at, c_at = (at + 8 * int(ends[i]) for i in (3, 4, 6))
+    mass_at, found_at, c_at = (at + 8 * int(ends[i]) for i in (2, 3, 5))
     begin, one = _on(start_function(system), (q, v, np.empty(0), t, c), (values,))
     look, other, half = None, (), n * n
     if looks:
         inputs = q, values[:n], t, c
         look, other = _on(local_function_of_momentum(system), inputs, (local[:half], local[half:]))
-    addresses = at, mass_at, found_at, c_at
-    parts = q, v, t, c, values, local, mass, found
-    return Room(*parts, *addresses, begin, look, (block, one, other))
+    parts = q, v, t, c, values, local, block[: ends[2]]
+    places = places_of(at, (mass_at, n + 1), c_at, found_at, found)
+    return Room(*parts, regular_at(system), at, c_at, places, begin, look, (block, one, other))
 
 
 def begin_in(room: Room, system: System, start: Start) -> np.ndarray | None:
@@ -136,14 +138,28 @@ def begin_in(room: Room, system: System, start: Start) -> np.ndarray | None:
         If coordinates, velocities or parameters are no such numbers, or the mass matrix is
         singular.
     """
-    n, names, c = system.structure.n, system.names, parameter_values(system, start.params)
-    room.q[:], room.v[:] = vector("q0", start.q0, n, names), vector("v0", start.v0, n, names)
-    room.t[0], room.c[:] = start.t0, c
+    params = start.params
+    c = system.default_vector if params is None else parameter_values(system, params)
+    _put(room.q, "q0", start.q0, system)
+    _put(room.v, "v0", start.v0, system)
+    room.t[0] = start.t0
+    room.c[:] = c
     room.begin()
-    if not math.isfinite(sum(room.values.tolist())):
+    if not math.isfinite(sum(room.told.tolist())):
+        for what, x in (("q0", start.q0), ("v0", start.v0)):
+            vector(what, x, len(room.q), system.names)
         return None
-    check_mass(system, room.values[2 * n + 1 :], c)
+    if c.tobytes() not in room.regular:
+        check_mass(system, room.values[2 * len(room.q) + 1 :], c)
     return c
+
+
+def _put(place: np.ndarray, what: str, x: Any, system: System) -> None:
+    """Numbers into their place; whether they are finite is seen when all of them are there."""
+    if type(x) is np.ndarray and x.dtype is FLOAT and x.shape == place.shape:
+        place[:] = x
+    else:
+        place[:] = vector(what, x, len(place), system.names)
 
 
 def _on(

@@ -6,7 +6,9 @@ The choice is by the number of operations, never by the clock: the same input gi
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from functools import cache
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +27,7 @@ SECULAR = 2.0  # divided by the square of the number of steps: what iterations l
 OVERTONES = 2.0
 ANHARMONIC = 1.5  # more steps than a small oscillation takes
 ROUGH = 0.01  # error of a run that says something
+MOST_LOGARITHM = 300.0  # of radians over a wanted error: more than anyone asks for
 
 
 @per_scene
@@ -50,33 +53,62 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
 
 
 class Priced(NamedTuple):
-    """A rule, the work of a step, its `phase_error`, and the reciprocal of its order."""
+    """A rule, the work of a step, its `phase_error`, the reciprocal of its order, and by how much
+    half of the steps err more.
+    """
 
     rule: Rule
     work: float
     error: float
     root: float
+    more: float
 
 
 def priced(rules: dict[Rule, float]) -> tuple[Priced, ...]:
     """`candidates` with all that does not depend on the motion."""
-    return tuple(Priced(r, work, phase_error(r), 1 / r.order) for r, work in rules.items())
+    return tuple(
+        Priced(r, work, phase_error(r), 1 / r.order, 2.0**r.order) for r, work in rules.items()
+    )
 
 
-def cheapest(rules: tuple[Priced, ...], radians: float, tol: float) -> Rule:
-    """The rule of least work for a small oscillation over so many radians."""
-    if len(rules) == 1:
-        return rules[0].rule
-    turned, fewest = max(radians, 1.0) / tol, 1 / RADIANS
-    costs = [
-        work * max(OVERTONES * (turned * error) ** root, fewest) for _, work, error, root in rules
-    ]
-    return rules[costs.index(min(costs))].rule
+def _costs(rules: tuple[Priced, ...], turned: float) -> list[float]:
+    """Work of each for a small oscillation, over so many radians divided by the wanted error."""
+    return [x.work * max(OVERTONES * (turned * x.error) ** x.root, 1 / RADIANS) for x in rules]
+
+
+def changes(rules: tuple[Priced, ...]) -> tuple[list[float], list[int]]:
+    """Where another rule becomes the cheapest, as radians over the wanted error, and the cheapest
+    ones before, between and behind.
+
+    Costs are powers of that with a least one: two of them cross where the powers do, or one power
+    and the other least.
+    """
+    crossings = [0.0]  # logarithms
+    for a, b in permutations(rules, 2):
+        least = math.log(b.work / (RADIANS * OVERTONES * a.work))
+        crossings.append(least / a.root - math.log(a.error))
+        if a.root != b.root:
+            powers = [math.log(x.work) + x.root * math.log(x.error) for x in (a, b)]
+            crossings.append((powers[1] - powers[0]) / (a.root - b.root))
+    at = [math.exp(x) for x in sorted(crossings) if 0 <= x < MOST_LOGARITHM]
+    between = [math.sqrt(x * y) for x, y in zip(at, [*at[1:], 4 * at[-1]], strict=True)]
+    best = [costs.index(min(costs)) for costs in (_costs(rules, x) for x in between)]
+    kept = [i for i in range(1, len(at)) if best[i] != best[i - 1]]
+    return [at[i] for i in kept], [best[0], *(best[i] for i in kept)]
+
+
+def cheapest(known: tuple[list[float], list[int]], radians: float, tol: float) -> int:
+    """Which of the rules has least work for a small oscillation over so many radians, by their
+    `changes`.
+    """
+    at, best = known
+    return best[bisect_right(at, (radians if radians > 1 else 1.0) / tol)]
 
 
 def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
-    """`cheapest` of `candidates`."""
-    return cheapest(priced(rules), radians, tol)
+    """The one of `candidates` that has least work for a small oscillation over so many radians."""
+    costs = _costs(priced(rules), max(radians, 1.0) / tol)
+    return list(rules)[costs.index(min(costs))]
 
 
 @cache
@@ -102,7 +134,11 @@ def iteration_level(tol: float, steps: int) -> float:
 
 def steps_for(rule: Rule, radians: float, tol: float) -> int:
     """Steps of a coarse run to begin with: those of a small oscillation, and half as many more."""
-    rough = min(ROUGH, tol * 2.0**rule.order)
-    turned = max(radians, 1.0)
-    each = (turned * phase_error(rule) / rough) ** (1 / rule.order)
+    return first_steps(priced({rule: 1.0})[0], radians, tol)
+
+
+def first_steps(rule: Priced, radians: float, tol: float) -> int:
+    """`steps_for` of a rule whose errors are known."""
+    turned, rough = max(radians, 1.0), min(ROUGH, tol * rule.more)
+    each = (turned * rule.error / rough) ** rule.root
     return math.ceil(ANHARMONIC * turned * max(each, 1 / RADIANS))

@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from varint.codegen.kernel import Kernel
-from varint.codegen.two_runs import Course, Places
+from varint.codegen.two_runs import Course
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.energy_check import energy_rows
@@ -29,7 +29,14 @@ from varint.integration.plain_start import (
 )
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import RunOptions, Start
-from varint.integration.rule_choice import Priced, candidates, cheapest, priced
+from varint.integration.rule_choice import (
+    Priced,
+    candidates,
+    changes,
+    cheapest,
+    first_steps,
+    priced,
+)
 from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import course_by, two_short_runs
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
@@ -80,49 +87,65 @@ def _by_the_core(
     check_steps(t0, duration, 1)
     if known.varies and worthwhile_pilot(system, room.q, room.v, c, duration):
         return None
-    n = known.n
     assert room.look is not None
     room.look()
-    room.mass[:] = room.local[: n * n : n + 1]
-    numbers = room.local.tolist()
-    fastest = frequency_of_columns(numbers[: n * n], numbers[n * n :], n)
+    numbers, half = room.local.tolist(), known.n * known.n
+    fastest = frequency_of_columns(numbers[:half], numbers[half:], known.n)
     radians = angle_turned(duration, fastest)
-    rule = cheapest(known.rules, radians, tol)
-    loop = _loop(system, rule)
+    which = cheapest(known.changes, radians, tol)
+    price, loop = known.rules[which], known.loops[which]
     if loop is None:
+        loop = known.loops[which] = _loop(system, price.rule)
+    if loop.gears is None:
         return None
-    kernel = kernel_now(loop.gears)
+    kernel, rule = kernel_now(loop.gears), price.rule
     if kernel is not loop.last[0]:
         loop.last = kernel, course_by(system, rule, kernel)
     course = loop.last[1]
     if course is None:
         return None
-    places = Places(room.at, room.mass_at, room.c_at, room.found_at, room.found)
-    found = two_short_runs((system, rule, kernel, course), places, t0, duration, radians, tol)
+    first = first_steps(price, radians, tol)
+    how = system, rule, kernel, course
+    found = two_short_runs(how, room.places, t0, duration, first, radians, tol)
     if isinstance(found, int):
         return found
-    steps = found.steps
+    steps, runs, estimate, iterations, residual, *_ = found
     return plain_motion_of(
         system,
         loop.plan,
         kernel,
-        (found.k, found.t, found.q, found.p),
+        found[5:],
         (duration / steps, t0, np.empty((steps, 1, 0)), c),
-        (found.iterations, found.residual),
+        (iterations, residual),
         seconds=perf_counter() - began,
         tol=tol,
-        error_estimate=found.estimate,
+        error_estimate=estimate,
         rule=rule.name,
-        runs=found.runs,
+        runs=runs,
     )
+
+
+@dataclass(eq=False)
+class _Loop:
+    """Of a scene and a rule: the plan, the gears if there are some, and the loop that ran last,
+    with its course.
+    """
+
+    plan: Plan
+    gears: Gears | None
+    last: tuple[Kernel | None, Course | None] = (None, None)
 
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Of a scene: coordinates, rules and their prices, and whether steps may vary."""
+    """Of a scene: coordinates, rules, their prices and which is the cheapest when, their loops as
+    far as they were asked for, and whether steps may vary.
+    """
 
     n: int
     rules: tuple[Priced, ...]
+    changes: tuple[list[float], list[int]]
+    loops: list[_Loop | None]
     varies: bool
 
 
@@ -137,19 +160,10 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
     if rule is None and not runs_by_stages(system, gauss(8), "auto"):
         return None
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
-    return _Known(n, priced(rules), may_vary(system, rule))
-
-
-@dataclass(eq=False)
-class _Loop:
-    """Of a scene and a rule: the plan, the gears, and the loop that ran last, with its course."""
-
-    plan: Plan
-    gears: Gears
-    last: tuple[Kernel | None, Course | None] = (None, None)
+    prices = priced(rules)
+    return _Known(n, prices, changes(prices), [None] * len(prices), may_vary(system, rule))
 
 
 @per_scene
-def _loop(system: System, rule: Rule) -> _Loop | None:
-    gears = gears_of(system, rule, scheme_of(system, rule))
-    return None if gears is None else _Loop(plan(system, rule), gears)
+def _loop(system: System, rule: Rule) -> _Loop:
+    return _Loop(plan(system, rule), gears_of(system, rule, scheme_of(system, rule)))

@@ -18,6 +18,7 @@ from varint.codegen.two_runs import (
     Found,
     Places,
     course_of,
+    places_of,
     two_runs,
 )
 from varint.integration.backend import kernel_for
@@ -72,8 +73,9 @@ def by_short_trials(
     room = np.concatenate((start.q0, start.p0, mass, start.c, np.zeros(FOUND)))
     at = address_of(room)
     told = 3 * n + start.c.size
-    places = Places(at, at + 16 * n, at + 24 * n, at + 8 * told, room[told:])
-    found = two_short_runs((system, rule, kernel, course), places, start.t0, start.h, radians, tol)
+    places = places_of(at, (at + 16 * n, 1), at + 24 * n, at + 8 * told, room[told:])
+    asked = start.t0, start.h, steps_for(rule, radians, tol), radians, tol
+    found = two_short_runs((system, rule, kernel, course), places, *asked)
     if isinstance(found, int):
         return found
     steps = found.steps
@@ -90,19 +92,19 @@ def two_short_runs(
     places: Places,
     t0: float,
     duration: float,
+    first: int,
     radians: float,
     tol: float,
 ) -> Found | int:
     """`two_runs`, and a look at whether another gear repays."""
     system, rule, kernel, course = how
-    now, first = perf_counter(), steps_for(rule, radians, tol)
-    found = two_runs(
-        course, places, t0=t0, duration=duration, first=first, radians=radians, tol=tol
-    )
-    if kernel.scene:
-        gears = gears_with(system, rule, scheme_of(system, rule), kernel)
-        if gears:
-            kernel_after(gears, perf_counter() - now, 0.0)
+    if not kernel.scene:
+        return two_runs(course, places, t0, duration, first, radians, tol)
+    now = perf_counter()
+    found = two_runs(course, places, t0, duration, first, radians, tol)
+    gears = gears_with(system, rule, scheme_of(system, rule), kernel)
+    if gears:
+        kernel_after(gears, perf_counter() - now, 0.0)
     return found
 
 

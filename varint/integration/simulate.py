@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -183,12 +184,18 @@ def simulate(
 
         motion = simulate_transformed(system, rule, time_scale, start, options)
     elif h is None and steps is None:
-        from varint.integration.to_tolerance import simulate_to_tolerance
-
-        motion = simulate_to_tolerance(system, rule, start, options)
+        motion = _to_tolerance()(system, rule, start, options)
     else:
         motion = simulate_steps(system, rule, start, options)
     return motion if at is None else only_at(motion, times_of(at))
+
+
+@cache
+def _to_tolerance() -> Callable[[System, Rule | None, Start, RunOptions], Trajectory]:
+    """Loaded when it is asked for; to ask again what is loaded takes a short run's time."""
+    from varint.integration.to_tolerance import simulate_to_tolerance
+
+    return simulate_to_tolerance
 
 
 def _tolerances(

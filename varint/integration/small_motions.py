@@ -50,12 +50,11 @@ def _frequency(m: list[float], k: list[float], n: int) -> float | None:
     """`frequency` of (n, n) matrices, row by row."""
     if not math.isfinite(sum(m) + sum(k)):
         return math.nan
-    inertia = m[:: n + 1]
-    if min(inertia, default=1.0) <= 0:
+    if n and min(m[:: n + 1]) <= 0:
         return None
-    if len(inertia) == 1:
+    if n == 1:
         return math.sqrt(abs(k[0] / m[0]))
-    if len(inertia) == 2:
+    if n == 2:
         volume = m[0] * m[3] - m[1] * m[2]
         if m[1] == 0 == m[2]:
             return _fastest_of_two(k[0] / m[0], k[1] / m[0], k[2] / m[3], k[3] / m[3])

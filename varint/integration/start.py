@@ -133,14 +133,14 @@ def _check_first_order(
 
 
 @per_scene
-def _regular_at(system: System) -> set[bytes]:
+def regular_at(system: System) -> set[bytes]:
     """Parameter values for which a constant mass matrix has been found regular."""
     return set()
 
 
 def check_mass(system: System, mass: np.ndarray, c: np.ndarray) -> None:
     """`check_inertia`, once for each parameter values where the mass matrix is constant."""
-    known, key = _regular_at(system), c.tobytes()
+    known, key = regular_at(system), c.tobytes()
     if key not in known:
         check_inertia(system, mass.reshape(system.structure.n, -1))
         if system.structure.constant_mass and len(known) < REMEMBERED:

@@ -162,8 +162,8 @@ def plain_motion_of(
         "iterations": work[0],
         "residual": work[1],
         "interrupted": False,
-        **more,
     }
+    stats.update(more)
     return _motion(system, chosen, kernel, nodes, grid, stats)
 
 
@@ -177,21 +177,22 @@ def _motion(
 ) -> Trajectory:
     """In half the time of its constructor, which short runs notice."""
     (k, t, q, p), (h, t0, u, c) = nodes, grid
-    motion = object.__new__(Trajectory)
-    motion.__dict__.update(
-        system=system,
-        rule=chosen.rule,
-        t=t,
-        q=q,
-        p=p,
-        h=h,
-        k=k,
-        u=u,
-        c=c,
-        functions=steps_again(chosen.rule, in_gear if kernel else interpreted),
-        origin=t0,
-        stats=MappingProxyType(stats),
-    )
+    motion, rule = object.__new__(Trajectory), chosen.rule
+    known = {
+        "system": system,
+        "rule": rule,
+        "t": t,
+        "q": q,
+        "p": p,
+        "h": h,
+        "k": k,
+        "u": u,
+        "c": c,
+        "functions": steps_again(rule, in_gear if kernel else interpreted),
+        "origin": t0,
+        "stats": MappingProxyType(stats),
+    }
+    object.__setattr__(motion, "__dict__", known)
     return motion
 
 

@@ -39,10 +39,11 @@ typedef struct {
     int (*rows)(const RowsArguments *);
     const void *energy; /* (q, p, t) to the energy and |p v| */
     const Limits *limits;
-    const double *start, *c, *mass;  /* q and p; parameters; the mass matrix' diagonal */
-    const int64_t *body, *turns;     /* first coordinate of the same body; is it an angle? */
+    const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
+    int64_t n, carry, order, linear, most, pilot, longest; /* steps of a first piece, and of a run that is short */
+    const double *start, *c, *mass; /* q and p; parameters; the mass matrix' diagonal, its numbers so far apart */
     Proved *found;
-    int64_t n, carry, order, first, linear, most, pilot, longest; /* steps of a first piece, and of a run that is short */
+    int64_t apart, first;
     double t0, duration, radians, tol;
 } TwoRuns;
 
@@ -181,14 +182,14 @@ static void set_scales(const TwoRuns *a, const Attempt *run, double *scales) {
         for (int64_t i = 0; i < n; i++) members += a->body[i] == a->body[d];
         scales[d] = members > 1 ? sqrt(square[a->body[d]]) : range[d];
         if (a->turns[d] && scales[d] > 1) scales[d] = 1;
-        const double mass = n > 1 ? fabs(a->mass[d]) : 1;
+        const double mass = n > 1 ? fabs(a->mass[a->apart * d]) : 1;
         if (mass > 0 && !(some < INFINITY)) some = mass;
         else if (mass > some) some = mass;
     }
     if (!(some < INFINITY)) some = 1;
     for (int pass = 0; pass < 2; pass++)
         for (int64_t d = 0; d < n; d++) {
-            double mass = n > 1 ? fabs(a->mass[d]) : 1;
+            double mass = n > 1 ? fabs(a->mass[a->apart * d]) : 1;
             mass = mass > 0 ? mass : some;
             if (!pass) {
                 const double each = mass * (scales[d] * scales[d]);
