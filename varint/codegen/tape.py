@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from heapq import heappop, heappush
 
@@ -11,6 +10,7 @@ import numpy as np
 from varint.codegen.arguments import c_source
 from varint.codegen.dependence import needed, sine_and_cosine, uniform_nodes
 from varint.codegen.graph import Graph, NotCompilable, operands
+from varint.numerics.dataclass import dataclass
 
 MOST = 65_535  # registers, operands are numbers of 16 bits
 # operations between one and another that takes its value, where there are others to do: so long it
