@@ -1,16 +1,18 @@
-"""Toolkits for optimal control at equal error of the cost: from nothing, and again.
+"""Ways to an optimal control at equal error of the cost: from nothing, and again.
 
-Run: python benchmarks/optimal_control_tools.py [tool …]. Result:
-benchmarks/results/optimal_control_tools.json.
+Run: python benchmarks/optimal_control_tools.py [tool …], or as part of
+benchmarks/optimal_control.py. Results: benchmarks/results/optimal_control.json and .png, all
+settings; benchmarks/results/optimal_control_tools.json, the quickest for a wanted error.
 
-Kelly's cart-pole in each tool, as its manual has it (benchmarks/tools/control_peers.py): every
-setting runs in processes of its own, one after the other; times are processor times, compilers'
-among them. "Import" is the tool's; "first" builds and solves; "again" is the median of three
-further ends, from the last solution. For each wanted error of the cost the quickest first solve
-among a tool's settings counts, and the quickest further one. Tools that are not installed are left
-out with a message: pip install rockit-meco mpopt dymos opty (opty needs cyipopt, which builds
-against CasADi's own Ipopt: a file ipopt.pc that names casadi/include/coin-or and
-casadi/libipopt.so.3).
+Kelly's cart-pole by varint, by collocation written by hand in CasADi and by toolkits, each as its
+manual has it (benchmarks/tools/control_peers.py): every setting runs in processes of its own, and
+all settings take turns; times are processor times, compilers' among them. "Import" is the tool's;
+"first" builds and solves; "again" is the median of three further ends, from the last solution. For
+each wanted error of the cost the quickest first solve among a tool's settings counts, and the
+quickest further one. With `--resume` settings that the record already holds are left as they are;
+names of tools measure these anew. Tools that are not installed are left out with a message: pip
+install rockit-meco mpopt dymos opty cyipopt, the last one built against Ipopt's and LAPACK's
+headers (coinor-libipopt-dev, liblapack-dev).
 """
 
 from __future__ import annotations
@@ -20,101 +22,164 @@ import os
 import subprocess
 import sys
 import tempfile
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from statistics import median
 
-import numpy as np
-from tools.record import kept, save, table
+import matplotlib.pyplot as plt
+from tools.record import FOLDER, kept, save, table
 
 WANTED = (1e-3, 1e-6, 1e-9)
 SETTINGS: dict[str, list[tuple[str, int]]] = {
     "varint": [
-        *(("gauss(3)", n) for n in (10, 20)),
+        *(("gauss(1)", n) for n in (40, 160)),
+        *(("gauss(2)", n) for n in (20, 40, 80)),
+        *(("gauss(3)", n) for n in (10, 20, 40)),
         *(("gauss(4)", n) for n in (10, 16, 24, 32, 40)),
-        *(("gauss(5)", n) for n in (16, 24, 32)),
+        *(("gauss(5)", n) for n in (16, 20, 24, 32)),
     ],
     "Hermite–Simpson": [("-", n) for n in (20, 30, 44, 80, 160, 240, 320)],
+    "trapezoidal": [("-", n) for n in (20, 40, 80, 160)],
+    "Legendre": [("2", 40), ("2", 80), ("3", 20), ("3", 40), ("4", 16), ("4", 40)],
     "mpopt": [("5", 20), ("8", 8), ("12", 8), ("15", 10)],
-    "rockit": [("linear", 20), ("linear", 40), ("constant", 120)],
-    "dymos": [("3", 20), ("3", 30)],
+    "rockit": [("linear", 20), ("linear", 40), ("linear", 120), ("constant", 80)],
+    "dymos": [("3", 20), ("7", 8)],
     "opty": [("midpoint", 80), ("midpoint", 320)],
 }
-NEEDS = {"rockit": "rockit", "mpopt": "mpopt", "dymos": "dymos", "opty": "opty"}
-REPEATS, QUICK, LIMIT = 2, 8.0, 300.0  # seconds: what takes longer runs once, or is given up
+NEEDS = {"rockit": "rockit-meco", "mpopt": "mpopt", "dymos": "dymos", "opty": "opty"}
+# seconds: what takes longer runs in the first turn alone, or is given up
+TURNS, QUICK, LIMIT = 5, 4.0, 300.0
+NAMES = ("import", "first", "again")
 WORKER = Path(__file__).parent / "tools" / "control_peers.py"
 
 
-def measured(tool: str, setting: str, steps: int, cache: str) -> dict[str, float] | None:
-    """Medians of some processes; None where it takes too long or fails."""
-    found: list[dict] = []
+def one_run(tool: str, setting: str, steps: int, cache: str) -> dict[str, float] | None:
+    """What one process measures; None where it takes too long or fails."""
     # everything installed comes compiled to byte code; so does a checkout here
     environment = os.environ | {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
-    environment |= {"OMP_NUM_THREADS": "1"}
     command = [sys.executable, str(WORKER), tool, setting, str(steps)]
-    for _ in range(REPEATS + 1):  # the first one fills the caches
-        try:
-            run = subprocess.run(
-                command, capture_output=True, text=True, timeout=LIMIT, env=environment
-            )
-        except subprocess.TimeoutExpired:
-            print(f"{tool} {setting} × {steps}: more than {LIMIT:.0f} s")
-            return None
-        if run.returncode:
-            print(f"{tool} {setting} × {steps}: {run.stderr.strip().splitlines()[-1]}")
-            return None
-        found.append(json.loads(run.stdout.splitlines()[-1]))
-        if sum(found[-1][name] for name in ("import s", "first s")) > QUICK:
-            break
-    found = found[1:] or found
-    names = ("import s", "first s", "again s", "error")
-    return {name: float(np.median([x[name] for x in found])) for name in names}
-
-
-def main(tools: list[str]) -> None:
-    """These tools, and what is quickest at each wanted error, written as it comes; others keep
-    their rows.
-    """
-    rows: list[dict] = []
-    with tempfile.TemporaryDirectory() as cache:
-        for tool in tools:
-            settings = SETTINGS[tool]
-            if tool in NEEDS and find_spec(NEEDS[tool]) is None:
-                print(f"{tool} is not installed; left out")
-                continue
-            runs = []
-            for setting, steps in settings:
-                one = measured(tool, setting, steps, cache)
-                if one is not None:
-                    runs.append({"setting": f"{setting} × {steps}".removeprefix("- × ")} | one)
-                    rows = [x for x in kept("optimal_control_tools") if x["tool"] != tool]
-                    rows += _quickest(tool, runs)
-                    rows.sort(key=lambda row: (-float(row["wanted error"]), row["first ms"]))
-                    save("optimal_control_tools", rows)
-            table(runs)
-    table(rows)
-
-
-def _quickest(tool: str, runs: list[dict]) -> list[dict]:
-    """The quickest first and further solves of a tool that are as good as wanted."""
-    rows = []
-    for wanted in WANTED:
-        fit = [run for run in runs if run["error"] <= wanted]
-        if not fit:
-            continue
-        best = min(fit, key=lambda run: run["first s"])
-        rows.append(
-            {
-                "wanted error": f"{wanted:.0e}",
-                "tool": tool,
-                "setting": best["setting"],
-                "error": best["error"],
-                "import ms": 1e3 * best["import s"],
-                "first ms": 1e3 * best["first s"],
-                "again ms": 1e3 * min(run["again s"] for run in fit),
-            }
+    try:
+        run = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+            env=environment | {"OMP_NUM_THREADS": "1"},
         )
+    except subprocess.TimeoutExpired:
+        print(f"{tool} {setting} × {steps}: more than {LIMIT:.0f} s")
+        return None
+    if run.returncode:
+        print(f"{tool} {setting} × {steps}: {run.stderr.strip().splitlines()[-1]}")
+        return None
+    return json.loads(run.stdout.splitlines()[-1])
+
+
+def installed(tools: list[str]) -> dict[str, str]:
+    """The version of every tool that is a package of its own; what is missing is said."""
+    found = {}
+    for tool in tools:
+        if tool in NEEDS and find_spec(tool) is None:
+            print(f"{tool} is not installed; left out")
+        elif tool in NEEDS:
+            found[tool] = version(NEEDS[tool])
+    return found
+
+
+def measured(tools: list[str], known: list[dict], versions: dict[str, str]) -> list[dict]:
+    """Rows of these tools besides those known, settings in turn; written as they come."""
+    done = {(row["tool"], row["setting"], row["steps"]) for row in known}
+    present = [tool for tool in tools if tool in versions or tool not in NEEDS]
+    left = [(tool, *x) for tool in present for x in SETTINGS[tool] if (tool, *x) not in done]
+    runs: dict[tuple[str, str, int], list[dict]] = {}
+    rows = known
+    with tempfile.TemporaryDirectory() as cache:
+        for turn in range(TURNS + 1):  # the first one fills the caches
+            for key in list(left):
+                one = one_run(*key, cache)
+                slow = one is not None and one["import s"] + one["first s"] > QUICK
+                if turn or slow:
+                    runs.setdefault(key, []).extend([one] if one else [])
+                if one is None or slow:
+                    left.remove(key)
+                    rows = _recorded(known, runs, versions)
+            rows = _recorded(known, runs, versions)
     return rows
 
 
+def _recorded(
+    known: list[dict], runs: dict[tuple[str, str, int], list[dict]], versions: dict[str, str]
+) -> list[dict]:
+    """All rows, written down: medians of what ran so far."""
+    rows = list(known)
+    for (tool, setting, steps), some in runs.items():
+        if some:
+            row = {"tool": tool, "setting": setting, "steps": steps, "error": some[0]["error"]}
+            row |= {f"{x} ms": 1e3 * median(run[f"{x} s"] for run in some) for x in NAMES}
+            rows.append(row)
+    rows.sort(key=lambda row: (list(SETTINGS).index(row["tool"]), row["setting"], row["steps"]))
+    save("optimal_control", rows, versions)
+    return rows
+
+
+def quickest(rows: list[dict]) -> list[dict]:
+    """The quickest first and further solves of every tool that are as good as wanted."""
+    found = []
+    for wanted in WANTED:
+        some = []
+        for tool in SETTINGS:
+            fit = [row for row in rows if row["tool"] == tool and row["error"] <= wanted]
+            if not fit:
+                continue
+            best = min(fit, key=lambda row: row["first ms"])
+            setting = f"{best['setting']} × {best['steps']}".removeprefix("- × ")
+            one = {"wanted error": f"{wanted:.0e}", "tool": tool, "setting": setting}
+            one |= {name: best[name] for name in ("error", "import ms", "first ms")}
+            one["both ms"] = best["import ms"] + best["first ms"]
+            some.append(one | {"again ms": min(row["again ms"] for row in fit)})
+        found += sorted(some, key=lambda row: row["first ms"])
+    return found
+
+
+def draw(rows: list[dict]) -> None:
+    """Error of the cost against the time of the first and of a further solve."""
+    figure, panels = plt.subplots(1, 2, figsize=(9.5, 4.8), sharey=True, layout="constrained")
+    curves = list(dict.fromkeys((row["tool"], row["setting"]) for row in rows))
+    colours = plt.get_cmap("tab20")
+    for axes, name, what in zip(panels, NAMES[1:], ("first", "further"), strict=True):
+        for i, curve in enumerate(curves):
+            mine = [row for row in rows if (row["tool"], row["setting"]) == curve]
+            axes.loglog(
+                [row[f"{name} ms"] for row in mine],
+                [row["error"] for row in mine],
+                "o-" if curve[0] == "varint" else "s--",
+                ms=4,
+                label=" ".join(curve).removesuffix(" -"),
+                color=colours(i % 20),
+            )
+        axes.set(xlabel=f"{what} solve, ms of the processor")
+        axes.grid(alpha=0.3)
+    panels[0].set(ylabel="relative error of the cost")
+    figure.suptitle("Cart-pole swing-up: error of the cost against time")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right", fontsize="small")
+    figure.savefig(FOLDER / "optimal_control.png", dpi=120)
+    plt.close(figure)
+
+
+def main(words: list[str]) -> None:
+    """These tools, or all; with `--resume` those settings that are not in the record yet."""
+    tools = [word for word in words if word in SETTINGS] or list(SETTINGS)
+    versions, known = installed(list(SETTINGS)), kept("optimal_control")
+    if "--resume" not in words:
+        known = [row for row in known if row.get("tool") not in (None, *tools)]
+    rows = measured(tools, known, versions)
+    table(rows)
+    best = quickest(rows)
+    save("optimal_control_tools", best, versions)
+    table(best)
+    draw(rows)
+
+
 if __name__ == "__main__":
-    main(sys.argv[1:] or list(SETTINGS))
+    main(sys.argv[1:])

@@ -76,30 +76,79 @@ def varint(rule: str, steps: int) -> Runs:
 
 
 def hermite_simpson(_: str, steps: int) -> Runs:
-    """The separated form by hand in CasADi's Opti, warm from its last solution and multipliers."""
+    """The separated form by hand in CasADi's Opti."""
     import casadi as ca
 
-    state, force = ca.SX.sym("x", 4), ca.SX.sym("u")
-    a = accelerations(ca.sin(state[1]), ca.cos(state[1]), state[3], force)
-    f = ca.Function("f", [state, force], [ca.vertcat(state[2:], *a)])
-    opti, h = ca.Opti(), TIME / steps
+    f, opti, h = _rates(), ca.Opti(), TIME / steps
     x, middle = opti.variable(4, steps + 1), opti.variable(4, steps)
-    u, between, end = opti.variable(1, steps + 1), opti.variable(1, steps), opti.parameter(4)
+    u, between = opti.variable(1, steps + 1), opti.variable(1, steps)
     cost = 0
     for k in range(steps):
         f0, fm, f1 = f(x[:, k], u[k]), f(middle[:, k], between[k]), f(x[:, k + 1], u[k + 1])
         opti.subject_to(middle[:, k] == (x[:, k] + x[:, k + 1]) / 2 + h / 8 * (f0 - f1))
         opti.subject_to(x[:, k + 1] == x[:, k] + h / 6 * (f0 + 4 * fm + f1))
         cost += h / 6 * (u[k] ** 2 + 4 * between[k] ** 2 + u[k + 1] ** 2)
+    s = np.linspace(0, 1, steps + 1)
+    opti.set_initial(middle, guess(s[:-1] + 0.5 / steps))
+    return _by_hand(opti, x, [u, between], cost)
+
+
+def trapezoidal(_: str, steps: int) -> Runs:
+    """Trapezoidal collocation by hand in CasADi's Opti."""
+    import casadi as ca
+
+    f, opti, h = _rates(), ca.Opti(), TIME / steps
+    x, u, cost = opti.variable(4, steps + 1), opti.variable(1, steps + 1), 0
+    for k in range(steps):
+        both = f(x[:, k], u[k]) + f(x[:, k + 1], u[k + 1])
+        opti.subject_to(x[:, k + 1] == x[:, k] + h / 2 * both)
+        cost += h / 2 * (u[k] ** 2 + u[k + 1] ** 2)
+    return _by_hand(opti, x, [u], cost)
+
+
+def legendre(points: str, steps: int) -> Runs:
+    """Collocation at so many Legendre points by hand in CasADi's Opti."""
+    import casadi as ca
+
+    r = int(points)
+    places = ca.collocation_points(r, "legendre")
+    slopes, end, weights = ca.collocation_coeff(places)
+    f, opti, h = _rates(), ca.Opti(), TIME / steps
+    x, u, cost = opti.variable(4, steps + 1), opti.variable(r, steps), 0
+    inner = opti.variable(4, r * steps)
+    for k in range(steps):
+        z = inner[:, r * k : r * (k + 1)]
+        path = ca.horzcat(x[:, k], z)
+        for j in range(r):
+            opti.subject_to(ca.mtimes(path, slopes[:, j]) == h * f(z[:, j], u[j, k]))
+        opti.subject_to(x[:, k + 1] == ca.mtimes(path, end))
+        cost += h * ca.dot(weights, u[:, k] ** 2)
+    s = (np.arange(steps)[:, None] + np.array(places)).ravel() / steps
+    opti.set_initial(inner, guess(s))
+    return _by_hand(opti, x, [u], cost)
+
+
+def _rates():
+    """x' = f(x, u) as a CasADi function."""
+    import casadi as ca
+
+    state, force = ca.SX.sym("x", 4), ca.SX.sym("u")
+    a = accelerations(ca.sin(state[1]), ca.cos(state[1]), state[3], force)
+    return ca.Function("f", [state, force], [ca.vertcat(state[2:], *a)])
+
+
+def _by_hand(opti, x, controls: list, cost) -> Runs:
+    """What is written by hand, end by end: warm from its last solution and multipliers."""
+    import casadi as ca
+
+    end = opti.parameter(4)
     opti.subject_to(x[:, 0] == 0)
     opti.subject_to(x[:, -1] == end)
-    for control in (u, between):
+    for control in controls:
         opti.subject_to(opti.bounded(-LIMIT, ca.vec(control), LIMIT))
     opti.subject_to(opti.bounded(-WAY, ca.vec(x[0, :]), WAY))
     opti.minimize(cost)
-    s = np.linspace(0, 1, steps + 1)
-    opti.set_initial(x, guess(s))
-    opti.set_initial(middle, guess(s[:-1] + 0.5 / steps))
+    opti.set_initial(x, guess(np.linspace(0, 1, x.shape[1])))
     plain, quiet = {"expand": True, "print_time": False}, {"print_level": 0, "sb": "yes"}
     opti.solver("ipopt", plain, quiet)
     opti.set_value(end, [ENDS[0], np.pi, 0, 0])
@@ -307,6 +356,8 @@ def dymos(order: str, steps: int) -> Runs:
 TOOLS: dict[str, Callable[[str, int], Runs]] = {
     "varint": varint,
     "Hermite–Simpson": hermite_simpson,
+    "trapezoidal": trapezoidal,
+    "Legendre": legendre,
     "rockit": rockit,
     "mpopt": mpopt,
     "opty": opty,

@@ -38,17 +38,17 @@ KNOWN = {
     ),
     "optimal_control": Benchmark(
         "Optimal control",
-        "Kelly's cart-pole: error of the cost against the time to build and solve, beside "
-        "collocations written by hand in CasADi, and rockit and opty where they are installed "
-        "(opty's time includes its compiler's).",
+        "Kelly's cart-pole: error of the cost against the processor time of the first and of a "
+        "further solve, beside collocations written by hand in CasADi and the toolkits that pip "
+        "installs, every setting in processes of its own (compilers' time included).",
     ),
     "optimal_control_tools": Benchmark(
-        "Toolkits for optimal control",
-        "Kelly's cart-pole in each tool that pip installs, every setting in processes of its own: "
-        "import, first solve (building counted, byte code and kernels cached), and the median of "
-        "three further ends, from the last solution, in processor time. For each wanted error of "
-        "the cost the quickest first solve among a tool's settings, and the quickest further one; "
-        "a tool that is missing reached the error with none of its settings in five minutes.",
+        "Ways to an optimal control at equal error",
+        "Of the same runs, for each wanted error of the cost, the quickest first solve among the "
+        "settings of each tool, and the quickest further one: import, first solve (building "
+        "counted, byte code and kernels cached), both together, and the median of three further "
+        "ends, from the last solution, in processor time; a tool that is missing reached the error "
+        "with none of its settings in five minutes.",
     ),
     "gradients": Benchmark(
         "Gradients of runs",

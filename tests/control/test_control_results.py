@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from control_scenes import (
+    U,
     move,
     replay_defect,
     swing_up,
@@ -57,6 +59,29 @@ def test_saved_solution_comes_back_with_cost_costates_controls_replay_and_report
     assert warm.cost == pytest.approx(motion.cost, rel=1e-8)
     with pytest.raises(vi.InputError, match="guess=motion"):
         vi.refine(again)
+
+
+def test_costates_are_the_same_when_asked_for_later():
+    """They belong to the numbers that the problem was solved with, not to those it has by then."""
+    q, v = vi.coordinates("x")
+    c = vi.Parameters(stiffness=1.0)
+    spring = vi.System(q, v, v**2 / 2 - c.stiffness * q**2 / 2, force=U, control=U, params=c)
+    ends = dict(start=dict(q=[0], v=[0]), end=dict(q=[1], v=[0]))
+    solve = vi.prepare(vi.Phase(spring, vi.gauss(3), 1.0, 5, U**2 + q**4, **ends))
+
+    def solved() -> vi.Trajectory:
+        return solve(params=dict(stiffness=3.0), duration=1.2)
+
+    at_once = solved().costates
+    motion = solved()
+    other = motion.again(params=dict(stiffness=5.0), duration=0.8, end=dict(q=[2]))
+    assert np.abs(other.costates.q - at_once.q).max() > 1
+    for later in (pickle.loads(pickle.dumps(motion)), motion):
+        assert np.array_equal(later.costates.q, at_once.q)
+        assert np.array_equal(later.costates.p, at_once.p)
+    stiff, h = motion.again(params=dict(stiffness=3.0), start=dict(q=[1e-5])), 1e-5
+    slack = motion.again(params=dict(stiffness=3.0), start=dict(q=[-1e-5]))
+    assert (stiff.cost - slack.cost) / (2 * h) == pytest.approx(at_once.q[0, 0], rel=1e-6)
 
 
 def test_part_of_an_optimal_motion_and_times_outside_have_no_controls():

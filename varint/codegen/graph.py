@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import wraps
 from typing import Any, TypeVar
 
 import casadi as ca
 
 from varint.errors import VarintError
+from varint.numerics.dataclass import dataclass
 from varint.numerics.operations import operations_of
 from varint.scene.memory import per_scene
 from varint.scene.system import System

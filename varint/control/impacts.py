@@ -9,7 +9,6 @@ to hold there, by a plastic impact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -19,6 +18,7 @@ from varint.control.contacts import is_among
 from varint.control.phase import CheckedPhase
 from varint.errors import InputError
 from varint.nlp.expressions import column
+from varint.numerics.dataclass import dataclass
 from varint.scene.inputs import number
 
 WORDS = "q and the parameters of the first phase"

@@ -8,14 +8,13 @@ of the discrete forces, so that discretising and dualising commute (Ober-Blöbau
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 
 from varint.control.phase import CheckedPhase
 from varint.discrete.constraints import velocity_rows
 from varint.discrete.lagrangian import constraint_function, interval
 from varint.discrete.nonholonomic import half_reaction, slips
+from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +117,7 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
         step.t_nodes,
         slips(system, step),
     ]
-    made = ca.Function("interval", own, wanted, {"cse": True})(*given)
+    made = ca.Function("interval", own, wanted)(*given)
     p_minus, p_plus, rows, gaps, q_nodes, v_nodes, t_nodes, slip = made
     if nu.numel():
         p_minus -= half_reaction(system, q0, given[4], shared.c, h, nu)
@@ -133,45 +132,38 @@ def interval_term(phase: CheckedPhase, shared: Shared) -> IntervalTerm:
             states.rates,
         ],
     )
-    cost, nodes, flows = ca.SX(0), [ca.SX(0, 1)], []
-    integrals = ca.SX.zeros(phase.integrals.rows.numel())
-    for i in range(r):
-        value, node_rows, integrands, flow = along(
-            q_nodes[:, i], v_nodes[:, i], controls[:, i], slack[:, i], rates, t_nodes[i], shared.c
-        )
-        cost += h * rule.weights[i] * value
-        integrals += h * rule.weights[i] * integrands
-        nodes.append(node_rows)
-        flows.append(h * ca.densify(flow))
-    at_points = ca.Function("held", [s.q, s.t, s.c], [bounds.at_points])
-    points = ca.horzcat(inner, q1)
-    point_rows = [
-        at_points(points[:, j], given[4] + h * rule.points[j + 1], shared.c) for j in range(degree)
-    ]
+    each, weights = [ca.repmat(x, 1, r) for x in (rates, shared.c)], ca.DM(rule.weights)
+    values, rows_at_nodes, integrands, flow = along.map(r)(
+        q_nodes, v_nodes, controls, slack, each[0], t_nodes, each[1]
+    )
+    flows = h * ca.densify(flow)
+    at_points = ca.Function("held", [s.q, s.t, s.c], [bounds.at_points]).map(degree)
+    point_rows = at_points(
+        ca.horzcat(inner, q1),
+        given[4] + h * ca.DM(rule.points[1:]).T,
+        ca.repmat(shared.c, 1, degree),
+    )
     at_steps = ca.Function("steps", [phase.rates.symbols, s.c], [bounds.at_steps])
     chosen = ca.vertcat(ca.SX(0, r), *(controls[int(i), :] for i in states.index))
-    state_inner = [
-        chosen[:, i] - z - sum(rule.collocation[i, j] * flows[j] for j in range(r))
-        for i in range(r)
-    ]
+    state_inner = chosen - ca.repmat(z, 1, r) - ca.mtimes(flows, ca.DM(rule.collocation).T)
     stage = [q0, lam[:, 0], nu, z, ca.vec(u), ca.vec(inner), ca.vec(lam[:, 1:]), ca.vec(slack)]
     return IntervalTerm(
         stage=ca.vertcat(*stage),
         after=ca.vertcat(q1, u1),
         q1=q1,
         mesh=mesh,
-        cost=cost,
+        cost=h * ca.mtimes(values, weights),
         p_minus=ca.densify(p_minus),
         p_plus=ca.densify(p_plus),
         inner=ca.vec(ca.densify(rows)),
         gaps=ca.vertcat(ca.vec(gaps), slip),
-        nodes=ca.vertcat(*nodes),
-        points=ca.vertcat(*point_rows),
+        nodes=ca.vec(rows_at_nodes),
+        points=ca.vec(point_rows),
         steps=ca.densify(at_steps(rates, shared.c)),
-        state_inner=ca.densify(ca.vertcat(ca.SX(0, 1), *state_inner)),
-        state_gain=z + sum(w * flow for w, flow in zip(rule.weights, flows, strict=True)),
+        state_inner=ca.densify(ca.vec(state_inner)),
+        state_gain=z + ca.mtimes(flows, weights),
         states=z,
-        integrals=ca.densify(integrals),
+        integrals=ca.densify(h * ca.mtimes(integrands, weights)),
     )
 
 

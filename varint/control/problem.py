@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -18,9 +17,10 @@ from varint.control.links import Link, LinkTranscription, transcribe_link, with_
 from varint.control.phase import CheckedPhase, Phase, check_phase
 from varint.control.transcription import PhaseTranscription, transcribe_phase
 from varint.errors import InputError, parsed_or_refused
-from varint.nlp.assembly import Kernels, assemble
+from varint.nlp.assembly import ITERATIONS, Kernels, assemble
 from varint.nlp.program import NonlinearProgram
 from varint.nlp.solver import Solver
+from varint.numerics.dataclass import dataclass
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import number, positive_integer
@@ -110,7 +110,7 @@ def transcribe(
         x, g = x + tie.unknowns, g + tie.rows
     elements = [e for part in transcriptions for e in part.elements]
     elements += [e for tie in ties for e in tie.elements]
-    program = assemble(elements, x, p, g, kernels)
+    program = assemble(elements, x, p, g, kernels, solves)
     nlp = NonlinearProgram(
         program=program,
         p=np.concatenate([part.data for part in transcriptions]),
@@ -136,7 +136,6 @@ def transcribe(
     return ControlProblem(transcriptions, ties, nlp, perf_counter() - began, kernels, given_links)
 
 
-ITERATIONS = 20  # of a solver, about
 CALLS = 2, 2, 1, 1  # of value, gradient, Jacobian and Hessian an iteration
 BACKENDS = ("auto", "compiled", "interpreted")
 

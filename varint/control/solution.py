@@ -5,13 +5,14 @@ solver's way.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from varint.control.interval_values import node_costates
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
@@ -19,6 +20,7 @@ from varint.control.replay import LARGE, defect, error_estimate, remedy, replay
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.solver import SolverResult
+from varint.numerics.dataclass import dataclass
 from varint.numerics.plain import field_of, plain
 from varint.results.records import Costates
 from varint.results.trajectory import Trajectory
@@ -32,11 +34,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """A phase, the program it is part of, and what the solver returned."""
+    """A phase, the program it is part of, what the solver returned, and the program's constants
+    then.
+    """
 
     transcription: PhaseTranscription
     problem: ControlProblem
     outcome: SolverResult
+    constants: np.ndarray
 
     @property
     def phase(self) -> CheckedPhase:
@@ -60,8 +65,6 @@ class ControlSolution:
         Ends of the steps as fractions of the duration.
     v_ends : ndarray (2, n)
         Velocities at the two ends.
-    costates : Costates
-        Costates at the nodes.
     status, success, violation, iterations, history, timings
         How the solver ended and got there; the largest violation of any condition; cost, violation
         and optimality after each iteration; seconds to build and to solve.
@@ -70,6 +73,8 @@ class ControlSolution:
         loading a file.
     kept : mapping
         What a file held of `active`.
+    held : Costates or None
+        What a file held of `costates`.
     verdict : str
         What a file held of `second_order`, in words.
     """
@@ -81,7 +86,6 @@ class ControlSolution:
     costate: Piecewise
     mesh: np.ndarray
     v_ends: np.ndarray
-    costates: Costates
     status: str
     success: bool
     violation: float
@@ -90,6 +94,7 @@ class ControlSolution:
     timings: Mapping[str, float]
     origin: Origin | None = None
     kept: Mapping[str, np.ndarray] = field(default_factory=dict)
+    held: Costates | None = None
     verdict: str = ""
 
     def __repr__(self) -> str:
@@ -111,12 +116,22 @@ class ControlSolution:
             "timings": dict(self.timings),
             "origin": None,
             "kept": self.active,
+            "held": self.costates,
             "verdict": self._verdict,
         }
 
     @property
     def _verdict(self) -> str:
         return self.verdict if self.origin is None else str(self.second_order)
+
+    @cached_property
+    def costates(self) -> Costates:
+        """Costates at the nodes."""
+        if self.origin is None:
+            assert self.held is not None
+            return self.held
+        x = self.origin
+        return node_costates(x.problem, x.transcription, x.outcome.x, x.constants, x.outcome.lam_g)
 
     @cached_property
     def active(self) -> dict[str, np.ndarray]:
@@ -348,7 +363,7 @@ def from_arrays(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> 
         **pieces,
         mesh=mesh,
         v_ends=_held(arrays, "v_ends", 2),
-        costates=Costates(_held(arrays, "mu_q", 2), _held(arrays, "mu_p", 2)),
+        held=Costates(_held(arrays, "mu_q", 2), _held(arrays, "mu_p", 2)),
         history=MappingProxyType(field_of(header, "history", dict[str, list[float]])),
         timings=MappingProxyType(timings),
         verdict=field_of({"verdict": "", **header}, "verdict", str),

@@ -13,13 +13,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from varint.control.interval_values import interval_rows
 from varint.control.kernels import end_term
 from varint.control.problem import ControlProblem
 from varint.control.transcription import PhaseTranscription, pick
 from varint.errors import InputError
 from varint.nlp.arrangement import Arrangement
 from varint.nlp.assembly import Element, assemble
-from varint.numerics.arrays import over_columns
 
 
 def arrange_as_stages(problem: ControlProblem) -> Arrangement:
@@ -73,7 +73,7 @@ def arrange_as_stages(problem: ControlProblem) -> Arrangement:
         row=row,
         x=x,
         g=g[:-1],
-        start=lambda x, data: _start(transcription, source, p, x, data),
+        start=lambda x, data: _start(problem, transcription, source, p, x, data),
         momenta=p,
         momentum=rows.momentum[0],
         started=started,
@@ -100,6 +100,7 @@ def _refuse_what_is_no_chain(transcription: PhaseTranscription) -> None:
 
 
 def _start(
+    problem: ControlProblem,
     transcription: PhaseTranscription,
     source: np.ndarray,
     momenta: np.ndarray,
@@ -107,17 +108,10 @@ def _start(
     data: np.ndarray,
 ) -> np.ndarray:
     """z of the problem's unknowns; momenta by the discrete Legendre transforms."""
-    slots, count = transcription.slots, transcription.phase.steps
-    own = data[transcription.first_datum :]
-    shared = transcription.shared_values(x, data)
-    stages = x[slots.q[:-1, :1] + np.arange(transcription.interval.stage.numel())]
-    mu = np.zeros((1, transcription.functions.values.size1_in(4)))
-    mesh = own[: 2 * count].reshape(2, count).T
-    minus, plus = over_columns(
-        transcription.functions.values, stages, x[slots.q[1:]], mesh, shared, mu
-    )[:2]
+    n = transcription.phase.system.structure.n
+    _, rows = interval_rows(problem, transcription, x, data)
     z = x[source]
-    z[momenta] = np.vstack([minus, plus[-1:]])
+    z[momenta] = np.vstack([-rows[:, :n], rows[-1:, -n:]])
     return z
 
 

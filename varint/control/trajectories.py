@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from varint.control.interval_values import interval_rows
 from varint.control.piecewise import Piecewise
 from varint.control.problem import ControlProblem
 from varint.control.slack_values import refuse_loose, violations
@@ -21,7 +22,6 @@ from varint.discrete.constraints import tangent_function
 from varint.integration.many_steps import steps_again
 from varint.nlp.solver import SolverResult
 from varint.numerics.arrays import call, over_columns
-from varint.results.records import Costates
 from varint.results.trajectory import Trajectory
 
 
@@ -51,10 +51,10 @@ def _trajectory(
     k = np.arange(count + 1)
     t = t0 + duration / count * k if uniform else t0 + duration * phase.mesh
     points, u = control_points(x, transcription), controls_at_nodes(x, transcription)
-    p, terms = _momenta_and_terms(transcription, outcome, shared)
+    p, cost = _momenta_and_cost(problem, outcome, transcription, constants)
     refuse_loose(x, transcription, shared)
     solution = ControlSolution(
-        cost=float(terms["cost"].sum() + terms["terminal"]),
+        cost=cost,
         total_cost=outcome.cost,
         q=Piecewise(phase.mesh, np.array(rule.points), points),
         u=Piecewise(phase.mesh, phase.control_places, control_samples(x, transcription)),
@@ -63,14 +63,13 @@ def _trajectory(
         ),
         mesh=phase.mesh,
         v_ends=x[slots.v],
-        costates=Costates(terms["costate_q"], outcome.lam_g[transcription.rows.momentum]),
         status=outcome.status,
         success=outcome.success,
         violation=outcome.violation,
         iterations=outcome.iterations,
         history=MappingProxyType(outcome.history),
         timings=MappingProxyType({"build": problem.seconds, "solve": outcome.seconds}),
-        origin=Origin(transcription, problem, outcome),
+        origin=Origin(transcription, problem, outcome, constants),
     )
     return Trajectory(
         system=system,
@@ -115,20 +114,17 @@ def _costate_points(transcription: PhaseTranscription, outcome: SolverResult) ->
     return np.concatenate([mu[:-1, None], inner, mu[1:, None]], axis=1)
 
 
-def _momenta_and_terms(
-    transcription: PhaseTranscription, outcome: SolverResult, shared: np.ndarray
-) -> tuple[np.ndarray, dict[str, Any]]:
-    """Momenta at the nodes from the discrete Legendre transforms; cost of every interval;
-    costates of q.
-    """
-    phase, slots, rows, x = transcription.phase, transcription.slots, transcription.rows, outcome.x
-    term = transcription.interval
-    stages = x[slots.q[:-1, :1] + np.arange(term.stage.numel())]
-    mesh = np.column_stack([phase.mesh[:-1], np.diff(phase.mesh)])
-    lam = np.append(outcome.lam_g, 0.0)[rows.of_intervals]
-    p_minus, p_plus, cost, at_start, at_end = over_columns(
-        transcription.functions.values, stages, x[slots.after], mesh, shared, lam
-    )
+def _momenta_and_cost(
+    problem: ControlProblem,
+    outcome: SolverResult,
+    transcription: PhaseTranscription,
+    constants: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """Momenta at the nodes from the discrete Legendre transforms; the cost of the phase."""
+    phase, slots, x = transcription.phase, transcription.slots, outcome.x
+    shared, n = transcription.shared_values(x, constants), phase.system.structure.n
+    costs, rows = interval_rows(problem, transcription, x, constants)
+    p_minus, p_plus = -rows[:, :n], rows[:, -n:]
     terminal, p_end = call(
         transcription.functions.at_end,
         x[slots.q[-1]],
@@ -148,8 +144,4 @@ def _momenta_and_terms(
             + over_columns(tangent_function(phase.system), x[slots.q], p, t[:, None], shared[2:])[1]
         )
         p[-1] = p_end
-    return p, {
-        "cost": cost[:, 0],
-        "terminal": float(terminal[0]),
-        "costate_q": np.vstack([at_start, -at_end[-1:]]),
-    }
+    return p, float(costs.sum() + terminal[0])

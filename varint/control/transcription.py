@@ -9,7 +9,6 @@ matching p⁺_{k−1} − p⁻_k = 0 at node k, inner rows, constraints, path bo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -32,6 +31,7 @@ from varint.control.layout import (
 )
 from varint.control.phase import CheckedPhase
 from varint.nlp.assembly import Element
+from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,27 +41,6 @@ class PhaseFunctions:
     """
 
     phase: CheckedPhase
-    interval: IntervalTerm
-    shared: Shared
-
-    @cached_property
-    def values(self) -> ca.Function:
-        """(stage, after, mesh, shared, μ) → (p⁻, p⁺, cost, ∂/∂q0 and ∂/∂q1 of cost + Σ μ·rows)
-        of one interval.
-        """
-        term, shares = self.interval, self.interval.shares
-        mu = ca.SX.sym("mu", shares.numel())
-        total = ca.densify(term.cost) + ca.dot(mu, shares)
-        slopes = [
-            ca.densify(ca.gradient(total, x)) for x in (term.stage[: term.q1.numel()], term.q1)
-        ]
-        inputs = [term.stage, term.after, term.mesh, self.shared.column, mu]
-        return ca.Function(
-            "values",
-            inputs,
-            [term.p_minus, term.p_plus, ca.densify(term.cost), *slopes],
-            {"cse": True},
-        )
 
     @cached_property
     def at_end(self) -> ca.Function:
@@ -176,7 +155,7 @@ def transcribe_phase(
         rows=rows,
         interval=term,
         shared=shared,
-        functions=PhaseFunctions(phase, term, shared),
+        functions=PhaseFunctions(phase),
         data=data,
         first_datum=p,
         x_low=x_low,

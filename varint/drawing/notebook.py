@@ -62,7 +62,7 @@ def trajectory_html(motion: Trajectory) -> str:
     ]
     kinds = [event.kind for event in motion.events]
     rows += [(f"events: {kind}", str(kinds.count(kind))) for kind in dict.fromkeys(kinds)]
-    if hasattr(motion.solution, "costates"):
+    if hasattr(motion.solution, "total_cost"):
         rows += solution_rows(motion.solution)
     curve = curve_of(motion)
     points, marks = thinned_indices(len(curve), 2 * FEW), marks_of(motion, curve)

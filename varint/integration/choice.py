@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from varint.numerics.dataclass import dataclass
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 

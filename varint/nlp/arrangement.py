@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from varint.nlp.program import NonlinearProgram, Program
+from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

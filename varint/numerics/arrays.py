@@ -236,7 +236,7 @@ def _plan_of_rows(function: ca.Function, count: int) -> _Rows:
     sizes = (count,) if 0 < count <= FEW else row_blocks(count, operations)
     if len(sizes) != 1 or count >= COPIED:
         return _Rows(function, sizes, None, fails)
-    flat = _prepare(_map_function(function, sizes[0]))
+    flat = _prepare(map_function(function, sizes[0]))
     if flat.inputs is None:
         return _Rows(function, sizes, None, fails)
     inputs, outputs = (
@@ -247,7 +247,8 @@ def _plan_of_rows(function: ca.Function, count: int) -> _Rows:
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _map_function(function: ca.Function, size: int) -> ca.Function:
+def map_function(function: ca.Function, size: int) -> ca.Function:
+    """The function of so many columns at once, (…, size) each."""
     return function.map(size) if size > 1 else function
 
 
@@ -320,7 +321,7 @@ def over_columns(function: ca.Function, *arrays: np.ndarray) -> list[np.ndarray]
     done = 0
     for size in sizes:
         some = [a[done : done + size] for a in columns]
-        part = [x.reshape(size, -1) for x in call(_map_function(function, size), *some)]
+        part = [x.reshape(size, -1) for x in call(map_function(function, size), *some)]
         if fails and size > 1 and not all(x.size == 0 or math.isfinite(x[-1, -1]) for x in part):
             part = _one_by_one(function, some)  # a row that comes to no result ends the others
         results.append(part)

@@ -8,9 +8,9 @@ step is a congruence, so that by Sylvester's law the signs of the pivots are tho
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+
+from varint.numerics.dataclass import dataclass
 
 THRESHOLD = 0.05  # of its coupling: an eigenvalue that is less waits for a later stage
 ZERO = 1e-13  # of the largest entry: an eigenvalue that is less is none

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from varint.discrete.constraints import ActiveSet, every_row_function, multiplie
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError, renamed_attribute
 from varint.numerics.arrays import over_columns
+from varint.numerics.dataclass import dataclass
 from varint.results.records import Costates, State, StepsAgain
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
@@ -150,7 +151,7 @@ class Trajectory:
                 fictitious=None if self.fictitious is None else self.fictitious[index],
                 closure=None,
                 # controls belong to the whole
-                solution=None if hasattr(self.solution, "costates") else self.solution,
+                solution=None if hasattr(self.solution, "total_cost") else self.solution,
             )
             if "v" in self.__dict__:  # once known, known of every part
                 part.__dict__["v"] = self.v[index]
@@ -488,7 +489,7 @@ class Trajectory:
         print(self._solution("report()").report(self))
 
     def _solution(self, what: str) -> Any:
-        if not hasattr(self.solution, "costates"):
+        if not hasattr(self.solution, "total_cost"):
             raise InputError(f"{what} belongs to trajectories that optimal_control returned")
         return self.solution
 

@@ -7,10 +7,11 @@ correctness.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import casadi as ca
 
+from varint.numerics.dataclass import dataclass
 from varint.numerics.operations import WITH_STEPS, operations_of
 
 
