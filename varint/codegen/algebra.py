@@ -9,13 +9,12 @@ exact or costs one rounding.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import casadi as ca
 
 from varint.codegen.dependence import needed, uniform_nodes
 from varint.codegen.graph import Graph, operands, raw_graph, whole_power
-from varint.numerics.dataclass import dataclass
 
 FEW_TERMS = 8  # of a sum that is looked into, since some may cancel where it is used
 LONGEST_CHAIN = 6  # terms of a sum added one after the other; longer sums are split, for latency

@@ -4,10 +4,10 @@ neighbours demand.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
-
-from varint.numerics.dataclass import dataclass
 
 VECTOR = 8  # numbers that are worked on together
 NARROW = 10  # bands up to this reach are worked on one by one

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -21,7 +22,6 @@ from varint.codegen.pieces import (
     worth_it,
 )
 from varint.codegen.rolled import INFIX, Forms, c_expression, c_loops, group_by_form
-from varint.numerics.dataclass import dataclass
 
 # operations from which on a function is not written into its callers: the compiler takes longer, no
 # gain

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from varint.codegen.cache import AS_WRITTEN, vector_length
@@ -12,7 +14,6 @@ from varint.codegen.routines import Routine, halved, routines
 from varint.codegen.source import Source, compiled, emitted, source_of
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia, known_velocity
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System

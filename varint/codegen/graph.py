@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import wraps
 from typing import Any, TypeVar
 
 import casadi as ca
 
 from varint.errors import VarintError
-from varint.numerics.dataclass import dataclass
 from varint.numerics.operations import operations_of
 from varint.scene.memory import per_scene
 from varint.scene.system import System

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from ctypes import addressof, c_char
+from dataclasses import dataclass
 from time import perf_counter
 from typing import NamedTuple
 
@@ -18,7 +19,6 @@ from varint.codegen.arguments import (
     RunStats,
     packing,
 )
-from varint.numerics.dataclass import dataclass
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _ARGUMENTS, _PARTS = packing(RunArguments), packing(PartsArguments)

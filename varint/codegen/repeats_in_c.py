@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from varint.codegen.repeats import Block, Repeats
 from varint.codegen.rolled import c_expression
-from varint.numerics.dataclass import dataclass
 
 ENTRIES = 16  # of tables: they take the compiler as long as a statement
 

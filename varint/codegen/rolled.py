@@ -11,11 +11,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import accumulate
 
 from varint.codegen.graph import COMMUTATIVE, Graph, operands
-from varint.numerics.dataclass import dataclass
 
 LONG_SUM = 6  # terms from which on a sum is a row of places
 ON_THE_STACK = 16_384  # vectors; more are kept by the thread

@@ -4,7 +4,7 @@ are a loop over the nodes of the rule.
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -17,7 +17,6 @@ from varint.discrete.tolerances import (
     LAST_FROZEN_CORRECTION,
     LAST_LINEAR_CORRECTION,
 )
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.scene.system import System
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
 from varint.control.transcription import PhaseTranscription
 from varint.nlp.solver import SolverResult
-from varint.numerics.dataclass import dataclass
 
 ACTIVE = 1e-6  # of a range: this close to its bound a quantity is at it
 

@@ -7,7 +7,7 @@ closes or opens between two phases its gap is 0 by the link, and is not bounded 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -17,7 +17,6 @@ from varint.discrete.constraints import with_active_rows
 from varint.discrete.reactions import reactions
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.bounds import PathBounds
-from varint.numerics.dataclass import dataclass
 from varint.scene.system import System
 
 

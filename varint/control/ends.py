@@ -9,6 +9,7 @@ is a plain bound on unknowns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -18,7 +19,6 @@ from varint.control.attitudes import with_free_lengths
 from varint.control.states import States
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.expressions import column, limits, triples
-from varint.numerics.dataclass import dataclass
 from varint.scene.free import Free
 from varint.scene.parameters import pairs
 from varint.scene.system import System

@@ -5,6 +5,7 @@ earlier solution.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from varint.control.slack_values import write_slacks
 from varint.control.solution import ControlSolution
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError, parsed_or_refused
-from varint.numerics.dataclass import dataclass
 from varint.results.trajectory import Trajectory
 
 KEYS = ("q", "u", "duration")

@@ -9,6 +9,7 @@ to hold there, by a plastic impact.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -18,7 +19,6 @@ from varint.control.contacts import is_among
 from varint.control.phase import CheckedPhase
 from varint.errors import InputError
 from varint.nlp.expressions import column
-from varint.numerics.dataclass import dataclass
 from varint.scene.inputs import number
 
 WORDS = "q and the parameters of the first phase"

@@ -8,13 +8,14 @@ of the discrete forces, so that discretising and dualising commute (Ober-Blöbau
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from varint.control.phase import CheckedPhase
 from varint.discrete.constraints import velocity_rows
 from varint.discrete.lagrangian import constraint_function, interval
 from varint.discrete.nonholonomic import half_reaction, slips
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -10,7 +11,6 @@ import numpy as np
 from varint.control.end_rows import bounded_at_end
 from varint.control.kernels import EndTerm, IntervalTerm
 from varint.control.phase import CheckedPhase
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ impacts.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -18,7 +18,6 @@ from varint.control.transcription import PhaseTranscription, pick
 from varint.errors import InputError
 from varint.nlp.assembly import Element
 from varint.nlp.expressions import column
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

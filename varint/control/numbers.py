@@ -6,6 +6,7 @@ What is given and what is free stays; the unknowns, the rows and their derivativ
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -20,7 +21,6 @@ from varint.control.problem import ControlProblem
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.program import NonlinearProgram
-from varint.numerics.dataclass import replace
 from varint.numerics.limits import check_steps
 from varint.scene.inputs import number
 from varint.scene.parameters import ParameterValues

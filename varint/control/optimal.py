@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +17,6 @@ from varint.control.solve import Callback, solve
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.slacks import Soft
 from varint.nlp.solver import choose_backend
-from varint.numerics.dataclass import replace
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.free import Free

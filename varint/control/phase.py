@@ -5,6 +5,7 @@ bounds.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -19,7 +20,6 @@ from varint.errors import InputError
 from varint.nlp.bounds import Integrals, PathBounds, integrals_of, path_bounds
 from varint.nlp.expressions import scalar
 from varint.nlp.slacks import Slacks, Soft, refuse_concave, separate, slacks
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.scene.free import Free
 from varint.scene.parameters import ParameterValues

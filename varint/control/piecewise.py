@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from varint.numerics.dataclass import dataclass
 from varint.rules.polynomials import lagrange_values
 
 

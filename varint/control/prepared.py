@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from varint.control.trajectories import build_trajectories
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.solver import Solver, SolverResult, choose_backend
-from varint.numerics.dataclass import dataclass, replace
 from varint.results.trajectory import Trajectory
 from varint.scene.parameters import ParameterValues
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -20,7 +21,6 @@ from varint.errors import InputError, parsed_or_refused
 from varint.nlp.assembly import ITERATIONS, Kernels, assemble
 from varint.nlp.program import NonlinearProgram
 from varint.nlp.solver import Solver
-from varint.numerics.dataclass import dataclass
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import number, positive_integer

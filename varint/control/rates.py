@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.numerics.dataclass import dataclass
 from varint.scene.control_rate import rates_in
 from varint.scene.epigraph import largest_in
 from varint.scene.system import System

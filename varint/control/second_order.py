@@ -9,6 +9,8 @@ a cheaper motion.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from varint.control.neighbourhood import kkt_system
@@ -16,7 +18,6 @@ from varint.control.problem import ControlProblem
 from varint.control.transcription import PhaseTranscription, control_points, control_samples
 from varint.nlp.kkt import KktSystem
 from varint.nlp.solver import SolverResult
-from varint.numerics.dataclass import dataclass
 from varint.scene.system import parameter_entries
 
 # of the cost's own size: curvatures below this are round-off of a flat direction

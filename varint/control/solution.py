@@ -5,7 +5,7 @@ solver's way.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,6 @@ from varint.control.replay import LARGE, defect, error_estimate, remedy, replay
 from varint.control.transcription import PhaseTranscription
 from varint.errors import InputError
 from varint.nlp.solver import SolverResult
-from varint.numerics.dataclass import dataclass
 from varint.numerics.plain import field_of, plain
 from varint.results.records import Costates
 from varint.results.trajectory import Trajectory

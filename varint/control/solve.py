@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,6 @@ from varint.control.trajectories import build_trajectories
 from varint.control.warm_start import carry_multipliers
 from varint.nlp.options import MOST_ITERATIONS
 from varint.nlp.solver import SolverResult
-from varint.numerics.dataclass import replace
 from varint.results.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ force, the cost and the bounds see X_i where they see controls.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -19,7 +20,6 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.nlp.expressions import scalar
-from varint.numerics.dataclass import dataclass
 from varint.scene.parameters import pairs
 from varint.scene.system import System
 

@@ -9,6 +9,7 @@ matching p⁺_{k−1} − p⁻_k = 0 at node k, inner rows, constraints, path bo
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -31,7 +32,6 @@ from varint.control.layout import (
 )
 from varint.control.phase import CheckedPhase
 from varint.nlp.assembly import Element
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,13 @@ itself may be singular (quaternions, directors).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import call, over_columns
-from varint.numerics.dataclass import dataclass
 from varint.numerics.limits import TANGENT_ITERATIONS
 from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System

@@ -4,10 +4,11 @@ solve alike.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from varint.discrete.lagrangian import Interval, interval
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
 from varint.scene.system import System

@@ -15,10 +15,11 @@ positions would lose. All verbs of varint are built on this one record.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from varint.discrete.suitability import require_discretisable
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from varint.numerics.dataclass import dataclass
+from dataclasses import dataclass
+
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 

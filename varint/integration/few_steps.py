@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
@@ -18,7 +19,6 @@ from varint.integration.plan import Plan, plan
 from varint.integration.problem import LEVEL, RunOptions, Start, time_grid
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.work_bound import keeps_energy
-from varint.numerics.dataclass import dataclass
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -21,7 +21,6 @@ from varint.codegen.native import native_explicit, native_gauss
 from varint.codegen.solution import CLOSED
 from varint.codegen.source import Source
 from varint.integration.cost import compiling_seconds
-from varint.numerics.dataclass import dataclass
 from varint.numerics.progress import notice
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss

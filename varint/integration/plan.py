@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.suitability import require_steppable
@@ -16,7 +16,6 @@ from varint.integration.steppers.rattle import RATTLE
 from varint.integration.steppers.stepper import Stepper
 from varint.integration.steppers.uniform_field import UNIFORM_FIELD
 from varint.notation.html import table
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule, composition, gauss, lobatto
 from varint.scene.memory import per_scene
 from varint.scene.system import System, require_system

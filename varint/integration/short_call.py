@@ -7,6 +7,7 @@ not as it should be, and says what.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
@@ -43,7 +44,6 @@ from varint.integration.time_transformation.variable_course import may_vary, wor
 from varint.integration.tolerance import LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.two_runs import shows_its_error
-from varint.numerics.dataclass import dataclass
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss

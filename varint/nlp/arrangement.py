@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from varint.nlp.program import NonlinearProgram, Program
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ each. Building takes as long as differentiating one term; evaluating grows linea
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from varint.nlp.program import Program
 from varint.numerics.arrays import distinct
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -17,7 +18,6 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.nlp.expressions import column, limits, triples
-from varint.numerics.dataclass import dataclass
 from varint.scene.system import System
 
 

@@ -13,12 +13,13 @@ unknowns, and fewer where it is not (Gould, Math. Programming 32 (1985) 90–99)
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
 from varint.nlp.arrangement import Scales
 from varint.nlp.program import NonlinearProgram
-from varint.numerics.dataclass import dataclass
 from varint.numerics.frontal import Factors, Symmetric, factorise
 
 # in the solver's units: where distance to a bound and multiplier are both smaller, it is not known

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
-
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ Practical Methods of Optimization, §12.3). `abs` and `max` get the rows of thei
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -17,7 +18,6 @@ import numpy as np
 
 from varint.errors import InputError, parsed_or_refused
 from varint.nlp.expressions import column, limits
-from varint.numerics.dataclass import dataclass
 from varint.scene.epigraph import Largest, largest_in, with_values
 
 

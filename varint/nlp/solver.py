@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter
 from typing import Any
@@ -17,7 +18,6 @@ from varint.nlp.options import DIFFERENTIATED, EXTRA, KNOWN, solver_settings
 from varint.nlp.program import NonlinearProgram, scale_program
 from varint.nlp.watch import Watch
 from varint.numerics.arrays import call
-from varint.numerics.dataclass import dataclass, replace
 
 ITERATING = "Iterating"
 INTERRUPTED = "NonIpopt_Exception_Thrown"  # Ctrl-C where no watch takes it as a request

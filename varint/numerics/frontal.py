@@ -8,9 +8,9 @@ step is a congruence, so that by Sylvester's law the signs of the pivots are tho
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
 
-from varint.numerics.dataclass import dataclass
+import numpy as np
 
 THRESHOLD = 0.05  # of its coupling: an eigenvalue that is less waits for a later stage
 ZERO = 1e-13  # of the largest entry: an eigenvalue that is less is none

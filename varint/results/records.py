@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-
-from varint.numerics.dataclass import dataclass
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,6 +10,7 @@ and matrices are computed with 50 digits.
 from __future__ import annotations
 
 import unicodedata
+from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from fractions import Fraction
 from functools import cache, cached_property
@@ -18,7 +19,6 @@ from math import fsum
 import numpy as np
 
 from varint.errors import InputError
-from varint.numerics.dataclass import dataclass
 from varint.rules.compositions import COMPOSITIONS
 from varint.rules.polynomials import (
     MOST_STAGES,

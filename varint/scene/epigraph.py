@@ -7,12 +7,12 @@ and the rows s ≥ a, s ≥ b, … (the epigraph form; Boyd & Vandenberghe, Conv
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
 from varint.errors import InputError, parsed_or_refused
-from varint.numerics.dataclass import dataclass
 
 LONGEST = 40  # letters of an expression in a name
 

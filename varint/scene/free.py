@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from varint.errors import InputError
-from varint.numerics.dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

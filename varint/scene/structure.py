@@ -7,11 +7,10 @@ correctness.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import casadi as ca
 
-from varint.numerics.dataclass import dataclass
 from varint.numerics.operations import WITH_STEPS, operations_of
 
 

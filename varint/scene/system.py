@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.numerics.dataclass import dataclass
 from varint.scene.alike import first_alike
 from varint.scene.description import description, parts_of
 from varint.scene.kinetics import Kinetics, check_kinetics

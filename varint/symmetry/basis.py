@@ -5,11 +5,11 @@ functions of parameters.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from varint.numerics.dataclass import dataclass
 from varint.symmetry.coefficients import as_monomial, simple, solve_coefficients
 from varint.symmetry.independent import SAME, list_independent, orthonormal, products
 from varint.symmetry.naming import particles

@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from varint.numerics.dataclass import dataclass
 from varint.symmetry.finite_field import (
     Residue,
     add,

@@ -5,11 +5,11 @@ time.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from varint.numerics.dataclass import dataclass
 from varint.scene.system import System
 from varint.symmetry.search import Pairs
 

@@ -7,14 +7,13 @@ are drawn anew.
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import over_columns
-from varint.numerics.dataclass import dataclass
 from varint.scene.system import System
 
 SHARE_OF_PLACES = 0.7  # of the coordinates of lively points

@@ -5,12 +5,12 @@ which rules keep it.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.scene.system import System
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from varint.errors import InputError
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.symmetry.symmetry import Symmetry
 

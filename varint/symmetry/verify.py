@@ -4,6 +4,7 @@ it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -11,7 +12,6 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.numerics.arrays import over_columns
-from varint.numerics.dataclass import dataclass
 from varint.scene.restitution import loses_energy
 from varint.scene.system import System
 from varint.symmetry.identities import Evaluated, Values, evaluate

@@ -5,6 +5,7 @@ accuracy.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -26,7 +27,6 @@ from varint.integration.events.roots import Points, join_points
 from varint.integration.events.substeps import Substeps, interpreted_substeps
 from varint.integration.state import NodeBlock
 from varint.numerics.arrays import over_columns
-from varint.numerics.dataclass import dataclass
 from varint.results.records import IMPACTS, Event
 from varint.results.trajectory import Trajectory
 from varint.scene.expressions import in_own_symbols

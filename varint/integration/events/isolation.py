@@ -5,6 +5,7 @@ how many zeros each has, then all of them located at once.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -21,7 +22,6 @@ from varint.integration.events.roots import Points, join_points, locate_roots
 from varint.integration.events.substeps import Substeps
 from varint.integration.events.surroundings import Surroundings, surroundings
 from varint.numerics.arrays import over_columns
-from varint.numerics.dataclass import dataclass
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 

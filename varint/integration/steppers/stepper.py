@@ -5,12 +5,12 @@ share.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from varint.numerics.dataclass import dataclass
 from varint.rules.rule import Rule
 from varint.scene.system import System
 

@@ -16,6 +16,7 @@ product of V' and the third derivative has the unit of V''² and stands beside i
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import reduce
 from math import isfinite
 from operator import or_
@@ -26,7 +27,6 @@ import numpy as np
 
 from varint.discrete.legendre import mass_solve
 from varint.errors import VarintError
-from varint.numerics.dataclass import dataclass
 from varint.numerics.operations import Operations, Output, expressions_of, operations_of
 from varint.numerics.places import normal_numbers, uniform_numbers
 from varint.scene.memory import per_system

@@ -10,13 +10,13 @@ equations do not notice. The result is an ordinary `System`: every rule and step
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
 from varint.errors import InputError
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
-from varint.numerics.dataclass import dataclass
 from varint.scene.expressions import in_own_symbols
 from varint.scene.memory import per_system
 from varint.scene.parameters import Parameters
