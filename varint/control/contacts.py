@@ -78,8 +78,7 @@ def with_contacts(bounds: PathBounds, system: System, contacts: Contacts) -> Pat
     pushes = ca.vertcat(ca.SX(0, 1), pushes)
     gaps, least = contacts.open.numel(), np.zeros(contacts.open.numel() + pushes.numel())
     most = np.full(len(least), np.inf)
-    return replace(
-        bounds,
+    return bounds._replace(
         at_points=ca.vertcat(bounds.at_points, contacts.open),
         points_low=np.append(bounds.points_low, least[:gaps]),
         points_high=np.append(bounds.points_high, most[:gaps]),

@@ -9,8 +9,7 @@ is a plain bound on unknowns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -26,8 +25,7 @@ from varint.scene.system import System
 KEYS = ("q", "v", "p", "states", "bounds", "periodic")
 
 
-@dataclass(frozen=True, eq=False)
-class End:
+class End(NamedTuple):
     """Conditions at one end.
 
     Attributes

@@ -9,8 +9,7 @@ to hold there, by a plastic impact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -24,8 +23,7 @@ from varint.scene.inputs import number
 WORDS = "q and the parameters of the first phase"
 
 
-@dataclass(frozen=True, eq=False)
-class Impact:
+class Impact(NamedTuple):
     """What stops at a link; nothing where it is continuous.
 
     Attributes

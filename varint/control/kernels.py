@@ -8,7 +8,7 @@ of the discrete forces, so that discretising and dualising commute (Ober-Blöbau
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -18,8 +18,7 @@ from varint.discrete.lagrangian import constraint_function, interval
 from varint.discrete.nonholonomic import half_reaction, slips
 
 
-@dataclass(frozen=True, eq=False)
-class Shared:
+class Shared(NamedTuple):
     """Symbols that all terms of a phase share: start time, duration, parameters."""
 
     t0: ca.SX
@@ -37,8 +36,7 @@ def shared_symbols(phase: CheckedPhase) -> Shared:
     return Shared(ca.SX.sym("t0"), ca.SX.sym("T"), ca.SX.sym("c", phase.system.c.numel()))
 
 
-@dataclass(frozen=True, eq=False)
-class IntervalTerm:
+class IntervalTerm(NamedTuple):
     """One interval: `stage` = [q_k, λ_k, z_k, u, inner points, inner λ, slacks], then `after` =
     [q_{k+1}, u_{k+1} where it matters]; s, w; shares by kind of row. λ_k: of the constraints, then
     of the non-holonomic rows, whose slips follow the gaps.
@@ -176,8 +174,7 @@ def _controls_at_nodes(phase: CheckedPhase, u: ca.SX, u1: ca.SX) -> ca.SX:
     return u if phase.samples == len(nodes) else ca.repmat(u, 1, len(nodes))
 
 
-@dataclass(frozen=True, eq=False)
-class EndTerm:
+class EndTerm(NamedTuple):
     """One end: q, v, states and (at the end of the phase) λ_N and slacks; `momentum` = ∂L/∂v −
     reaction of the last half weight.
     """

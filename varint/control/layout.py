@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -13,8 +12,7 @@ from varint.control.kernels import EndTerm, IntervalTerm
 from varint.control.phase import CheckedPhase
 
 
-@dataclass(frozen=True, eq=False)
-class Slots:
+class Slots(NamedTuple):
     """Indices of a phase's quantities among the unknowns; a shared quantity that is fixed has
     index −1.
     """
@@ -39,8 +37,7 @@ class Slots:
         return np.hstack([self.q[1:], closing])
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
+class Rows(NamedTuple):
     """Indices of a phase's rows; −1: left out."""
 
     momentum: np.ndarray  # (N + 1, n)

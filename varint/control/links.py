@@ -5,7 +5,7 @@ impacts.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -64,8 +64,7 @@ def default_links(count: int) -> list[Link]:
     return [Link(i, i + 1) for i in range(count - 1)]
 
 
-@dataclass(frozen=True, eq=False)
-class LinkTranscription:
+class LinkTranscription(NamedTuple):
     """A link in the program: its own unknowns (impulses Λ) and rows."""
 
     impulses: np.ndarray  # where Λ sits among the unknowns

@@ -170,7 +170,7 @@ def _end(
     plain = named <= set(VALUES) and not system.rays
     if plain:
         at = bounds_at(system, what, merged, states)
-        found = replace(known, q=at["q"], v=at["v"], states=at["states"])
+        found = known._replace(q=at["q"], v=at["v"], states=at["states"])
     else:
         found = end_conditions(system, what, merged, states)
     for letter, entries, old, new in (

@@ -15,7 +15,7 @@ positions would lose. All verbs of varint are built on this one record.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -25,8 +25,7 @@ from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
 
-@dataclass(frozen=True, eq=False)
-class Interval:
+class Interval(NamedTuple):
     """One step of the discretised scene as SX expressions of its own symbols.
 
     Attributes

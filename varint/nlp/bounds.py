@@ -10,8 +10,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -21,8 +20,7 @@ from varint.nlp.expressions import column, limits, triples
 from varint.scene.system import System
 
 
-@dataclass(frozen=True, eq=False)
-class PathBounds:
+class PathBounds(NamedTuple):
     """Bounds along the path.
 
     Attributes
@@ -54,8 +52,7 @@ class PathBounds:
     nodes_names: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Integrals:
+class Integrals(NamedTuple):
     """Bounds on integrals over a phase.
 
     Attributes

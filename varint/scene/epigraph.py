@@ -7,8 +7,7 @@ and the rows s ≥ a, s ≥ b, … (the epigraph form; Boyd & Vandenberghe, Conv
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -17,8 +16,7 @@ from varint.errors import InputError, parsed_or_refused
 LONGEST = 40  # letters of an expression in a name
 
 
-@dataclass(frozen=True, eq=False)
-class Largest:
+class Largest(NamedTuple):
     """A symbol that stands for the largest of some expressions."""
 
     symbol: ca.SX
