@@ -11,6 +11,7 @@
 #define AT_ONCE 16       /* steps before the clock is looked at */
 #define LOCATED 0x1p-50  /* of the time: the end is there */
 #define REACHED 1e-9     /* of the duration: the end is located */
+#define AT_LEVEL 6       /* looks at the clock whose steps are solved no further than others */
 #define SAMPLES 32       /* energies that are looked at */
 #define GROSS 0.25       /* of the largest p·v: a change of the energy that nothing in the scene can do */
 #define RESULTS 4
@@ -103,9 +104,10 @@ static int end_at(const Until *a, int64_t kept, double *carry, RunStats *stats, 
     const double close = LOCATED * fmax(fabs(a->total), fabs(passed));
     double tau = from + x * (x * (3 - 2 * x) * rise + passed * y * (y / before[width - 1] - x / after[width - 1]));
     double low = from, high = to, off = INFINITY;
-    for (int i = 0; i < 60; i++) {
-        const RunArguments one = {.steps = 1, .save_every = 1, .most = a->most, .t0 = from, .h = tau - from, .start = before,
-                                  .c = a->c, .rows = ends, .carry = carry, .stats = stats, .scene = a->scene};
+    for (int i = 0; i < 60; i++) { /* at the level of the run, unless that does not settle */
+        const RunArguments one = {.steps = 1, .save_every = 1, .most = a->most, .t0 = from, .h = tau - from,
+                                  .level = i < AT_LEVEL ? a->level : 0, .start = before, .c = a->c, .rows = ends,
+                                  .carry = carry, .stats = stats, .scene = a->scene};
         carry[0] = 0;
         const int status = a->run(&one);
         if (status != DONE) return status;
