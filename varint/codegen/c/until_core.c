@@ -8,7 +8,7 @@
 #include "run.h"
 #include "rows.h"
 
-#define AT_ONCE 16       /* steps before the clock is looked at */
+#define AT_ONCE 8        /* steps before the clock is looked at */
 #define LOCATED 0x1p-50  /* of the time: the end is there */
 #define REACHED 1e-9     /* of the duration: the end is located */
 #define AT_LEVEL 6       /* looks at the clock whose steps are solved no further than others */
@@ -37,7 +37,7 @@ static int steps_until(const Until *a, double *carry, RunStats *stats, Work *wor
     double ahead = a->expected;
     carry[0] = 0;
     for (int64_t done = 0;;) {
-        int64_t count = ahead < AT_ONCE ? (int64_t)ceil(ahead) + 1 : AT_ONCE;
+        int64_t count = ahead < AT_ONCE ? (int64_t)ceil(ahead) : AT_ONCE;
         if (count > a->room - 1 - done) count = a->room - 1 - done;
         if (count < 1 || done > a->patience) return NOT_CONVERGED;
         const RunArguments asked = {.steps = count, .save_every = 1, .first = done, .most = a->most, .h = a->h, .level = a->level,
