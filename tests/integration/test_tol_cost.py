@@ -66,10 +66,10 @@ def test_runs_that_follow_the_scene_are_the_same_by_numbers_alone(monkeypatch, c
     long = run(model, tol, backend="native", **more)
     assert any(plainly) and short.fictitious is not None
     for one, other in ((short, long), (short.fictitious, long.fictitious)):
-        for name in "tqp":  # the end is looked for from two guesses
+        for name in "tqp":  # the last step is solved no further than the others, or to round-off
             near = getattr(one, name), getattr(other, name)
             assert np.array_equal(*(x[:-1] for x in near))
-            assert near[0][-1] == pytest.approx(near[1][-1], rel=1e-11, abs=1e-11)
+            assert near[0][-1] == pytest.approx(near[1][-1], rel=1e-11, abs=max(1e-4 * tol, 1e-11))
         for name in "khc":
             assert np.array_equal(getattr(one, name), getattr(other, name))
         told = "plan", "backend"

@@ -71,7 +71,7 @@ class Room(NamedTuple):
 def asks_for_no_more(rule: Rule | None, start: Start, options: RunOptions) -> bool:
     """Whether a rule, coordinates, velocities, parameters and how long are all that is given."""
     o = options
-    return o.backend == "auto" and o.save_every == 1 and asks_for_nodes(rule, start, o)
+    return asks_for_nodes(rule, start, o) and o.save_every == 1 and o.backend == "auto"
 
 
 def asks_for_nodes(rule: Rule | None, start: Start, options: RunOptions) -> bool:

@@ -8,9 +8,10 @@
 #include "run.h"
 #include "rows.h"
 
-#define AT_ONCE 16       /* steps before the clock is looked at */
+#define AT_ONCE 8        /* steps before the clock is looked at */
 #define LOCATED 0x1p-50  /* of the time: the end is there */
 #define REACHED 1e-9     /* of the duration: the end is located */
+#define AT_LEVEL 6       /* looks at the clock whose steps are solved no further than others */
 #define SAMPLES 32       /* energies that are looked at */
 #define GROSS 0.25       /* of the largest p·v: a change of the energy that nothing in the scene can do */
 #define RESULTS 4
@@ -36,7 +37,7 @@ static int steps_until(const Until *a, double *carry, RunStats *stats, Work *wor
     double ahead = a->expected;
     carry[0] = 0;
     for (int64_t done = 0;;) {
-        int64_t count = ahead < AT_ONCE ? (int64_t)ceil(ahead) + 1 : AT_ONCE;
+        int64_t count = ahead < AT_ONCE ? (int64_t)ceil(ahead) : AT_ONCE;
         if (count > a->room - 1 - done) count = a->room - 1 - done;
         if (count < 1 || done > a->patience) return NOT_CONVERGED;
         const RunArguments asked = {.steps = count, .save_every = 1, .first = done, .most = a->most, .h = a->h, .level = a->level,
@@ -103,9 +104,10 @@ static int end_at(const Until *a, int64_t kept, double *carry, RunStats *stats, 
     const double close = LOCATED * fmax(fabs(a->total), fabs(passed));
     double tau = from + x * (x * (3 - 2 * x) * rise + passed * y * (y / before[width - 1] - x / after[width - 1]));
     double low = from, high = to, off = INFINITY;
-    for (int i = 0; i < 60; i++) {
-        const RunArguments one = {.steps = 1, .save_every = 1, .most = a->most, .t0 = from, .h = tau - from, .start = before,
-                                  .c = a->c, .rows = ends, .carry = carry, .stats = stats, .scene = a->scene};
+    for (int i = 0; i < 60; i++) { /* at the level of the run, unless that does not settle */
+        const RunArguments one = {.steps = 1, .save_every = 1, .most = a->most, .t0 = from, .h = tau - from,
+                                  .level = i < AT_LEVEL ? a->level : 0, .start = before, .c = a->c, .rows = ends,
+                                  .carry = carry, .stats = stats, .scene = a->scene};
         carry[0] = 0;
         const int status = a->run(&one);
         if (status != DONE) return status;

@@ -58,9 +58,10 @@ def physical_call(
     end, and another way is to be taken.
     """
     began, h, total, every = perf_counter(), options.h, options.duration, options.save_every
-    if options.steps is not None or options.progress or options.backend not in BACKENDS:
+    waits = options.progress is None or options.progress is False
+    if not (waits and options.steps is None and is_plain_number(h) and is_plain_number(total)):
         return None
-    if not (is_plain_number(h) and is_plain_number(total) and h * total > 0):  # type: ignore[operator]
+    if not (isinstance(options.backend, str) and options.backend in BACKENDS and h * total > 0):  # type: ignore[operator]
         return None
     own = isinstance(sigma, str)
     scene = transformed_scene(system, sigma)

@@ -23,7 +23,7 @@ from varint.scene.system import System
 Ahead = Callable[[Any], tuple[Any, ...]]  # times, or one time → q, p, v and whole steps there
 
 # of a trajectory, what both times have
-_KEPT = tuple(x.name for x in fields(Trajectory) if x.init)
+_KEPT = frozenset(x.name for x in fields(Trajectory))
 LOCATED = 4 * np.finfo(float).eps  # relative to |t|
 
 
@@ -31,7 +31,7 @@ def in_physical_time(system: System, t0: float, inner: Trajectory) -> Trajectory
     """The motion in physical time; the motion in fictitious time stays with it."""
     n, q, known = system.structure.n, inner.q, inner.__dict__
     motion = object.__new__(Trajectory)  # in half the time of `replace`, which short runs notice
-    motion.__dict__.update({name: known[name] for name in _KEPT if name in known})
+    motion.__dict__.update({name: x for name, x in known.items() if name in _KEPT})
     motion.__dict__.update(
         system=system,
         t=t0 + q[:, n],

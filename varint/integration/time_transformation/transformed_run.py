@@ -62,6 +62,12 @@ def simulate_transformed(
     system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
 ) -> Trajectory:
     """`simulate` with a time scale: h is the step of τ, dt = σ(q) dτ; nodes at physical times."""
+    if (found := physical_call(system, rule, sigma, start, options)) is not None:
+        motion, quiet = found
+        assert motion.fictitious is not None
+        if not quiet and (alarm := energy_alarm(motion.fictitious)):
+            warnings.warn(alarm, stacklevel=3)
+        return motion
     h, steps, duration = options.h, options.steps, options.duration
     if h is None or (steps is None) == (duration is None):
         raise InputError(
@@ -70,12 +76,6 @@ def simulate_transformed(
     total = None if duration is None else number("duration", duration)
     if total is not None and not total * number("h", h) > 0:
         raise InputError(f"h={h} and duration={duration} must have the same sign and not be zero")
-    if (found := physical_call(system, rule, sigma, start, options)) is not None:
-        motion, quiet = found
-        assert motion.fictitious is not None
-        if not quiet and (alarm := energy_alarm(motion.fictitious)):
-            warnings.warn(alarm, stacklevel=3)
-        return motion
     if isinstance(sigma, str):
         transformed_scene(system, sigma)
         if reason := local_rate(system).reason:
