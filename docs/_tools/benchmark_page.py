@@ -113,10 +113,10 @@ KNOWN = {
     "one_knob": Benchmark(
         "One knob",
         "Every tool with its own tolerance and nothing else: time, and the error at the end "
-        "relative to the largest coordinate. Beside them heyoka tuned in hindsight: its cheapest "
-        "run whose error is below the wanted one; where a column says so, also its cheapest run "
-        "whose error is no larger than varint's, which is often far smaller than was wanted (the "
-        "most accurate one where none comes so near).",
+        "relative to the largest coordinate. Beside them heyoka tuned in hindsight, twice: its "
+        "cheapest run whose error is below the wanted one, and its cheapest run whose error is no "
+        "larger than varint's, which is often far smaller than was wanted (the most accurate one "
+        "where none comes so near). The first two columns are varint's time over that of each.",
     ),
     "scripts": Benchmark(
         "Whole scripts",

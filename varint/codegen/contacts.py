@@ -18,7 +18,7 @@ from varint.codegen.arguments import c_names, c_number, c_source, packing
 from varint.codegen.block import block_of, start_of
 from varint.codegen.core import contacts_entry
 from varint.codegen.graph import NotCompilable
-from varint.codegen.kernel import Kernel
+from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.native import MOST_COORDINATES, TOO_LARGE, members_by_name, tapes_of
 from varint.codegen.routines import routines
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
@@ -85,13 +85,12 @@ class ContactData:
 
 class Begun(NamedTuple):
     """What other contacts begin with: the loop of the scene in which they hold, the rows that do
-    (see `fly`), velocities (n,) and typical sizes (2n,).
+    (see `fly`), velocities (n,) and behind them typical sizes (2n,).
     """
 
     kernel: Kernel
     held: tuple[int, ...]
-    v: np.ndarray
-    scale: np.ndarray
+    sizes: np.ndarray
 
 
 # (the row that follows, its step, `Flight.located`, contacts that hold) → the rest, where it is
@@ -228,22 +227,27 @@ def fly(
     c, scale = (np.ascontiguousarray(x, dtype=float) for x in (c, scale))
     begun, sizes = np.empty(5 + data.rows, dtype=np.int64), np.empty(3 * n)
     carried, raised = [state[STATE_HEAD + 5 * n :]], list[BaseException]()
+    told, heads = stats[5:], dict[tuple[int, tuple[int, ...]], np.ndarray]()
 
     def asked(row: int, k: int) -> int:
         try:
-            found = change and change(row, k, stats[5:], _holding(closed))
+            found = change and change(row, k, told, _holding(closed))
         except BaseException as error:
             raised.append(error)
             return 0
         if not found:
             return 0
-        loop, size, many = found.kernel, found.kernel.carry_size, len(found.held)
+        loop, held, sizes[:] = found
+        size = loop.carry_size
         carry = np.zeros(2 * size)  # of the run, and of shorter steps
         carried[0] = carry[:size]
-        entry = cast(loop.entry, c_void_p).value or 0  # type: ignore[arg-type]
-        begun[:5] = entry, loop.scene, carry.ctypes.data, size, many
-        begun[5 : 5 + many] = found.held
-        sizes[:n], sizes[n:] = found.v, found.scale
+        head = heads.get((id(loop), held))
+        if head is None:
+            entry = cast(loop.entry, c_void_p).value or 0  # type: ignore[arg-type]
+            numbers = [entry, loop.scene, 0, size, len(held), *held]
+            head = heads[id(loop), held] = np.array(numbers, dtype=np.int64)
+        begun[: len(head)] = head
+        begun[2] = new_address(carry)
         return 1
 
     asking = _CHANGE(asked) if change else None

@@ -233,9 +233,9 @@ def _active_sets(
         return (), None
     each = [block.active_set or problem.active_set for block in nodes]
     active_sets = tuple(dict.fromkeys(active_set for active_set in each if active_set is not None))
-    return active_sets, np.concatenate(
-        [np.full(b.good, active_sets.index(p)) for b, p in zip(nodes, each, strict=True)]
-    )
+    where = {active_set: i for i, active_set in enumerate(active_sets)}
+    numbers = [where[active_set] for active_set in each if active_set is not None]
+    return active_sets, np.repeat(numbers, [block.good for block in nodes])
 
 
 def subsample(motion: Trajectory, every: int) -> Trajectory:

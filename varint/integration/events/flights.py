@@ -88,12 +88,17 @@ def held_in(system: System, active_set: ActiveSet) -> Held:
 
 @per_scene
 def arrival_function(system: System) -> ca.Function:
-    """(q, p, t, time of its step, h, c) → v, typical sizes and the inertia between them."""
-    sizes = (system.structure.n, system.structure.n, 1, 1, 1, system.c.numel())
-    q, p, t, grid, h, c = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    """((t, time of its step, q, p), h, c) → (v, typical sizes, the inertia between them), each in
+    one piece: a call takes as long as its arguments are many.
+    """
+    n = system.structure.n
+    sizes = (2 + 2 * n, 1, system.c.numel())
+    here, h, c = inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
+    t, grid, q, p = ca.vertsplit(here, [0, 1, 2, 2 + n, 2 + 2 * n])
     scale = scale_function(system)(q, p, ca.MX(0, 1), grid, h, c)
     inertia = inertia_function(system)(q, p, grid, c)
-    return ca.Function("arrival", inputs, [velocity_function(system)(q, p, t, c), scale, inertia])
+    found = ca.vertcat(velocity_function(system)(q, p, t, c), scale, inertia)
+    return ca.Function("arrival", inputs, [ca.densify(found)])
 
 
 def flight_state(
@@ -152,7 +157,7 @@ def flight_blocks(
             save_every=problem.save_every,
             steps=most,
             level=problem.level,
-            change=partial(_change, system, problem, flights, stretches),
+            change=partial(_change, _Changing(system, problem, flights, stretches, {})),
         )
         status, moved = found.status, int(found.state[0]) - began
         if moved or len(found.hits):
@@ -170,28 +175,38 @@ def flight_blocks(
     return at, None if located is None else _located(found, active_set, n)
 
 
+class _Changing(NamedTuple):
+    """What changes of a call are made of: its stretches so far, and by the contacts that hold what
+    there is to know of them, where there is a loop.
+    """
+
+    system: System
+    problem: InitialValueProblem
+    flights: Flights
+    stretches: list[Stretch]
+    known: dict[tuple[int, ...], tuple[Held, Kernel] | None]
+
+
 def _change(
-    system: System,
-    problem: InitialValueProblem,
-    flights: Flights,
-    stretches: list[Stretch],
-    row: int,
-    k: int,
-    flat: np.ndarray,
-    holding: tuple[int, ...],
+    of: _Changing, row: int, k: int, flat: np.ndarray, holding: tuple[int, ...]
 ) -> Begun | None:
     """What other contacts begin with (see `fly`), as `position` in contact_loop.py has it."""
-    n, step = system.structure.n, min(k, problem.steps - 1)
-    active_set = replace(stretches[-1].active_set, contacts=holding, holding=holding)
-    kernel = flights.loop_in(active_set)
-    if kernel is None:
+    system, problem, flights, stretches, known = of
+    if holding not in known:
+        last = stretches[-1].active_set
+        active_set = replace(last, contacts=holding, holding=holding)
+        kernel = flights.loop_in(active_set)
+        known[holding] = None if kernel is None else (held_in(system, active_set), kernel)
+    if (begins := known[holding]) is None:
         return None
-    held, h = held_in(system, active_set), np.array([problem.h])
-    t, q, p = flat[:1], flat[2 : 2 + n], flat[2 + n : 2 + 2 * n]
-    grid = (t - problem.h * step) + problem.h * step
-    v, scale, inertia = call(held.arrival, q, p, t, grid, h, problem.c)
-    stretches.append(Stretch(row, active_set, scale, inertia))
-    return Begun(kernel, held.rows, v, scale)
+    (active_set, scene, rows, _, arrival, _), kernel = begins
+    n, h = scene.structure.n, problem.h
+    before = h * min(k, problem.steps - 1)
+    here = flat[: 2 + 2 * n].copy()
+    here[1] = (here.item(0) - before) + before
+    (found,) = call(arrival, here, np.array((h,)), problem.c)
+    stretches.append(Stretch(row, active_set, found[n : 3 * n], found[3 * n :]))
+    return Begun(kernel, rows, found[: 3 * n])
 
 
 def _located(found: Flight, active_set: ActiveSet, n: int) -> Located:
@@ -208,6 +223,8 @@ def _located(found: Flight, active_set: ActiveSet, n: int) -> Located:
 
 def _events(hits: np.ndarray, n: int) -> tuple[Event, ...]:
     """The impacts that a call tells of."""
+    if not len(hits):
+        return ()
     contacts, kinds = hits[:, 1:3].astype(int).T.tolist()
     states = (list(map(tuple, hits[:, i : i + n].tolist())) for i in range(HIT, HIT + 5 * n, n))
     return tuple(
@@ -231,11 +248,11 @@ def _blocks(found: Flight, at: RunState, stretches: list[Stretch], n: int) -> li
         after = after._replace(
             scale=scale, inertia=inertia, active_set=active_set, largest=FIRST_LOOK
         )
-    rows, ends = found.hits[:, 0], [*(part.row for part in stretches[1:]), len(found.t)]
+    rows, ends = found.hits[:, 0].astype(int), [*(x.row for x in stretches[1:]), len(found.t)]
+    events, where, first = _events(found.hits, n), rows.tolist(), 0
     blocks = []
-    for part, end in zip(stretches, ends, strict=True):
+    for part, end, last in zip(stretches, ends, np.searchsorted(rows, ends).tolist(), strict=True):
         begin = part.row
-        hits = found.hits[(rows >= begin) & (rows < end)]
         blocks.append(
             NodeBlock(
                 found.k[begin:end],
@@ -245,10 +262,11 @@ def _blocks(found: Flight, at: RunState, stretches: list[Stretch], n: int) -> li
                 end - begin,
                 t=found.t[begin:end],
                 active_set=part.active_set,
-                events=_events(hits, n),
+                events=events[first:last],
                 v=found.v[begin:end],
-                impacts=tuple((hits[:, 0] - begin).astype(int).tolist()),
+                impacts=tuple([row - begin for row in where[first:last]]),
             )
         )
+        first = last
     blocks[-1] = blocks[-1]._replace(iterations=found.iterations, after=after)
     return [block for block in blocks if block.good or block.after]

@@ -18,6 +18,8 @@ CLOSE, SURELY = 4 * np.finfo(float).eps, 8  # of |t|, where time is rounded, aft
 # of a margin at the ends of a step: a cubic that dips below it is looked at more closely; steps
 # that turn the fastest motion by at most a radian are followed to 1/384
 DIP = 0.1
+AMONG = np.linspace(0.1, 0.9, 9)[:, None, None]  # instants at which a cubic is looked at
+RISE = AMONG**2 * (3 - 2 * AMONG)
 TURNS = 12  # instants at which the lowest point of a dip is looked for
 INSIDE = (2.0**-4, 2.0**-8, 2.0**-12, 2.0**-16)  # of the first step: soon after the last switch
 
@@ -58,7 +60,7 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
         return None
     at = states[:, 0], states[:, 2], t[:, None]
     value, rate = over_columns(scene.margins, *at, loop.c)
-    w = np.diff(t)[:, None]
+    w = (t[1:] - t[:-1])[:, None]
     rate_before, rate_after = rate[:-1] * w, rate[1:] * w
     before, after = value[:-1], value[1:]
     dips = (before > 0) & (after > 0) & (rate_before < 0) & (rate_after > 0)
@@ -168,9 +170,8 @@ def _lowest(
     before: np.ndarray, after: np.ndarray, rate_before: np.ndarray, rate_after: np.ndarray
 ) -> np.ndarray:
     """Where cubics with these ends are lowest, roughly: at nine instants."""
-    s = np.linspace(0.1, 0.9, 9)[:, None, None]
-    rise, rest = s**2 * (3 - 2 * s), 1 - s
-    value = before + rise * (after - before) + s * rest * (rest * rate_before - s * rate_after)
+    s, rest = AMONG, 1 - AMONG
+    value = before + RISE * (after - before) + s * rest * (rest * rate_before - s * rate_after)
     return np.asarray(value.min(axis=0))
 
 

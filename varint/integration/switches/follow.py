@@ -263,7 +263,7 @@ def _kernel(course: Course, scene: BranchScene, branch: Branch) -> Kernel | None
 
 def _alike(branch: Branch) -> Branch:
     """What stands for all branches that differ by their controls alone."""
-    return branch._replace(controls=())
+    return branch._replace(controls=()) if branch.controls else branch
 
 
 def _unit(course: Course, branch: Branch, start: State) -> float:

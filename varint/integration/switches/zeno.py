@@ -36,16 +36,19 @@ def rest_after(course: Course, pieces: Sequence[Piece], crossed: Sequence[int]) 
     end = course.problem.t0 + course.problem.h
     if len(pieces) < ARCS or system.structure.n > 1 or not system.structure.autonomous:
         return None
-    spans = np.array([abs(x.t[-1] - x.t[0]) for x in pieces[-ARCS:]])
+    ends = pieces[-ARCS : 2 - ARCS], pieces[-2:]
     # arcs to both sides may differ: those two apart are of one kind
-    ratio = (spans[-2:].sum() / spans[:2].sum()) ** (1 / (ARCS - 2))
-    left = spans[-2:].sum() / max(1 - ratio**2, 1e-3)
-    together = sorted(set(crossed[-ARCS:]))
-    fast = [float(np.abs(x.states[:, 2]).max()) for x in pieces[-ARCS:]]
-    if not max(fast[-2:]) < SHRINKS * max(fast[:2]):  # what is shorter is not slower
+    first, last = (sum(abs(float(x.t[-1] - x.t[0])) for x in two) for two in ends)
+    if not first > 0:
         return None
+    ratio = (last / first) ** (1 / (ARCS - 2))
+    left = last / max(1 - ratio**2, 1e-3)
     if not (ratio < SHRINKS and left <= NOTHING * abs(course.problem.h)):
         return None
+    fast, slow = (max(float(np.abs(x.states[:, 2]).max()) for x in two) for two in ends)
+    if not slow < SHRINKS * fast:  # what is shorter is not slower
+        return None
+    together = sorted(set(crossed[-ARCS:]))
     if len(together) > MOST_TOGETHER or not _stays(course, pieces[-1], together):
         return None
     before = pieces[-1]
