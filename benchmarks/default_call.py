@@ -1,7 +1,7 @@
 """The default call against the best backend in hindsight: the first run of a new scene, from 1 to
 ten million steps, with nothing compiled before and with everything.
 
-python benchmarks/default_call.py [scene ...]
+python benchmarks/default_call.py [scene ...]     other scenes' rows stay as they were recorded
 
 Every number is of a process of its own that has imported varint and built nothing: it makes the
 scene, then the call is timed, all that it builds and compiles included. Times are the processor's,
@@ -26,7 +26,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from tools.record import save, table
+from tools.record import kept, save, table
 
 import varint as vi
 from varint.codegen.cache import _end_work
@@ -175,11 +175,12 @@ def main(names: list[str]) -> None:
         make = SCENES[name]
         with tempfile.TemporaryDirectory() as folder:
             warm = Path(folder)
-            fixed = {x: measured(make, x, warm) for x in ("interpreted", "native")}
-            seconds(make, 1, "compiled", warm)
+            interpreted = {"interpreted": measured(make, "interpreted", warm)}
+            for backend in ("native", "compiled"):
+                seconds(make, 1, backend, warm)
             for cache, place in (("empty", None), ("warm", warm)):
-                times = {x: measured(make, x, place) for x in ("compiled", "auto")}
-                rows.append(row_of(name, cache, fixed | times))
+                times = {x: measured(make, x, place) for x in ("native", "compiled", "auto")}
+                rows.append(row_of(name, cache, interpreted | times))
         for row in rows[-2:]:
             table([{k: x for k, x in row.items() if not isinstance(x, list)}])
         sys.stdout.flush()
@@ -187,8 +188,10 @@ def main(names: list[str]) -> None:
         found = [row["worst"] for row in rows if row["cache"] == cache]
         many = sum(x > MOST for x in found)
         print(f"{cache} cache: {max(found):.2f} at most, above {MOST} in {many} of {len(found)}")
-    if not names:
-        save("default_call", rows)
+    new = {(row["scene"], row["cache"]): row for row in rows}
+    known = {(row["scene"], row["cache"]): row for row in kept("default_call")} | new
+    order = [(name, cache) for name in SCENES for cache in ("empty", "warm")]
+    save("default_call", [known[x] for x in order if x in known])
 
 
 if __name__ == "__main__":
