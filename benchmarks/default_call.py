@@ -1,7 +1,7 @@
 """The default call against the best backend in hindsight: the first run of a new scene, from 1 to
 ten million steps, with nothing compiled before and with everything.
 
-python benchmarks/default_call.py [scene ...]
+python benchmarks/default_call.py [scene ...]     other scenes' rows stay as they were recorded
 
 Every number is of a process of its own that has imported varint and built nothing: it makes the
 scene, then the call is timed, all that it builds and compiles included. Times are the processor's,
@@ -19,14 +19,14 @@ import pickle
 import resource
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from tools.record import save, table
+from tools.record import kept, save, table
 
 import varint as vi
 from varint.codegen.cache import _end_work
@@ -141,13 +141,18 @@ def seconds(make: Callable[[], Model], steps: int, backend: str, cache: Path) ->
     return pickle.loads(answer)
 
 
-def measured(make: Callable[[], Model], backend: str, warm: Path | None) -> list[float]:
+def measured(
+    make: Callable[[], Model], backend: str, warm: Path | None, like: Sequence[float] = ()
+) -> list[float]:
     """Seconds of the first call for every number of steps, everything compiled before in the folder
-    `warm`, or nothing in one of its own.
+    `warm`, or nothing in one of its own. How long a run takes is told by shorter ones, or by the
+    times `like` where these are of another kind: a compiler that a shorter run ended is no part of
+    longer ones.
     """
     found: list[float] = []
-    for steps in STEPS:
-        if len(found) > 1 and 10 * (found[-1] - found[0]) > LONGEST[backend]:
+    for k, steps in enumerate(STEPS):
+        told = like[:k] or found
+        if k > 1 and 10 * (told[-1] - told[0]) > LONGEST[backend]:
             found.append(found[0] + 10 * (found[-1] - found[0]))
             continue
         best = float("inf")
@@ -175,11 +180,13 @@ def main(names: list[str]) -> None:
         make = SCENES[name]
         with tempfile.TemporaryDirectory() as folder:
             warm = Path(folder)
-            fixed = {x: measured(make, x, warm) for x in ("interpreted", "native")}
-            seconds(make, 1, "compiled", warm)
+            interpreted = {"interpreted": measured(make, "interpreted", warm)}
+            for backend in ("native", "compiled"):
+                seconds(make, 1, backend, warm)
             for cache, place in (("empty", None), ("warm", warm)):
-                times = {x: measured(make, x, place) for x in ("compiled", "auto")}
-                rows.append(row_of(name, cache, fixed | times))
+                times = {x: measured(make, x, place) for x in ("native", "compiled")}
+                times["auto"] = measured(make, "auto", place, times["compiled"])
+                rows.append(row_of(name, cache, interpreted | times))
         for row in rows[-2:]:
             table([{k: x for k, x in row.items() if not isinstance(x, list)}])
         sys.stdout.flush()
@@ -187,8 +194,10 @@ def main(names: list[str]) -> None:
         found = [row["worst"] for row in rows if row["cache"] == cache]
         many = sum(x > MOST for x in found)
         print(f"{cache} cache: {max(found):.2f} at most, above {MOST} in {many} of {len(found)}")
-    if not names:
-        save("default_call", rows)
+    new = {(row["scene"], row["cache"]): row for row in rows}
+    known = {(row["scene"], row["cache"]): row for row in kept("default_call")} | new
+    order = [(name, cache) for name in SCENES for cache in ("empty", "warm")]
+    save("default_call", [known[x] for x in order if x in known])
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ exact or costs one rounding.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -31,8 +30,10 @@ def graph_of(f: ca.Function, constants: int = -1) -> Graph:
     raw = raw_graph(f)
     live = needed(raw)
     r = _rewriting(raw, live, constants % f.n_in())
-    uses = Counter(j for i in live for j in operands(raw.nodes[i]))
-    uses.update(i for output in raw.outputs for i in output)
+    uses = [0] * len(raw.nodes)
+    for taken in [*(operands(raw.nodes[i]) for i in live), *raw.outputs]:
+        for i in taken:
+            uses[i] += 1
     for i in live:
         r.sums[i] = _kept(r, i, _rewritten(r, i), uses[i] > 1)
     r.graph.outputs = [[_node(r, r.sums[i]) for i in output] for output in raw.outputs]
@@ -126,6 +127,8 @@ def _kept(r: _Rewriting, i: int, terms: Sum, shared: bool) -> Sum:
     if not shared:
         return terms
     c, a, powers = _term(r, terms)
+    if not powers:
+        return ((c, a, powers),)
     lasting = tuple(
         power for power in powers if r.kinds[power[0]] == "root" or power[0] in r.constant
     )
@@ -248,7 +251,7 @@ def _node(r: _Rewriting, terms: Sum) -> int:
 
 def _product(r: _Rewriting, x: Sum, y: Sum) -> Sum:
     for one, other in ((x, y), (y, x)):
-        if len(one) == 1 and r.graph.is_one(one[0][1]) and not one[0][2]:
+        if len(one) == 1 and not one[0][2] and r.graph.is_one(one[0][1]):
             return _scaled(other, one[0][0])
     (c, a, powers), (d, b, more) = _term(r, x), _term(r, y)
     return ((c * d, r.graph.times(a, b), _joined(powers, more)),)

@@ -84,7 +84,7 @@ class Graph:
 
     @property
     def one(self) -> int:
-        return self.node(*ONE)
+        return self.index.get(ONE) or self.node(*ONE)
 
 
 def operands(node: tuple) -> tuple[int, ...]:

@@ -30,6 +30,8 @@ SUMS = {
 }
 EXACT, ITERATED = "rsqrt_exact", "rsqrt_iterated"  # 1/√x where roots are few, and many
 RESERVED = {"1": 0, "0": 1}  # the registers of 1 and −0
+# the same, by places among the reserved registers and then those of the operands
+_SUMS = {name: (["10abc".index(x) for x in what], signs) for name, (what, signs) in SUMS.items()}
 
 
 class Sizes(NamedTuple):
@@ -165,16 +167,17 @@ def _often(
     """
     codes, count = operation_codes(), len(RESERVED) + len(places)
     units = _in_turns(graph, varying, uniform)
-    taken = [
-        {j for i in unit for j in operands(graph.nodes[i]) if not uniform[j]} for unit in units
-    ]
+    # both of a pair take the same
+    taken = [{j for j in operands(graph.nodes[unit[0]]) if not uniform[j]} for unit in units]
     last = {j: k for k, used in enumerate(taken) for j in used}
     free: list[int] = []
 
     def room() -> int:
         nonlocal count
-        count += not free
-        return free.pop() if free else count - 1
+        if free:
+            return free.pop()
+        count += 1
+        return count - 1
 
     inputs, rows = list[tuple[int, ...]](), list[tuple[int, ...]]()
     for unit in units:
@@ -193,9 +196,9 @@ def _often(
         if len(unit) == 2:
             rows.append(_row(codes["sincos"], places[unit[0]], *at, places[unit[1]]))
         elif name in SUMS:
-            what, signs = SUMS[name]
-            found = RESERVED | dict(zip("abc", at, strict=False))
-            rows.append(_row(codes["sum"], places[unit[0]], *(found[x] for x in what), signs))
+            (a, b, c), signs = _SUMS[name]
+            among = (*RESERVED.values(), *at)
+            rows.append((codes["sum"], places[unit[0]], among[a], among[b], among[c], signs))
         else:
             rows.append(_row(codes[EXACT if name == "rsqrt" else name], places[unit[0]], *at))
         free += [places[j] for j in unit if j not in last and j not in ends]

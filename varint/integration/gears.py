@@ -27,9 +27,9 @@ from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-# of the compiler's predicted time, which in truth is 1.4 times as long: what must have been spent,
-# or be ahead, before the source is written and looked for in the cache, which takes about a fifth
-# of it, and before the compiler is started, which ends no run sooner that is over before it is
+# of the compiler's predicted time (the true one is 1.4 of it): what must have been spent, or be
+# ahead, before the source is written and looked for in the cache, which takes about a fifth of it,
+# and before the compiler is started, which ends no run sooner that is over before it is
 LOOK, START = 0.2, 1.5
 MANY = 24  # coordinates from which on arranging a scene's operations may take seconds
 

@@ -27,7 +27,9 @@ WITH_STEPS = frozenset(_WITH_STEPS.split())
 KINKS = frozenset(("fabs", "fmin", "fmax"))  # steps of slopes alone
 UNARY, BINARY = frozenset(_UNARY.split()), frozenset(_BINARY.split())
 _CODES = {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY | BINARY}
-_NAMES = {code: name for name, code in _CODES.items()}
+_UNARY_NAMES = {_CODES[name]: name for name in UNARY}
+_BINARY_NAMES = {_CODES[name]: name for name in BINARY}
+_OUTPUT, _CONST, _INPUT = ca.OP_OUTPUT, ca.OP_CONST, ca.OP_INPUT
 _OTHERS = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 # Rows and columns of an output. Sparse matrices have memory for every column, whatever they hold.
 MOST_ROWS = 10**6
@@ -68,16 +70,17 @@ def operations_of(f: ca.Function) -> Operations:
     found: list[list[int]] = [[0] * f.nnz_out(k) for k in range(f.n_out())]
     for k in range(f.n_instructions()):
         code, out, source = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
-        if code == ca.OP_OUTPUT:
+        if code in _BINARY_NAMES:
+            nodes.append((_BINARY_NAMES[code], at[source[0]], at[source[1]]))
+        elif code in _UNARY_NAMES:
+            nodes.append((_UNARY_NAMES[code], at[source[0]]))
+        elif code == _OUTPUT:
             found[out[0]][out[1]] = at[source[0]]
             continue
-        if code == ca.OP_CONST:
+        elif code == _CONST:
             nodes.append(("const", f.instruction_constant(k)))
-        elif code == ca.OP_INPUT:
+        elif code == _INPUT:
             nodes.append(("input", source[0], source[1]))
-        elif code in _NAMES:
-            name = _NAMES[code]
-            nodes.append((name, *(at[i] for i in source[: 1 if name in UNARY else 2])))
         else:
             raise VarintError(
                 f"the scene holds the operation {_OTHERS.get(code, code)!r}, which is no "
