@@ -72,7 +72,8 @@ def one_run(tool: str, setting: str, steps: int, cache: str) -> dict[str, float]
         print(f"{tool} {setting} × {steps}: more than {LIMIT:.0f} s")
         return None
     if run.returncode:
-        print(f"{tool} {setting} × {steps}: {run.stderr.strip().splitlines()[-1]}")
+        said = run.stderr.strip() or f"ended by {run.returncode}"
+        print(f"{tool} {setting} × {steps}: {said.splitlines()[-1]}")
         return None
     return json.loads(run.stdout.splitlines()[-1])
 
