@@ -1,8 +1,9 @@
 """Optimal control: assembly of large problems, solvers, and cost error against time beside other
 transcriptions and toolkits.
 
-Run: python benchmarks/optimal_control.py; with `--resume` or names of tools the third part alone,
-see benchmarks/optimal_control_tools.py. Results: benchmarks/results/optimal_control*.json and .png.
+Run: python benchmarks/optimal_control.py; the third part alone with `--resume`, which leaves what
+the record holds, or with names of tools, which are measured anew. Results:
+benchmarks/results/optimal_control*.json and .png.
 
 1. Cart with 4 links, midpoint, 2000 steps, 12,015 unknowns: the same program assembled from
    one-interval kernels (interpreted, compiled) and differentiated by CasADi through ``map``; build
@@ -19,7 +20,7 @@ import sys
 from time import perf_counter
 
 import casadi as ca
-from optimal_control_tools import main as by_tools
+from tools.control_tools import main as by_tools
 from tools.record import save, table
 
 import varint as vi

@@ -48,7 +48,7 @@ KNOWN = {
         "settings of each tool, and the quickest further one: import, first solve (building "
         "counted, byte code and kernels cached), both together, and the median of three further "
         "ends, from the last solution, in processor time; a tool that is missing reached the error "
-        "with none of its settings in five minutes.",
+        "with none of its settings in ten minutes.",
     ),
     "gradients": Benchmark(
         "Gradients of runs",

@@ -1,8 +1,8 @@
 """Ways to an optimal control at equal error of the cost: from nothing, and again.
 
-Run: python benchmarks/optimal_control_tools.py [tool …], or as part of
-benchmarks/optimal_control.py. Results: benchmarks/results/optimal_control.json and .png, all
-settings; benchmarks/results/optimal_control_tools.json, the quickest for a wanted error.
+A part of benchmarks/optimal_control.py; alone: python benchmarks/optimal_control.py tool … Results:
+benchmarks/results/optimal_control.json and .png, all settings;
+benchmarks/results/optimal_control_tools.json, the quickest for a wanted error.
 
 Kelly's cart-pole by varint, by collocation written by hand in CasADi and by toolkits, each as its
 manual has it (benchmarks/tools/control_peers.py): every setting runs in processes of its own, and
@@ -28,6 +28,7 @@ from pathlib import Path
 from statistics import median
 
 import matplotlib.pyplot as plt
+
 from tools.record import FOLDER, kept, save, table
 
 WANTED = (1e-3, 1e-6, 1e-9)
@@ -49,9 +50,9 @@ SETTINGS: dict[str, list[tuple[str, int]]] = {
 }
 NEEDS = {"rockit": "rockit-meco", "mpopt": "mpopt", "dymos": "dymos", "opty": "opty"}
 # seconds: what takes longer runs in the first turn alone, or is given up
-TURNS, QUICK, LIMIT = 5, 4.0, 300.0
+TURNS, QUICK, LIMIT = 5, 4.0, 600.0
 NAMES = ("import", "first", "again")
-WORKER = Path(__file__).parent / "tools" / "control_peers.py"
+WORKER = Path(__file__).with_name("control_peers.py")
 
 
 def one_run(tool: str, setting: str, steps: int, cache: str) -> dict[str, float] | None:
@@ -71,7 +72,8 @@ def one_run(tool: str, setting: str, steps: int, cache: str) -> dict[str, float]
         print(f"{tool} {setting} × {steps}: more than {LIMIT:.0f} s")
         return None
     if run.returncode:
-        print(f"{tool} {setting} × {steps}: {run.stderr.strip().splitlines()[-1]}")
+        said = run.stderr.strip() or f"ended by {run.returncode}"
+        print(f"{tool} {setting} × {steps}: {said.splitlines()[-1]}")
         return None
     return json.loads(run.stdout.splitlines()[-1])
 
@@ -170,16 +172,12 @@ def draw(rows: list[dict]) -> None:
 def main(words: list[str]) -> None:
     """These tools, or all; with `--resume` those settings that are not in the record yet."""
     tools = [word for word in words if word in SETTINGS] or list(SETTINGS)
-    versions, known = installed(list(SETTINGS)), kept("optimal_control")
-    if "--resume" not in words:
-        known = [row for row in known if row.get("tool") not in (None, *tools)]
+    anew = [] if "--resume" in words else tools
+    versions = installed(list(SETTINGS))
+    known = [row for row in kept("optimal_control") if row["tool"] not in anew]
     rows = measured(tools, known, versions)
     table(rows)
     best = quickest(rows)
     save("optimal_control_tools", best, versions)
     table(best)
     draw(rows)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
