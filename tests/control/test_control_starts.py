@@ -13,8 +13,14 @@ import varint as vi
 from varint.control.build import build_control_solver
 from varint.control.coarse import coarse_start
 from varint.control.guess import build_start, read_guess
-from varint.control.lifted import SMOOTH, can_be_lifted, lifted_start, price_of_bends
-from varint.control.lifted_program import build_places, build_program
+from varint.control.lifted import can_be_lifted, lifted_start, prices_of
+from varint.control.lifted_program import (
+    build_places,
+    build_program,
+    give_aid,
+    rows_of_motion,
+    without_curvature,
+)
 from varint.control.neighbours import wave
 from varint.control.problem import transcribe
 from varint.control.scaling import choose_scales
@@ -308,26 +314,90 @@ def test_a_path_that_breaks_the_motion_grossly_leads_to_the_fastest_wire(seed):
     assert found.success and found.iterations < 40
 
 
-@pytest.mark.parametrize("duration, reach", [(1.0, 1.0), (3.0, 1.0), (vi.free(3.0, 1, 9), 7.0)])
-def test_bends_cost_the_same_in_any_units(duration, reach):
-    """q = L s² (3 − 2 s): ∫ (d²q/ds² / L)² ds = 12, by N differences of its slopes 12 (1 − 1/N²),
-    whatever the duration and the extent; in units of the cost.
+UNITS = pytest.mark.parametrize(
+    "duration, reach", [(1.0, 1.0), (3.0, 1.0), (vi.free(3.0, 1, 9), 7.0)]
+)
+
+
+def bend(duration, reach):
+    """A problem whose straight line bends as q = L s² (3 − 2 s) does, its start values on the mesh
+    without aid, and those with it.
     """
     q, v = vi.coordinates("x")
     system = vi.System(q, v, v**2 / 2, force=U, control=U)
     ends = dict(start=dict(q=[0], v=[0]), end=dict(q=[reach], v=[0]))
-    phase = vi.Phase(system, vi.gauss(2), duration, 8, U**2, **ends)
+    problem = transcribe([vi.Phase(system, vi.gauss(2), duration, 8, U**2, **ends)], [], 0.0)
+    part = problem.phases[0].phase
+    s = part.mesh
+    shape = reach * np.array([s**2 * (3 - 2 * s), 6 * s * (1 - s) / part.duration[0]]).T
+
+    def program(prices):
+        places = build_places(part, 8, prices)
+        x = np.zeros(places.end)
+        x[places.x] = shape
+        x[places.shared[places.shared >= 0]] = part.duration[0]
+        return build_program(part, 0.0, s, places, prices), places, x
+
+    return problem, part, program
+
+
+@UNITS
+def test_bends_cost_the_same_in_any_units(duration, reach):
+    """q = L s² (3 − 2 s): ∫ (d²q/ds² / L)² ds = 12, by N differences of its slopes 12 (1 − 1/N²),
+    whatever the duration and the extent; in units of the cost.
+    """
+    problem, part, program = bend(duration, reach)
+    factor = choose_scales(problem, build_start(problem)).f
+    prices = prices_of(problem, read_guess(part, 0.0), 0.1)
+    with_price, without = (
+        float(nlp.program.value(x, nlp.p)[0]) for nlp, _, x in (program(prices), program(None))
+    )
+    assert factor * (with_price - without) == pytest.approx(1.2 * (1 - 1 / 64), rel=1e-12)
+
+
+@UNITS
+def test_aid_makes_any_path_a_motion_at_the_same_price_in_any_units(duration, reach):
+    """q = L s² (3 − 2 s) without controls: the aid is d²q/ds² / L, and costs 12 (1 − 1/N²) as its
+    bends do.
+    """
+    problem, part, program = bend(duration, reach)
+    factor = choose_scales(problem, build_start(problem)).f
+    prices = prices_of(problem, read_guess(part, 0.0), 0.0, 3.0)
+    nlp, places, x = program(prices)
+    rows = rows_of_motion(part, 8)[:, 1]
+    aided = give_aid(part, part.mesh, places, prices, nlp, x)
+    (_, alone), (cost, helped) = (nlp.program.value(y, nlp.p) for y in (x, aided))
+    assert np.abs(np.array(alone).ravel()[rows]).max() > 0.1 * reach / part.duration[2]
+    assert np.abs(np.array(helped).ravel()[rows]).max() < 1e-14 * reach
+    assert factor * float(cost) == pytest.approx(36 * (1 - 1 / 64), rel=1e-12)
+
+
+def test_without_curvature_some_rows_are_straight_to_the_solver_and_nothing_else_is():
+    """A pendulum's rows of motion bend; what is left of the Hessian is that of cost and aid."""
+    ends = dict(start=dict(q=[0], v=[0]), end=dict(q=[np.pi], v=[0]))
+    phase = vi.Phase(pendulum(), vi.gauss(2), 2.0, 6, U**2, **ends)
     problem = transcribe([phase], [], 0.0)
     part = problem.phases[0].phase
-    price = price_of_bends(problem, read_guess(part, 0.0))
-    factor = choose_scales(problem, build_start(problem)).f
-    places = build_places(part, 8)
-    free, bent = (build_program(part, 0.0, part.mesh, places, y) for y in (None, price))
-    x, s = np.zeros(places.end), part.mesh
-    x[places.x] = reach * np.array([s**2 * (3 - 2 * s), 6 * s * (1 - s) / part.duration[0]]).T
-    x[places.shared[places.shared >= 0]] = part.duration[0]
-    with_price, without = (float(y.program.value(x, y.p)[0]) for y in (bent, free))
-    assert factor * (with_price - without) == pytest.approx(12 * SMOOTH * (1 - 1 / 64), rel=1e-12)
+    prices = prices_of(problem, read_guess(part, 0.0), 0.1, 3.0)
+    places = build_places(part, part.steps, prices)
+    nlp = build_program(part, 0.0, part.mesh, places, prices)
+    straight = without_curvature(nlp, rows_of_motion(part, part.steps))
+    rng = np.random.default_rng(0)
+    x, weights = rng.normal(size=nlp.unknowns), rng.normal(size=nlp.rows)
+    of_motion = np.zeros(nlp.rows)
+    of_motion[rows_of_motion(part, part.steps)] = weights[rows_of_motion(part, part.steps)]
+    exact, ours, motion = (
+        np.array(ca.DM(program.hessian(x, nlp.p, factor, y)).full())
+        for program, factor, y in (
+            (nlp.program, 2.0, weights),
+            (straight.program, 2.0, weights),
+            (nlp.program, 0.0, of_motion),
+        )
+    )
+    assert np.abs(motion).max() > 1e-3
+    np.testing.assert_allclose(ours, exact - motion, rtol=0, atol=1e-12 * np.abs(exact).max())
+    for same in ("value", "gradient", "jacobian"):
+        assert getattr(straight.program, same) is getattr(nlp.program, same)
 
 
 @pytest.mark.parametrize("rule, steps", [(vi.gauss(2), 40), (vi.midpoint(), 20)])
@@ -367,6 +437,27 @@ def test_finer_and_finer_rough_solutions_end_nearer_to_an_optimum_than_the_path(
     drawn, found = (build_control_solver(problem, x)(x, progress=False) for x in starts)
     assert drawn.success and found.success
     assert found.iterations < 0.6 * drawn.iterations
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_three_links_are_swung_up_near_a_wild_path(seed):
+    """A triple pendulum on a cart from a random path: without aid no rough solution comes near a
+    motion in hundreds of iterations.
+    """
+    q, v = vi.coordinates("x", "a", "b", "c")
+    place, lagrangian = ca.vertcat(q[0], 0), v[0] ** 2 / 2
+    for i in range(3):
+        place = place + 0.4 * ca.vertcat(ca.sin(q[1 + i]), -ca.cos(q[1 + i]))
+        lagrangian += 0.2 * (ca.sumsqr(ca.jtimes(place, q, v)) / 2 - 9.81 * place[1])
+    system = vi.System(q, v, lagrangian, force=ca.vertcat(U, 0, 0, 0), control=U)
+    ends = dict(start=dict(q=[0] * 4, v=[0] * 4), end=dict(q=[0] + [np.pi] * 3, v=[0] * 4))
+    bounds = [(-60, U, 60), (-2, q[0], 2)]
+    phase = vi.Phase(system, vi.gauss(3), 3.0, 60, U**2, bounds=bounds, **ends)
+    problem = transcribe([replace(phase, guess=dict(q=random_path(phase, 3.0, seed)))], [], 0.0)
+    start, rough, _ = lifted_start(problem)
+    assert rough < 150
+    found = build_control_solver(problem, start)(start, progress=False)
+    assert found.success and found.iterations < 40
 
 
 def test_constrained_and_linked_problems_are_not_lifted():
@@ -420,7 +511,7 @@ def test_a_guess_that_leads_nowhere_is_left_and_the_report_says_so(capsys):
     waves = np.random.default_rng(0).normal(size=(4, 2))
 
     def path(t: float) -> np.ndarray:
-        return np.array([1, 0]) + 3 * np.sin(t / DURATION * np.pi * np.arange(1, 5)) @ waves
+        return np.array([1, 0]) + 20 * np.sin(t / DURATION * np.pi * np.arange(1, 5)) @ waves
 
     given = {k: getattr(phase, k) for k in ("terminal_cost", "start", "end", "bounds", "steps")}
     motion = vi.optimal_control(

@@ -8,23 +8,33 @@ Until they are met, Newton's steps need not keep v = q̇, so that a path that br
 motion grossly is led to a motion that keeps them where the discrete Euler–Lagrange equations, of
 second order in q alone, lead away (lifted Newton method: Albersmeyer & Diehl 2010).
 
-It is solved on half of the steps, at a price on bends if the path breaks the equations of motion
-more than the straight line does; then on twice as many as are asked for, without a price; where
-that fails first on all of them, and where that fails too all over without the price. Coarse meshes
-forgive a wild path, and in a smooth motion a finer mesh has little to mend. Where neither half of
-the steps nor all of them lead to a motion in many iterations, no motion is near the path.
+It is solved on half of the steps, and from there on twice as many as are asked for; where that
+leads to no motion, first on all of them. Coarse meshes forgive a wild path, and in a smooth motion
+a finer mesh has little to mend.
 
-The price, beside a cost of order one, is
+A path is wild if it breaks the equations of motion more than the straight line does. Bends of its
+first rough solution have a price, beside a cost of order one,
 
     S = κ Σ_i ∫_0^1 (d²q_i/ds² / L_i)² ds,    s = t / T,  L_i the extent of the path in q_i,
 
-the same in whatever units and for whatever duration.
+the same in whatever units and for whatever duration; and there is aid, accelerations z_i L_i/T² of
+all coordinates, whatever can push them in truth, at a price
+
+    A = α Σ_i ∫_0^1 z_i² ds,
+
+with which every path is a motion (an elastic mode: Nocedal & Wright, Numerical Optimization,
+§18.5). It is cheap at first, and bends are dear: a nonlinear least-squares problem for the
+Gauss–Newton method. Then it is so dear that the controls do nearly all of it, and the finer mesh
+has none. Other paths are near the motion that is meant, and where the duration is unknown it
+multiplies the aid, so that there is little to gain by least squares: both are tried without aid
+first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -33,10 +43,13 @@ from varint.control.coarse import RoughStart
 from varint.control.guess import Guess, build_start, hermite, read_guess, write_guess
 from varint.control.lifted_program import (
     Places,
+    Prices,
     build_lifted_start,
     build_places,
     build_program,
+    give_aid,
     rows_of_motion,
+    without_curvature,
 )
 from varint.control.phase import CheckedPhase
 from varint.control.piecewise import Piecewise
@@ -71,10 +84,18 @@ FINER = ROUGH | {
     "acceptable_obj_change_tol": 1e-2,
     "acceptable_iter": 2,
 }
-FIRST = 0.5, 1.0  # steps of the first rough solution, of those asked for: the one that succeeds
+# of a wild path without aid: what is found there is found soon
+WILD = ROUGH | {"max_iter": 35}
+# aid makes up for rows that are off; the next mesh has none
+AIDED = ROUGH | {
+    "max_iter": 25,
+    "acceptable_constr_viol_tol": 0.1,
+    "acceptable_obj_change_tol": 0.03,
+}
+FIRST, ALL = 0.5, 1.0  # steps of the first meshes, of those asked for
 FINEST = 2.0  # the same of the last one; of rules with no more nodes than the midpoint rule 1
-IN_VAIN = 120  # iterations after which half of the steps and all of them have led to nothing
 SMOOTH = 0.1  # κ, the price of bends on the first mesh
+CHEAP, DEAR = (1.0, 0.1), (SMOOTH, 100.0)  # κ and α, with aid
 STILL = 1e-9  # of the largest extent: coordinates that move less do not move
 ALMOST = 1e-4  # a path that breaks rows by less is as good a start as a solution
 
@@ -110,46 +131,43 @@ def lifted_start(problem: ControlProblem, progress: bool | None = False) -> Roug
     if not can_be_lifted(problem):
         return RoughStart(None, 0)
     part = problem.phases[0]
-    drawn = read_guess(part.phase, part.t0)
-    rough, total, best = Rough(None, 0, False), 0, None
-    prices = (price_of_bends(problem, drawn),) if _is_wild(problem, drawn) else ()
-    for price in (*prices, None):
-        rough, finest = _on_finer_meshes(problem, drawn, price, progress)
+    drawn, degree = read_guess(part.phase, part.t0), part.phase.rule.degree
+    wild, total = _is_wild(problem, drawn), 0
+    options, prices = (WILD, prices_of(problem, drawn, SMOOTH)) if wild else (ROUGH, None)
+
+    def by_aid() -> Rough:
+        cheap, dear = (prices_of(problem, drawn, *y) for y in (CHEAP, DEAR))
+        first = _solved(problem, drawn, FIRST, AIDED, progress, cheap, straight=True)
+        if first.guess is None or first.stopped:
+            return first
+        return _after(first, _solved(problem, first.guess, FIRST, AIDED, progress, dear))
+
+    def alone(ratio: float) -> Rough:
+        return _solved(problem, drawn, ratio, options, progress, prices)
+
+    ways: list[Callable[[], Rough]] = [partial(alone, FIRST), by_aid, partial(alone, ALL)]
+    if wild and not part.phase.free_duration:
+        ways[:2] = ways[1::-1]
+    for way in ways:
+        rough = way()
+        if rough.guess is not None and not rough.stopped:
+            finest = min(FINEST, degree)
+            rough = _after(rough, _solved(problem, rough.guess, finest, FINER, progress))
         total += rough.iterations
-        best = rough.guess or best
-        if finest or rough.stopped or (best is None and total > IN_VAIN):
+        if rough.guess is not None:
             break
-    if best is None:
+    if rough.guess is None:
         return RoughStart(None, total)
     start = np.zeros(problem.unknowns)
-    write_guess(start, part, best)
+    write_guess(start, part, rough.guess)
     if not np.isfinite(start).all():
         return RoughStart(None, total)
     return RoughStart(np.clip(start, problem.nlp.x_low, problem.nlp.x_high), total, rough.stopped)
 
 
-def _on_finer_meshes(
-    problem: ControlProblem, drawn: Guess, price: np.ndarray | None, progress: bool | None
-) -> tuple[Rough, bool]:
-    """The rough solution on the finest mesh that was reached, with all iterations; whether that is
-    the finest of all.
-    """
-    total, finest = 0, min(FINEST, problem.phases[0].phase.rule.degree)
-    for reached in FIRST:
-        rough = _solved(problem, drawn, reached, ROUGH, progress, price)
-        total += rough.iterations
-        if rough.guess is not None:
-            break
-    for way in ((finest,), (1.0, finest)):  # at once, or by all of the steps
-        for ratio in way:
-            if rough.guess is None or rough.stopped or ratio <= reached:
-                continue
-            finer = _solved(problem, rough.guess, ratio, FINER, progress)
-            total += finer.iterations
-            if finer.guess is None:
-                break
-            rough, reached = finer, ratio
-    return rough._replace(iterations=total), rough.guess is not None and reached >= finest
+def _after(first: Rough, then: Rough) -> Rough:
+    """What was found then, with the iterations of both."""
+    return then._replace(iterations=first.iterations + then.iterations)
 
 
 def _solved(
@@ -158,15 +176,22 @@ def _solved(
     ratio: float,
     options: Mapping[str, float],
     progress: bool | None,
-    price: np.ndarray | None = None,
+    prices: Prices | None = None,
+    straight: bool = False,
 ) -> Rough:
-    """The rough solution on so many times the steps of the mesh, bends at a price if wanted."""
+    """The rough solution on so many times the steps of the mesh, at prices if wanted; by the
+    Gauss–Newton method, or with the curvature of the equations of motion.
+    """
     phase, t0 = problem.phases[0].phase, problem.phases[0].t0
     steps = max(round(ratio * phase.steps), 1)
     mesh = np.interp(np.linspace(0, phase.steps, steps + 1), np.arange(phase.steps + 1), phase.mesh)
-    places = build_places(phase, steps)
-    nlp = build_program(phase, t0, mesh, places, price)
+    places = build_places(phase, steps, prices)
+    nlp = build_program(phase, t0, mesh, places, prices)
     start = np.clip(build_lifted_start(phase, mesh, places, guess), nlp.x_low, nlp.x_high)
+    if prices is not None and places.aid.size:
+        start = give_aid(phase, mesh, places, prices, nlp, start)
+    if straight:
+        nlp = without_curvature(nlp, rows_of_motion(phase, steps))
     order = plain_order(nlp)
     solve = build_solver(nlp, "ipopt", {"ipopt": options}, natural_scales(nlp), order)
     found = solve(start, progress=progress)
@@ -198,7 +223,7 @@ def _misfit(phase: CheckedPhase, places: Places, nlp: NonlinearProgram, guess: G
     """
     x = np.clip(build_lifted_start(phase, phase.mesh, places, guess), nlp.x_low, nlp.x_high)
     g, slopes = nlp.program.jacobian(x, nlp.p)
-    rows = rows_of_motion(phase)
+    rows = rows_of_motion(phase, phase.steps)
     off = (g.full().ravel() - nlp.g_low)[rows]
     at = np.full((len(nlp.g_low), 2), -1)  # of a row: its step, and its place there
     at[rows] = np.moveaxis(np.indices(rows.shape), 0, -1)
@@ -215,8 +240,9 @@ def _misfit(phase: CheckedPhase, places: Places, nlp: NonlinearProgram, guess: G
     return float(np.linalg.norm(off[..., None] - acting @ best))
 
 
-def price_of_bends(problem: ControlProblem, drawn: Guess) -> np.ndarray:
-    """κ / L_i², in the units of the cost."""
+def prices_of(problem: ControlProblem, drawn: Guess, bends: float, aid: float = 0.0) -> Prices:
+    """Prices beside a cost of order one, in the units of the cost."""
     extent = np.ptp(drawn.q(problem.phases[0].phase.mesh), axis=0)
     extent = np.where(extent > STILL * extent.max(), extent, 1.0)
-    return SMOOTH / choose_scales(problem, build_start(problem)).f / extent**2
+    unit = choose_scales(problem, build_start(problem)).f
+    return Prices(bends / unit, aid / unit, extent)

@@ -4,7 +4,7 @@ sit, its bounds, its elements, its start values; see lifted.py.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -18,34 +18,49 @@ from varint.nlp.program import NonlinearProgram
 
 
 @dataclass(frozen=True, eq=False)
+class Prices:
+    """What a program pays beside its cost: for bends and for aid, in the units of the cost, of a
+    path that reaches so far in each coordinate (n,). Without a price on aid there is none.
+    """
+
+    bends: float
+    aid: float
+    extent: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Places:
-    """Where the unknowns sit: (q, v) at the nodes (N + 1, 2n), controls (N, k), and duration and
-    parameters, −1 where they are fixed.
+    """Where the unknowns sit: (q, v) at the nodes (N + 1, 2n), controls (N, k), aid (N, n) or
+    (N, 0), and duration and parameters, −1 where they are fixed.
     """
 
     x: np.ndarray
     u: np.ndarray
+    aid: np.ndarray
     shared: np.ndarray
 
     @property
     def end(self) -> int:
         """Number of unknowns."""
-        return max(int(y.max(initial=-1)) for y in (self.x, self.u, self.shared)) + 1
+        return max(int(y.max(initial=-1)) for y in (self.x, self.u, self.aid, self.shared)) + 1
 
 
-def build_places(phase: CheckedPhase, steps: int) -> Places:
+def build_places(phase: CheckedPhase, steps: int, prices: Prices | None = None) -> Places:
     s = phase.system.structure
-    stride = 2 * s.n + s.controls
-    first = stride * np.arange(steps + 1)[:, None]
-    x, u = first + np.arange(2 * s.n), first[:-1] + np.arange(2 * s.n, stride)
+    aided = s.n if prices is not None and prices.aid else 0
+    ends = np.cumsum([0, 2 * s.n, s.controls, aided])
+    first = ends[-1] * np.arange(steps + 1)[:, None]
+    x, u, aid = (first + np.arange(*ends[i : i + 2]) for i in range(3))
     free = np.append(phase.free_duration, phase.c_low < phase.c_high)
     shared = np.where(free, x.max() + np.cumsum(free), -1)
-    return Places(x, u, shared)
+    return Places(x, u[:-1], aid[:-1], shared)
 
 
-def rows_of_motion(phase: CheckedPhase) -> np.ndarray:
-    """Which rows of the program are the equations of motion of each step, (N, 2n)."""
-    return _rows_of_steps(phase, phase.steps)[:, : 2 * phase.system.structure.n]
+def rows_of_motion(phase: CheckedPhase, steps: int) -> np.ndarray:
+    """Which rows of the program are the equations of motion of each step, (N, 2n): those of the
+    coordinates and those of the velocities.
+    """
+    return _rows_of_steps(phase, steps)[:, : 2 * phase.system.structure.n]
 
 
 def _rows_of_steps(phase: CheckedPhase, steps: int) -> np.ndarray:
@@ -59,7 +74,7 @@ def build_program(
     t0: float,
     mesh: np.ndarray,
     places: Places,
-    price: np.ndarray | None,
+    prices: Prices | None,
 ) -> NonlinearProgram:
     s, bounds, steps = phase.system, phase.bounds, len(mesh) - 1
     n, of_steps = s.structure.n, _rows_of_steps(phase, steps)
@@ -67,7 +82,7 @@ def build_program(
     end = of_steps.size
     of_ends = end + np.arange(first)[None], end + first + np.arange(last)[None]
     elements = [
-        _interval(phase, t0, mesh, places, price, of_steps),
+        _interval(phase, t0, mesh, places, prices, of_steps),
         _end(phase, t0, places, of_ends[0], False),
         _end(phase, t0, places, of_ends[1], True),
     ]
@@ -112,13 +127,14 @@ def _interval(
     t0: float,
     mesh: np.ndarray,
     places: Places,
-    price: np.ndarray | None,
+    prices: Prices | None,
     rows: np.ndarray,
 ) -> Element:
     s, n, steps = phase.system, phase.system.structure.n, len(mesh) - 1
     duration, c, free = _shared(phase, places)
     x0, x1 = ca.SX.sym("x0", 2 * n), ca.SX.sym("x1", 2 * n)
     u, w = ca.SX.sym("u", s.structure.controls), ca.SX.sym("w", 2)
+    aid = ca.SX.sym("aid", places.aid.shape[1])
     push = ca.gradient(s.lagrangian, s.q) + s.force
     push -= ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
     rates = phase.rates.symbols
@@ -135,17 +151,20 @@ def _interval(
     h, middle = duration * w[1], (x0 + x1) / 2
     t = t0 + duration * (w[0] + w[1] / 2)
     a, cost, nodes, points = along(middle[:n], middle[n:], u, t, c, ca.SX.zeros(rates.shape))
-    motion = x1 - x0 - h * ca.vertcat(middle[n:], a)
     total = h * cost
-    if price is not None:
-        total += ca.dot(ca.DM(price), (duration * (x1 - x0)[n:]) ** 2) / w[1]
+    if prices is not None:
+        extent = ca.DM(prices.extent)
+        total += prices.bends * ca.sumsqr(duration * (x1 - x0)[n:] / extent) / w[1]
+        total += prices.aid * ca.sumsqr(aid) * w[1]
+        a += extent * aid / duration**2 if places.aid.size else 0
+    motion = x1 - x0 - h * ca.vertcat(middle[n:], a)
     k = np.arange(steps)
     return Element(
-        ca.vertcat(x0, u, x1, free),
+        ca.vertcat(x0, u, aid, x1, free),
         w,
         total,
         ca.vertcat(motion, nodes, points),
-        np.hstack([places.x[:-1], places.u, places.x[1:], _many(places, steps)]),
+        np.hstack([places.x[:-1], places.u, places.aid, places.x[1:], _many(places, steps)]),
         np.stack([k, steps + k], axis=1),
         rows,
     )
@@ -184,3 +203,35 @@ def build_lifted_start(
     free = places.shared >= 0
     x[places.shared[free]] = np.append(guess.duration, guess.c)[free]
     return x
+
+
+def give_aid(
+    phase: CheckedPhase,
+    mesh: np.ndarray,
+    places: Places,
+    prices: Prices,
+    nlp: NonlinearProgram,
+    x: np.ndarray,
+) -> np.ndarray:
+    """Start values that keep the equations of motion by what aid makes up for; the controls take
+    over from it.
+    """
+    n, x = phase.system.structure.n, x.copy()
+    rows = rows_of_motion(phase, len(places.aid))[:, n:]
+    duration = x[places.shared[0]] if places.shared[0] >= 0 else phase.duration[0]
+    off = np.array(nlp.program.value(x, nlp.p)[1]).ravel()[rows]
+    x[places.aid] += duration * off / np.diff(mesh)[:, None] / prices.extent
+    return x
+
+
+def without_curvature(nlp: NonlinearProgram, rows: np.ndarray) -> NonlinearProgram:
+    """The same program to a solver that takes some rows for straight, those of aid's least squares:
+    the Gauss–Newton method, whose Hessian is that of a minimum wherever the cost is convex.
+    """
+    exact, kept = nlp.program.hessian, np.ones(nlp.rows)
+    kept[rows] = 0
+    symbols = [ca.MX.sym(name, *exact.size_in(name)) for name in exact.name_in()]
+    curved = exact(*symbols[:3], symbols[3] * ca.DM(kept))
+    names = exact.name_in(), exact.name_out()
+    hessian = ca.Function(exact.name(), symbols, [curved], *names)
+    return replace(nlp, program=replace(nlp.program, hessian=hessian))
