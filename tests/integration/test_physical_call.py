@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.integration.time_transformation import physical_call, transformed_run
+from varint.integration.time_transformation import inner_run, transformed_run
 
 MODELS = {
     "kepler": (vi.models.kepler(e=0.9), 20.0),
@@ -59,13 +59,13 @@ def test_both_gears_give_the_same_bytes():
 
 def test_a_run_is_one_call_of_the_core(monkeypatch):
     calls = []
-    real = physical_call.run_until
+    real = inner_run.run_until
 
     def counted(*arguments, **how):
         calls.append(real(*arguments, **how))
         return calls[-1]
 
-    monkeypatch.setattr(physical_call, "run_until", counted)
+    monkeypatch.setattr(inner_run, "run_until", counted)
     monkeypatch.setattr(transformed_run, "prepare", lambda *ignored: pytest.fail("prepared"))
     motion = vi.simulate(MODELS["kepler"][0].system, **start_of("kepler"))
     assert len(calls) == 1 and len(calls[0].nodes) == len(motion)

@@ -24,9 +24,7 @@ def velocity(system: System, p: ca.SX) -> ca.SX:
 def force(system: System) -> ca.SX:
     """∂L/∂q + F in terms of q, v, t, u."""
     known = system.kinetics.slopes if system.kinetics is not None else ca.SX(0, 1)
-    n = system.q.numel()
-    slope = known[:n] if known.numel() else ca.gradient(system.lagrangian, system.q)
-    return slope + system.force
+    return known[: system.q.numel()] + system.force if known.numel() else system.generalised_force
 
 
 def momentum(system: System) -> ca.SX:

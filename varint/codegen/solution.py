@@ -69,7 +69,7 @@ def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
     s, n, d, nodes = system, system.structure.n, rule.degree, len(rule.nodes)
     if s.structure.linear or d == 1 or e.y.numel() <= CLOSED:
         return None
-    state, push = [s.q, s.v, s.t, s.control], ca.gradient(s.lagrangian, s.q) + s.force
+    state, push = [s.q, s.v, s.t, s.control], s.generalised_force
     slopes = [ca.jacobian(x, y) for x in (s.momentum, push) for y in (s.q, s.v)]
     pattern = slopes[0].sparsity()
     for slope in slopes[1:]:

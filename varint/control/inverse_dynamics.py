@@ -165,7 +165,7 @@ def _inverse(system: System, free: tuple[int, ...]) -> ca.Function:
     a = ca.SX.sym("a", n)
     p = s.momentum
     rate = ca.jtimes(p, s.q, s.v) + ca.mtimes(s.mass_matrix, a) + ca.jacobian(p, s.t)
-    lacking = rate - ca.gradient(s.lagrangian, s.q) - s.force
+    lacking = rate - s.generalised_force
     slope = ca.jacobian(s.force, s.control)[:, list(free)]
     slope = ca.horzcat(slope, ca.jacobian(velocity_rows(s), s.v).T)
     f = ca.Function(

@@ -135,8 +135,8 @@ def _interval(
     x0, x1 = ca.SX.sym("x0", 2 * n), ca.SX.sym("x1", 2 * n)
     u, w = ca.SX.sym("u", s.structure.controls), ca.SX.sym("w", 2)
     aid = ca.SX.sym("aid", places.aid.shape[1])
-    push = ca.gradient(s.lagrangian, s.q) + s.force
-    push -= ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
+    carried = ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
+    push = s.generalised_force - carried
     rates = phase.rates.symbols
     along = ca.Function(
         "along",

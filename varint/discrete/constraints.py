@@ -136,8 +136,8 @@ def multiplier_function(system: System) -> ca.Function:
 def saddle_parts(system: System) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Matrix, right side and scales of the index-1 relation for (a, −λ)."""
     s, rows = system, velocity_rows(system)
-    generalised_force = ca.gradient(s.lagrangian, s.q) + s.force - _along(s.momentum, s)
-    return _saddle(s.mass_matrix, ca.jacobian(rows, s.v), generalised_force, -_along(rows, s))
+    push = s.generalised_force - _along(s.momentum, s)
+    return _saddle(s.mass_matrix, ca.jacobian(rows, s.v), push, -_along(rows, s))
 
 
 def _along(expression: ca.SX, system: System) -> ca.SX:

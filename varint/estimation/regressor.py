@@ -152,7 +152,7 @@ def _equations(p: Estimation, scenes: list[Points], c: np.ndarray) -> tuple[np.n
 def principle(system: System) -> ca.Function:
     """(q, v, t, u, c) → ∂L/∂v, ∂L/∂q + F and their derivatives with respect to c."""
     s = system
-    rates = [s.momentum, ca.gradient(s.lagrangian, s.q) + s.force]
+    rates = [s.momentum, s.generalised_force]
     slopes = [ca.densify(ca.jacobian(x, s.c)) for x in rates]
     outputs = [*(ca.densify(x) for x in rates), *slopes]
     return ca.Function("principle", [s.q, s.v, s.t, s.control, s.c], outputs, {"cse": True})

@@ -72,7 +72,7 @@ def contacts_as_data(system: System) -> ContactData:
     slope = ca.densify(ca.jacobian(rows, s.v))
     bend = ca.densify(ca.jtimes(rows, s.q, s.v) + ca.jacobian(rows, s.t))
     carried = ca.jtimes(s.momentum, s.q, s.v) + ca.jacobian(s.momentum, s.t)
-    push = ca.densify(ca.gradient(s.lagrangian, s.q) + s.force - carried)
+    push = ca.densify(s.generalised_force - carried)
     ends = [ca.SX.sym(name, n) for name in ("q0", "v0", "q1", "v1")]
     piece = [*ends, ca.SX.sym("t"), ca.SX.sym("w")]
     low, _, rate_low, rate_high, bend_low, _ = gap_enclosure_function(s)(*piece, ca.SX(0, 1), s.c)

@@ -60,9 +60,9 @@ def _second_derivatives(system: System) -> ca.Function:
     """(q, λ, c) → ∂²L/∂v², ∂²L/∂v∂q, −∂²(L + λ·g)/∂q² − ∂F/∂q, ∂F/∂v, G at rest, dense."""
     s = system
     still, lam = ca.SX.zeros(s.v.shape), ca.SX.sym("lam", s.structure.velocity_rows)
-    gradient = ca.gradient(s.lagrangian, s.q) + s.force
+    gradient = s.generalised_force
     if s.structure.constraints:
-        gradient += ca.jacobian(s.constraint, s.q).T @ lam
+        gradient = gradient + ca.jacobian(s.constraint, s.q).T @ lam
     parts = [
         s.mass_matrix,
         ca.jacobian(s.momentum, s.q),

@@ -315,6 +315,11 @@ class System:
         return ca.gradient(self.lagrangian, self.v)
 
     @cached_property
+    def generalised_force(self) -> ca.SX:
+        """Rate of the momentum ∂L/∂q + F, without reactions, (n,)."""
+        return ca.gradient(self.lagrangian, self.q) + self.force
+
+    @cached_property
     def energy(self) -> ca.SX:
         """Energy H = v·∂L/∂v − L as an expression of q, v, t."""
         return ca.dot(self.v, self.momentum) - self.lagrangian

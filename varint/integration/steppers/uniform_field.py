@@ -29,9 +29,8 @@ from varint.scene.system import System
 def is_uniform(system: System) -> bool:
     """L = ½ vᵀMv + a·v + f·q with constant M, a, f; forces are constant too."""
     s = system
-    generalised_force = ca.gradient(s.lagrangian, s.q) + s.force
     return s.structure.explicit and not ca.depends_on(
-        generalised_force, ca.vertcat(s.q, s.v, s.t, s.control)
+        s.generalised_force, ca.vertcat(s.q, s.v, s.t, s.control)
     )
 
 

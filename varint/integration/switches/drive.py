@@ -52,7 +52,7 @@ def _rates(system: System) -> ca.Function | None:
     scene, frozen = branch_scene(system), frozen_scene(system)
     assert scene is not None and frozen is not None
     s = scene.system
-    x = ca.vertcat(ca.gradient(s.lagrangian, s.q) + s.force, s.momentum, frozen.sigma)
+    x = ca.vertcat(s.generalised_force, s.momentum, frozen.sigma)
     first = ca.jacobian(x, s.t)
     third = ca.jacobian(ca.jacobian(first, s.t), s.t)
     if not ca.depends_on(third, s.t):  # a polynomial of low degree

@@ -13,7 +13,7 @@ import numpy as np
 from varint.codegen.kernel import address_of
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
-from varint.integration.time_transformation.physical_call import (
+from varint.integration.time_transformation.inner_run import (
     BACKENDS,
     Asked,
     called_on,
