@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -37,8 +36,7 @@ def with_free_lengths(system: System, end: Any) -> Any:
     if len(rows) == 1:
         return end
     zeros = np.zeros(sum(row.numel() for row in rows[1:]))
-    return replace(
-        end,
+    return end._replace(
         q=q,
         v=v,
         rows=ca.vertcat(*rows),
