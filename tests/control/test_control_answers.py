@@ -139,6 +139,14 @@ def test_the_price_of_a_limit_is_the_derivative_of_the_least_time():
     assert found.cost == pytest.approx([-0.5, 0.5, 1.0], rel=1e-8)
 
 
+def test_a_prompt_shows_a_line():
+    rest = dict(start=dict(q=[0], v=[0]), end=dict(q=[1.3], v=[0]))
+    prepared = vi.prepare(vi.Phase(particle(), vi.gauss(2), 0.8, 5, U**2, **rest))
+    assert re.fullmatch(r"Prepared\(gauss\(2\) × 5, \d+ unknowns\)", repr(prepared))
+    found = prepared().solution.sensitivity("duration")
+    assert repr(found) == f"Sensitivity(cost by duration {-36 * 1.3**2 / 0.8**4:.6g})"
+
+
 def test_names_that_were_not_given_are_refused():
     motion = move(vi.gauss(2), 5)
     with pytest.raises(vi.InputError, match=r"does not know \['mass'\].*'end.q.x'"):

@@ -46,6 +46,11 @@ class Prepared:
     guess: Sequence[Trajectory] | None = None
     several: bool = False
 
+    def __repr__(self) -> str:
+        phases = (part.phase for part in self.problem.phases)
+        meshes = ", ".join(f"{phase.rule!r} × {phase.steps}" for phase in phases)
+        return f"Prepared({meshes}, {self.problem.unknowns} unknowns)"
+
     def __call__(
         self,
         *,

@@ -67,6 +67,10 @@ class Sensitivity:
     data: tuple[Datum, ...]
     slopes: tuple
 
+    def __repr__(self) -> str:
+        slopes = (f"{name} {x:.6g}" for name, x in zip(self.names, self.cost, strict=True))
+        return f"Sensitivity(cost by {', '.join(slopes)})"
+
     def __str__(self) -> str:
         width = max(map(len, self.names), default=0)
         rows = [f"{name:<{width}}  {x: .9g}" for name, x in zip(self.names, self.cost, strict=True)]
