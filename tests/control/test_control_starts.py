@@ -418,10 +418,9 @@ def test_the_rough_solution_is_the_optimum_of_the_midpoint_rule(rule, steps):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [0, 2, 3, 4])
-def test_finer_and_finer_rough_solutions_end_nearer_to_an_optimum_than_the_path(seed):
-    """A quadrotor turns over from a random path: from the path itself the rule asked for takes 135
-    to 380 iterations.
+def test_finer_and_finer_rough_solutions_end_nearer_to_an_optimum_than_the_path():
+    """A quadrotor turns over from six random paths: from the path itself the rule asked for takes
+    135 to 380 iterations.
     """
     q, v = vi.coordinates("x", "z", "theta")
     u = ca.SX.sym("u", 2)
@@ -432,11 +431,15 @@ def test_finer_and_finer_rough_solutions_end_nearer_to_an_optimum_than_the_path(
     ends = dict(start=dict(q=[0] * 3, v=[0] * 3), end=dict(q=[0, 0, 2 * np.pi], v=[0] * 3))
     bounds = [(0, u[0], 6), (0, u[1], 6)]
     phase = vi.Phase(system, vi.gauss(3), 1.5, 50, ca.sumsqr(u), bounds=bounds, **ends)
-    problem = transcribe([replace(phase, guess=dict(q=random_path(phase, 1.5, seed)))], [], 0.0)
-    starts = build_start(problem), lifted_start(problem).x
-    drawn, found = (build_control_solver(problem, x)(x, progress=False) for x in starts)
-    assert drawn.success and found.success
-    assert found.iterations < 0.6 * drawn.iterations
+    parts = []
+    for seed in range(6):
+        path = random_path(phase, 1.5, seed)
+        problem = transcribe([replace(phase, guess=dict(q=path))], [], 0.0)
+        starts = build_start(problem), lifted_start(problem).x
+        drawn, found = (build_control_solver(problem, x)(x, progress=False) for x in starts)
+        assert drawn.success and found.success
+        parts.append(found.iterations / drawn.iterations)
+    assert max(parts) < 1 and np.median(parts) < 0.5
 
 
 @pytest.mark.parametrize("seed", [0, 1])
