@@ -79,6 +79,15 @@ def test_no_two_runs_agree_by_chance_on_a_force_that_is_switched_on(tol):
         assert abs(motion.q[-1, 0] - (2 - where) ** 2 / 2) <= tol * np.ptp(motion.q)
 
 
+def test_runs_that_chaos_has_parted_end_where_their_energy_is_round_off():
+    """More steps would not part them less; they were doubled five times."""
+    model = vi.models.fpu_chain()
+    start = dict(q0=model.q0, v0=model.v0, duration=2000.0)
+    with pytest.warns(UserWarning, match="out of reach"):
+        motion = vi.simulate(model.system, tol=1e-6, save_every=50, progress=False, **start)
+    assert motion.stats["runs"] <= 3 and motion.stats["error_estimate"] > 0.1
+
+
 def test_what_no_number_of_steps_reaches_comes_back_with_its_estimate_and_a_warning():
     model = vi.models.double_pendulum(theta=(2.0, 2.5))
     with pytest.warns(UserWarning, match="out of reach"):
