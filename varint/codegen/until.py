@@ -102,6 +102,7 @@ def run_until(
     than a part `off` of p·v where the clock is slowest, or nodes are too many.
     """
     n, head, entry, _ = entries
+    every = every if every < ROOM else ROOM
     memory = _rooms.pop() if _rooms else _new_room()
     room, at, size = memory
     nodes = at + 8 * TOLD
@@ -112,9 +113,9 @@ def run_until(
             nodes,
             at,
             nodes + 8 * size,
-            int(min(patience, ROOM)),
-            min(ROOM, size) // (3 * n),
-            min(every, ROOM),
+            int(patience) if patience < ROOM else ROOM,
+            (ROOM if size > ROOM else size) // (3 * n),
+            every,
             h,
             level,
             total,
@@ -127,18 +128,18 @@ def run_until(
             return None
         whole, iterations, residual, quiet = room[:TOLD].tolist()
         steps = int(whole)
-        count, first = (steps - 1) // min(every, ROOM) + 2, TOLD + size
+        count, first = (steps - 1) // every + 2, TOLD + size
         kept = room[first : first + (3 + 2 * n) * count].copy()
     finally:
         _rooms.append(memory)
-    q, p = kept[3 * count :].reshape(2, count, n)
+    middle = (3 + n) * count
     return Until(
         steps,
         kept[:count],
         kept[count : 2 * count],
         kept[2 * count : 3 * count].view(np.int64),
-        q,
-        p,
+        kept[3 * count : middle].reshape(count, n),
+        kept[middle:].reshape(count, n),
         int(iterations),
         residual,
         bool(quiet),
