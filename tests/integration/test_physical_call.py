@@ -68,7 +68,7 @@ def test_a_run_is_one_call_of_the_core(monkeypatch):
     monkeypatch.setattr(inner_run, "run_until", counted)
     monkeypatch.setattr(transformed_run, "prepare", lambda *ignored: pytest.fail("prepared"))
     motion = vi.simulate(MODELS["kepler"][0].system, **start_of("kepler"))
-    assert len(calls) == 1 and len(calls[0].nodes) == len(motion)
+    assert len(calls) == 1 and len(calls[0].t) == len(motion)
 
 
 def test_it_leads_back():

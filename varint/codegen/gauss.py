@@ -19,6 +19,8 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 FEW = 6  # so many coordinates stay in registers
+# and so many where an evaluation has few operations: compiling takes half as long again
+MORE, FEW_OPERATIONS = 8, 500
 # vector operations of an evaluation up to which latency decides its time, not their number
 SHORT = 60
 PRODUCT = 10  # of a coordinate's stages with the coefficients
@@ -59,6 +61,8 @@ class Scheme:
         NEEDS_Q and NEEDS_P: does the right-hand side depend on q_i, does the momentum p_i change?
     geometry : int
         Numbers that the functions of c/dense.c share; 0 where it is not needed.
+    few : int
+        Up to so many coordinates stay in registers.
     diagonals, on_velocity, ahead : bool
         How products with the tableau are arranged; whether forces depend on v; whether the next
         step is begun while this one is iterated.
@@ -71,6 +75,7 @@ class Scheme:
     functions: dict[str, Routine]
     needs: dict[str, list[bool]]
     geometry: int
+    few: int
     diagonals: bool
     on_velocity: bool
     ahead: bool
@@ -125,7 +130,7 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
         "LANES": scheme.lanes,
         "FORM": scheme.form,
         "ON_VELOCITY": int(scheme.on_velocity),
-        "FEW": FEW,
+        "FEW": scheme.few,
         "STRIDE": scheme.vectors,
         "AHEAD": int(scheme.ahead),
         "BY_DEFECT": int(scheme.by_defect),
@@ -179,7 +184,9 @@ def _scheme_of(system: System, stages: int, form: int) -> Scheme:
     )
     functions, rates = make(system)
     needs = _needs(system.q, rates)
-    ahead = not by_defect and not system.control.numel() and _work(functions, needs) <= SHORT
+    work = _work(functions, needs)
+    ahead = not by_defect and not system.control.numel() and work <= SHORT
+    few = MORE if work <= FEW_OPERATIONS and not full else FEW
     functions |= routines(
         system.c, {"momentum": ([system.q, system.v, system.t], [momentum(system)])}
     )
@@ -191,7 +198,8 @@ def _scheme_of(system: System, stages: int, form: int) -> Scheme:
         functions,
         needs,
         dense(system)["geometry"][1][0].numel() if full else 0,
-        system.q.numel() <= FEW and 4 * stages > 3 * padded,
+        few,
+        system.q.numel() <= few and 4 * stages > 3 * padded,
         form == 2 and system.structure.force_on_velocity,
         ahead,
         by_defect,

@@ -16,23 +16,20 @@ from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_ASKED = struct.Struct("8P5q6d")  # Until
+_HEAD = struct.Struct("4P3q")  # Until: what follows from the scene
+_ASKED = struct.Struct("5P3q7d")  # the rest of it
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
-TOLD = 5
+TOLD = 4
 
-# memory for nodes that no call uses, and where it lies
-_rooms: list[tuple[np.ndarray, int]] = []
+# memory for nodes that no call uses, where it lies, and for how many numbers
+_rooms: list[tuple[np.ndarray, int, int]] = []
 
 
 class Entries(NamedTuple):
-    """Addresses of a loop and of the energies of its scene, and what lies there."""
+    """A loop and the energies of its scene, as the core is told of them, and what lies there."""
 
     n: int
-    carry: int
-    run: int
-    scene: int
-    rows: int
-    energies: int
+    head: bytes
     entry: Any
     held: tuple
 
@@ -48,8 +45,10 @@ def entries_of(kernel: Kernel, energies: RowFunction) -> Entries:
     """
     entries: tuple[Any, ...] = (kernel.entry, rows_entry())
     run, rows = (cast(entry, c_void_p).value or 0 for entry in entries)
-    heads = kernel.n, kernel.carry_size, run, kernel.scene, rows, energies.at
-    return Entries(*heads, until_entry(), (kernel, energies))
+    n = kernel.n
+    places = run, kernel.scene, rows, energies.at
+    head = _HEAD.pack(*places, n, kernel.carry_size, FIXED_POINT_ITERATIONS)
+    return Entries(n, head, until_entry(), (kernel, energies))
 
 
 class Until(NamedTuple):
@@ -57,18 +56,26 @@ class Until(NamedTuple):
 
     Attributes
     ----------
-    nodes : array (N + 1, 2, n)
-        q and p, the last ones where the clock shows the end.
-    time : float
-        Fictitious time of the end.
-    iterations, residual : float
+    steps : int
+        Until the end, the last one shorter.
+    tau, t : array (N + 1,)
+        Fictitious and physical times of the nodes that are kept, the end among them.
+    k : array of int (N + 1,)
+        Whole steps before each.
+    q, p : array (N + 1, n)
+    iterations : int
+    residual : float
     quiet : bool
         Whether the constant energy is that of the start all along, as far as it was looked at.
     """
 
-    nodes: np.ndarray
-    time: float
-    iterations: float
+    steps: int
+    tau: np.ndarray
+    t: np.ndarray
+    k: np.ndarray
+    q: np.ndarray
+    p: np.ndarray
+    iterations: int
     residual: float
     quiet: bool
 
@@ -80,55 +87,65 @@ def run_until(
     *,
     h: float,
     level: float,
+    t0: float,
     total: float,
+    every: int,
     expected: float,
     patience: float,
     energy: float,
     off: float,
 ) -> Until | None:
     """The motion from q and p at the address `start` with parameters at `c`, about so many steps h
-    until the last coordinate is `total`.
+    until the last coordinate is `total`; every so many nodes are kept, and the last one.
 
     None where a step cannot be solved, the clock stands still, the energy is off `energy` by more
     than a part `off` of p·v where the clock is slowest, or nodes are too many.
     """
-    n = entries.n
+    n, head, entry, _ = entries
+    every = every if every < ROOM else ROOM
     memory = _rooms.pop() if _rooms else _new_room()
-    room, at = memory
+    room, at, size = memory
+    nodes = at + 8 * TOLD
     try:
-        status = entries.entry(
-            _ASKED.pack(
-                entries.run,
-                entries.scene,
-                entries.rows,
-                entries.energies,
-                start,
-                c,
-                at + 8 * TOLD,
-                at,
-                n,
-                entries.carry,
-                FIXED_POINT_ITERATIONS,
-                int(min(patience, ROOM)),
-                ROOM // (3 * n),
-                h,
-                level,
-                total,
-                expected,
-                energy,
-                off,
-            )
+        asked = _ASKED.pack(
+            start,
+            c,
+            nodes,
+            at,
+            nodes + 8 * size,
+            int(patience) if patience < ROOM else ROOM,
+            (ROOM if size > ROOM else size) // (3 * n),
+            every,
+            h,
+            level,
+            total,
+            expected,
+            energy,
+            off,
+            t0,
         )
-        if status != DONE:
+        if entry(head + asked) != DONE:
             return None
-        kept, time, iterations, residual, quiet = room[:TOLD].tolist()
-        count = int(kept) + 1
-        nodes = room[TOLD : TOLD + 3 * n * count].reshape(count, 3, n)[:, :2].copy()
-        return Until(nodes, time, iterations, residual, bool(quiet))
+        whole, iterations, residual, quiet = room[:TOLD].tolist()
+        steps = int(whole)
+        count, first = (steps - 1) // every + 2, TOLD + size
+        kept = room[first : first + (3 + 2 * n) * count].copy()
     finally:
         _rooms.append(memory)
+    middle = (3 + n) * count
+    return Until(
+        steps,
+        kept[:count],
+        kept[count : 2 * count],
+        kept[2 * count : 3 * count].view(np.int64),
+        kept[3 * count : middle].reshape(count, n),
+        kept[middle:].reshape(count, n),
+        int(iterations),
+        residual,
+        bool(quiet),
+    )
 
 
-def _new_room() -> tuple[np.ndarray, int]:
-    room = np.empty(ROOM + TOLD)
-    return room, new_address(room)
+def _new_room() -> tuple[np.ndarray, int, int]:
+    room = np.empty(TOLD + 3 * ROOM)  # of nodes, and more than enough of those that are kept
+    return room, new_address(room), ROOM

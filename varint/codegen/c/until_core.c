@@ -22,10 +22,11 @@ typedef struct {
     const void *scene;
     int (*rows)(const RowsArguments *);
     const void *energies; /* (q, p) to the energy that was E0 at the start, its |p·v|, the energy that is constant, its |p·v| */
+    int64_t n, carry, most;
     const double *start, *c;
-    double *nodes, *told; /* (room, 3 n): q, p, v; nodes before the end, its fictitious time, iterations, residual, quiet */
-    int64_t n, carry, most, patience, room;
-    double h, level, total, expected, energy, off; /* energy: that of the start, off by what part of |p·v| at most */
+    double *nodes, *told, *kept; /* (room, 3 n): q, p, v; nodes before the end, iterations, residual, quiet; what is kept */
+    int64_t patience, room, every;
+    double h, level, total, expected, energy, off, t0; /* energy: that of the start, off by what part of |p·v| at most */
 } Until;
 
 typedef struct { double iterations, residual; int64_t last; } Work;
@@ -124,6 +125,19 @@ static int end_at(const Until *a, int64_t kept, double *carry, RunStats *stats, 
     return fabs(off) <= REACHED * fabs(a->total) ? DONE : NOT_CONVERGED;
 }
 
+/* Of every so many nodes and of the end, which is node `last`: τ, t, whole steps before it, q, p, one behind the other. */
+static void keep(const Until *a, int64_t last, double time) {
+    const int64_t n = a->n, width = 3 * n, count = (last - 1) / a->every + 2;
+    double *const tau = a->kept, *const t = tau + count, *const q = t + 2 * count, *const p = q + n * count;
+    int64_t *const steps = (int64_t *)(t + count);
+    for (int64_t i = 0; i < count; i++) {
+        const int64_t k = i < count - 1 ? i * a->every : last;
+        const double *const node = a->nodes + width * k;
+        tau[i] = k < last ? a->h * (double)k : time, t[i] = a->t0 + node[n - 1], steps[i] = k < last ? k : last - 1;
+        memcpy(q + n * i, node, (size_t)n * sizeof(double)), memcpy(p + n * i, node + n, (size_t)n * sizeof(double));
+    }
+}
+
 int until(const Until *a) {
     const int64_t n = a->n, width = 3 * n;
     double *const carry = malloc((size_t)a->carry * sizeof(double)), stats[sizeof(RunStats) / sizeof(double) + width];
@@ -135,9 +149,10 @@ int until(const Until *a) {
     if (status == DONE) {
         int64_t kept = work.last; /* the node before the last one is not behind the end, but may be there */
         while (kept > 1 && fabs(a->nodes[(kept - 1) * width + n - 1]) >= fabs(a->total) * (1 - LOCATED)) kept--;
-        a->told[4] = quiet(a, kept);
-        status = end_at(a, kept, carry, of, &a->told[1]);
-        a->told[0] = (double)kept, a->told[2] = work.iterations, a->told[3] = work.residual;
+        double time;
+        a->told[0] = (double)kept, a->told[1] = work.iterations, a->told[2] = work.residual, a->told[3] = quiet(a, kept);
+        status = end_at(a, kept, carry, of, &time);
+        if (status == DONE) keep(a, kept, time);
     }
     free(carry);
     return status;

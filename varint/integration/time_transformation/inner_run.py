@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -96,79 +96,58 @@ def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
     return row_function_or_none("level", [s.q, p], s.c, [ca.densify(x) for x in results])
 
 
-class Asked(NamedTuple):
-    """Addresses of the start and of all parameters, step, level of iterations, and energy of the
-    start.
-    """
-
-    start: int
-    c: int
-    h: float
-    level: float
-    energy: float
-
-
-class Ended(NamedTuple):
-    """What the core has found, and with which loop."""
-
-    until: Until
-    kernel: Kernel
-
-
 def until_end(
     called: Called,
-    scene: TransformedScene,
-    asked: Asked,
-    total: float,
+    moving: System,
+    start: tuple[int, int],
+    h: float,
+    level: float,
+    span: tuple[float, float],
     expected: float,
+    energy: float,
+    every: int,
     backend: str,
-) -> Ended | None:
-    """The run until the physical time; None where another way is to be taken."""
-    loop = called.loop(scene.system, backend)
+) -> tuple[Until, Kernel] | None:
+    """The run from the addresses of (q, p) and of all parameters over (t0, duration), and its loop;
+    None where another way is to be taken.
+    """
+    loop = called.loop(moving, backend)
     if loop is None:
         return None
     kernel, entries = loop
     now = perf_counter()
+    t0, total = span
     found = run_until(
         entries,
-        asked.start,
-        asked.c,
-        h=asked.h,
-        level=asked.level,
+        *start,
+        h=h,
+        level=level,
+        t0=t0,
         total=total,
+        every=every,
         expected=expected,
         patience=PATIENCE * (expected + FIRST_CHUNK),
-        energy=asked.energy,
+        energy=energy,
         off=OFF_LEVEL,
     )
     if called.gears and backend == "auto" and kernel.scene:
         kernel_after(called.gears, perf_counter() - now, 0.0)
-    if found is None or found.iterations > called.most * len(found.nodes):
+    if found is None or found.iterations > called.most * (found.steps + 1):
         return None
-    return Ended(found, kernel)
+    return found, kernel
 
 
 def inner_motion(
     called: Called,
-    scene: TransformedScene,
+    moving: System,
     h: float,
     c: np.ndarray,
-    found: Ended,
-    every: int,
+    found: Until,
+    kernel: Kernel,
     seconds: float,
 ) -> Trajectory:
-    """The motion in fictitious time with every so many of the nodes, and the last one."""
-    nodes, time, iterations, residual, _ = found.until
-    count = len(nodes) - 1
-    k = np.arange(count + 1)
-    t = h * k
-    k[-1], t[-1] = count - 1, time
-    if every > 1:
-        wanted = np.append(np.arange(0, count, every), count)
-        nodes, k, t = nodes[wanted], k[wanted], t[wanted]
-    q, p = nodes[:, 0], nodes[:, 1]
-    grid = h, 0.0, np.empty((count, 1, 0)), c
-    work = int(iterations), residual
-    return plain_motion_of(
-        scene.system, called.plan, found.kernel, (k, t, q, p), grid, work, seconds=seconds
-    )
+    """The motion in fictitious time with the nodes that were kept."""
+    nodes = found.k, found.tau, found.q, found.p
+    grid = h, 0.0, np.empty((found.steps, 1, 0)), c
+    work = found.iterations, found.residual
+    return plain_motion_of(moving, called.plan, kernel, nodes, grid, work, seconds=seconds)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from varint.codegen.kernel import new_address
@@ -27,7 +28,7 @@ from varint.integration.problem import LEVEL, RunOptions, Start
 from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
-    Asked,
+    Called,
     called_on,
     inner_motion,
     until_end,
@@ -40,6 +41,7 @@ from varint.numerics.arrays import hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
+from varint.scene.memory import per_system
 from varint.scene.system import System
 
 
@@ -56,36 +58,58 @@ def physical_call(
     if not (isinstance(options.backend, str) and options.backend in BACKENDS and h * total > 0):  # type: ignore[operator]
         return None
     own = isinstance(sigma, str)
-    scene = transformed_scene(system, sigma)
-    if not (asks_for_nodes(rule, start, options) and every > 0 and is_plain(system)):
+    if not (asks_for_nodes(rule, start, options) and every > 0):
         return None
-    if own and local_rate(system).reason:
+    ready = _ready(system, rule, sigma if own else transformed_scene(system, sigma))
+    if ready is None:
         return None
+    moving, called = ready
     h, total = float(h), float(total)  # type: ignore[arg-type]
-    called = called_on(scene.system, scene, rule)
-    begun = called.starts.pop() if called.starts else _start_of(system, scene)
+    begun = called.starts.pop() if called.starts else _start_of(system, sigma)
     try:
         room = begun.room
         c = begin_in(room, system, start)
         if c is None:
             return None
-        slowest = 0.0
         if own:
-            slowest = slowest_rate(rate_pilot(system, room.q, room.v, c, total, h < 0), total)
-        pace = _begin(begun, slowest)
+            pilot = rate_pilot(system, room.q, room.v, c, total, h < 0)
+            begun.slowest[0] = slowest_rate(pilot, total)
+        begun.begin()
+        constants = begun.inner.copy()
+        _, energy, pace = constants[-3:].tolist()
         if not 0 < pace < math.inf:
             return None
         check_steps(start.t0, h * pace, 1)
-        level = 0.0 if options.iteration_tol is None else LEVEL * options.iteration_tol
-        constants = begun.inner.copy()
-        asked = Asked(begun.at, begun.inner_at, h, level, float(constants[-2]))
-        found = until_end(called, scene, asked, total, total / (h * pace), options.backend)
+        found = until_end(
+            called,
+            moving,
+            begun.at,
+            h,
+            0.0 if options.iteration_tol is None else LEVEL * options.iteration_tol,
+            (start.t0, total),
+            total / (h * pace),
+            energy,
+            every,
+            options.backend,
+        )
     finally:
         called.starts.append(begun)
     if found is None:
         return None
-    inner = inner_motion(called, scene, h, constants, found, every, perf_counter() - began)
-    return in_physical_time(system, start.t0, inner), found.until.quiet
+    until, kernel = found
+    inner = inner_motion(called, moving, h, constants, until, kernel, perf_counter() - began)
+    return in_physical_time(system, start.t0, inner, until.t), until.quiet
+
+
+@per_system
+def _ready(
+    system: System, rule: Rule | None, scale: str | TransformedScene
+) -> tuple[System, Called] | None:
+    """The rescaled scene and what is called of it; None where the scene needs another way."""
+    scene = transformed_scene(system, scale) if isinstance(scale, str) else scale
+    if not is_plain(system) or (isinstance(scale, str) and local_rate(system).reason):
+        return None
+    return scene.system, called_on(scene.system, scene, rule)
 
 
 class _Start(NamedTuple):
@@ -95,46 +119,39 @@ class _Start(NamedTuple):
     ----------
     room : Room
         Of the original scene.
-    x, inner : array
-        q and p of the rescaled scene, and all its parameters.
-    scale : array (1,)
-        σ, by `begin`, as is the energy in `inner`.
-    at, inner_at : int
-        Addresses of `x` and `inner`.
+    slowest : array (1,)
+        The slowest rate that the time scale may have.
+    inner : array
+        All parameters of the rescaled scene, by `begin`: those of the original one in its room, the
+        slowest rate, E0 and σ0.
+    at : int, int
+        Addresses of q and p of the rescaled scene, by `begin`, too, and of `inner`.
     """
 
     room: Room
-    x: np.ndarray
+    slowest: np.ndarray
     inner: np.ndarray
-    scale: np.ndarray
-    at: int
-    inner_at: int
+    at: tuple[int, int]
     begin: Callable[[], object]
     held: tuple
 
 
-def _start_of(system: System, scene: TransformedScene) -> _Start:
+def _start_of(system: System, sigma: Any) -> _Start:
     n, many = system.structure.n, system.c.numel()
-    room, x, inner, scale = (
-        room_of(system, False),
-        np.zeros(2 * n + 2),
-        np.zeros(many + 3),
-        np.zeros(1),
-    )
-    buffer, trigger = scene.energy.buffer()
-    inputs = room.q, room.v, room.t, inner[:many], inner[many : many + 1]
-    outputs = inner[many + 1 : many + 2], scale
-    hand_over(buffer, inputs, outputs)
-    at, inner_at = new_address(x), new_address(inner)
-    return _Start(room, x, inner, scale, at, inner_at, trigger, (buffer, inputs, outputs))
+    room, slowest = room_of(system, False), np.zeros(1)
+    x, inner = np.zeros(2 * n + 2), np.zeros(many + 3)
+    buffer, trigger = _start_function(system, transformed_scene(system, sigma)).buffer()
+    inputs = room.q, room.v, room.values[:n], room.t, room.c, slowest
+    hand_over(buffer, inputs, (x, inner))
+    at = new_address(x), new_address(inner)
+    return _Start(room, slowest, inner, at, trigger, (buffer, inputs, x))
 
 
-def _begin(start: _Start, slowest: float) -> float:
-    """σ at the start that lies in the room; the start in fictitious time is then in `x`."""
-    room, x, inner = start.room, start.x, start.inner
-    n = len(room.q)
-    inner[:-3], inner[-3] = room.c, slowest
-    start.begin()
-    inner[-1] = x[-1] = scale = start.scale[0]
-    x[:n], x[n + 1 : -1] = room.q, room.values[:n]
-    return float(scale)
+@per_system
+def _start_function(system: System, scene: TransformedScene) -> ca.Function:
+    """(q, v, p, t, c, slowest rate) → (q, 0, p, σ) and (c, slowest rate, E0, σ)."""
+    s, p, slowest = system, ca.SX.sym("p", system.structure.n), ca.SX.sym("slowest rate")
+    energy, scale = scene.energy(s.q, s.v, s.t, s.c, slowest)
+    x, inner = ca.vertcat(s.q, 0, p, scale), ca.vertcat(s.c, slowest, energy, scale)
+    inputs = [s.q, s.v, p, s.t, s.c, slowest]
+    return ca.Function("fictitious_start", inputs, [ca.densify(x), ca.densify(inner)])

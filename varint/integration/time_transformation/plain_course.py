@@ -15,7 +15,6 @@ from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
-    Asked,
     called_on,
     inner_motion,
     until_end,
@@ -70,15 +69,27 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
         return None
     called = called_on(scene.system, scene, chosen.rule)
     x, c, h = np.concatenate((problem.q0, problem.p0)), problem.c, problem.h
-    asked = Asked(address_of(x), address_of(c), h, problem.level, float(c[-2]))
-    found = until_end(called, scene, asked, total, float(problem.steps), options.backend)
+    at = address_of(x), address_of(c)
+    found = until_end(
+        called,
+        scene.system,
+        at,
+        h,
+        problem.level,
+        (t0, total),
+        float(problem.steps),
+        float(c[-2]),
+        1,
+        options.backend,
+    )
     if found is None:
         return None
     seconds = perf_counter() - began
+    until, kernel = found
 
     def motion() -> Trajectory:
-        inner = inner_motion(called, scene, h, c, found, 1, seconds)
+        inner = inner_motion(called, scene.system, h, c, until, kernel, seconds)
         return in_physical_time(system, t0, inner)
 
-    n, nodes = system.structure.n, found.until.nodes
-    return PhysicalRun(t0 + nodes[:, 0, n], nodes[:, 0, :n], nodes[:, 1, :n], motion)
+    n = system.structure.n
+    return PhysicalRun(until.t, until.q[:, :n], until.p[:, :n], motion)
