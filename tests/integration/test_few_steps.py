@@ -75,7 +75,9 @@ ASKED = {"steps": dict(h=0.01, steps=3), "tol": dict(duration=1.0, tol=1e-6)}
 
 
 @pytest.mark.parametrize("asked", ASKED)
-@pytest.mark.parametrize("bad", [np.nan, -np.inf, "one", [1.0, 2.0], [[1.0]], [None], [], True, 1j])
+@pytest.mark.parametrize(
+    "bad", [np.nan, -np.inf, "one", [1.0, 2.0], [[1.0]], [None], [], True, 1j, 10**400, [10**400]]
+)
 def test_what_is_no_start_is_refused_between_those_that_are(asked, bad):
     how = ASKED[asked]
     good = vi.simulate(PENDULUM, q0=[1.0], v0=[0.5], **how)

@@ -20,7 +20,7 @@ from varint.discrete.legendre import velocity_function
 from varint.integration.problem import RunOptions, Start
 from varint.integration.small_motions import local_function_of_momentum
 from varint.integration.start import check_mass, regular_at, start_function
-from varint.numerics.arrays import hand_over
+from varint.numerics.arrays import hand_over, is_clearly_definite
 from varint.rules.rule import Rule
 from varint.scene.inputs import vector
 from varint.scene.memory import per_scene
@@ -56,7 +56,7 @@ class Room:
     regular : set of bytes
         Parameters for which the mass matrix is known to be regular; `check_mass` adds to it.
     constant : bool
-        Whether that is all it depends on.
+        Whether that is all that it depends on.
     place : Place
         What a few steps are handed.
     places : Places
@@ -66,7 +66,7 @@ class Room:
     held : tuple
         What lies behind them.
     given : array, optional
-        The parameters that are there, known to be good; a system's own ones are always the same.
+        The parameters that are there, known to be good once; a system's own are always the same.
     """
 
     n: int
@@ -173,19 +173,21 @@ def begin_at(
     if v is None:
         v = vector("v0", v0, n, system.names).tolist()
     room.put(room.block, 0, *q, *v, t0, *q)
-    known = c is room.given
-    if not known:
+    there = c is room.given
+    if not there:
         room.given, room.c[:] = None, c
     room.begin()
-    if not math.isfinite(sum(room.begun(room.block))):
+    begun = room.begun(room.block)
+    if not math.isfinite(sum(begun)):
         for what, x in (("q0", q0), ("v0", v0)):
             vector(what, x, n, system.names)
         return None
-    if not known:
-        if c.tobytes() not in room.regular:
-            check_mass(system, room.values[2 * n + 1 :], c)
-        if params is None and room.constant:
-            room.given = c
+    if there and room.constant:
+        return c
+    if not is_clearly_definite(begun[-n * n :]) and c.tobytes() not in room.regular:
+        check_mass(system, room.values[2 * n + 1 :], c)
+    if params is None:
+        room.given = c
     return c
 
 
@@ -196,12 +198,12 @@ def _plain_numbers(x: Any, n: int) -> Sequence[float] | None:
     kind = type(x)
     if kind is list or kind is tuple:
         for one in x:
-            if type(one) is not float and type(one) is not int:
+            if type(one) is not float and not (type(one) is int and abs(one) < LARGE):
                 return None
         return x if len(x) == n else None
     if kind is np.ndarray:
         return x.tolist() if x.dtype is FLOAT and x.shape == (n,) else None
-    return (x,) if kind is float and n == 1 else None
+    return (x,) if n == 1 and (kind is float or is_plain_number(x)) else None
 
 
 def _on(
