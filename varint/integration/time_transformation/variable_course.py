@@ -101,8 +101,8 @@ def worthwhile_pilot(
     """
     if varies_little(system, start, c, total, WORTH):
         return None
-    q, v = np.split(start, 2)
-    pilot = rate_pilot(system, q, v, c, total, total < 0)
+    n = len(start) // 2
+    pilot = rate_pilot(system, start[:n], start[n:], c, total, total < 0)
     return pilot if pilot is not None and pilot.largest >= WORTH * pilot.mean else None
 
 
