@@ -67,3 +67,55 @@ def test_a_step_that_is_not_possible_ends_the_run():
     edge = vi.System(q1, v1, v1**2 / 2 + ca.sqrt(1 - q1))
     with pytest.raises(ConvergenceError):
         vi.simulate(edge, vi.gauss(4), q0=0.9, v0=3.0, h=0.5, steps=3)
+
+
+SPRING_K = ca.SX.sym("k")
+SPRING = vi.System(q1, v1, v1**2 / 2 - SPRING_K * q1**2 / 2, params={SPRING_K: 2.0})
+ASKED = {"steps": dict(h=0.01, steps=3), "tol": dict(duration=1.0, tol=1e-6)}
+
+
+@pytest.mark.parametrize("asked", ASKED)
+@pytest.mark.parametrize(
+    "bad", [np.nan, -np.inf, "one", [1.0, 2.0], [[1.0]], [None], [], True, 1j, 10**400, [10**400]]
+)
+def test_what_is_no_start_is_refused_between_those_that_are(asked, bad):
+    how = ASKED[asked]
+    good = vi.simulate(PENDULUM, q0=[1.0], v0=[0.5], **how)
+    for start in (dict(q0=bad, v0=[0.5]), dict(q0=[1.0], v0=bad)):
+        if bad is True:  # a number for Python, and for NumPy
+            assert len(vi.simulate(PENDULUM, **start, **how)) == len(good)
+            continue
+        with pytest.raises(vi.InputError, match="q0" if start["q0"] is bad else "v0"):
+            vi.simulate(PENDULUM, **start, **how)
+    again = vi.simulate(PENDULUM, q0=[1.0], v0=[0.5], **how)
+    assert again.q.tobytes() == good.q.tobytes() and again.p.tobytes() == good.p.tobytes()
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_numbers_of_any_kind_are_the_same_start(asked):
+    kinds = [2.0], (2,), 2, np.array([2.0]), np.array([2], dtype=np.int32), np.float32(2), ["2"]
+    found = [vi.simulate(PENDULUM, q0=x, v0=x, t0=1, **ASKED[asked]) for x in kinds]
+    assert len({(x.t.tobytes(), x.q.tobytes(), x.p.tobytes()) for x in found}) == 1
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_parameters_of_a_call_are_not_those_of_the_next(asked):
+    def run(k):
+        params = None if k is None else {"k": k}
+        return vi.simulate(SPRING, q0=1.0, v0=0.0, params=params, **ASKED[asked])
+
+    first, stiff = run(None), run(5.0)
+    with pytest.raises(vi.InputError):
+        run(np.nan)
+    assert run(None).q.tobytes() == first.q.tobytes() == run(2.0).q.tobytes()
+    assert run(5.0).q.tobytes() == stiff.q.tobytes() != first.q.tobytes()
+
+
+@pytest.mark.parametrize(
+    "name, value", [("steps", True), ("steps", 3.0), ("steps", 0), ("h", np.nan), ("h", 0.0)]
+)
+def test_a_grid_that_is_none_is_refused_after_one_that_is(name, value):
+    grid = dict(h=0.1, steps=3)
+    vi.simulate(PENDULUM, q0=1.0, v0=0.0, **grid)
+    with pytest.raises(vi.InputError, match=f"{name} must"):
+        vi.simulate(PENDULUM, q0=1.0, v0=0.0, **(grid | {name: value}))

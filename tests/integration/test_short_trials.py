@@ -10,7 +10,7 @@ import pytest
 
 import varint as vi
 from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
-from varint.integration import to_tolerance
+from varint.integration import short_call
 from varint.integration.plain_trials import by_plain_trials, plain_motion
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.short_trials import by_short_trials
@@ -99,7 +99,7 @@ def test_a_call_that_asks_for_no_more_gives_what_the_long_way_gives(monkeypatch,
     system, q0, v0, duration = CASES[case]
     asked = dict(q0=q0, v0=v0, duration=duration, tol=tol, t0=0.5)
     short = vi.simulate(system, **asked)
-    monkeypatch.setattr(to_tolerance, "short_call", lambda *_: None)
+    monkeypatch.setattr(short_call, "short_call", lambda *_: None)
     long = vi.simulate(system, **asked)
     for name in "tqpkuhc":
         assert np.array_equal(getattr(short, name), getattr(long, name))

@@ -9,7 +9,7 @@ import pytest
 
 import varint as vi
 from varint.codegen.two_runs import NOT_SHORT
-from varint.integration import plain_trials, to_tolerance, tolerance
+from varint.integration import plain_trials, short_call, tolerance
 from varint.integration.error_scale import error_scales
 from varint.integration.time_transformation import plain_course
 from varint.integration.time_transformation.plain_course import _plain
@@ -143,7 +143,7 @@ def test_all_runs_together_take_at_most_three_quarters_more_steps_than_the_last(
         return counted_run
 
     # which take the same runs
-    monkeypatch.setattr(to_tolerance, "short_call", lambda *_: None)
+    monkeypatch.setattr(short_call, "short_call", lambda *_: None)
     monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_SHORT)
     for module, loop in ((tolerance, "start_run"), (plain_trials, "run_at_once")):
         monkeypatch.setattr(module, loop, counting(getattr(module, loop)))

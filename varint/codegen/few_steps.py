@@ -14,12 +14,16 @@ from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_ASKED = struct.Struct("11P4q3d")  # FewSteps
+# FewSteps, what belongs to the loop and to what is asked; between them the place of the start
+_LOOP, _ASKED = struct.Struct("4P3q"), struct.Struct("Pq3d")
+_PLACE, _TOLD = struct.Struct("3P"), struct.Struct("4d")
+TOLD = 6  # numbers that there is room for where something is told
+_FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
 
 class Entries(NamedTuple):
     """Addresses of a loop and of the energy (q, p, t) → H, |p·v| of its scene, and what lies
-    there.
+    there; `head` is how the core is told of them.
     """
 
     n: int
@@ -28,6 +32,7 @@ class Entries(NamedTuple):
     run: int
     rows: int
     energy: int
+    head: bytes
     held: tuple
 
 
@@ -41,52 +46,50 @@ def entries_of(kernel: Kernel, energy: RowFunction) -> Entries:
     """
     entries: tuple[Any, ...] = (kernel.entry, rows_entry())
     run, rows = (cast(entry, c_void_p).value or 0 for entry in entries)
-    heads = kernel.n, kernel.carry_size, kernel.scene
-    return Entries(*heads, run, rows, energy.at, (kernel, energy))
+    n, carry, scene = kernel.n, kernel.carry_size, kernel.scene
+    head = _LOOP.pack(run, scene, rows, energy.at, n, carry, FIXED_POINT_ITERATIONS)
+    return Entries(n, carry, scene, run, rows, energy.at, head, (kernel, energy))
 
 
-class FewSteps(NamedTuple):
-    """Nodes, work, the largest change of the energy and the largest energy."""
+class Place(NamedTuple):
+    """Where a start lies, as the core is told of it, and the `TOLD` numbers that it tells."""
 
-    k: np.ndarray
-    t: np.ndarray
-    q: np.ndarray
-    p: np.ndarray
-    iterations: float
-    residual: float
-    change: float
-    largest: float
+    head: bytes
+    told: memoryview
+
+
+def place_of(start: int, c: int, told_at: int, told: memoryview) -> Place:
+    """Addresses of q and p at the start, of parameters, and of the numbers that are told, which are
+    this memory.
+    """
+    return Place(_PLACE.pack(start, c, told_at), told)
+
+
+Nodes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def nodes_of(n: int, nodes: int) -> tuple[int, Nodes]:
+    """Memory in one piece for a run as the core writes it: its address; numbers, times, coordinates
+    and momenta of the nodes.
+    """
+    block, size, both = np.empty(2 * nodes * (n + 1)), 8 * nodes, (nodes, n)
+    array = np.ndarray  # half the time of slices
+    return new_address(block), (
+        array(nodes, _WHOLE, block, (2 * n + 1) * size),
+        array(nodes, _FLOAT, block, 2 * n * size),
+        array(both, _FLOAT, block),
+        array(both, _FLOAT, block, n * size),
+    )
 
 
 def few_steps(
-    entries: Entries, start: int, c: int, *, t0: float, h: float, steps: int, level: float
-) -> FewSteps | None:
-    """The motion with every node, from q and p at the address `start` with parameters at `c`; None
-    where a step cannot be solved.
+    entries: Entries, place: Place, t0: float, h: float, steps: int, level: float
+) -> tuple[Nodes, float, float, float, float] | None:
+    """The motion with every node from a start: nodes, iterations, residual, the largest change of
+    the energy and the largest energy; None where a step cannot be solved.
     """
-    n, nodes = entries.n, steps + 1
-    q, p = np.empty((nodes, n)), np.empty((nodes, n))
-    t, k, told = np.empty(nodes), np.empty(nodes, np.int64), np.empty(4)
-    status = few_steps_entry()(
-        _ASKED.pack(
-            entries.run,
-            entries.scene,
-            entries.rows,
-            entries.energy,
-            start,
-            c,
-            new_address(q),
-            new_address(p),
-            new_address(t),
-            new_address(told),
-            new_address(k),
-            n,
-            entries.carry,
-            steps,
-            FIXED_POINT_ITERATIONS,
-            t0,
-            h,
-            level,
-        )
-    )
-    return FewSteps(k, t, q, p, *told.tolist()) if status == DONE else None
+    at, nodes = nodes_of(entries.n, steps + 1)
+    asked = entries.head + place.head + _ASKED.pack(at, steps, t0, h, level)
+    if few_steps_entry()(asked) != DONE:
+        return None
+    return nodes, *_TOLD.unpack_from(place.told)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from ctypes import addressof, c_char
 from dataclasses import dataclass
+from functools import cached_property
 from time import perf_counter
 from typing import NamedTuple
 
@@ -63,6 +64,11 @@ class Kernel:
     scene: int = 0
     block: np.ndarray | None = None
     rows: int = 0
+
+    @cached_property
+    def told(self) -> str:
+        """How a user is told of it."""
+        return f"{'native' if self.scene else 'compiled'}: {self.about}"
 
     @property
     def note(self) -> tuple[int, int]:

@@ -9,16 +9,17 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import two_runs_entries
-from varint.codegen.few_steps import entries_of
-from varint.codegen.kernel import Kernel, address_of, new_address
+from varint.codegen.few_steps import TOLD, Nodes, Place, entries_of, nodes_of
+from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _FOUND = struct.Struct("qq3dP")  # Proved
-# TwoRuns, what belongs to the course, to the places, and to what is asked
-_COURSE, _PLACES, _ASKED = struct.Struct("7P7q"), struct.Struct("4Pq"), struct.Struct("q4d")
-_TAKEN = struct.Struct("4PPqq2d")  # Taken
-FOUND = _FOUND.size // 8  # numbers that the core tells
+# TwoRuns, what belongs to the course, to the mass matrix, and to what is asked; the place of the
+# start stands behind the first
+_COURSE, _MASS, _ASKED = struct.Struct("7P7q"), struct.Struct("Pq"), struct.Struct("q4d")
+_TAKEN = struct.Struct("2P2q2d")  # Taken
+assert _FOUND.size == 8 * TOLD
 PROVED, NOT_PROVED, NOT_SHORT = range(3)
 
 
@@ -74,31 +75,19 @@ def course_of(
 
 
 class Places(NamedTuple):
-    """Where the start lies, and the `FOUND` numbers that are told; see `places_of`."""
+    """Where the start and the diagonal of the mass matrix lie; see `places_of`."""
 
     head: bytes
-    told: np.ndarray
+    told: memoryview
 
 
-def places_of(start: int, mass: tuple[int, int], c: int, found: int, told: np.ndarray) -> Places:
-    """Addresses of q and p at the start, of the diagonal of the mass matrix and how far its numbers
-    are apart, of parameters, and of `FOUND` numbers that are told, which are this memory.
-    """
-    return Places(_PLACES.pack(start, c, mass[0], found, mass[1]), told)
+def places_of(start: Place, mass: int, apart: int) -> Places:
+    """A start, and the address of the diagonal of the mass matrix, its numbers so far apart."""
+    return Places(start.head + _MASS.pack(mass, apart), start.told)
 
 
-class Found(NamedTuple):
-    """A run of so many steps and its estimated error: nodes, times, coordinates and momenta."""
-
-    steps: int
-    runs: int
-    estimate: float
-    iterations: int
-    residual: float
-    k: np.ndarray
-    t: np.ndarray
-    q: np.ndarray
-    p: np.ndarray
+# steps of a run, runs that were made, its estimated error, iterations, residual, and its nodes
+Found = tuple[int, int, float, int, float, Nodes]
 
 
 def two_runs(
@@ -130,22 +119,8 @@ def two_runs(
     status = many(course.head + places.head + asked)
     if status != PROVED:
         return status
-    steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told.data)
-    n, nodes = course.n, steps + 1
-    both, t, k = np.empty((2, nodes, n)), np.empty(nodes), np.empty(nodes, np.int64)
-    at = new_address(both)
-    done = take(
-        _TAKEN.pack(
-            rows,
-            at,
-            at + 8 * n * nodes,
-            new_address(t),
-            new_address(k),
-            n,
-            steps,
-            t0,
-            duration / steps,
-        )
-    )
+    steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told)
+    at, nodes = nodes_of(course.n, steps + 1)
+    done = take(_TAKEN.pack(rows, at, course.n, steps, t0, duration / steps))
     assert done == DONE
-    return Found(steps, runs, estimate, int(iterations), residual, k, t, both[0], both[1])
+    return steps, runs, estimate, int(iterations), residual, nodes

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from functools import cache, partial
+from functools import partial
 from time import perf_counter
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from varint.integration.energy_leap import energy_alarm
@@ -37,14 +36,6 @@ def simulate_steps(
     `level` is where compiled iterations end, where it is not `options.iteration_tol` that says so.
     """
     began, asked = perf_counter(), options
-    waits = asked.progress is None or asked.progress is False
-    if waits and level is None and asked.backend == "auto":
-        few = _few_steps().few_steps_call(system, rule, start, options, began)
-        if few is not None:
-            motion, quiet = few
-            if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
-                warnings.warn(alarm, stacklevel=3)
-            return motion
     stop, watches = _watches(asked)
     chosen = plan(system, rule)
     problem = initial_value_problem(system, chosen.rule, start, options)
@@ -65,6 +56,7 @@ def simulate_steps(
     if stop or watches:  # every node is looked at; those not asked for are dropped at the end
         problem = problem._replace(save_every=1)
     motion = None
+    waits = asked.progress is None or asked.progress is False
     if waits and not (stop or watches or file) and asked.on_failure == "raise":
         motion = short_run(system, chosen, problem, began, asked.backend)
     if motion is None:
@@ -123,11 +115,3 @@ def _watches(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
 
     stop = None if asked.until is None else parse_watch("until", asked.until)
     return stop, parse_watches(asked.events)
-
-
-@cache
-def _few_steps() -> ModuleType:
-    """The module of runs of a few steps in C, which loads what a first run compiles with."""
-    from varint.integration import few_steps
-
-    return few_steps

@@ -5,77 +5,95 @@ finds it, and functions of the scene that write there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from varint.codegen.few_steps import TOLD, Place, place_of
 from varint.codegen.kernel import address_of
-from varint.codegen.two_runs import FOUND, Places, places_of
+from varint.codegen.two_runs import Places, places_of
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import RunOptions, Start
 from varint.integration.small_motions import local_function_of_momentum
 from varint.integration.start import check_mass, regular_at, start_function
-from varint.numerics.arrays import hand_over
+from varint.numerics.arrays import hand_over, is_clearly_definite
 from varint.rules.rule import Rule
 from varint.scene.inputs import vector
 from varint.scene.memory import per_scene
+from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
 
 LARGE = 2.0**53  # whole numbers below are numbers of double precision
 FLOAT = np.dtype(float)
 
 
-class Room(NamedTuple):
+@dataclass(eq=False, slots=True)
+class Room:
     """One block of memory, its parts, and what writes there.
 
     Attributes
     ----------
+    n : int
+        Coordinates.
     q, v, t, c : array
         To be written: coordinates, velocities, the time, parameters.
+    start : array
+        q and v, one behind the other.
     values : array
-        p, ∂L/∂q + F, L and M, by `begin`; p lies behind q.
+        p, ∂L/∂q + F, L and M, by `begin`; p lies behind q, which is there a second time for that.
     local : array
         M and the derivatives of forces by coordinates, by `look`.
-    told : array
-        q, values and v, one behind the other.
+    block : memoryview
+        All of it.
+    put : callable
+        (block, 0, …) writes q, v, t and q.
+    begun : callable
+        (block) → all numbers that are there when it has begun.
     regular : set of bytes
         Parameters for which the mass matrix is known to be regular; `check_mass` adds to it.
-    at, c_at : int
-        Addresses of q and of the parameters.
+    constant : bool
+        Whether that is all that it depends on.
+    place : Place
+        What a few steps are handed.
     places : Places
-        What two runs are handed.
+        What two runs are.
     begin, look : callable
         `look` is None in a room without.
     held : tuple
         What lies behind them.
+    given : array, optional
+        The parameters that are there, known to be good once; a system's own are always the same.
     """
 
+    n: int
     q: np.ndarray
     v: np.ndarray
     t: np.ndarray
     c: np.ndarray
+    start: np.ndarray
     values: np.ndarray
     local: np.ndarray
-    told: np.ndarray
+    block: memoryview
+    put: Callable[..., None]
+    begun: Callable[[memoryview], tuple[float, ...]]
     regular: set[bytes]
-    at: int
-    c_at: int
+    constant: bool
+    place: Place
     places: Places
     begin: Callable[[], object]
     look: Callable[[], object] | None
     held: tuple
-
-
-def asks_for_no_more(rule: Rule | None, start: Start, options: RunOptions) -> bool:
-    """Whether a rule, coordinates, velocities, parameters and how long are all that is given."""
-    o = options
-    return asks_for_nodes(rule, start, o) and o.save_every == 1 and o.backend == "auto"
+    given: np.ndarray | None = None
 
 
 def asks_for_nodes(rule: Rule | None, start: Start, options: RunOptions) -> bool:
-    """The same, but for how many of the nodes are kept and by which loop."""
+    """Whether a rule, coordinates, velocities, parameters and how long are all that is given, but
+    for how many of the nodes are kept and by which loop.
+    """
     o = options
     return (
         (rule is None or isinstance(rule, Rule))
@@ -113,20 +131,22 @@ def rooms(system: System, looks: bool) -> list[Room]:
 def room_of(system: System, looks: bool) -> Room:
     """A room for the scene, whose functions are made of symbols alone."""
     n, many = system.structure.n, system.c.numel()
-    sizes = n, 2 * n + 1 + n * n, n, 2 * n * n, FOUND, 1, many
-    ends = np.cumsum(sizes)
+    sizes = n, n, 1, n, 2 * n + 1 + n * n, 2 * n * n, TOLD, many
+    ends = np.cumsum(sizes).tolist()
     block = np.zeros(ends[-1])
-    q, values, v, local, found, t, c = np.split(block, ends[:-1])
-    at = address_of(block)
-    mass_at, found_at, c_at = (at + 8 * int(ends[i]) for i in (2, 3, 5))
+    q, v, t, _, values, local, told, c = np.split(block, ends[:-1])
+    at, mass_at, told_at, c_at = (address_of(block) + 8 * ends[i] for i in (2, 4, 5, 6))
     begin, one = _on(start_function(system), (q, v, np.empty(0), t, c), (values,))
     look, other, half = None, (), n * n
     if looks:
         inputs = q, values[:n], t, c
         look, other = _on(local_function_of_momentum(system), inputs, (local[:half], local[half:]))
-    parts = q, v, t, c, values, local, block[: ends[2]]
-    places = places_of(at, (mass_at, n + 1), c_at, found_at, found)
-    return Room(*parts, regular_at(system), at, c_at, places, begin, look, (block, one, other))
+    parts = n, q, v, t, c, block[: 2 * n], values, local, block.data
+    put, begun = (struct.Struct(f"{count}d") for count in (ends[3], ends[4]))
+    regular, constant = regular_at(system), system.structure.constant_mass
+    place = place_of(at, c_at, told_at, told.data)
+    how = put.pack_into, begun.unpack_from, regular, constant, place
+    return Room(*parts, *how, places_of(place, mass_at, n + 1), begin, look, (one, other))
 
 
 def begin_in(room: Room, system: System, start: Start) -> np.ndarray | None:
@@ -138,28 +158,52 @@ def begin_in(room: Room, system: System, start: Start) -> np.ndarray | None:
         If coordinates, velocities or parameters are no such numbers, or the mass matrix is
         singular.
     """
-    params = start.params
+    return begin_at(room, system, start.q0, start.v0, start.t0, start.params)
+
+
+def begin_at(
+    room: Room, system: System, q0: Any, v0: Any, t0: float, params: ParameterValues | None
+) -> np.ndarray | None:
+    """`begin_in` for numbers one by one."""
     c = system.default_vector if params is None else parameter_values(system, params)
-    _put(room.q, "q0", start.q0, system)
-    _put(room.v, "v0", start.v0, system)
-    room.t[0] = start.t0
-    room.c[:] = c
+    n = room.n
+    q, v = _plain_numbers(q0, n), _plain_numbers(v0, n)
+    if q is None:
+        q = vector("q0", q0, n, system.names).tolist()
+    if v is None:
+        v = vector("v0", v0, n, system.names).tolist()
+    room.put(room.block, 0, *q, *v, t0, *q)
+    there = c is room.given
+    if not there:
+        room.given, room.c[:] = None, c
     room.begin()
-    if not math.isfinite(sum(room.told.tolist())):
-        for what, x in (("q0", start.q0), ("v0", start.v0)):
-            vector(what, x, len(room.q), system.names)
+    begun = room.begun(room.block)
+    if not math.isfinite(sum(begun)):
+        for what, x in (("q0", q0), ("v0", v0)):
+            vector(what, x, n, system.names)
         return None
-    if c.tobytes() not in room.regular:
-        check_mass(system, room.values[2 * len(room.q) + 1 :], c)
+    if there and room.constant:
+        return c
+    if not is_clearly_definite(begun[-n * n :]) and c.tobytes() not in room.regular:
+        check_mass(system, room.values[2 * n + 1 :], c)
+    if params is None:
+        room.given = c
     return c
 
 
-def _put(place: np.ndarray, what: str, x: Any, system: System) -> None:
-    """Numbers into their place; whether they are finite is seen when all of them are there."""
-    if type(x) is np.ndarray and x.dtype is FLOAT and x.shape == place.shape:
-        place[:] = x
-    else:
-        place[:] = vector(what, x, len(place), system.names)
+def _plain_numbers(x: Any, n: int) -> Sequence[float] | None:
+    """n numbers of Python's own; None where that needs a closer look. Whether they are finite is
+    seen when all of them are there.
+    """
+    kind = type(x)
+    if kind is list or kind is tuple:
+        for one in x:
+            if type(one) is not float and not (type(one) is int and abs(one) < LARGE):
+                return None
+        return x if len(x) == n else None
+    if kind is np.ndarray:
+        return x.tolist() if x.dtype is FLOAT and x.shape == (n,) else None
+    return (x,) if n == 1 and (kind is float or is_plain_number(x)) else None
 
 
 def _on(

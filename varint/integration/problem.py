@@ -35,6 +35,9 @@ class Start(NamedTuple):
     u: Any = None
 
 
+Grid = tuple[Any, Any, Any]  # h, steps and duration as a user gives them
+
+
 class RunOptions(NamedTuple):
     """What a user asks of a run besides its start; see `varint.simulate`."""
 
@@ -89,6 +92,9 @@ def initial_value_problem(
 
 def time_grid(h: float | None, steps: int | None, duration: float | None) -> tuple[float, int]:
     """Step size and number of steps from two of h, steps, duration."""
+    plain = duration is None and type(h) is float and type(steps) is int
+    if plain and 0 < steps <= MOST_STEPS and h - h == 0 != h:  # type: ignore[operator]
+        return h, steps  # type: ignore[return-value]
     if (h is None) + (steps is None) + (duration is None) != 1:
         given = [
             name

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -20,15 +21,13 @@ from varint.integration.energy_check import energy_rows
 from varint.integration.gears import Gears, gears_of, kernel_now
 from varint.integration.plain_start import (
     Room,
-    asks_for_no_more,
-    begin_in,
+    begin_at,
     is_plain,
     is_plain_number,
     room_of,
     rooms,
 )
 from varint.integration.plan import Plan, plan
-from varint.integration.problem import RunOptions, Start
 from varint.integration.rule_choice import (
     Priced,
     candidates,
@@ -41,35 +40,42 @@ from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import course_by, two_short_runs
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
 from varint.integration.time_transformation.variable_course import may_vary, worthwhile_pilot
-from varint.integration.tolerance import LEAST_TOL, MOST_TOL
+from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.two_runs import shows_its_error
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
+from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
 
 def short_call(
-    system: System, rule: Rule | None, start: Start, options: RunOptions, tol: float, began: float
+    system: System,
+    rule: Rule | None,
+    start: tuple[Any, Any, Any, ParameterValues | None],
+    duration: Any,
+    tol: float | None,
 ) -> Trajectory | int | None:
-    """The motion, if two short runs prove its error; what `by_short_trials` says if not; None where
-    another way is to be taken.
+    """The motion from a start (q0, v0, t0, params), if two short runs prove its error; what
+    `by_short_trials` says if not; None where another way is to be taken.
     """
-    duration = options.duration
-    if not (asks_for_no_more(rule, start, options) and is_plain_number(duration)):
+    began, t0, tol = perf_counter(), start[2], DEFAULT_TOL if tol is None else tol
+    if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
         return None
-    known = _known(system, rule) if duration and LEAST_TOL <= tol <= MOST_TOL else None
+    if not (is_plain_number(duration) and duration and is_plain_number(t0)):
+        return None
+    known = _known(system, rule)
     if known is None:
         return None
-    pool = rooms(system, True)
+    pool = known.rooms
     room = pool.pop() if pool else room_of(system, True)
     try:
-        c = begin_in(room, system, start)
+        c = begin_at(room, system, *start)
         if c is None:
             return None
-        return _by_the_core(system, known, room, c, float(start.t0), float(duration), tol, began)
+        return _by_the_core(system, known, room, c, float(t0), float(duration), tol, began)
     finally:
         pool.append(room)
 
@@ -85,7 +91,7 @@ def _by_the_core(
     began: float,
 ) -> Trajectory | int | None:
     check_steps(t0, duration, 1)
-    if known.varies and worthwhile_pilot(system, room.q, room.v, c, duration):
+    if known.varies and worthwhile_pilot(system, room.start, c, duration):
         return None
     assert room.look is not None
     room.look()
@@ -109,12 +115,12 @@ def _by_the_core(
     found = two_short_runs(how, room.places, t0, duration, first, radians, tol)
     if isinstance(found, int):
         return found
-    steps, runs, estimate, iterations, residual, *_ = found
+    steps, runs, estimate, iterations, residual, nodes = found
     return plain_motion_of(
         system,
         loop.plan,
         kernel,
-        found[5:],
+        nodes,
         (duration / steps, t0, np.empty((steps, 1, 0)), c),
         (iterations, residual),
         seconds=perf_counter() - began,
@@ -138,11 +144,12 @@ class _Loop:
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Of a scene: coordinates, rules, their prices and which is the cheapest when, their loops as
-    far as they were asked for, and whether steps may vary.
+    """Of a scene: coordinates, rooms that nobody uses, rules, their prices and which is the
+    cheapest when, their loops as far as they were asked for, and whether steps may vary.
     """
 
     n: int
+    rooms: list[Room]
     rules: tuple[Priced, ...]
     changes: tuple[list[float], list[int]]
     loops: list[_Loop | None]
@@ -161,7 +168,8 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
         return None
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
     prices = priced(rules)
-    return _Known(n, prices, changes(prices), [None] * len(prices), may_vary(system, rule))
+    varies = may_vary(system, rule)
+    return _Known(n, rooms(system, True), prices, changes(prices), [None] * len(prices), varies)
 
 
 @per_scene

@@ -10,9 +10,9 @@ import numpy as np
 
 import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
+from varint.codegen.few_steps import TOLD, place_of
 from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.two_runs import (
-    FOUND,
     NOT_SHORT,
     Course,
     Found,
@@ -70,21 +70,21 @@ def by_short_trials(
     if kernel is None or course is None:
         return NOT_SHORT
     n = len(mass)
-    room = np.concatenate((start.q0, start.p0, mass, start.c, np.zeros(FOUND)))
-    at = address_of(room)
-    told = 3 * n + start.c.size
-    places = places_of(at, (at + 16 * n, 1), at + 24 * n, at + 8 * told, room[told:])
+    room = np.concatenate((start.q0, start.p0, mass, start.c, np.zeros(TOLD)))
+    at, told = address_of(room), 3 * n + start.c.size
+    place = place_of(at, at + 24 * n, at + 8 * told, room[told:].data)
+    places = places_of(place, at + 16 * n, 1)
     asked = start.t0, start.h, steps_for(rule, radians, tol), radians, tol
     found = two_short_runs((system, rule, kernel, course), places, *asked)
     if isinstance(found, int):
         return found
-    steps = found.steps
+    steps, runs, estimate, iterations, residual, nodes = found
     problem = start._replace(
         h=start.h / steps, steps=steps, u=np.empty((steps, 1, 0)), nodes=len(rule.nodes)
     )
     run = Run(system, plan(system, rule), problem, [], iter(()), kernel, began)
-    nodes, work = (found.k, found.t, found.q, found.p), (found.iterations, found.residual)
-    return Choice(rule, steps, motion_of(run, nodes, work), found.estimate, found.runs, True, True)
+    motion = motion_of(run, nodes, (iterations, residual))
+    return Choice(rule, steps, motion, estimate, runs, True, True)
 
 
 def two_short_runs(

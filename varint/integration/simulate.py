@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
+from time import perf_counter
+from types import ModuleType
 from typing import Any
 
 import casadi as ca
@@ -154,6 +156,24 @@ def simulate(
     require_system(system)
     if tol is not None or iteration_tol is not None:
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
+    began, tried = perf_counter(), None
+    if (
+        p0 is u is at is scale is until is events is time_scale is checkpoint is None
+        and v0 is not None
+        and (progress is None or progress is False)
+        and type(save_every) is int
+        and save_every == 1
+        and backend == "auto"
+        and on_failure == "raise"
+    ):
+        known = q0, v0, t0, params
+        if h is None and steps is None:
+            tried = _short_call().short_call(system, rule, known, duration, tol)
+        else:
+            grid = h, steps, duration
+            tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol)
+        if type(tried) is Trajectory:
+            return tried
     start = Start(q0, v0, p0, t0, params, u)
     options = RunOptions(
         h,
@@ -184,18 +204,34 @@ def simulate(
 
         motion = simulate_transformed(system, rule, time_scale, start, options)
     elif h is None and steps is None:
-        motion = _to_tolerance()(system, rule, start, options)
+        motion = _to_tolerance().simulate_to_tolerance(system, rule, start, options, tried, began)
     else:
         motion = simulate_steps(system, rule, start, options)
     return motion if at is None else only_at(motion, times_of(at))
 
 
 @cache
-def _to_tolerance() -> Callable[[System, Rule | None, Start, RunOptions], Trajectory]:
-    """Loaded when it is asked for; to ask again what is loaded takes a short run's time."""
-    from varint.integration.to_tolerance import simulate_to_tolerance
+def _few_steps() -> ModuleType:
+    """Loaded when it is asked for, as are the other two; to ask again what is loaded takes a short
+    run's time.
+    """
+    from varint.integration import few_steps
 
-    return simulate_to_tolerance
+    return few_steps
+
+
+@cache
+def _short_call() -> ModuleType:
+    from varint.integration import short_call
+
+    return short_call
+
+
+@cache
+def _to_tolerance() -> ModuleType:
+    from varint.integration import to_tolerance
+
+    return to_tolerance
 
 
 def _tolerances(

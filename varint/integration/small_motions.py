@@ -50,18 +50,20 @@ def _frequency(m: list[float], k: list[float], n: int) -> float | None:
     """`frequency` of (n, n) matrices, row by row."""
     if not math.isfinite(sum(m) + sum(k)):
         return math.nan
-    if n and min(m[:: n + 1]) <= 0:
-        return None
     if n == 1:
-        return math.sqrt(abs(k[0] / m[0]))
+        return math.sqrt(abs(k[0] / m[0])) if m[0] > 0 else None
     if n == 2:
-        volume = m[0] * m[3] - m[1] * m[2]
-        if m[1] == 0 == m[2]:
-            return _fastest_of_two(k[0] / m[0], k[1] / m[0], k[2] / m[3], k[3] / m[3])
-        if volume > DEFINITE * m[0] * m[3]:
-            columns = [m[3] * k[0] - m[1] * k[2], m[3] * k[1] - m[1] * k[3]]
-            columns += [m[0] * k[2] - m[2] * k[0], m[0] * k[3] - m[2] * k[1]]
-            return _fastest_of_two(*[x / volume for x in columns])
+        (a, b, c, d), (e, f, g, h) = m, k
+        if a <= 0 or d <= 0:
+            return None
+        if b == 0 == c:
+            return _fastest_of_two(e / a, f / a, g / d, h / d)
+        volume = a * d - b * c
+        if volume > DEFINITE * a * d:
+            rows = d * e - b * g, d * f - b * h, a * g - c * e, a * h - c * f
+            return _fastest_of_two(*[x / volume for x in rows])
+    elif n and min(m[:: n + 1]) <= 0:
+        return None
     mass, stiffness = np.array(m).reshape(n, n), np.array(k).reshape(n, n)
     if is_definite(mass):
         square = np.linalg.solve(mass, stiffness)

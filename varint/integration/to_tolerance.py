@@ -23,11 +23,10 @@ from varint.integration.problem import (
 )
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
-from varint.integration.short_call import short_call
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
-from varint.integration.tolerance import choose_steps, problem_with_steps
+from varint.integration.tolerance import DEFAULT_TOL, choose_steps, problem_with_steps
 from varint.integration.trajectories import subsample, with_stats
 from varint.numerics.progress import notice
 from varint.results.trajectory import Trajectory
@@ -35,31 +34,29 @@ from varint.rules.rule import Rule
 from varint.scene.inputs import positive_integer
 from varint.scene.system import System
 
-DEFAULT_TOL = (
-    1e-9  # of a duration alone, as users of every package for differential equations expect
-)
-
 
 def simulate_to_tolerance(
-    system: System, rule: Rule | None, start: Start, options: RunOptions
+    system: System,
+    rule: Rule | None,
+    start: Start,
+    options: RunOptions,
+    tried: int | None,
+    began: float,
 ) -> Trajectory:
-    """`simulate` with a duration, and tol or nothing.
+    """`simulate` with a duration, and tol or nothing, where `short_call` has not found the motion
+    and said no more than `tried`.
 
     Raises
     ------
     InputError
         If the input is not a well-posed problem.
     """
-    began = perf_counter()
     if options.duration is None:
         raise InputError(
             "give duration (alone, or with tol: steps are chosen for that accuracy), or two of h, "
             "steps, duration"
         )
     tol = DEFAULT_TOL if options.tol is None else options.tol
-    tried = short_call(system, rule, start, options, tol, began)
-    if isinstance(tried, Trajectory):
-        return tried
     every = positive_integer("save_every", options.save_every)
     stop = None if options.until is None else parse_watch("until", options.until)
     watches = parse_watches(options.events)

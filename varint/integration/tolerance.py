@@ -73,6 +73,8 @@ from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
+# of a duration alone, as users of every package for differential equations expect
+DEFAULT_TOL = 1e-9
 
 
 def choose_steps(

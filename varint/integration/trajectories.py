@@ -75,12 +75,6 @@ def last_node(nodes: Sequence[NodeBlock]) -> NodeBlock:
     )
 
 
-def _loop(kernel: Kernel | None) -> str:
-    if kernel is None:
-        return "interpreted"
-    return f"{'native' if kernel.scene else 'compiled'}: {kernel.about}"
-
-
 def trajectory_of(
     run: Run, nodes: Sequence[NodeBlock], noted: Sequence[Event] = (), interrupted: bool = False
 ) -> Trajectory:
@@ -129,7 +123,7 @@ def motion_of(
     grid = problem.h, problem.t0, problem.u, problem.c
     stats = {
         "plan": chosen,
-        "backend": _loop(kernel),
+        "backend": kernel.told if kernel else "interpreted",
         "steps": int(nodes[0][-1]),
         "iterations": work[0],
         "residual": work[1],
@@ -157,13 +151,13 @@ def plain_motion_of(
     """
     stats = {
         "plan": chosen,
-        "backend": _loop(kernel),
+        "backend": kernel.told,
         "steps": len(nodes[0]) - 1,
         "iterations": work[0],
         "residual": work[1],
         "interrupted": False,
+        **more,
     }
-    stats.update(more)
     return _motion(system, chosen, kernel, nodes, grid, stats)
 
 

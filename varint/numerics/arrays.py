@@ -44,18 +44,26 @@ def is_definite(matrix: np.ndarray) -> bool:
     """Whether a symmetric matrix is positive definite by far, its diagonal scaled to one:
     without its eigenvalues.
     """
+    if len(matrix) <= 2 and is_clearly_definite(matrix.ravel().tolist()):
+        return True
     if len(matrix) == 1:
-        return 0 < matrix.item() < math.inf
-    if len(matrix) == 2:
-        a, b, c, d = matrix.ravel().tolist()
-        if a > 0 and d > 0 and CLEARLY * a * d < a * d - b * c < math.inf:
-            return True
+        return False
     less = matrix.copy()
     less.reshape(-1)[:: len(matrix) + 1] *= 1 - DEFINITE
     try:
         return math.isfinite(np.linalg.cholesky(less).trace())
     except np.linalg.LinAlgError:
         return False
+
+
+def is_clearly_definite(numbers: Sequence[float]) -> bool:
+    """The same of one row or two, row by row, where it needs no closer look; else False."""
+    if len(numbers) == 1:
+        return 0 < numbers[0] < math.inf
+    if len(numbers) != 4:
+        return False
+    a, b, c, d = numbers
+    return a > 0 and d > 0 and CLEARLY * a * d < a * d - b * c < math.inf
 
 
 def median(x: np.ndarray) -> float:

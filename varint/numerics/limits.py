@@ -45,8 +45,9 @@ def check_steps(t0: float, h: float, steps: int) -> None:
             f"steps of h={h:g} cannot be computed with: the square of h is no number of double "
             "precision; measure time in another unit, so that h is nearer to 1"
         )
-    late = max(abs(t0), abs(t0 + steps * h))
-    if size < TICK * late:
+    late, first = abs(t0 + steps * h), abs(t0)
+    if size < TICK * late or size < TICK * first:
+        late = max(late, first)
         raise InputError(
             f"steps of h={h:g} do not move a clock at t={late:g}: numbers of double precision are "
             f"{np.spacing(late):.2g} apart there; begin nearer to t0=0 or take longer steps"

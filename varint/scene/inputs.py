@@ -63,7 +63,7 @@ def vector(what: str, x: Any, n: int, names: tuple[str, ...]) -> np.ndarray:
     """x as n finite numbers."""
     try:
         value = np.array(x, dtype=float)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         raise InputError(
             f"{what} must be {n} numbers, one for each of {list(names)}, got {x!r}"
         ) from None

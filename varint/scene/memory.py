@@ -39,8 +39,11 @@ def _remembering(
     def remembered(system: Any, *key: Any) -> Built:
         name = (build, *key)
         known = system.__dict__.get(place)
-        if known is not None and name in known:  # of a short run's time this is no small part
-            return known[name]
+        if known is not None:  # of a short run's time this is no small part
+            try:
+                return known[name]
+            except KeyError:
+                pass
         owner = whose(system)
         store = owner.__dict__.setdefault(place, {})
         system.__dict__[place] = store

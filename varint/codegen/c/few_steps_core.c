@@ -14,14 +14,18 @@ typedef struct {
     const void *scene;
     int (*rows)(const RowsArguments *);
     const void *energy; /* (q, p, t) to the energy and |p v| */
+    int64_t n, carry, most;
     const double *start, *c;
-    double *q, *p, *t, *told; /* nodes; iterations, residual, largest change of the energy and largest energy */
-    int64_t *k, n, carry, steps, most;
+    double *told;  /* iterations, residual, largest change of the energy and largest energy */
+    double *nodes; /* q of all of them, p, t and their numbers k */
+    int64_t steps;
     double t0, h, level;
 } FewSteps;
 
 int few_steps(const FewSteps *a) {
     const int64_t n = a->n, nodes = a->steps + 1;
+    double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
+    int64_t *const numbers = (int64_t *)(t + nodes);
     double rows[3 * n * nodes], carry[a->carry], energy[nodes], moving[nodes], stats[sizeof(RunStats) / sizeof(double) + 3 * n];
     RunStats *const of = (RunStats *)stats;
     carry[0] = 0;
@@ -30,11 +34,11 @@ int few_steps(const FewSteps *a) {
     const int status = a->run(&asked);
     if (status != DONE) return status;
     for (int64_t k = 0; k < nodes; k++) {
-        memcpy(a->q + n * k, k ? rows + 3 * n * k : a->start, n * sizeof(double));
-        memcpy(a->p + n * k, k ? rows + 3 * n * k + n : a->start + n, n * sizeof(double));
-        a->k[k] = k, a->t[k] = a->h * (double)k + a->t0;
+        memcpy(q + n * k, k ? rows + 3 * n * k : a->start, n * sizeof(double));
+        memcpy(p + n * k, k ? rows + 3 * n * k + n : a->start + n, n * sizeof(double));
+        numbers[k] = k, t[k] = a->h * (double)k + a->t0;
     }
-    const RowsArguments looked = {.count = nodes, .c = a->c, .scene = a->energy, .arguments = {a->q, a->p, &a->t0},
+    const RowsArguments looked = {.count = nodes, .c = a->c, .scene = a->energy, .arguments = {q, p, &a->t0},
                                   .apart = {n, n, 0}, .results = {energy, moving}, .widths = {1, 1}};
     double change = 0, largest = 0;
     if (a->rows(&looked) != DONE) energy[0] = INFINITY; /* no memory */

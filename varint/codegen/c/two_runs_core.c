@@ -41,8 +41,9 @@ typedef struct {
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
     int64_t n, carry, order, linear, most, pilot, longest; /* steps of a first piece, and of a run that is short */
-    const double *start, *c, *mass; /* q and p; parameters; the mass matrix' diagonal, its numbers so far apart */
+    const double *start, *c; /* q and p; parameters */
     Proved *found;
+    const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
     int64_t apart, first;
     double t0, duration, radians, tol;
 } TwoRuns;
@@ -331,19 +332,21 @@ end:
     return result;
 }
 
-/* Times, coordinates and momenta at the nodes of the run that was found. */
+/* Coordinates and momenta at the nodes of the run that was found, times and numbers of the nodes. */
 typedef struct {
-    double *run, *q, *p, *t;
-    int64_t *k, n, steps;
+    double *run, *nodes;
+    int64_t n, steps;
     double t0, h;
 } Taken;
 
 int take_run(const Taken *a) {
-    const size_t size = a->n * sizeof(double);
-    for (int64_t k = 0; k <= a->steps; k++) {
-        const double *const row = a->run + 3 * a->n * k;
-        memcpy(a->q + a->n * k, row, size), memcpy(a->p + a->n * k, row + a->n, size);
-        a->k[k] = k, a->t[k] = a->h * (double)k + a->t0;
+    const int64_t n = a->n, nodes = a->steps + 1;
+    double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
+    int64_t *const numbers = (int64_t *)(t + nodes);
+    for (int64_t k = 0; k < nodes; k++) {
+        const double *const row = a->run + 3 * n * k;
+        for (int64_t d = 0; d < n; d++) q[n * k + d] = row[d], p[n * k + d] = row[n + d];
+        numbers[k] = k, t[k] = a->h * (double)k + a->t0;
     }
     free(a->run);
     return DONE;

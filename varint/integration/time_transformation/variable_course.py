@@ -72,7 +72,7 @@ def choose_varying_steps(
     if not _possible(system, rule, options) or problem.steps > 1:
         return None
     total, v = problem.h, start_velocity(system, problem, start.v0)
-    pilot = worthwhile_pilot(system, problem.q0, v, problem.c, total)
+    pilot = worthwhile_pilot(system, np.concatenate((problem.q0, v)), problem.c, total)
     if pilot is None:
         return None
     span = pilot.mean * total
@@ -94,12 +94,15 @@ def choose_varying_steps(
 
 
 def worthwhile_pilot(
-    system: System, q: np.ndarray, v: np.ndarray, c: np.ndarray, total: float
+    system: System, start: np.ndarray, c: np.ndarray, total: float
 ) -> RatePilot | None:
-    """The pilot of a motion whose rate varies so much that equal steps would be too many."""
-    if varies_little(system, np.concatenate((q, v)), c, total, WORTH):
+    """The pilot of a motion, from coordinates and velocities, whose rate varies so much that equal
+    steps would be too many.
+    """
+    if varies_little(system, start, c, total, WORTH):
         return None
-    pilot = rate_pilot(system, q, v, c, total, total < 0)
+    n = len(start) // 2
+    pilot = rate_pilot(system, start[:n], start[n:], c, total, total < 0)
     return pilot if pilot is not None and pilot.largest >= WORTH * pilot.mean else None
 
 
