@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
+import varint as vi
 from varint.codegen.algebra import graph_of
 from varint.codegen.arguments import c_source
 from varint.codegen.cache import compiler, library
@@ -220,6 +221,26 @@ def test_divisions_by_powers_of_one_expression_share_a_reciprocal():
     f = ca.Function("f", [x, c], [ca.gradient(1 / ca.norm_2(x), x)])
     names = [node[0] for node in graph_of(f).nodes]
     assert names.count("rsqrt") == 1 and "div" not in names and "sqrt" not in names
+
+
+def test_powers_of_one_expression_that_cancel_leave_nothing():
+    x, c = ca.SX.sym("x", 2), ca.SX.sym("c")
+    square = ca.sumsqr(x) + 1
+    f = ca.Function("f", [x, c], [x[0] / ca.sqrt(square) * (3 * ca.sqrt(square))])
+    graph = graph_of(f)
+    names = {graph.nodes[i][0] for i in needed(graph)}
+    assert names == {"input", "const", "mul"}
+
+
+@pytest.mark.parametrize("make", (vi.models.four_bar, vi.models.pleiades, vi.models.rolling_disc))
+def test_equal_operations_become_one_whether_they_were_before_or_not(make):
+    """Where they are arranged, not by CasADi before: all the same is found."""
+    s = make().system
+    inputs = [s.q, s.v, s.t, s.control, s.c]
+    outputs = [ca.densify(x) for x in (s.lagrangian, ca.hessian(s.lagrangian, s.q)[0])]
+    first = graph_of(ca.Function("f", inputs, outputs, {"live_variables": False}))
+    second = graph_of(ca.Function("f", inputs, ca.cse(outputs)))
+    assert (first.nodes, first.outputs) == (second.nodes, second.outputs)
 
 
 def test_what_depends_on_parameters_alone_is_computed_once():

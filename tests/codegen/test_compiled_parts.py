@@ -109,10 +109,10 @@ def test_values_take_little_room_between_parts():
 
 def test_a_scene_that_was_found_too_large_is_not_examined_again(monkeypatch, forget):
     examined = []
-    function = routines._function
+    function = routines._short
     monkeypatch.setattr(routines, "MOST_OPERATIONS", 10)
     monkeypatch.setattr(
-        routines, "_function", lambda *about: examined.append(about) or function(*about)
+        routines, "_short", lambda *about: examined.append(about) or function(*about)
     )
     system, rule = arm(2), vi.lobatto(3)
     for _ in range(3):

@@ -184,9 +184,9 @@ def test_runs_from_kept_tapes_have_the_bytes_of_others(folder, forget, monkeypat
 
 def test_what_is_too_long_is_refused_each_time_and_examined_once(monkeypatch):
     examined = []
-    whole = routines._function
+    whole = routines._short
     monkeypatch.setattr(routines, "MOST_OPERATIONS", 10)
-    monkeypatch.setattr(routines, "_function", lambda *x: examined.append(x) or whole(*x))
+    monkeypatch.setattr(routines, "_short", lambda *x: examined.append(x) or whole(*x))
     monkeypatch.setattr(routines, "KEPT_FROM", 10**9)
     found = functions()
     for _ in range(2):

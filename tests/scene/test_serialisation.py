@@ -17,7 +17,7 @@ from varint.codegen import source as kernels
 from varint.codegen.graph import NotCompilable, raw_graph
 from varint.integration.compiled_loop import kernel_of
 from varint.integration.plan import plan
-from varint.numerics.operations import BINARY, UNARY, operations_of
+from varint.numerics.operations import BINARY, UNARY, expressions_of, operations_of
 from varint.scene.description import parts_of
 from varint.scene.serialisation import describe, expression_as_data, identity, revive, rule_of
 
@@ -172,6 +172,22 @@ def test_what_calls_a_function_is_refused_with_what_to_do():
         raw_graph(ca.Function("f", [q], [hidden(q)]))
     with pytest.raises(NotCompilable, match="erfinv has no form in C"):
         raw_graph(ca.Function("f", [q], [ca.erfinv(q)]))
+
+
+@pytest.mark.parametrize("make", (vi.models.four_bar, double_pendulum, vi.models.rolling_disc))
+def test_operations_are_read_the_same_where_places_are_used_again_and_where_not(make):
+    s = getattr(make(), "system", None) or make()
+    inputs, outputs = [s.q, s.v, s.t, s.control, s.c], [s.lagrangian, s.momentum]
+    again, once = (
+        ca.Function("f", inputs, [ca.densify(x) for x in outputs], {"live_variables": live})
+        for live in (True, False)
+    )
+    assert again.sz_w() < once.sz_w()
+    assert operations_of(again) == operations_of(once)
+    values = [np.random.default_rng(3).uniform(0.5, 1, x.shape) for x in inputs]
+    back = ca.Function("f", inputs, expressions_of(operations_of(once), inputs))
+    for one, other in zip(back.call(values), again.call(values), strict=True):
+        assert np.array_equal(np.array(one), np.array(other))
 
 
 def test_a_chain_of_a_hundred_thousand_operations_comes_back():

@@ -8,16 +8,18 @@ exact or costs one rounding.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
+from itertools import chain
 
 import casadi as ca
 
 from varint.codegen.dependence import needed, uniform_nodes
-from varint.codegen.graph import Graph, operands, raw_graph, whole_power
+from varint.codegen.graph import LEAVES, Graph, raw_graph
+from varint.codegen.powers import Powers, has_root, inverse, joined, power_of
 
 FEW_TERMS = 8  # of a sum that is looked into, since some may cancel where it is used
 LONGEST_CHAIN = 6  # terms of a sum added one after the other; longer sums are split, for latency
-Powers = tuple[tuple[int, int], ...]  # nodes and their exponents, in quarters
 Term = tuple[float, int, Powers]  # factor × node × powers
 Sum = tuple[Term, ...]
 
@@ -30,12 +32,15 @@ def graph_of(f: ca.Function, constants: int = -1) -> Graph:
     raw = raw_graph(f)
     live = needed(raw)
     r = _rewriting(raw, live, constants % f.n_in())
-    uses = [0] * len(raw.nodes)
-    for taken in [*(operands(raw.nodes[i]) for i in live), *raw.outputs]:
-        for i in taken:
-            uses[i] += 1
+    taken = [node[1:] for i in live if (node := raw.nodes[i])[0] not in LEAVES]
+    uses, uniform, bases = Counter(chain(*taken, *raw.outputs)), r.uniform, r.bases
     for i in live:
-        r.sums[i] = _kept(r, i, _rewritten(r, i), uses[i] > 1)
+        terms = _rewritten(r, i)
+        if uniform[i] or i in bases:
+            terms = _as_power(r, i, terms)
+        elif uses[i] > 1 and (len(terms) > 1 or terms[0][2]):
+            terms = _shared(r, terms)
+        r.sums[i] = terms
     r.graph.outputs = [[_node(r, r.sums[i]) for i in output] for output in raw.outputs]
     return r.graph
 
@@ -47,7 +52,7 @@ class _Rewriting:
     `bases` are the raw nodes whose powers are gathered, those below a root or a division, and how
     their powers are written: by 1/√base ("root"), by 1/base ("inverse"), else by a division each;
     `kinds` the same for new nodes. Of the new nodes, `constant` are the same all the time, and
-    `parts` are the terms of a short sum.
+    `parts` are (size, terms, powers) of a short sum: it is all its terms over size and powers.
     """
 
     raw: Graph
@@ -57,14 +62,18 @@ class _Rewriting:
     sums: dict[int, Sum] = field(default_factory=dict)
     kinds: dict[int, str] = field(default_factory=dict)
     constant: set[int] = field(default_factory=set)
-    parts: dict[int, Sum] = field(default_factory=dict)
+    parts: dict[int, tuple[float, Sum, Powers]] = field(default_factory=dict)
 
 
 def _rewriting(raw: Graph, live: list[int], constants: int) -> _Rewriting:
-    monomials: list[tuple[float, int | None, int]] = []
     uniform = uniform_nodes(raw, constants)
-    for i, node in enumerate(raw.nodes):
-        monomials.append(_monomial(monomials, uniform, i, node))
+    asked = {raw.nodes[i][-1] for i in live if raw.nodes[i][0] in ("div", "sqrt")}
+    for i in reversed(live) if asked else ():
+        if i in asked and raw.nodes[i][0] in _MONOMIAL:
+            asked.update(raw.nodes[i][1:])
+    monomials = dict[int, tuple[float, int | None, int]]()
+    for i in sorted(asked):
+        monomials[i] = _monomial(monomials, uniform, i, raw.nodes[i])
     divided: dict[int, list[int]] = {}
     rooted: set[int] = set()
     for i in live:
@@ -84,6 +93,9 @@ def _rewriting(raw: Graph, live: list[int], constants: int) -> _Rewriting:
     return _Rewriting(raw, bases, uniform)
 
 
+_MONOMIAL = frozenset(("neg", "sqrt", "mul"))  # of monomials
+
+
 def _monomial(known, uniform: list[bool], i: int, node: tuple) -> tuple[float, int | None, int]:
     """Node i as factor × base^exponent (base None: a number), but for factors that are the same
     all the time.
@@ -97,7 +109,7 @@ def _monomial(known, uniform: list[bool], i: int, node: tuple) -> tuple[float, i
         return (-c, base, e)
     if name == "sqrt":
         c, base, e = known[rest[0]]
-        return (1.0, base, e // 2) if base is not None and c == 1 and _has_root(e) else atom
+        return (1.0, base, e // 2) if base is not None and c == 1 and has_root(e) else atom
     if name == "mul":
         (c, base, e), (d, other, g) = known[rest[0]], known[rest[1]]
         if base is None or other is None or base == other:
@@ -107,25 +119,19 @@ def _monomial(known, uniform: list[bool], i: int, node: tuple) -> tuple[float, i
     return atom
 
 
-def _has_root(quarters: int) -> bool:
-    """Is √(x^e) = x^(e/2) wherever x^e ≥ 0, and a power of quarters?"""
-    return quarters % 2 == 0 and quarters % 8 != 0
+def _as_power(r: _Rewriting, i: int, terms: Sum) -> Sum:
+    """What the users of node i see, a base or what is the same all the time: its power."""
+    c, a, powers = _term(r, terms)
+    if r.graph.is_one(a):
+        return ((c, a, powers),)
+    if r.uniform[i]:
+        r.constant.add(a)
+    r.kinds.setdefault(a, "inverse" if r.uniform[i] else r.bases[i])
+    return ((c, r.graph.one, joined(powers, ((a, 4),))),)
 
 
-def _kept(r: _Rewriting, i: int, terms: Sum, shared: bool) -> Sum:
-    """What the users of node i see: the power of a base or of what is the same all the time, a
-    sum that many use.
-    """
-    if r.uniform[i] or i in r.bases:
-        c, a, powers = _term(r, terms)
-        if r.graph.is_one(a):
-            return ((c, a, powers),)
-        if r.uniform[i]:
-            r.constant.add(a)
-        r.kinds.setdefault(a, "inverse" if r.uniform[i] else r.bases[i])
-        return ((c, r.graph.one, _joined(powers, ((a, 4),))),)
-    if not shared:
-        return terms
+def _shared(r: _Rewriting, terms: Sum) -> Sum:
+    """What the users of a sum see that are many."""
     c, a, powers = _term(r, terms)
     if not powers:
         return ((c, a, powers),)
@@ -134,58 +140,77 @@ def _kept(r: _Rewriting, i: int, terms: Sum, shared: bool) -> Sum:
     )
     # each of the users would multiply by the other powers again
     if not r.graph.is_one(a) and lasting != powers:
-        a = _times(r, a, _joined(powers, _inverse(lasting)))
+        a = _times(r, a, joined(powers, inverse(lasting)))
         powers = lasting
     return ((c, a, powers),)
 
 
 def _expanded(r: _Rewriting, terms: Sum) -> Sum:
     """The sum with the terms of the sums in it: some may cancel."""
-    return tuple(
-        (c * d, b, _joined(powers, more))
-        for c, a, powers in terms
-        for d, b, more in r.parts.get(a, ((1.0, a, ()),))
-    )
+    result = list[Term]()
+    for term in terms:
+        c, a, powers = term
+        if a in r.parts:
+            size, parts, common = r.parts[a]
+            rest = joined(powers, inverse(common))
+            result += [(c * (d / size), b, joined(rest, more)) for d, b, more in parts]
+        else:
+            result.append(term)
+    return tuple(result)
 
 
 def _rewritten(r: _Rewriting, i: int) -> Sum:
     """Node i of the raw graph as a sum of terms."""
-    name, *rest = r.raw.nodes[i]
+    node, sums = r.raw.nodes[i], r.sums
+    name, first, second = node[0], node[1], node[-1]
+    if name == "mul":
+        return _product(r, sums[first], sums[second])
+    if name == "add":
+        return _added_up(r, sums[first] + sums[second])
+    if name == "sub":
+        return _added_up(r, sums[first] + _scaled(sums[second], -1.0))
     if name == "const":
-        return ((rest[0], r.graph.one, ()),)
+        return ((first, r.graph.one, ()),)
     if name == "input":
-        return ((1.0, r.graph.node(*r.raw.nodes[i]), ()),)
-    x = [r.sums[j] for j in rest]
+        return ((1.0, r.graph.node(*node), ()),)
+    x = [sums[j] for j in node[1:]]
     if name == "neg":
         return _scaled(x[0], -1.0)
-    if name == "mul":
-        return _product(r, *x)
-    if name in ("add", "sub"):
-        sign = 1.0 if name == "add" else -1.0
-        short = _merged(x[0] + _scaled(x[1], sign))
-        if not any(a in r.parts for y in x for _, a, _ in y):
-            return short
-        long = _merged(_expanded(r, x[0]) + _scaled(_expanded(r, x[1]), sign))
-        return long if len(long) < len(short) else short
     if name == "div":
         return _quotient(r, *x)
     if name == "sqrt":
         c, a, powers = _term(r, x[0])
-        if c == 1 and r.graph.is_one(a) and len(powers) == 1 and _has_root(powers[0][1]):
+        if c == 1 and r.graph.is_one(a) and len(powers) == 1 and has_root(powers[0][1]):
             return ((1.0, a, ((powers[0][0], powers[0][1] // 2),)),)
     return ((1.0, r.graph.node(name, *(_node(r, y) for y in x)), ()),)
 
 
+def _added_up(r: _Rewriting, terms: Sum) -> Sum:
+    """Like terms added up, also those of the sums in it where that leaves fewer."""
+    short, parts = _merged(terms), r.parts
+    for _, a, _ in terms:
+        if a in parts:
+            long = _merged(_expanded(r, terms))
+            return long if len(long) < len(short) else short
+    return short
+
+
 def _scaled(terms: Sum, factor: float) -> Sum:
-    return tuple((factor * c, a, powers) for c, a, powers in terms)
+    return tuple([(factor * c, a, powers) for c, a, powers in terms])
 
 
 def _merged(terms: Sum) -> Sum:
     """Like terms added up."""
+    if len(terms) == 2:
+        (c, a, powers), (d, b, more) = terms
+        if (a != b or powers != more) and c and d:
+            return terms
     factors: dict[tuple[int, Powers], float] = {}
     for c, a, powers in terms:
         factors[a, powers] = factors.get((a, powers), 0.0) + c
-    kept = tuple((c, *rest) for rest, c in factors.items() if c)
+    if len(factors) == len(terms) and all(factors.values()):
+        return terms
+    kept = tuple([(c, a, powers) for (a, powers), c in factors.items() if c])
     return kept or ((0.0, *terms[0][1:]),)
 
 
@@ -195,31 +220,29 @@ def _term(r: _Rewriting, terms: Sum) -> Term:
     """
     if len(terms) == 1:
         return terms[0]
-    groups: dict[Powers, list[tuple[float, int]]] = {}
-    for c, a, powers in terms:
-        groups.setdefault(powers, []).append((c, a))
-    added = {powers: _factored(r.graph, group) for powers, group in groups.items()}
-    common = next(iter(added)) if len(added) == 1 else ()
-    if len(added) > 1:
-        added[common] = _factored(
-            r.graph, [(c, _times(r, a, powers)) for powers, (c, a) in added.items()]
-        )
-    size, whole = added[common]
+    common = terms[0][2]
+    if len({powers for _, _, powers in terms}) > 1:
+        groups: dict[Powers, list[tuple[float, int]]] = {}
+        for c, a, powers in terms:
+            groups.setdefault(powers, []).append((c, a))
+        added = [(powers, *_factored(r.graph, group)) for powers, group in groups.items()]
+        size, whole = _factored(r.graph, [(c, _times(r, a, powers)) for powers, c, a in added])
+        common = ()
+    else:
+        size, whole = _factored(r.graph, [(c, a) for c, a, _ in terms])
     if len(terms) <= FEW_TERMS:
-        r.parts[whole] = tuple(
-            (c / size, a, _joined(powers, _inverse(common))) for c, a, powers in terms
-        )
+        r.parts[whole] = size, terms, common
     return size, whole, common
 
 
 def _factored(graph: Graph, terms: list[tuple[float, int]]) -> tuple[float, int]:
     """The sum of factors times nodes; a factor common to all stays outside."""
-    size = abs(terms[0][0])
     if len(terms) == 1:
         return terms[0]
-    if any(abs(c) != size or graph.is_one(a) for c, a in terms):
-        size = 1.0
-    return size, _added(graph, [(c / size, a) for c, a in terms])
+    size = abs(terms[0][0])
+    if size != 1.0 and not any(abs(c) != size or graph.is_one(a) for c, a in terms):
+        return size, _added(graph, [(c / size, a) for c, a in terms])
+    return 1.0, _added(graph, terms)
 
 
 def _added(graph: Graph, terms: list[tuple[float, int]]) -> int:
@@ -229,18 +252,24 @@ def _added(graph: Graph, terms: list[tuple[float, int]]) -> int:
     if len(terms) > LONGEST_CHAIN:
         half = len(terms) // 2
         return graph.node("add", _added(graph, terms[:half]), _added(graph, terms[half:]))
-    first, *others = sorted(terms, key=lambda term: (term[0] != 1.0, term[0] != -1.0, term[0] < 0))
+    first, *others = sorted(terms, key=_place)
     total = _single(graph, *first)
     for c, a in others:
         total = graph.node("sub" if c < 0 else "add", total, _single(graph, abs(c), a))
     return total
 
 
+def _place(term: tuple[float, int]) -> int:
+    """Of a term among others: 1, −1, other positive factors, negative ones."""
+    c = term[0]
+    return 0 if c == 1.0 else 1 if c == -1.0 else 3 if c < 0 else 2
+
+
 def _single(graph: Graph, c: float, a: int) -> int:
+    if c == 1.0 and not graph.is_one(a):
+        return a
     if graph.is_one(a) or not c:
         return graph.node("const", c)
-    if c == 1:
-        return a
     return graph.node("neg", a) if c == -1 else graph.node("mul", graph.node("const", c), a)
 
 
@@ -250,11 +279,13 @@ def _node(r: _Rewriting, terms: Sum) -> int:
 
 
 def _product(r: _Rewriting, x: Sum, y: Sum) -> Sum:
-    for one, other in ((x, y), (y, x)):
-        if len(one) == 1 and not one[0][2] and r.graph.is_one(one[0][1]):
-            return _scaled(other, one[0][0])
+    graph = r.graph
+    if len(x) == 1 and graph.is_one(x[0][1]) and not x[0][2]:
+        return _scaled(y, x[0][0])
+    if len(y) == 1 and graph.is_one(y[0][1]) and not y[0][2]:
+        return _scaled(x, y[0][0])
     (c, a, powers), (d, b, more) = _term(r, x), _term(r, y)
-    return ((c * d, r.graph.times(a, b), _joined(powers, more)),)
+    return ((c * d, graph.times(a, b), joined(powers, more)),)
 
 
 def _quotient(r: _Rewriting, x: Sum, y: Sum) -> Sum:
@@ -264,26 +295,12 @@ def _quotient(r: _Rewriting, x: Sum, y: Sum) -> Sum:
     c, a, powers = _term(r, x)
     if not d:
         return ((1.0, r.graph.node("div", _node(r, x), _node(r, y)), ()),)
-    powers = _joined(powers, _inverse(below))
+    powers = joined(powers, inverse(below))
     # one division for all its users
     single = tuple((base, -e) for base, e in powers if e < 0 and not r.kinds[base])
     powers = tuple((base, e) for base, e in powers if e > 0 or r.kinds[base])
     bottom = _times(r, b, single)
     return ((c / d, a if r.graph.is_one(bottom) else r.graph.node("div", a, bottom), powers),)
-
-
-def _joined(powers: Powers, more: Powers) -> Powers:
-    """The powers of a product."""
-    if not (powers and more):
-        return powers or more
-    total = dict(powers)
-    for base, e in more:
-        total[base] = total.get(base, 0) + e
-    return tuple(sorted((base, e) for base, e in total.items() if e))
-
-
-def _inverse(powers: Powers) -> Powers:
-    return tuple((base, -e) for base, e in powers)
 
 
 def _times(r: _Rewriting, a: int, powers: Powers) -> int:
@@ -292,37 +309,9 @@ def _times(r: _Rewriting, a: int, powers: Powers) -> int:
     if not powers:
         return a
     for base, e in powers:
-        power = _power(r.graph, base, e, r.kinds[base])
+        power = power_of(r.graph, base, e, r.kinds[base])
         if base in r.constant:
             same = r.graph.times(same, power)
         else:
             varying = r.graph.times(varying, power)
     return r.graph.times(a, r.graph.times(same, varying))
-
-
-def _power(graph: Graph, base: int, exponent: int, kind: str) -> int:
-    """base^(exponent / 4), by products, roots, and the reciprocal that the kind says."""
-    if exponent < 0 and kind == "inverse":
-        return _power(graph, graph.node("div", graph.one, base), -exponent, "")
-    quarters = abs(exponent)
-    # two roots side by side
-    parts = [graph.node("sqrt", graph.node("sqrt", base))] if quarters & 1 else []
-    inverse_root = (
-        graph.node("rsqrt", base) if kind == "root" and (quarters & 2 or exponent < 0) else None
-    )
-    if exponent < 0:
-        assert inverse_root is not None
-        # x^-¼ = x^¼ x^-½
-        parts.append(whole_power(graph, inverse_root, (quarters + (quarters & 1)) // 2))
-    else:
-        if quarters & 2:
-            parts.append(
-                graph.node("sqrt", base)
-                if inverse_root is None
-                else graph.node("mul", base, inverse_root)
-            )
-        parts.append(whole_power(graph, base, quarters // 4))
-    result = graph.one
-    for part in parts:
-        result = graph.times(result, part)
-    return result

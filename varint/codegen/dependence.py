@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 from varint.codegen.graph import LEAVES, Graph, operands
+
+_SUMS = frozenset(("add", "sub"))
 
 
 def needed(graph: Graph) -> list[int]:
@@ -23,12 +27,13 @@ def uniform_nodes(graph: Graph, argument: int) -> list[bool]:
     uniform: list[bool] = []
     for node in graph.nodes:
         if node[0] in LEAVES:
-            free = node[0] == "const" or node[1] == argument
+            uniform.append(node[0] == "const" or node[1] == argument)
         elif len(node) == 3:
-            free = uniform[node[1]] and uniform[node[2]]
+            uniform.append(uniform[node[1]] and uniform[node[2]])
+        elif len(node) == 2:
+            uniform.append(uniform[node[1]])
         else:
-            free = all(uniform[j] for j in node[1:])
-        uniform.append(free)
+            uniform.append(all(uniform[j] for j in node[1:]))
     return uniform
 
 
@@ -49,29 +54,41 @@ def fused(graph: Graph, argument: int) -> Graph:
 
     What depends on nothing but the input `argument` is left as it is.
     """
-    uniform, live = uniform_nodes(graph, argument), needed(graph)
-    elsewhere = {i for output in graph.outputs for i in output}  # used not in sums alone
+    uniform, live, nodes = uniform_nodes(graph, argument), needed(graph), graph.nodes
+    elsewhere = set[int]()  # products that not sums alone take, once it is asked
+    found, places = list[tuple](), [0] * len(nodes)  # in the same order, and different ones as well
     for i in live:
-        if graph.nodes[i][0] not in ("add", "sub"):
-            elsewhere.update(operands(graph.nodes[i]))
-    result, places, nodes = Graph(), dict[int, int](), graph.nodes
-    for i in live:
-        name, *rest = nodes[i]
+        node = nodes[i]
+        name = node[0]
+        places[i] = len(found)
         if name in LEAVES:
-            places[i] = result.node(name, *rest)
-            continue
-        products = []
-        if name in ("add", "sub"):
-            products = [k for k in (0, 1) if nodes[rest[k]][0] == "mul" and not uniform[rest[k]]]
-        if products:
-            k = max(products, key=lambda k: (rest[k] not in elsewhere, k))
-            _, a, b = nodes[rest[k]]
-            kind = "fma" if name == "add" else ("fms", "fnma")[k]
-            places[i] = result.node(kind, places[a], places[b], places[rest[1 - k]])
+            found.append(node)
+        elif len(node) == 2:
+            found.append((name, places[node[1]]))
+        elif name not in _SUMS:
+            found.append((name, places[node[1]], places[node[2]]))
         else:
-            places[i] = result.node(name, *[places[j] for j in rest])
-    result.outputs = [[places[i] for i in output] for output in graph.outputs]
-    return result
+            _, a, b = node
+            first = nodes[a][0] == "mul" and not uniform[a]
+            if nodes[b][0] == "mul" and not uniform[b]:
+                if first:
+                    elsewhere = elsewhere or _elsewhere(graph, live)
+                    first = b in elsewhere and a not in elsewhere
+            elif not first:
+                found.append((name, places[a], places[b]))
+                continue
+            kind = "fma" if name == "add" else "fms" if first else "fnma"
+            product, other = (a, b) if first else (b, a)
+            _, x, y = nodes[product]
+            found.append((kind, places[x], places[y], places[other]))
+    outputs = [[places[i] for i in output] for output in graph.outputs]
+    return Graph(found, dict(zip(found, range(len(found)), strict=True)), outputs)
+
+
+def _elsewhere(graph: Graph, live: list[int]) -> set[int]:
+    """What is used, and not in sums alone."""
+    others = (node for i in live if (node := graph.nodes[i])[0] not in _SUMS)
+    return set(chain(*graph.outputs, *(operands(node) for node in others)))
 
 
 def halves(graph: Graph, argument: int, constants: int) -> tuple[Graph, Graph]:

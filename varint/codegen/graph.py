@@ -52,7 +52,7 @@ _WITHOUT_C = {"erfinv"}
 _OTHER_KINDS = {"assign", "lift", "sq", "twice", "inv", "pow", "constpow"}  # see _plain
 LEAVES = frozenset(("const", "input"))  # computed from no other node
 ONE = ("const", 1.0)
-COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
+COMMUTATIVE = frozenset(("add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"))
 
 
 @dataclass
@@ -63,28 +63,33 @@ class Graph:
     index: dict[tuple, int] = field(default_factory=dict)
     outputs: list[list[int]] = field(default_factory=list)
 
-    def node(self, operation: str, *operands) -> int:
-        if operation in COMMUTATIVE and operands[0] > operands[1]:
-            key = operation, operands[1], operands[0]
-        else:
-            key = (operation, *operands)
-        at = self.index.setdefault(key, len(self.nodes))
-        if at == len(self.nodes):
+    def __post_init__(self) -> None:
+        self._unit = self.index.get(ONE, -1)
+
+    def node(self, *key: Any) -> int:
+        """The node (operation, operands...), equal ones once."""
+        if key[0] in COMMUTATIVE and key[1] > key[2]:
+            key = key[0], key[2], key[1]
+        at = self.index.get(key)
+        if at is None:
+            at = self.index[key] = len(self.nodes)
             self.nodes.append(key)
+            if key == ONE:
+                self._unit = at
         return at
 
     def times(self, a: int, b: int) -> int:
         """a × b, where one of them may be the number 1."""
-        if self.is_one(a):
+        if a == self._unit:
             return b
-        return a if self.is_one(b) else self.node("mul", a, b)
+        return a if b == self._unit else self.node("mul", a, b)
 
     def is_one(self, a: int) -> bool:
-        return self.nodes[a] == ONE
+        return a == self._unit
 
     @property
     def one(self) -> int:
-        return self.index.get(ONE) or self.node(*ONE)
+        return self.node(*ONE) if self._unit < 0 else self._unit
 
 
 def operands(node: tuple) -> tuple[int, ...]:
@@ -102,15 +107,20 @@ def raw_graph(f: ca.Function) -> Graph:
     zero = graph.node("const", 0.0)
     columns = [f.sparsity_in(k).find() for k in range(f.n_in())]
     at: list[int] = []
-    for name, *taken in operations.nodes:
+    for operation in operations.nodes:
+        name, first = operation[0], operation[1]
         if name == "input":
-            at.append(graph.node("input", taken[0], columns[taken[0]][taken[1]]))
+            at.append(graph.node("input", first, columns[first][operation[2]]))
         elif name == "const":
-            at.append(graph.node("const", *taken))
+            at.append(graph.node("const", first))
+        elif name in _OTHER_KINDS:
+            at.append(_plain(graph, name, [at[i] for i in operation[1:]]))
         elif name in _WITHOUT_C:
             raise NotCompilable(f"{name} has no form in C; use backend='interpreted'")
+        elif len(operation) == 3:
+            at.append(graph.node(name, at[first], at[operation[2]]))
         else:
-            at.append(_plain(graph, name, [at[i] for i in taken]))
+            at.append(graph.node(name, at[first]))
     for output in operations.outputs:
         dense = [zero] * (output.shape[0] * output.shape[1])
         for place, node in zip(output.places, output.nodes, strict=True):
@@ -120,11 +130,9 @@ def raw_graph(f: ca.Function) -> Graph:
 
 
 def _plain(graph: Graph, name: str, a: list[int]) -> int:
-    """One operation of CasADi's in terms of fewer kinds: no sq, inv, constpow; powers by
+    """One of CasADi's other kinds of operations in terms of fewer: no sq, inv, constpow; powers by
     multiplication.
     """
-    if name not in _OTHER_KINDS:
-        return graph.node(name, *a)
     if name in ("assign", "lift"):
         return a[0]
     if name == "sq":

@@ -13,6 +13,7 @@ import sys
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from time import monotonic_ns
 
 import casadi as ca
 import numpy as np
@@ -26,8 +27,8 @@ MOST_KEPT = 1000  # files; beyond, the half of them that were not read for longe
 FOLDER, DIGEST = "tapes", 32
 # what decides how operations are arranged: files of this folder, and how CasADi's are read
 ARRANGING = (
-    *("algebra.py", "dependence.py", "emit.py", "graph.py", "kept.py", "rolled.py", "routines.py"),
-    *("tape.py", "c/tape.h"),
+    *("algebra.py", "dependence.py", "emit.py", "graph.py", "kept.py", "powers.py", "rolled.py"),
+    *("routines.py", "tape.py", "c/tape.h"),
 )
 WIDTHS = {"once": 6, "often": 6, "inputs": 3, "outputs": 3}
 _COUNTS = len(Sizes._fields) + 3 + len(WIDTHS) + 1  # whole numbers that begin a tape
@@ -72,21 +73,21 @@ def kept_tapes(key: str, names: list[str]) -> dict[str, Tape]:
 
 def keep_tapes(key: str, tapes: dict[str, Tape]) -> None:
     """Keep tapes under a key, if there is room."""
-    import tempfile
-
     content = _written([*tapes.values()])
     try:
         folder = cache_folder() / FOLDER
         folder.mkdir(mode=0o700, exist_ok=True)
         refuse_foreign(folder)
         _make_room(folder)
-        number, name = tempfile.mkstemp(dir=folder)
+        # a name of one's own; `tempfile` takes longer to import than all this to write
+        name = folder / f"{key}-{os.getpid()}-{monotonic_ns()}"
+        number = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         try:
             with os.fdopen(number, "wb") as file:
                 file.write(hashlib.sha256(content).digest() + content)
             os.replace(name, folder / key)
         except BaseException:
-            Path(name).unlink(missing_ok=True)
+            name.unlink(missing_ok=True)
             raise
     except (OSError, CompileError):
         return

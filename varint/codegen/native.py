@@ -84,11 +84,14 @@ def native_explicit(system: System, rule: Rule) -> Kernel:
 
 def tapes_of(functions: Mapping[str, Routine], most: int = MOST_OPERATIONS) -> dict[str, Tape]:
     """The functions as tapes; their square roots are those of the compiled kernel."""
-    sizes = [f.sizes for f in functions.values()]
-    if sum(x.operations for x in sizes) > most:
+    found = functions.values()
+    # there are not more operations than nodes, which need not be counted
+    if sum(f.nodes for f in found) > most and sum(f.sizes.operations for f in found) > most:
         raise NotCompilable(TOO_LARGE)
-    many = sum(x.roots for x in sizes) > FEW_ROOTS
-    return {name: f.tape(many) for name, f in functions.items()}
+    few = {name: f.tape(False) for name, f in functions.items()}
+    if sum(tape.sizes.roots for tape in few.values()) <= FEW_ROOTS:
+        return few
+    return {name: f.tape(True) for name, f in functions.items()}
 
 
 def kernel_on(heads: tuple[str, int, int, int, int], loop: Loop, block: np.ndarray) -> Kernel:

@@ -62,8 +62,9 @@ class Arrangement:
     @cached_property
     def sizes(self) -> dict[str, Sizes]:
         """Of each function; raises NotCompilable."""
-        if self.kept:
-            return {name: tape.sizes for name, tape in self.kept.items()}
+        made = self.kept or self.__dict__.get("tapes")
+        if made:
+            return {name: tape.sizes for name, tape in made.items()}
         return {
             name: Sizes(len(graph.nodes), *operations(graph, self.last[name]))
             for name, graph in self.graphs.items()
@@ -100,6 +101,12 @@ class Routine(NamedTuple):
     def sizes(self) -> Sizes:
         return self.arrangement.sizes[self.name]
 
+    @property
+    def nodes(self) -> int:
+        """Of the graph; more are not looked at than is necessary to tell."""
+        kept = self.arrangement.kept
+        return kept[self.name].sizes.nodes if kept else len(self.graph.nodes)
+
     def tape(self, many_roots: bool) -> Tape:
         """As data; `many_roots`: roots count by their number, not by their latency."""
         found = self.arrangement.tapes[self.name]
@@ -115,10 +122,13 @@ def routines(
     """Functions by name from (inputs, outputs); `constants`, the same all the time, are appended
     to the inputs. Arranging them raises NotCompilable where they are too long.
     """
-    whole = {name: ([*x, constants], outputs) for name, (x, outputs) in expressions.items()}
+    whole = {
+        name: _function(name, [*x, constants], outputs)
+        for name, (x, outputs) in expressions.items()
+    }
 
     def arrange() -> dict[str, Graph]:
-        return {name: arranged(_function(name, *x), written_out) for name, x in whole.items()}
+        return {name: arranged(_short(f), written_out) for name, f in whole.items()}
 
     return _together(f"routines {written_out}", whole, arrange)
 
@@ -134,10 +144,10 @@ def halved(
     last output, once `late` is known: ``second(late, taken, w, output)``.
     """
     last = len(inputs)  # of the first half: what it has besides the inputs are the constants
-    whole = [*inputs, constants, late], outputs
+    whole = _function(names[0], [*inputs, constants, late], outputs)
 
     def arrange() -> dict[str, Graph]:
-        graph = graph_of(_function(names[0], *whole), last)
+        graph = graph_of(_short(whole), last)
         first, second = halves(graph, last + 1, last)
         return {names[0]: fused(first, last), names[1]: fused(second, 2)}
 
@@ -146,26 +156,28 @@ def halved(
 
 def _together(
     kind: str,
-    expressions: Expressions,
+    functions: Mapping[str, ca.Function],
     arrange: Callable[[], dict[str, Graph]],
     last: dict[str, int] | None = None,
 ) -> dict[str, Routine]:
-    last = last or {name: len(inputs) - 1 for name, (inputs, _) in expressions.items()}
-    written = [
-        ca.Function(name, inputs, [ca.densify(x) for x in outputs])
-        for name, (inputs, outputs) in expressions.items()
-    ]
-    long = sum(f.n_instructions() for f in written) >= KEPT_FROM
-    key = key_of(kind, *(f.serialize() for f in written)) if long else ""
+    last = last or {name: f.n_in() - 1 for name, f in functions.items()}
+    long = sum(f.n_instructions() for f in functions.values()) >= KEPT_FROM
+    key = key_of(kind, *(f.serialize() for f in functions.values())) if long else ""
     whole = Arrangement(key, last, arrange)
     return {name: Routine(whole, name) for name in last}
 
 
 def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    f = ca.Function(name, inputs, ca.cse([ca.densify(x) for x in outputs]))
+    """To be read; equal operations become one where they are arranged."""
+    outputs = [ca.densify(x) for x in outputs]
+    return ca.Function(name, inputs, outputs, {"live_variables": False})
+
+
+def _short(f: ca.Function) -> ca.Function:
+    """Itself; raises NotCompilable where it is too long."""
     if f.n_instructions() > MOST_OPERATIONS:
         raise NotCompilable(
-            f"{name} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
+            f"{f.name()} has {f.n_instructions()} operations, more than {MOST_OPERATIONS}; use "
             'backend="interpreted", or fewer coordinates'
         )
     return f

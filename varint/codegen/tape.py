@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 from heapq import heappop, heappush
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -127,9 +128,10 @@ def with_many_roots(tape: Tape) -> Tape:
 
 
 def _table(rows: list[tuple[int, ...]], width: int) -> np.ndarray:
-    if max((max(row) for row in rows), default=0) > MOST:
+    table = np.fromiter(chain.from_iterable(rows), np.int64, width * len(rows))
+    if table.max(initial=0) > MOST:
         raise NotCompilable("too many values for a tape; use backend='compiled'")
-    return np.array(rows, np.uint16).reshape(-1, width)
+    return table.astype(np.uint16).reshape(-1, width)
 
 
 def _once(
@@ -166,86 +168,89 @@ def _often(
     too. A register is used again once its value has been taken for the last time.
     """
     codes, count = operation_codes(), len(RESERVED) + len(places)
-    units = _in_turns(graph, varying, uniform)
-    # both of a pair take the same
-    taken = [{j for j in operands(graph.nodes[unit[0]]) if not uniform[j]} for unit in units]
-    last = {j: k for k, used in enumerate(taken) for j in used}
-    free: list[int] = []
-
-    def room() -> int:
-        nonlocal count
-        if free:
-            return free.pop()
-        count += 1
-        return count - 1
-
+    nodes, free = graph.nodes, list[int]()
     inputs, rows = list[tuple[int, ...]](), list[tuple[int, ...]]()
-    for unit in units:
-        name, *rest = graph.nodes[unit[0]]
+    work, taken = _in_turns(graph, varying, uniform)
+    last = {j: k for k, used in enumerate(taken) for j in used}
+    for unit in work:
+        name, *rest = nodes[unit[0]]
         if name == "input":
-            places[unit[0]] = room()
-            inputs.append((rest[0], rest[1], places[unit[0]]))
-    for k, unit in enumerate(units):
-        name, *rest = graph.nodes[unit[0]]
+            places[unit[0]] = count
+            inputs.append((rest[0], rest[1], count))
+            count += 1
+    total = codes["sum"]
+    for k, unit in enumerate(work):
+        node = nodes[unit[0]]
+        name = node[0]
         if name == "input":
             continue
-        at = [places[j] for j in rest]
-        free += [places[j] for j in taken[k] if last[j] == k and j not in ends]
+        at = [places[j] for j in node[1:]]
+        for j in taken[k]:
+            if last[j] == k and j not in ends:
+                free.append(places[j])
         for j in unit:
-            places[j] = room()
-        if len(unit) == 2:
-            rows.append(_row(codes["sincos"], places[unit[0]], *at, places[unit[1]]))
-        elif name in SUMS:
+            if free:
+                places[j] = free.pop()
+            else:
+                places[j], count = count, count + 1
+        if name in SUMS:
             (a, b, c), signs = _SUMS[name]
-            among = (*RESERVED.values(), *at)
-            rows.append((codes["sum"], places[unit[0]], among[a], among[b], among[c], signs))
+            among = (0, 1, *at)  # RESERVED
+            rows.append((total, places[unit[0]], among[a], among[b], among[c], signs))
+        elif len(unit) == 2:
+            rows.append(_row(codes["sincos"], places[unit[0]], *at, places[unit[1]]))
         else:
             rows.append(_row(codes[EXACT if name == "rsqrt" else name], places[unit[0]], *at))
-        free += [places[j] for j in unit if j not in last and j not in ends]
+        for j in unit:
+            if j not in last and j not in ends:
+                free.append(places[j])
     return [*rows, _row(codes["end"])], inputs, count
 
 
-def _in_turns(graph: Graph, varying: list[int], uniform: list[bool]) -> list[tuple[int, ...]]:
+def _in_turns(
+    graph: Graph, varying: list[int], uniform: list[bool]
+) -> tuple[list[tuple[int, ...]], list[set[int]]]:
     """The operations, sine and cosine of an angle as one, in an order for speed: the same kind
     again where there is one whose operands are known; among those, first what does not wait for
-    the ones just before, and then what the longest chain of others hangs on.
+    the ones just before, and then what the longest chain of others hangs on. For each of them what
+    varies that it takes.
     """
-    pairs = sine_and_cosine(graph, varying, uniform)
+    pairs, nodes = sine_and_cosine(graph, varying, uniform), graph.nodes
     units = [pairs.get(i, (i,)) for i in varying if pairs.get(i) != (0, 0)]
     unit_of = {i: k for k, unit in enumerate(units) for i in unit}
-    taken = [
-        {unit_of[j] for j in operands(graph.nodes[unit[0]]) if not uniform[j]} for unit in units
-    ]
-    names = [graph.nodes[unit[0]][0] for unit in units]
+    # both of a pair take the same
+    firsts = [nodes[unit[0]] for unit in units]
+    taken = [{j for j in operands(node) if not uniform[j]} for node in firsts]
+    names = [node[0] for node in firsts]
+    kinds = ["sum" if name in SUMS else name for name in names]
+    takes_time = [APART * SLOW.get(name, 1) for name in names]
     users: list[list[int]] = [[] for _ in units]
-    hanging = [APART * SLOW.get(name, 1) for name in names]
-    for k in reversed(range(len(units))):
-        for j in taken[k]:
+    hanging = takes_time.copy()
+    for k in range(len(units) - 1, -1, -1):
+        for i in taken[k]:
+            j = unit_of[i]
             users[j].append(k)
-            hanging[j] = max(hanging[j], hanging[k] + APART * SLOW.get(names[j], 1))
-    missing, known = [len(x) for x in taken], [0] * len(units)
+            hanging[j] = max(hanging[j], hanging[k] + takes_time[j])
+    missing, known = [*map(len, taken)], [0] * len(units)
     ready: dict[str, list[tuple[int, int, int]]] = {}
-
-    def make_ready(k: int) -> None:
-        kind = "sum" if names[k] in SUMS else names[k]
-        heappush(ready.setdefault(kind, []), (known[k] // APART, -hanging[k], k))
-
     for k, count in enumerate(missing):
         if not count:
-            make_ready(k)
-    result: list[tuple[int, ...]] = []
+            heappush(ready.setdefault(kinds[k], []), (0, -hanging[k], k))
+    order: list[int] = []
     kind = ""
-    while any(ready.values()):
+    for turn in range(1, len(units) + 1):
         if not ready.get(kind):
             kind = min((x for x in ready if ready[x]), key=lambda x: ready[x][0][1])
         k = heappop(ready[kind])[2]
-        result.append(units[k])
+        order.append(k)
+        then = turn + takes_time[k]
         for j in users[k]:
             missing[j] -= 1
-            known[j] = max(known[j], len(result) + APART * SLOW.get(names[k], 1))
+            if known[j] < then:
+                known[j] = then
             if not missing[j]:
-                make_ready(j)
-    return result
+                heappush(ready.setdefault(kinds[j], []), (known[j] // APART, -hanging[j], j))
+    return [units[k] for k in order], [taken[k] for k in order]
 
 
 def _row(code: int, *rest: int) -> tuple[int, ...]:

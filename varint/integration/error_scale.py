@@ -117,23 +117,26 @@ def angles(system: System) -> tuple[bool, ...]:
     s = system
     parts = ca.vertcat(s.lagrangian, s.force, s.constraint, s.contact, ca.vec(s.nonholonomic))
     f = ca.Function("parts", [s.q, s.v, s.control, s.t, s.c], [ca.densify(parts)])
-    random = Random(6)
-    n = s.structure.n
+    random, n = Random(6), s.structure.n
+    controls = s.structure.controls
+
+    def stays(i: int, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> bool:
+        """Whether a turn of coordinate i changes nothing at a place."""
+        before, after = (
+            np.array(f(x, v, u, 0.3, s.default_vector)).ravel()
+            for x in (q, q + 2 * np.pi * np.eye(n)[i])
+        )
+        finite = np.isfinite(before) & np.isfinite(after)
+        size = np.abs(before[finite]).max(initial=0.0)
+        return bool((np.abs(after - before)[finite] <= SAME * size).all() and finite.any())
+
     found = []
     for i in range(n):
         if not ca.depends_on(parts, s.q[i]):
             found.append(False)
             continue
-        shift = 2 * np.pi * np.eye(n)[i]
-        same = True
-        for _ in range(PLACES):
-            q, v = normal_numbers(random, n), normal_numbers(random, n)
-            u = normal_numbers(random, s.structure.controls)
-            before, after = (
-                np.array(f(x, v, u, 0.3, s.default_vector)).ravel() for x in (q, q + shift)
-            )
-            finite = np.isfinite(before) & np.isfinite(after)
-            size = np.abs(before[finite]).max(initial=0.0)
-            same &= bool((np.abs(after - before)[finite] <= SAME * size).all() and finite.any())
-        found.append(same)
+        places = [
+            [normal_numbers(random, size) for size in (n, n, controls)] for _ in range(PLACES)
+        ]
+        found.append(all(stays(i, *place) for place in places))
     return tuple(found)

@@ -66,32 +66,47 @@ def operations_of(f: ca.Function) -> Operations:
         If it holds what is no elementary operation, as the call of another function.
     """
     nodes: list[tuple[Any, ...]] = []
-    at: dict[int, int] = {}  # place in CasADi's work vector → the node whose value it holds now
+    codes = [*map(f.instruction_id, range(f.n_instructions()))]
+    taken, given = f.instruction_input, f.instruction_output
+    reused = _places_are_reused(f, codes)
+    # for each place in CasADi's work vector the node whose value it holds now
+    at: list[int] | range = [0] * f.sz_w() if reused else range(len(codes))
     found: list[list[int]] = [[0] * f.nnz_out(k) for k in range(f.n_out())]
-    for k in range(f.n_instructions()):
-        code, out, source = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
+    for k, code in enumerate(codes):
         if code in _BINARY_NAMES:
-            nodes.append((_BINARY_NAMES[code], at[source[0]], at[source[1]]))
+            a, b = taken(k)
+            nodes.append((_BINARY_NAMES[code], at[a], at[b]))
         elif code in _UNARY_NAMES:
-            nodes.append((_UNARY_NAMES[code], at[source[0]]))
+            nodes.append((_UNARY_NAMES[code], at[taken(k)[0]]))
         elif code == _OUTPUT:
-            found[out[0]][out[1]] = at[source[0]]
+            which, place = given(k)
+            found[which][place] = at[taken(k)[0]]
             continue
         elif code == _CONST:
             nodes.append(("const", f.instruction_constant(k)))
         elif code == _INPUT:
-            nodes.append(("input", source[0], source[1]))
+            nodes.append(("input", *taken(k)))
         else:
             raise VarintError(
                 f"the scene holds the operation {_OTHERS.get(code, code)!r}, which is no "
                 "arithmetic; write it with CasADi's elementary functions (a function that is "
                 "called must be inlined, without never_inline)"
             )
-        at[out[0]] = len(nodes) - 1
+        if isinstance(at, list):
+            at[given(k)[0]] = len(nodes) - 1
     outputs = [
         Output(f.size_out(k), list(f.sparsity_out(k).find()), found[k]) for k in range(f.n_out())
     ]
     return Operations(nodes, outputs)
+
+
+def _places_are_reused(f: ca.Function, codes: list[int]) -> bool:
+    """Whether a value is ever written over another (see CasADi's option `live_variables`). New
+    places are taken in turn, so that the last value stands in the last place if none is.
+    """
+    last = next((k for k in range(len(codes) - 1, -1, -1) if codes[k] != _OUTPUT), None)
+    values = len(codes) - codes.count(_OUTPUT)
+    return last is not None and f.instruction_output(last)[0] != values - 1
 
 
 def expressions_of(operations: Operations, inputs: Sequence[ca.SX]) -> list[ca.SX]:
