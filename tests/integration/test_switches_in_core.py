@@ -15,7 +15,7 @@ from varint.integration.switches.follow import first_unit, follow
 from varint.integration.switches.passage import Passage
 from varint.integration.switches.timetable import timetable
 
-SCENES, PARTS = 60, 8
+SCENES, HELD, PARTS = 40, 12, 8
 
 
 def random_scene(seed):
@@ -52,13 +52,35 @@ def random_scene(seed):
     system = vi.System(q, v, ca.dot(ca.DM(masses), v**2) / 2 - potential, force=force, t=t)
     way = -1.0 if seed % 5 == 4 else 1.0
     stages = int(random.choice([2, 4, 8]))
-    return system, random.uniform(-1.5, 1.5, n), random.uniform(-1, 1, n), way * 40.0, stages
+    start = random.uniform(-1.5, 1.5, n), random.uniform(-1, 1, n)
+    return system, *start, way * 40.0, vi.gauss(stages)
+
+
+def random_held_scene(seed):
+    """A bead on a wire, or on a circle, with a spring, switches and perhaps a drive."""
+    random = np.random.default_rng(seed)
+    q, v = vi.coordinates("x", "y")
+    t = vi.time()
+    x, size = random.uniform(-1, 1), random.uniform(0.005, 0.1, 3)
+    if seed % 2:
+        bend = random.uniform(0.05, 0.3)
+        wire, slope = bend * ca.sin(q[0]), bend * ca.cos(q[0])
+        constraint, along = q[1] - wire, ca.vertcat(1, slope)
+        start = [x, bend * np.sin(x)], [0.5, 0.5 * bend * np.cos(x)]
+    else:
+        constraint, along = ca.sumsqr(q) - 1, ca.vertcat(-q[1], q[0])
+        start = [np.sin(x), -np.cos(x)], [0.7 * np.cos(x), 0.7 * np.sin(x)]
+    force = -size[0] * ca.sign(ca.dot(along, v)) * along
+    force[0] += -size[1] * ca.sign(q[0] - random.uniform(-0.3, 0.3))
+    force[0] += size[2] * ca.sin(random.uniform(0.5, 2) * t) if seed % 3 else 0
+    lagrangian = ca.sumsqr(v) / 2 - 3 * q[1] - random.uniform(0.5, 2) * q[0] ** 2 / 2
+    system = vi.System(q, v, lagrangian, force=force, constraint=constraint, t=t)
+    return system, *start, 20.0, vi.lobatto(int(random.choice([3, 5])))
 
 
 def pieces_of(scene):
     """The pieces in so many steps a unit; None where the motion cannot be followed."""
-    system, q0, v0, duration, stages = scene
-    rule = vi.gauss(stages)
+    system, q0, v0, duration, rule = scene
     start = Start(q0, v0)
     problem = initial_value_problem(
         system, plan(system, rule).rule, start, RunOptions(h=duration, steps=1)
@@ -84,9 +106,12 @@ def same_bytes(one, other):
     )
 
 
-@pytest.mark.parametrize("seed", range(SCENES))
-def test_switches_passed_at_once_and_one_by_one_are_the_same_bytes(seed, monkeypatch):
-    scene = random_scene(seed)
+ALL = [(random_scene, i) for i in range(SCENES)] + [(random_held_scene, i) for i in range(HELD)]
+
+
+@pytest.mark.parametrize(("scene_of", "seed"), ALL)
+def test_switches_passed_at_once_and_one_by_one_are_the_same_bytes(scene_of, seed, monkeypatch):
+    scene = scene_of(seed)
     with monkeypatch.context() as patch:
         one_by_one(patch)
         alone = pieces_of(scene)
@@ -107,12 +132,25 @@ def test_all_but_the_first_of_each_branch_are_passed_at_once(monkeypatch):
         return found
 
     monkeypatch.setattr(following.Passage, "take", noted)
-    q, v = vi.coordinates("x")
-    system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-1e-3 * ca.sign(v))
-    pieces = pieces_of((system, [1.0], [0.0], 600.0, 8))
-    assert len(pieces) > 180
-    assert sum(made) >= len(pieces) - 3
-    assert len(made) <= 5
+    q, v = vi.coordinates("x", "y")
+    spring = vi.System(q[0], v[0], v[0] ** 2 / 2 - q[0] ** 2 / 2, force=-1e-3 * ca.sign(v[0]))
+    along = ca.vertcat(-q[1], q[0])
+    pendulum = vi.System(
+        q,
+        v,
+        ca.sumsqr(v) / 2 - q[1],
+        constraint=ca.sumsqr(q) - 1,
+        force=-1e-3 * ca.sign(ca.dot(along, v)) * along,
+    )
+    for scene in (
+        (spring, [1.0], [0.0], 600.0, vi.gauss(8)),
+        (pendulum, [0.6, -0.8], [0.0, 0.0], 200.0, vi.lobatto(5)),
+    ):
+        made.clear()
+        pieces = pieces_of(scene)
+        assert len(pieces) > 60
+        assert sum(made) >= len(pieces) - 3
+        assert len(made) <= 5
 
 
 def test_dry_friction_takes_as_much_of_the_amplitude_in_every_half_period():
@@ -176,7 +214,7 @@ def test_what_is_not_clear_is_decided_one_by_one(failing, monkeypatch):
         q0,
         [0.0, 0.0],
         60.0,
-        4,
+        vi.gauss(4),
     )
     together = pieces_of(scene)
     one_by_one(monkeypatch)

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import struct
-from ctypes import c_void_p, cast
+from ctypes import CFUNCTYPE, c_int, c_int64, c_void_p, cast
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from varint.codegen.arguments import c_names, c_number, c_source
+from varint.codegen.arguments import MOST_NOTED, c_names, c_number, c_source
 from varint.codegen.core import rows_entry, switches_entry
-from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.kernel import Kernel, address_of, told_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_MODE, _ASKED = struct.Struct("6P3q"), struct.Struct("12P14q17d")  # Mode, SwitchArguments
+_MODE, _ASKED = struct.Struct("6P5q"), struct.Struct("15P14q17d")  # Mode, SwitchArguments
 _SOURCE = c_source("switches_core.c")
 # how a call ends
 ARRIVED, UNDECIDED, BESIDE, NO_ROOM = range(len(c_names(_SOURCE, "enum Followed {")))
 COUNTS, SLIDABLE, STRAIGHT, CLOCK = (2**i for i in range(4))  # enum Kinds
+_TELL = CFUNCTYPE(c_int, c_int64)
+TOLD = 3  # numbers of a coordinate that a loop by Newton's method is told: sizes and velocities
 PIECE_HEAD = c_number(_SOURCE, "PIECE_HEAD")
 
 
@@ -124,7 +126,10 @@ def switched(
         entries: tuple[Any, ...] = (mode.kernel.entry, mode.kernel.parts)
         run, parts = (cast(entry, c_void_p).value or 0 for entry in entries)
         functions = mode.kernel.scene, mode.margins.at, mode.ahead.at
-        sizes = mode.kernel.carry_size, len(watched), mode.held
+        nodes, numbers_of_node = mode.kernel.note
+        notes = MOST_NOTED * (1 + nodes * numbers_of_node) if nodes else 0
+        told = TOLD * mode.kernel.n if mode.kernel.opening else 0
+        sizes = mode.kernel.carry_size, len(watched), mode.held, told, notes
         place = address_of(watched) if watched.size else 0
         layout.append(_MODE.pack(run, parts, *functions, place, *sizes))
         kept.append(watched)
@@ -167,13 +172,26 @@ def pass_switches(
     start, found = np.concatenate([[t], q, p]), np.zeros(2, np.int64)
     pieces, times, states = np.empty((most, PIECE_HEAD)), np.empty(room), np.empty((room, 3, n))
     rows: Any = rows_entry()
-    tables = known.layout, known.branches, known.c
     kinds, arrays = address_of(known.kinds), (start, pieces, times, states, found, known.among)
-    switches = len(known.kinds)
+    switches, asked, told = len(known.kinds), np.empty(2 + 2 * n), np.empty(TOLD * n)
+    raised: list[BaseException] = []
+
+    def tell(branch: int) -> int:
+        try:
+            kernel = known.modes[int(known.branches[branch, 0])].kernel
+            told[:] = told_of(kernel, asked[2:].reshape(2, n), known.c[branch], *asked[:2].tolist())
+        except BaseException as error:
+            raised.append(error)
+            return 0
+        return 1
+
+    telling = _TELL(tell) if any(mode.kernel.opening for mode in known.modes) else None
     status = switches_entry()(
         _ASKED.pack(
             cast(rows, c_void_p).value or 0,
-            *map(address_of, tables),
+            address_of(known.layout),
+            cast(telling, c_void_p).value or 0,  # type: ignore[arg-type]
+            *map(address_of, (asked, told, known.branches, known.c)),
             known.lagrangian.at if known.lagrangian else 0,
             kinds,
             *map(address_of, arrays),
@@ -182,5 +200,7 @@ def pass_switches(
             *(until, total, most_nodes, *x[5:8], *x.inside, *x[9:]),
         )
     )
+    if raised:
+        raise raised[0]
     made, nodes = found.tolist()
     return Passed(status, pieces[:made], times[:nodes], states[:nodes])

@@ -25,11 +25,14 @@ typedef struct {
     const void *scene, *margins, *ahead; /* (q, v, t) to margins and rates; to what switches and its rate */
     const double *watched;               /* of each margin: switch, and what its number is beyond */
     int64_t carry_size, count, held;     /* margins; the switch that holds, or -1 */
+    int64_t told, notes;                 /* numbers that the loop must be told besides, and of what it notes; 0: none */
 } Mode;
 
 typedef struct {
     int (*rows)(const RowsArguments *);
     const Mode *modes;
+    int (*tell)(int64_t branch);         /* what the loop of a branch must be told at `asked` goes to `told`; not 0 where it does */
+    double *asked, *told;                /* t, h, q, p */
     double *branches;                    /* (branches, BRANCH_HEAD): units change */
     const double *c;                     /* (branches, parameters): the last of them are the numbers behind the switches */
     const void *lagrangian;              /* (q, v, t) to L, where it may jump; else 0 */
@@ -59,7 +62,16 @@ typedef struct {
     double *state;          /* (q, p, v) there */
     double t, h;            /* of the step that is looked at */
     const double *start;
+    int64_t place;          /* of the branch */
 } Step;
+
+/* What a loop must be told for a step from a state. */
+static int tell(const SwitchArguments *a, const Mode *mode, int64_t place, double t, double h, const double *state) {
+    if (!mode->told) return 1;
+    a->asked[0] = t, a->asked[1] = h;
+    memcpy(a->asked + 2, state, (size_t)(2 * a->n) * sizeof(double));
+    return a->tell(place);
+}
 
 /* A function of (q, v, t) with two results as wide, at many nodes. */
 static int at_nodes(const SwitchArguments *a, const void *function, const double *c, int64_t count, const double *states, const double *t,
@@ -76,7 +88,7 @@ static int part(Step *x, double s) {
     double rows[3 * n];
     const double size = s * x->h, t = x->t + size;
     int64_t good = 0;
-    const PartsArguments one = {1, 0, 0, x->a->iterations, x->start, &x->t, &size, x->c, 0, 0, rows, &good, x->mode->scene};
+    const PartsArguments one = {1, x->mode->told, 0, x->a->iterations, x->start, &x->t, &size, x->c, 0, x->a->told, rows, &good, x->mode->scene};
     if (x->mode->parts(&one) != DONE || good <= 0) return 0;
     COPY(x->state, rows, 3 * n);
     if (!at_nodes(x->a, x->mode->margins, x->c, 1, rows, &t, x->value, x->rate, x->mode->count)) return 0;
@@ -192,6 +204,7 @@ static int first_crossing(Step *x, const double *t, const double *states, int64_
     if (!at_nodes(a, x->mode->margins, x->c, count, states, t, values, rates, m)) return 0;
     for (int64_t k = 0; k + 1 < count; k++) {
         const double w = t[k + 1] - t[k];
+        int told = 0;
         x->t = t[k], x->h = w, x->start = states + 3 * n * k;
         for (int64_t i = 0; i < m; i++) {
             const double before = values[k * m + i], after = values[(k + 1) * m + i];
@@ -200,7 +213,9 @@ static int first_crossing(Step *x, const double *t, const double *states, int64_
             if (before > 0 && after > 0 && ends[2] < 0 && ends[3] > 0)
                 seen = dips_below(a->among, before, after, ends[2], ends[3], a->dip * (before > after ? before : after));
             if (!seen) continue;
+            if (!told && !tell(a, x->mode, x->place, x->t, w, x->start)) return 0;
             double when;
+            told = 1;
             const int crosses = in_step(x, i, ends, begins && !k, &when, at);
             if (crosses == UNSOLVED) return 0;
             if (crosses == DIPS && (found->step < 0 || fabs(when) < fabs(found->t - x->t))) {
@@ -305,17 +320,18 @@ static int64_t finite_nodes(const double *rows, int64_t count, int64_t width) {
 
 int switches(const SwitchArguments *a) {
     const int64_t n = a->n, stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * n;
-    int64_t carry_size = 0, margins = 0;
+    int64_t carry_size = 0, margins = 0, notes = 0;
     for (int64_t i = 0; i < a->known; i++) {
         const Mode *const mode = a->modes + (int64_t)a->branches[i * BRANCH_HEAD];
         if (mode->carry_size > carry_size) carry_size = mode->carry_size;
         if (mode->count > margins) margins = mode->count;
+        if (mode->notes > notes) notes = mode->notes;
     }
     const int64_t many = (a->most_in_block + 1) * margins;
-    double *const memory = malloc((size_t)(carry_size + stats_size + 2 * many + 2 * margins + 14 * n) * sizeof(double));
+    double *const memory = malloc((size_t)(carry_size + stats_size + 2 * many + 2 * margins + 14 * n + notes) * sizeof(double));
     double *const carry = memory, *const stats = carry + carry_size, *const values = stats + stats_size, *const rates = values + many;
     double *const value = rates + many, *const rate = value + margins, *const state = rate + margins, *const at = state + 3 * n;
-    double *const kept = at + 3 * n, *const begin = kept + 3 * n;
+    double *const kept = at + 3 * n, *const begin = kept + 3 * n, *const noted = begin + 2 * n;
     int64_t place = a->place, row = 0, pieces = 0;
     double t = a->start[0];
     int status = memory ? NO_ROOM : BESIDE;
@@ -330,15 +346,17 @@ int switches(const SwitchArguments *a) {
         const double h = span / (double)steps;
         double *const rows = a->states + row * 3 * n, *const times = a->t + row, iterations = 0, residual = 0;
         int64_t k = 0, size = a->first < a->parts + 1 ? a->first : a->parts + 1;
-        Step step = {a, mode, c, value, rate, state, 0, 0, 0};
+        Step step = {a, mode, c, value, rate, state, 0, 0, 0, place};
         Crossing found = {-1, -1, 0};
         carry[0] = 0;
+        if (!tell(a, mode, place, t, h, begin)) { status = BESIDE; break; }
+        if (mode->told) COPY(carry + 1, a->told, mode->told);
         while (k < steps && found.step < 0) {
             const int64_t some = size < steps - k ? size : steps - k;
             double *const first = rows + k * 3 * n;
             if (row + k + some + 1 > a->room) goto ends;
             if (k) COPY(kept, first, 3 * n);
-            const RunArguments run = {some, 1, k, a->iterations, t, h, 0, begin, c, 0, first, carry, (RunStats *)stats, mode->scene, 0, 0};
+            const RunArguments run = {some, 1, k, a->iterations, t, h, 0, begin, c, 0, first, carry, (RunStats *)stats, mode->scene, mode->notes ? noted : 0, 0};
             mode->run(&run);
             const RunStats *const told = (RunStats *)stats;
             const int64_t solved = finite_nodes(first, (int64_t)told->steps + 1, 3 * n); /* beyond its end a branch may be no scene */

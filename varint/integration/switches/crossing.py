@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from varint.codegen.kernel import told_of
 from varint.integration.switches.branch import BranchScene
 from varint.integration.switches.loop import Loop, one_part
 from varint.numerics.limits import ROOT_ITERATIONS
@@ -68,7 +69,9 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     # what stays at zero moves along the switch
     seen = dips | ~(after >= 0) | ((after == 0) & (before > 0))
     for k in np.flatnonzero(seen.any(axis=1)):
-        step = _Step(scene, loop, float(t[k]), float(t[k + 1] - t[k]), states[k])
+        at_k, h = float(t[k]), float(t[k + 1] - t[k])
+        told = told_of(loop.kernel, states[k, :2], loop.c, at_k, h)
+        step = _Step(scene, loop, at_k, h, states[k], told)
         ends = before[k], after[k], rate_before[k], rate_after[k]
         found: Crossing | None = None
         for margin in np.flatnonzero(seen[k]).tolist():
@@ -89,10 +92,11 @@ class _Step(NamedTuple):
     t: float
     h: float
     start: np.ndarray
+    told: np.ndarray
 
     def part(self, s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """State, margins and their rates, by this step, after a fraction of it."""
-        state = one_part(self.loop, self.start, self.t, s * self.h)
+        state = one_part(self.loop, self.start, self.t, s * self.h, self.told)
         if state is None:
             raise NoWayIn
         at = state[:1], state[2:], np.array([[self.t + s * self.h]])

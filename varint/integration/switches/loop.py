@@ -84,9 +84,13 @@ def loop_steps(
     return Part(rows, part.iterations, part.residual, part.carry, len(rows) > steps)
 
 
-def one_part(loop: Loop, start: np.ndarray, t: float, h: float) -> np.ndarray | None:
-    """(q, p, v) a step of its own size after a state, (3, n); None where it is not solved."""
-    found = take_part(loop.kernel, start[:2], loop.c, t, h)
+def one_part(
+    loop: Loop, start: np.ndarray, t: float, h: float, told: np.ndarray
+) -> np.ndarray | None:
+    """(q, p, v) a step of its own size after a state, (3, n); None where it is not solved. `told`
+    is what `told_of` has for the step of which it is a part.
+    """
+    found = take_part(loop.kernel, start[:2], loop.c, t, h, told)
     if found is not None or not h:
         return found
     part = other_steps(loop, start[0], start[1], Grid(t, h, 1))

@@ -149,7 +149,7 @@ def _add_mode(course: Course, branch: Branch, modes: dict[tuple[int, ...], Mode]
     """Whether what moves on a branch can be handed over; it is then in the table of modes."""
     scene = branch_scene(course.system, branch.sliding)
     kernel: Kernel | None = kernel_in(course, branch)
-    if scene is None or kernel is None or kernel.opening:
+    if scene is None or kernel is None:
         return False
     margins, ahead = scene.margin_rows, scene.ahead_rows
     if margins is None or ahead is None:
