@@ -259,8 +259,7 @@ def take_part(
     kernel: Kernel, start: np.ndarray, c: np.ndarray, t: float, h: float, told: np.ndarray
 ) -> np.ndarray | None:
     """One step of its own size from a state (q, p) of a scene without controls, (2, n): (q, p, v)
-    there, (3, n); None where it is not solved. `told` is what `told_of` has for a step as long as
-    this, or longer.
+    there, (3, n); None where it is not solved. `told` is what the loop must be told besides.
 
     What `take_parts` does for many, for those who look for an instant: a third of its time.
     """

@@ -62,7 +62,6 @@ typedef struct {
     double *state;          /* (q, p, v) there */
     double t, h;            /* of the step that is looked at */
     const double *start;
-    int64_t place;          /* of the branch */
 } Step;
 
 /* What a loop must be told for a step from a state. */
@@ -204,7 +203,6 @@ static int first_crossing(Step *x, const double *t, const double *states, int64_
     if (!at_nodes(a, x->mode->margins, x->c, count, states, t, values, rates, m)) return 0;
     for (int64_t k = 0; k + 1 < count; k++) {
         const double w = t[k + 1] - t[k];
-        int told = 0;
         x->t = t[k], x->h = w, x->start = states + 3 * n * k;
         for (int64_t i = 0; i < m; i++) {
             const double before = values[k * m + i], after = values[(k + 1) * m + i];
@@ -213,9 +211,8 @@ static int first_crossing(Step *x, const double *t, const double *states, int64_
             if (before > 0 && after > 0 && ends[2] < 0 && ends[3] > 0)
                 seen = dips_below(a->among, before, after, ends[2], ends[3], a->dip * (before > after ? before : after));
             if (!seen) continue;
-            if (!told && !tell(a, x->mode, x->place, x->t, w, x->start)) return 0;
             double when;
-            told = 1;
+            if (x->mode->told) COPY(a->told + x->mode->told - n, x->start + 2 * n, n); /* the sizes are those of the piece */
             const int crosses = in_step(x, i, ends, begins && !k, &when, at);
             if (crosses == UNSOLVED) return 0;
             if (crosses == DIPS && (found->step < 0 || fabs(when) < fabs(found->t - x->t))) {
@@ -346,7 +343,7 @@ int switches(const SwitchArguments *a) {
         const double h = span / (double)steps;
         double *const rows = a->states + row * 3 * n, *const times = a->t + row, iterations = 0, residual = 0;
         int64_t k = 0, size = a->first < a->parts + 1 ? a->first : a->parts + 1;
-        Step step = {a, mode, c, value, rate, state, 0, 0, 0, place};
+        Step step = {a, mode, c, value, rate, state, 0, 0, 0};
         Crossing found = {-1, -1, 0};
         carry[0] = 0;
         if (!tell(a, mode, place, t, h, begin)) { status = BESIDE; break; }

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from varint.codegen.kernel import told_of
 from varint.integration.switches.branch import BranchScene
 from varint.integration.switches.loop import Loop, one_part
 from varint.numerics.limits import ROOT_ITERATIONS
@@ -70,7 +69,9 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     seen = dips | ~(after >= 0) | ((after == 0) & (before > 0))
     for k in np.flatnonzero(seen.any(axis=1)):
         at_k, h = float(t[k]), float(t[k + 1] - t[k])
-        told = told_of(loop.kernel, states[k, :2], loop.c, at_k, h)
+        told = loop.told
+        if told.size:  # the sizes are those of the piece
+            told = np.concatenate([told[: -states.shape[2]], states[k, 2]])
         step = _Step(scene, loop, at_k, h, states[k], told)
         ends = before[k], after[k], rate_before[k], rate_after[k]
         found: Crossing | None = None

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from varint.codegen.kernel import Kernel
+from varint.codegen.kernel import Kernel, told_of
 from varint.discrete.legendre import velocity_function
 from varint.integration.switches.branch import Branch, BranchScene, branch_scene
 from varint.integration.switches.course import Course, Piece, which_moves
@@ -52,8 +52,9 @@ def next_piece(
     if not abs(span) / unit * parts < MOST_NODES:
         return None
     steps = count or parts * max(math.ceil(abs(span) / unit - BORDER), 1)
-    loop = Loop(scene.system, course.rule, kernel, c)
     h, k, carry, size = span / steps, 0, None, min(FIRST, parts + 1)
+    told = told_of(kernel, np.stack([start.q, start.p]), c, start.t, h)
+    loop = Loop(scene.system, course.rule, kernel, c, told)
     q, p = start.q, start.p
     times, iterations, residual = [np.array([start.t])], 0, 0.0
     states: list[np.ndarray] = []
