@@ -34,6 +34,7 @@ NAMES = (
     "until_",
     "look_ahead_",
     "crossings_",
+    "switches_",
 )  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {

@@ -475,3 +475,37 @@ def test_derivatives_across_switches_of_the_motion_are_refused_and_those_of_time
     full = vi.simulate(pushed, q0=1.0, v0=0.0, duration=2 * np.pi)
     assert full.stats["switches"] == 1
     np.testing.assert_allclose(full.transition_matrix(), np.eye(2), atol=1e-9)
+
+
+@pytest.mark.parametrize("rule", [None, vi.gauss(4)])
+@pytest.mark.parametrize(("friction", "rest"), [(0.3, -0.2), (0.05, 0.0)])
+def test_friction_that_holds_a_body_is_followed_with_a_given_step_and_told(friction, rest, rule):
+    """|x| = 1 − 2 k μ after k half periods, until it is below μ; a step across has no solution."""
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=-friction * ca.sign(v))
+    with pytest.warns(UserWarning, match=r"leads across a switch.*duration= or tol="):
+        motion = vi.simulate(system, rule, q0=[1.0], v0=[0.0], h=0.1, steps=400)
+    grid = 0.1 * np.arange(401)
+    assert np.abs(motion.t[:, None] - grid).min(axis=0).max() < 1e-12
+    assert len(motion) == 401 + motion.stats["switches"]
+    np.testing.assert_allclose([motion.q[-1, 0], motion.v[-1, 0]], [rest, 0], atol=1e-9)
+
+
+def test_a_step_across_a_jump_of_the_forces_that_fails_is_said_to_be_one():
+    """A skate that is rubbed to rest before a wall: beside non-holonomic rows contacts are not
+    followed over switches.
+    """
+    q, v = vi.coordinates("x", "y", "a")
+    along = ca.vertcat(ca.cos(q[2]), ca.sin(q[2]), 0)
+    system = vi.System(
+        q,
+        v,
+        ca.sumsqr(v[:2]) / 2 + 0.05 * v[2] ** 2,
+        nonholonomic=ca.horzcat(-ca.sin(q[2]), ca.cos(q[2]), 0),
+        force=-0.3 * ca.sign(ca.dot(along, v)) * along,
+        contact=2 - q[0],
+        restitution=0.8,
+    )
+    start = dict(q0=[0, 0, 0.2], v0=[np.cos(0.2), np.sin(0.2), 0.3])
+    with pytest.raises(vi.ConvergenceError, match=r"force of the scene jumps.*tanh.*non-holonomic"):
+        vi.simulate(system, **start, h=0.01, steps=400)

@@ -108,6 +108,14 @@ def crossings_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def switches_entry() -> Callable[[bytes], int]:
+    """c/switches_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("switches_core.c", ("switches",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def few_steps_entry() -> Callable[[bytes], int]:
     """c/few_steps_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("few_steps_core.c", ("few_steps",), "{name}_{level}", {})

@@ -13,7 +13,9 @@ from varint.discrete.lagrangian import point_function
 from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import ConvergenceError
 from varint.integration.energy_check import EnergyJump, energy_jump, first_jump, undefined_at
+from varint.integration.second_looks import has_steps
 from varint.integration.small_motions import frequencies, local_matrices
+from varint.integration.walls import jumping_cause
 from varint.numerics.arrays import median, over_columns
 from varint.results.trajectory import Trajectory
 
@@ -120,6 +122,8 @@ def likely_cause(motion: Trajectory) -> str:
             f"h is too large for the fastest motion (h ω = {speeds[-1]:.2g} at the last node): try "
             "a smaller h"
         )
+    if not causes and has_steps(last.system):
+        causes.append(jumping_cause(last.system))
     return (
         "; or ".join(causes)
         or "h is too large for this motion or the scene is close to singular: try a smaller h"

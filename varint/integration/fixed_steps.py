@@ -7,6 +7,7 @@ from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from varint.errors import ConvergenceError
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.false_speed import false_speed
 from varint.integration.hard_steps import HardStep, until_hard
@@ -87,6 +88,38 @@ def simulate_steps(
     return motion if every == problem.save_every else subsample(motion, every)
 
 
+def over_switches_after(
+    failure: ConvergenceError,
+    system: System,
+    rule: Rule | None,
+    start: Start,
+    options: RunOptions,
+) -> Trajectory:
+    """The run again in steps of the given size that end at switches, too, where a step across one
+    has no solution, as dry friction has none that holds a body.
+
+    Raises
+    ------
+    ConvergenceError
+        The failure, where the motion cannot be followed so.
+    """
+    began, motion = perf_counter(), None
+    if not system.structure.contacts:  # beside contacts that has been tried
+        rule = plan(system, rule).rule
+        problem = initial_value_problem(system, rule, start, options)
+        motion = _over_switches(system, rule, problem, options, _watches(options), began)
+    if motion is None:
+        raise failure
+    warnings.warn(
+        f"the step after t = {failure.time:g} leads across a switch of the forces and has no "
+        "solution: all steps end at switches now, which are nodes beside those of the grid "
+        f"({motion.stats['switches']} switches); with duration= or tol= instead of h they always "
+        "do",
+        stacklevel=3,
+    )
+    return motion
+
+
 def _over_switches(
     system: System,
     rule: Rule,
@@ -95,8 +128,8 @@ def _over_switches(
     watched: tuple[Watch | None, list[Watch]],
     began: float,
 ) -> Trajectory | None:
-    """The run of a scene with contacts whose steps end at switches; None where it has none, or
-    cannot be followed over them.
+    """The run of a scene whose steps end at switches; None where it has none, or cannot be followed
+    over them.
     """
     from varint.integration.second_looks import has_switches
 

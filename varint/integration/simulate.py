@@ -11,9 +11,9 @@ from typing import Any
 
 import casadi as ca
 
-from varint.errors import InputError
+from varint.errors import ConvergenceError, InputError
 from varint.integration.asked_times import only_at, until_last
-from varint.integration.fixed_steps import simulate_steps
+from varint.integration.fixed_steps import over_switches_after, simulate_steps
 from varint.integration.problem import RunOptions, Start
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -206,7 +206,10 @@ def simulate(
     elif h is None and steps is None:
         motion = _to_tolerance().simulate_to_tolerance(system, rule, start, options, tried, began)
     else:
-        motion = simulate_steps(system, rule, start, options)
+        try:
+            motion = simulate_steps(system, rule, start, options)
+        except ConvergenceError as failure:
+            motion = over_switches_after(failure, system, rule, start, options)
     return motion if at is None else only_at(motion, times_of(at))
 
 

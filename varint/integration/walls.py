@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from varint.errors import ConvergenceError
+from varint.scene.system import System
 
 # failures one after the other: by steps that follow the scene, by equal ones, and steps of the last
 VARYING, EQUAL, FEWEST = 6, 8, 2**18
@@ -52,6 +53,22 @@ def require_way_on(
         raise no_way_on(failures, jumps)
 
 
+def jumping_cause(system: System | None) -> str:
+    """What to say of a step that fails in a scene whose forces jump, and is not cut there."""
+    s = system and system.structure
+    beside = (
+        "; contacts beside non-holonomic rows are not followed from switch to switch, either "
+        "of them alone is"
+        if s and s.contacts and s.nonholonomic
+        else ""
+    )
+    return (
+        "a force of the scene jumps, and where it holds a body, as dry friction does, there is no "
+        "step that solves the equations: make it smooth, for instance tanh(v / small) for sign(v)"
+        + beside
+    )
+
+
 def no_way_on(failures: Sequence[Failure], jumps: bool) -> ConvergenceError:
     """What to say of a motion that no run has followed to its end, with what was reached."""
     most, end = failures[-1]
@@ -59,8 +76,7 @@ def no_way_on(failures: Sequence[Failure], jumps: bool) -> ConvergenceError:
         end = max((error for _, error in failures), key=_reached)
     nodes = 0 if end.trajectory is None else len(end.trajectory)
     why = (
-        "a force of the scene jumps, and where it holds a body, as dry friction does, there is no "
-        "step that solves the equations: make it smooth, for instance tanh(v / small) for sign(v)"
+        jumping_cause(None if end.trajectory is None else end.trajectory.system)
         if jumps
         else "bodies collide, coordinates grow without bound or the scene is singular there: end "
         "the run before (duration=, until=), or describe the impact (contact=)"

@@ -6,17 +6,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from varint.codegen.rows import RowFunction, row_function_or_none
 from varint.discrete.constraints import ActiveSet, velocity_rows
 from varint.integration.switches.accelerations import acceleration, push_without_force, rate_of
 from varint.integration.switches.frozen import FrozenScene, frozen_scene, with_force
 from varint.integration.switches.holding import force_by_numbers, held_force
 from varint.integration.switches.timetable import timed
-from varint.numerics.arrays import call
+from varint.numerics.arrays import call, over_columns
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
@@ -24,6 +26,7 @@ DERIVATIVES = 3  # in time of what switches, that tell on which side the motion 
 MANY = 3  # switches that may hold a motion, in 2³ ways
 SOME, APART = 3, 1e-9  # states and smallest singular value by which directions are told apart
 SEEN = 30_000  # operations of an acceleration at most
+SHORT = 5_000  # operations of a function that is soon data
 
 
 class Branch(NamedTuple):
@@ -64,6 +67,24 @@ class BranchScene:
     ahead: ca.Function
     shares: ca.Function
     rows: tuple[int, ...]
+
+    def margins_along(
+        self, c: np.ndarray, q: np.ndarray, v: np.ndarray, t: np.ndarray
+    ) -> list[np.ndarray]:
+        """Margins and their rates, (M, margins) each, at q and v (M, n) and t (M, 1)."""
+        if self.margin_rows is None:
+            return over_columns(self.margins, q, v, t, c)
+        return self.margin_rows.values(c, q, v, t)
+
+    @cached_property
+    def margin_rows(self) -> RowFunction | None:
+        """`margins` as data, where that has few operations."""
+        return _as_rows(self.system, self.margins)
+
+    @cached_property
+    def ahead_rows(self) -> RowFunction | None:
+        """`ahead` as data, where that has few operations."""
+        return _as_rows(self.system, self.ahead)
 
     def shares_at(self, *arguments: np.ndarray) -> np.ndarray:
         """The shares of the switches that hold, at (q, v, t, c)."""
@@ -256,6 +277,15 @@ def later_rates(system: System, sliding: tuple[int, ...], order: int) -> ca.Func
     for _ in range(order):
         rate = rate_of(moving, rate, a)
     return _function("later", [moving.q, moving.v, moving.t, moving.c], [rate])
+
+
+def _as_rows(system: System, function: ca.Function) -> RowFunction | None:
+    """A function of (q, v, t, c) as data."""
+    s = system
+    if function.n_instructions() > SHORT:
+        return None
+    found = function(s.q, s.v, s.t, s.c)
+    return row_function_or_none(function.name(), [s.q, s.v, s.t], s.c, list(found))
 
 
 def _function(name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:

@@ -9,7 +9,6 @@ import numpy as np
 
 from varint.integration.switches.branch import BranchScene
 from varint.integration.switches.loop import Loop, one_part
-from varint.numerics.arrays import call, over_columns
 from varint.numerics.limits import ROOT_ITERATIONS
 
 # of the way there: an error would change the energy at every switch
@@ -59,7 +58,7 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     if not scene.watched or len(t) < 2:
         return None
     at = states[:, 0], states[:, 2], t[:, None]
-    value, rate = over_columns(scene.margins, *at, loop.c)
+    value, rate = scene.margins_along(loop.c, *at)
     w = (t[1:] - t[:-1])[:, None]
     rate_before, rate_after = rate[:-1] * w, rate[1:] * w
     before, after = value[:-1], value[1:]
@@ -69,7 +68,11 @@ def first_crossing(scene: BranchScene, loop: Loop, nodes: Nodes) -> Crossing | N
     # what stays at zero moves along the switch
     seen = dips | ~(after >= 0) | ((after == 0) & (before > 0))
     for k in np.flatnonzero(seen.any(axis=1)):
-        step = _Step(scene, loop, float(t[k]), float(t[k + 1] - t[k]), states[k])
+        at_k, h = float(t[k]), float(t[k + 1] - t[k])
+        told = loop.told
+        if told.size:  # the sizes are those of the piece
+            told = np.concatenate([told[: -states.shape[2]], states[k, 2]])
+        step = _Step(scene, loop, at_k, h, states[k], told)
         ends = before[k], after[k], rate_before[k], rate_after[k]
         found: Crossing | None = None
         for margin in np.flatnonzero(seen[k]).tolist():
@@ -90,15 +93,16 @@ class _Step(NamedTuple):
     t: float
     h: float
     start: np.ndarray
+    told: np.ndarray
 
     def part(self, s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """State, margins and their rates, by this step, after a fraction of it."""
-        state = one_part(self.loop, self.start, self.t, s * self.h)
+        state = one_part(self.loop, self.start, self.t, s * self.h, self.told)
         if state is None:
             raise NoWayIn
-        at = state[0], state[2], np.array([self.t + s * self.h])
-        value, rate = call(self.scene.margins, *at, self.loop.c)
-        return state, value, rate * self.h
+        at = state[:1], state[2:], np.array([[self.t + s * self.h]])
+        value, rate = self.scene.margins_along(self.loop.c, *at)
+        return state, value[0], rate[0] * self.h
 
 
 def _in_step(

@@ -12,8 +12,9 @@ import numpy as np
 from varint.integration.events.crossings import Watch
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.switches.course import Course, kernel_in
-from varint.integration.switches.follow import EDGE, first_unit
+from varint.integration.switches.follow import first_unit
 from varint.integration.switches.joined import joined
+from varint.integration.switches.passage import EDGE
 from varint.integration.switches.switched_run import possible, run_pieces
 from varint.integration.switches.timetable import timetable
 from varint.integration.switches.watching import with_events

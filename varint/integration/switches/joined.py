@@ -252,15 +252,21 @@ def nodes_apart(one: Sequence[Piece], other: Sequence[Piece]) -> np.ndarray | No
     """
     if [x.branch for x in one] != [x.branch for x in other]:
         return None
-    found = []
-    for a, b in zip(one, other, strict=True):
-        every = b.steps // a.steps if b.steps % a.steps == 0 else 0
-        i, j = np.empty(0, dtype=int), np.empty(0, dtype=int)
-        if every:
-            count = min(len(a.t) - 1, (len(b.t) - 2) // every + 1)
-            i = np.arange(count)
-            j = i * every
-        i, j = np.append(i, len(a.t) - 1), np.append(j, len(b.t) - 1)
-        late = (a.t[i] - b.t[j])[:, None]
-        found.append(a.states[i, 0] - b.states[j, 0] - late * b.states[j, 2])
-    return np.concatenate(found)
+    steps, lengths = (
+        np.array([[of(x) for x in pieces] for pieces in (one, other)])
+        for of in (lambda x: x.steps, lambda x: len(x.t))
+    )
+    every = np.where(steps[1] % steps[0] == 0, steps[1] // steps[0], 0)
+    count = np.minimum(lengths[0] - 1, (lengths[1] - 2) // np.maximum(every, 1) + 1)
+    count[every == 0] = 0
+    which = np.repeat(np.arange(len(count)), count)  # piece of each node that both have
+    node = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    ends = np.cumsum(lengths, axis=1)
+    i, j = (ends - lengths)[:, which] + np.stack([node, node * every[which]])
+    i, j = np.append(i, ends[0] - 1), np.append(j, ends[1] - 1)
+    (ta, a), (tb, b) = (
+        (np.concatenate([x.t for x in pieces]), np.concatenate([x.states for x in pieces]))
+        for pieces in (one, other)
+    )
+    late = (ta[i] - tb[j])[:, None]
+    return np.asarray(a[i, 0] - b[j, 0] - late * b[j, 2])

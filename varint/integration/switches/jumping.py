@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import casadi as ca
 import numpy as np
 
 from varint.codegen.mechanics import force
+from varint.integration.switches.branch import Branch
 from varint.integration.switches.course import Course, Piece
 from varint.integration.switches.decision import all_parameters
 from varint.integration.switches.frozen import frozen_scene
-from varint.numerics.arrays import call
+from varint.numerics.arrays import call, over_columns
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
@@ -25,35 +26,39 @@ def switching_times(pieces: Sequence[Piece]) -> list[float]:
 
 
 def _switches(before: Piece, piece: Piece) -> bool:
-    one, other = (x.branch._replace(active_set=None) for x in (before, piece))
-    return one != other
+    one, other = before.branch, piece.branch
+    if one.active_set is None:
+        return one != other
+    return one._replace(active_set=None) != other._replace(active_set=None)
 
 
 def jumping_times(course: Course, pieces: Sequence[Piece]) -> list[float]:
     """Those of them at which what switches lets accelerations jump: not where forces are as large
     on both sides, nor where an impact turned the velocities that they are signs of.
     """
-    found = []
-    for before, x in pairwise(pieces):
-        if not _switches(before, x):
-            continue
-        held = before.branch.sliding or x.branch.sliding
-        if not held and (x.events or not _jumps(course, before, x)):
-            continue
-        found.append(float(x.t[0]))
-    return found
+    both = [x for x in pairwise(pieces) if _switches(*x)]
+    jumps = np.array([bool(a.branch.sliding or b.branch.sliding) for a, b in both], dtype=bool)
+    free = [i for i, (_, x) in enumerate(both) if not (jumps[i] or x.events)]
+    jumps[free] = _jumps(course, [both[i] for i in free])
+    return [float(x.t[0]) for (_, x), jump in zip(both, jumps, strict=True) if jump]
 
 
-def _jumps(course: Course, before: Piece, piece: Piece) -> bool:
-    """Whether the forces of two branches differ where the one goes over to the other."""
-    q, _, v = before.states[-1]
-    at = q.copy(), v.copy(), before.t[-1:].copy()
+def _jumps(course: Course, both: Sequence[tuple[Piece, Piece]]) -> np.ndarray:
+    """Whether the forces of two branches differ where the one goes over to the other, each."""
+    if not both:
+        return np.empty(0, dtype=bool)
+    states = np.array([x.states[-1] for x, _ in both])
+    at = states[:, 0], states[:, 2], np.array([x.t[-1:] for x, _ in both])
+    known: dict[Branch, np.ndarray] = {}
+    for x in chain.from_iterable(both):
+        if x.branch not in known:
+            known[x.branch] = all_parameters(course.problem.c, x.branch)
+    function = _force_function(course.system)
     one, other = (
-        call(_force_function(course.system), *at, all_parameters(course.problem.c, x.branch))[0]
-        for x in (before, piece)
+        over_columns(function, *at, np.array([known[x[i].branch] for x in both]))[0] for i in (0, 1)
     )
-    usual = np.abs([one, other]).max(initial=0.0)
-    return bool(np.abs(one - other).max(initial=0.0) > JUMP * usual)
+    usual = np.abs([one, other]).max(axis=(0, 2), initial=0.0)
+    return np.asarray(np.abs(one - other).max(axis=1, initial=0.0) > JUMP * usual)
 
 
 @per_system

@@ -22,12 +22,15 @@ from varint.scene.system import System
 
 
 class Loop(NamedTuple):
-    """What steps: a scene by a rule, its loop in C, and its parameters."""
+    """What steps: a scene by a rule, its loop in C, its parameters, and what the loop is told
+    besides where the piece begins: typical sizes and velocities, or nothing.
+    """
 
     system: System
     rule: Rule
     kernel: Kernel
     c: np.ndarray
+    told: np.ndarray
 
 
 def kernel_of(system: System, rule: Rule, backend: str = "auto") -> Kernel | None:
@@ -84,9 +87,13 @@ def loop_steps(
     return Part(rows, part.iterations, part.residual, part.carry, len(rows) > steps)
 
 
-def one_part(loop: Loop, start: np.ndarray, t: float, h: float) -> np.ndarray | None:
-    """(q, p, v) a step of its own size after a state, (3, n); None where it is not solved."""
-    found = take_part(loop.kernel, start[:2], loop.c, t, h)
+def one_part(
+    loop: Loop, start: np.ndarray, t: float, h: float, told: np.ndarray
+) -> np.ndarray | None:
+    """(q, p, v) a step of its own size after a state, (3, n); None where it is not solved. `told`
+    is what the loop is told besides there.
+    """
+    found = take_part(loop.kernel, start[:2], loop.c, t, h, told)
     if found is not None or not h:
         return found
     part = other_steps(loop, start[0], start[1], Grid(t, h, 1))

@@ -24,10 +24,11 @@ from varint.integration.rule_choice import choose_rule, phase_error
 from varint.integration.run_distance import distance_between_nodes
 from varint.integration.switches.branch import slidable, slope_size
 from varint.integration.switches.course import Course, Piece, kernel_in
-from varint.integration.switches.follow import ANGLE, first_unit, follow
+from varint.integration.switches.follow import first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
 from varint.integration.switches.joined import joined, nodes_apart
 from varint.integration.switches.kept import keep, kept_choice, words_of
+from varint.integration.switches.piece import ANGLE
 from varint.integration.switches.timetable import timetable
 from varint.integration.switches.watching import cut_piece, with_events
 from varint.integration.switches.within_rows import (
