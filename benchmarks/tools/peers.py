@@ -6,7 +6,6 @@ A `Setting` is one way to run one tool on one scene; `run()` gives q and then v 
 compiling.
 """
 
-import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from ctypes import CDLL, c_double, c_int64, c_void_p
@@ -20,8 +19,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as dop853
 
+from tools import built
 from tools.heyoka_peer import taylor
-from varint.codegen.cache import compiler
 from varint.codegen.mechanics import acceleration, force, velocity
 from varint.numerics.arrays import call
 
@@ -161,23 +160,7 @@ def _dop853(f: ca.Function, size: int) -> CDLL:
         f"static const double {name}[] = {{{', '.join(float(x).hex() for x in table.ravel())}}};\n"
         for name, table in tables.items()
     )
-    (folder / "run.c").write_text(
-        '#include "rate.c"\n' + text + (Path(__file__).parent / "dop853.c").read_text()
-    )
-    target = folder / "run.so"
-    flags = [
-        "-O3",
-        "-march=native",
-        "-fno-math-errno",
-        "-ffp-contract=fast",
-        "-shared",
-        "-fPIC",
-        "-w",
-    ]
-    subprocess.run(
-        [*compiler(), *flags, str(folder / "run.c"), "-o", str(target), "-lm"], check=True
-    )
-    library = CDLL(str(target))
+    library = built.library('#include "rate.c"\n' + text, "dop853.c", folder)
     library.run.argtypes, library.run.restype = [c_void_p, c_void_p, c_double, c_double], c_int64
     return library
 

@@ -110,6 +110,13 @@ KNOWN = {
         "A scene beside the same scene with one property hidden from the plan, so that it runs in "
         "full.",
     ),
+    "by_hand": Benchmark(
+        "Loops written by hand",
+        "Whole calls of `simulate` beside loops of the same methods in C that were written by hand "
+        "for the one scene and stop iterating at the same level: processor time of a step, the least "
+        "of many turns, ratios of the least and of the medians, and how far the ends differ, relative "
+        "to the largest coordinate.",
+    ),
     "one_knob": Benchmark(
         "One knob",
         "Every tool with its own tolerance and nothing else: time, and the error at the end "
