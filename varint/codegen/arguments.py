@@ -65,6 +65,7 @@ class RunArguments(Structure):
         ("scene", c_void_p),
         ("notes", c_void_p),
         ("rests", c_void_p),
+        ("without_velocities", c_int64),
     ]
 
 

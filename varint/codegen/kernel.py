@@ -211,6 +211,7 @@ def run_loop(
             kernel.scene,
             address + 8 * noted if nodes else 0,
             0,
+            0,
         )
     )
     seconds = perf_counter() - began

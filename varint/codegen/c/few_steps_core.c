@@ -30,7 +30,8 @@ int few_steps(const FewSteps *a) {
     RunStats *const of = (RunStats *)stats;
     carry[0] = 0;
     const RunArguments asked = {.steps = a->steps, .save_every = 1, .most = a->most, .t0 = a->t0, .h = a->h, .level = a->level,
-                                .start = a->start, .c = a->c, .rows = rows, .carry = carry, .stats = of, .scene = a->scene};
+                                .start = a->start, .c = a->c, .rows = rows, .carry = carry, .stats = of, .scene = a->scene,
+                                .without_velocities = 1};
     const int status = a->run(&asked);
     if (status != DONE) return status;
     for (int64_t k = 0; k < nodes; k++) {

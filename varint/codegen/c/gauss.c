@@ -444,15 +444,17 @@ INLINE void set_scale(Change *c, const double *size, double fade) {
     }
 }
 
-APART void save(double *row, const double *y, double t, double h, const double *w) {
+APART void save(double *row, const double *y, double t, double h, const double *w, int64_t without_velocities) {
     V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(t);
     for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(FORM == 2 ? y[N + d] / h : y[N + d]);
 #if FORM == 2
     momentum(q, z, &time, w + RHS_W + VELOCITY_W, out);
     for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = lane(out[d], 0), row[2 * N + d] = lane(z[d], 0);
 #else
+    COPY(row, y, 2 * N);
+    if (without_velocities) return;
     velocity(q, z, &time, w + RHS_W, out);
-    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = y[N + d], row[2 * N + d] = lane(out[d], 0);
+    for (int d = 0; d < N; d++) row[2 * N + d] = lane(out[d], 0);
 #endif
 }
 
@@ -658,7 +660,7 @@ int run(const RunArguments *a) {
 #endif
     restore(&r, a);
     double *rows = a->rows, t = r.t0 + r.h * (double)r.first;
-    save(rows, r.y, t, r.h, r.w);
+    save(rows, r.y, t, r.h, r.w, a->without_velocities);
     if (!r.known) memcpy(rows, a->start, 2 * N * sizeof(double));
     const double *u = a->u;
     int status = DONE;
@@ -670,11 +672,11 @@ int run(const RunArguments *a) {
         status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
         if (status) break;
         t = r.t0 + r.h * (double)(r.first + done + 1);
-        if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(rows, r.y, t, r.h, r.w);
+        if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(rows, r.y, t, r.h, r.w, a->without_velocities);
     }
     (void)u;
     if (done && !unsaved) memcpy(a->stats->last, rows, 3 * N * sizeof(double));
-    else save(a->stats->last, r.y, t, r.h, r.w);
+    else save(a->stats->last, r.y, t, r.h, r.w, 0);
     store(&r, a, status, done);
 #ifdef SCENE_AS_DATA
     free(r.w);

@@ -23,6 +23,7 @@ typedef struct {
     const void *scene; /* its operations, where they are data and not in the source */
     double *notes;     /* what is noted of folds (folds.h), up to MOST_NOTED; 0: they are not looked for */
     double *rests;     /* Newton's method: rounding errors of q and p at a fresh start, then at every saved node; 0: not wanted */
+    int64_t without_velocities; /* whether v need not be there in the rows */
 } RunArguments;
 
 /* One step of a size of its own from each of many states. */

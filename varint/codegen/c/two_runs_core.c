@@ -145,7 +145,7 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
         status = a->run(&(RunArguments){
             .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
             .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
-            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene});
+            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
         to->iterations += stats->iterations;
         if (a->pilot && end == first && to->iterations > l->poor * end) {
             if (part == 1 && end > seen) return 0;
