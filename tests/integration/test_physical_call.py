@@ -13,6 +13,7 @@ MODELS = {
     "kepler": (vi.models.kepler(e=0.9), 20.0),
     "arenstorf": (vi.models.arenstorf(), 17.0),
     "pythagorean": (vi.models.pythagorean_three_body(), 6.0),
+    "pendulum": (vi.models.pendulum(), 5.0),  # the fewest coordinates
 }
 
 
@@ -50,8 +51,9 @@ def test_nodes_are_those_of_the_watched_way(name, more, monkeypatch):
     assert found.energy == pytest.approx(found.energy[0], rel=1e-5)
 
 
-def test_both_gears_give_the_same_bytes():
-    system, how = MODELS["arenstorf"][0].system, start_of("arenstorf")
+@pytest.mark.parametrize("name", MODELS)  # of 2, 3 and 7 coordinates with the clock
+def test_both_gears_give_the_same_bytes(name):
+    system, how = MODELS[name][0].system, start_of(name)
     one, other = (vi.simulate(system, backend=backend, **how) for backend in ("native", "compiled"))
     assert one.q.tobytes() == other.q.tobytes() and one.t.tobytes() == other.t.tobytes()
     assert one.p.tobytes() == other.p.tobytes()
@@ -96,3 +98,20 @@ def test_more_nodes_than_there_is_room_for(monkeypatch):
     again = vi.simulate(MODELS["kepler"][0].system, **start_of("kepler"))
     assert len(found) == len(again) > 300 // 9
     assert np.array_equal(found.q[:-1], again.q[:-1])
+
+
+def test_a_run_leaves_those_before_it_alone():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    first = vi.simulate(system, **how)
+    inner = first.fictitious
+    arrays = first.t, first.q, first.p, first.k, first.c, inner.t, inner.q, inner.p, inner.c
+    before = [x.copy() for x in arrays]
+    vi.simulate(system, **(how | {"v0": 1.01 * np.array(how["v0"])}))
+    assert all(np.array_equal(*pair) for pair in zip(before, arrays, strict=True))
+
+
+def test_of_nodes_further_apart_than_the_run_is_long_the_ends_are_kept():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    whole, ends = (vi.simulate(system, save_every=every, **how) for every in (1, 10**30))
+    for x in ("t", "q", "p", "k"):
+        assert np.array_equal(getattr(ends, x), getattr(whole, x)[[0, -1]])
