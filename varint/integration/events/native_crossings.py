@@ -60,8 +60,11 @@ def _zeros(
     motion: Trajectory,
     before: Before,
     loop_in: LoopIn | None,
+    some: np.ndarray | None = None,
 ) -> list[Points] | None:
-    """All zeros that are wanted, in parts; None where another search is needed."""
+    """All zeros that are wanted, in parts; None where another search is needed. `some`: the only
+    steps that are of the motion.
+    """
     s = motion.system
     if s.rays or motion.u.shape[1] > 1:
         return None
@@ -69,7 +72,7 @@ def _zeros(
         parts = steps_by_active_set(motion)
         legs = [(loop_in(motion.active_sets[i]), steps) for i, steps in parts]
     else:
-        steps = motion.t[1:] != motion.t[:-1]
+        steps = motion.t[1:] != motion.t[:-1] if some is None else some
         legs = [(None if s.structure.contacts or motion.active_sets else kernel, steps)]
     functions = search.as_data() if legs and all(loop for loop, _ in legs) else None
     if functions is None:
@@ -89,6 +92,16 @@ def _zeros(
         each = Points(z.node, z.t, z.q, z.v, z.p, z.value, z.rate)
         found.append(each.at(is_wanted(search, z.side)))
     return found
+
+
+def zeros_in_steps(
+    kernel: Kernel | None, search: CrossingSearch, motion: Trajectory, steps: np.ndarray
+) -> Points | None:
+    """The zeros within some steps, (M − 1,) of bool, between nodes that are of several motions, in
+    C; None where another search is needed.
+    """
+    found = _zeros(kernel, search, motion, states_before(motion, {}), None, steps)
+    return None if found is None else join_points(*found) if len(found) != 1 else found[0]
 
 
 def log_crossings(

@@ -30,9 +30,9 @@ MOST_PIECES = 50_000
 CROWD = 60  # so many pieces, one after the other, that are CROWDED
 
 
-def follow(course: Course, parts: int) -> Iterator[Piece | None]:
-    """The pieces of the motion with so many steps a unit; None at the end where it is not known how
-    it goes on, or the steps are too large.
+def follow(course: Course, parts: int) -> Iterator[list[Piece] | None]:
+    """The pieces of the motion with so many steps a unit, some at a time; None at the end where it
+    is not known how it goes on, or the steps are too large.
     """
     problem, system, times = course.problem, course.system, course.timetable.times
     begin, total = problem.t0, problem.h
@@ -60,10 +60,8 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         if found is None:
             break
         *passed, (piece, crossed) = found
-        for one, _ in passed:
-            yield one
-            nodes += len(one.t)
         if passed:
+            nodes += sum(len(x.t) for x, _ in passed)
             short = 0
             lately = [*lately, *(x for x, _ in passed[-ARCS:])][-ARCS:]
             passed_by = [*passed_by, *(x[0] for _, x in passed[-ARCS:] if x)][-ARCS:]
@@ -72,14 +70,14 @@ def follow(course: Course, parts: int) -> Iterator[Piece | None]:
         if at_edge:
             piece.t[-1] = until
         piece = piece._replace(events=contacts.noted())
-        yield piece
+        yield [*(x for x, _ in passed), piece]
         if crossed is None or crossed[0] < 0:
             lately, passed_by = [], []
         else:
             lately, passed_by = [*lately, piece][-ARCS:], [*passed_by, crossed[0]][-ARCS:]
             rest = rest_after(course, lately, passed_by) if row == len(times) else None
             if rest is not None:
-                yield rest
+                yield [rest]
                 return
         short = short + 1 if abs(piece.t[-1] - piece.t[0]) < CROWDED * abs(total) else 0
         nodes += len(piece.t)

@@ -53,6 +53,17 @@ def piece_motion(course: Course, piece: Piece) -> Trajectory:
     return motion
 
 
+def pieces_motion(course: Course, pieces: Sequence[Piece]) -> tuple[Trajectory, np.ndarray]:
+    """Pieces of one branch, one after the other, and from which nodes to the next steps lead."""
+    t, states = (np.concatenate(x) for x in zip(*((x.t, x.states) for x in pieces), strict=True))
+    steps = np.ones(len(t) - 1, dtype=bool)
+    steps[np.cumsum([len(x.t) for x in pieces])[:-1] - 1] = False
+    q, p, k = states[:, 0], states[:, 1], np.arange(len(t))
+    motion = replace(piece_motion(course, pieces[0]), t=t, q=q, p=p, k=k)
+    motion.__dict__["v"] = states[:, 2]
+    return motion, steps
+
+
 @dataclass(frozen=True, eq=False)
 class BetweenNodes:
     """Dense output of a motion from switch to switch: shorter steps of the branch that begins or

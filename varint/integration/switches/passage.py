@@ -46,7 +46,8 @@ from varint.scene.system import System
 
 CROWDED = 1e-10  # of the duration: pieces as short as this are looked at one by one
 EDGE = 4 * np.finfo(float).eps  # of time: a switch this near to the end of a row is there
-MOST_PASSED, ROOM = 1000, 2**14  # pieces of a call, and numbers of each kind at their nodes
+FIRST_PASSED, MOST_PASSED = 16, 1024  # pieces of a call
+ROOM = 2**14  # numbers of each kind at their nodes
 FEWEST = 1024  # nodes that have room
 
 Found = list[tuple[Piece, tuple[int, float] | None]]  # pieces, and which switch each ends at
@@ -63,6 +64,8 @@ class Passage:
         Steps of a unit of time.
     seen : int
         Branches of `course.known` when the table was made.
+    most : int
+        Pieces of the next call: few at first, for the motion may end before.
     table : Switched or None
         That of the branches that can be passed so.
     places : dict
@@ -72,6 +75,7 @@ class Passage:
     course: Course
     parts: int
     seen: int = 0
+    most: int = FIRST_PASSED
     table: Switched | None = None
     places: dict[Branch, int] = field(default_factory=dict)
 
@@ -99,10 +103,11 @@ class Passage:
             until=until,
             total=course.problem.h,
             parts=self.parts,
-            most=min(most, MOST_PASSED),
+            most=min(most, self.most),
             room=max(ROOM // len(start.q), FEWEST),
             most_nodes=MOST_NODES,
         )
+        self.most = min(4 * self.most, MOST_PASSED)
         course.units.update(zip(self.places, table.branches[:, 1].tolist(), strict=True))
         branches = [x._replace(controls=branch.controls) for x in self.places]
         watched = [table.modes[int(i)].watched for i in table.branches[:, 0]]

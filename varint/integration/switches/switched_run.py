@@ -30,7 +30,7 @@ from varint.integration.switches.joined import joined, nodes_apart
 from varint.integration.switches.kept import keep, kept_choice, words_of
 from varint.integration.switches.piece import ANGLE
 from varint.integration.switches.timetable import timetable
-from varint.integration.switches.watching import cut_piece, with_events
+from varint.integration.switches.watching import cut_among, with_events
 from varint.integration.switches.within_rows import (
     of_users_scene,
     rows_written_out,
@@ -194,14 +194,14 @@ def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | 
     """The pieces until the end or the stop; None where the motion cannot be followed so."""
     pieces: list[Piece] = []
     end = course.problem.t0 + course.problem.h
-    for piece in follow(course, parts):
-        if piece is None:
+    for some in follow(course, parts):
+        if some is None:
             return None
-        t = float(piece.t[-1])
+        t = float(some[-1].t[-1])
         course.say(partial("{} steps a unit of time, t = {:.4g} of {:.4g}".format, parts, t, end))
-        cut = stop and cut_piece(course, pieces[-1:], piece, stop)
-        pieces.append(cut or piece)
-        if cut:
+        cut = cut_among(course, pieces[-1:], some, stop) if stop else None
+        pieces += some if cut is None else cut
+        if cut is not None:
             break
     return pieces
 
