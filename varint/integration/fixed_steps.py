@@ -45,7 +45,7 @@ def simulate_steps(
             if not quiet and (alarm := energy_alarm(motion) or false_speed(motion)):
                 warnings.warn(alarm, stacklevel=3)
             return motion
-    stop, watches = _watches(asked)
+    stop, watches = watches_of(asked)
     chosen = plan(system, rule)
     problem = initial_value_problem(system, chosen.rule, start, options)
     problem = problem if level is None else problem._replace(level=level)
@@ -115,7 +115,7 @@ def _over_switches(
     return switched_steps(system, rule, problem, asked, *watched, began)
 
 
-def _watches(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
+def watches_of(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
     """What is looked for on the way: `until`, and `events`."""
     if asked.until is None and asked.events is None:
         return None, []
