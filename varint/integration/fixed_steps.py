@@ -37,7 +37,7 @@ def simulate_steps(
     `level` is where compiled iterations end, where it is not `options.iteration_tol` that says so.
     """
     began, asked = perf_counter(), options
-    stop, watches = _watches(asked)
+    stop, watches = watches_of(asked)
     chosen = plan(system, rule)
     problem = initial_value_problem(system, chosen.rule, start, options)
     problem = problem if level is None else problem._replace(level=level)
@@ -107,7 +107,7 @@ def over_switches_after(
     if not system.structure.contacts:  # beside contacts that has been tried
         rule = plan(system, rule).rule
         problem = initial_value_problem(system, rule, start, options)
-        motion = _over_switches(system, rule, problem, options, _watches(options), began)
+        motion = _over_switches(system, rule, problem, options, watches_of(options), began)
     if motion is None:
         raise failure
     warnings.warn(
@@ -140,7 +140,7 @@ def _over_switches(
     return switched_steps(system, rule, problem, asked, *watched, began)
 
 
-def _watches(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
+def watches_of(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
     """What is looked for on the way: `until`, and `events`."""
     if asked.until is None and asked.events is None:
         return None, []

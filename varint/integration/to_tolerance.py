@@ -10,8 +10,7 @@ import numpy as np
 from varint.errors import InputError, parsed_or_refused
 from varint.integration.choice import Choice
 from varint.integration.energy_leap import energy_alarm, energy_leap
-from varint.integration.events.crossings import parse_watch, parse_watches
-from varint.integration.fixed_steps import simulate_steps
+from varint.integration.fixed_steps import simulate_steps, watches_of
 from varint.integration.no_farther import as_far_as_it_ends
 from varint.integration.plan import plan
 from varint.integration.problem import (
@@ -58,8 +57,7 @@ def simulate_to_tolerance(
         )
     tol = DEFAULT_TOL if options.tol is None else options.tol
     every = positive_integer("save_every", options.save_every)
-    stop = None if options.until is None else parse_watch("until", options.until)
-    watches = parse_watches(options.events)
+    stop, watches = watches_of(options)
     rows = _rows(system, start)
     whole = RunOptions(steps=rows, duration=options.duration)
     problem = initial_value_problem(system, plan(system, rule).rule, start, whole)

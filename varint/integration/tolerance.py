@@ -18,7 +18,7 @@ import math
 import warnings
 from contextlib import suppress
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
-from varint.integration.events.crossings import Watch
 from varint.integration.plain_trials import (
     NotPlain,
     by_plain_trials,
@@ -71,6 +70,9 @@ from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.integration.events.crossings import Watch
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 # of a duration alone, as users of every package for differential equations expect

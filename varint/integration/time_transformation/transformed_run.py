@@ -11,14 +11,13 @@ from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 
 from varint.errors import ConvergenceError, InputError
 from varint.integration.energy_leap import energy_alarm
-from varint.integration.events.crossings import Watch, parse_watch, parse_watches
-from varint.integration.fixed_steps import simulate_steps
+from varint.integration.fixed_steps import simulate_steps, watches_of
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import (
     WHOLE,
@@ -56,6 +55,9 @@ from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import number
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.integration.events.crossings import Watch
 
 
 def simulate_transformed(
@@ -118,10 +120,11 @@ def prepare(
     )
     inside = partial(_inside, system, scene, problem.t0)
     until, events = options.until, options.events
-    stop = None if until is None else parse_watch("until", inside(until, "until"))
+    if until is not None:
+        until = inside(until, "until")
     if isinstance(events, Mapping):
         events = {name: inside(wanted, name) for name, wanted in events.items()}
-    watches = parse_watches(events)
+    stop, watches = watches_of(options._replace(until=until, events=events))
     rate, pilot = 0.0, None
     if isinstance(sigma, str):
         v = start_velocity(system, problem, start.v0)
