@@ -377,6 +377,16 @@ def test_the_same_call_gives_the_same_bytes():
     assert runs[0].q.tobytes() == runs[1].q.tobytes()
 
 
+def test_pieces_of_linear_scenes_have_the_same_bytes_in_both_gears():
+    q, v = vi.coordinates("x", "y")
+    L = ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2
+    friction = vi.System(q, v, L, force=-0.2 * ca.sign(v))
+    start = dict(q0=[0.7, -0.4], v0=[0.1, 0.6], duration=5.0, tol=1e-8)
+    one, other = (vi.simulate(friction, **start, backend=b) for b in ("native", "compiled"))
+    assert one.t.tobytes() == other.t.tobytes() and one.q.tobytes() == other.q.tobytes()
+    assert one.p.tobytes() == other.p.tobytes()
+
+
 def test_parameters_switch_too():
     c = vi.Parameters(mu=0.15, switch=1.0)
     q, v = vi.coordinates("x")

@@ -285,3 +285,24 @@ def test_a_layer_of_fast_decay_is_resolved_and_not_given_up(k, d, duration, tol)
     slow = k / fast
     x = (fast * np.exp(slow * motion.t) - slow * np.exp(fast * motion.t)) / (fast - slow)
     assert np.abs(motion.q[:, 0] - x).max() <= motion.stats["error_estimate"] <= tol
+
+
+@pytest.mark.parametrize("duration, tol", [(39.37, 1e-9), (30.285, 1e-10)])
+def test_an_error_is_told_no_smaller_than_what_the_last_digit_of_the_start_makes_of_it(
+    duration, tol
+):
+    """A charge in a field of a dipole, chaotic: all runs share the round-off of the start."""
+    q, v = vi.coordinates("x", "y", "z")
+    field = 2 * ca.vertcat(-q[1], q[0], 0) / (ca.sumsqr(q) + 0.3) ** 1.5
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + ca.dot(field, v) - ca.sumsqr(q) / 4)
+    q0, v0 = [0.435494, -0.0322582, 0.61015393], np.array([0.79452702, -0.96642029, 0.18338297])
+    with pytest.warns(UserWarning, match="out of reach"):
+        motion = vi.simulate(system, q0=q0, v0=v0, duration=duration, tol=tol)
+    again = dict(q0=q0, duration=duration, steps=int(motion.stats["steps"]))
+    scales, apart = error_scales(system, motion), []
+    for i in range(3):
+        near = v0.copy()
+        near[i] = np.nextafter(near[i], 1.0)
+        other = vi.simulate(system, vi.gauss(8), v0=near, **again)
+        apart.append(float((np.abs(other.q[-1] - motion.q[-1]) / scales).max()))
+    assert tol / 10 < max(apart) < motion.stats["error_estimate"]

@@ -17,7 +17,7 @@ from varint.integration.error_scale import error_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
 from varint.integration.run_distance import differences, ends_apart, with_early
-from varint.integration.second_looks import Trial, has_steps, luck, transient
+from varint.integration.second_looks import Trial, has_steps, luck, start_rounding, transient
 from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
     FLOOR,
@@ -45,6 +45,7 @@ ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would n
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
 MIDDLE = 2  # of the quantiles of energy errors
+GROWS = 100.0  # times more than errors of regular motions: what the start is rounded by counts
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
@@ -66,6 +67,15 @@ def refine(
     smooth = shows_its_error(system) and not has_steps(system)
     quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
+    s = system.structure
+    free = not (s.constraints or s.nonholonomic or system.rays)
+
+    def begun(steps: int, motion: Trajectory) -> float:
+        if not (free and growth > GROWS):
+            return 0.0
+        scales = error_scales(system, motion, scale)
+        return start_rounding(trial, rule, steps, motion, scales)
+
     while steps <= most:
         motion, runs = trial(rule, steps), runs + 1
         if motion is None or not np.isfinite(motion.q).all():
@@ -111,7 +121,7 @@ def refine(
             counted = ratio ** (-CAUTION * order)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
             estimate = max(apart * counted / (1 - counted), rounded, floor)
-            hidden = 0.0
+            hidden = begins = 0.0
             if estimate <= tol:
                 if over_jumps:
                     missed = missed_impulse(system, rule, motion, scales, tol)
@@ -120,11 +130,14 @@ def refine(
                     missed,
                     luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
-            found = Choice(rule, steps, motion, max(estimate, hidden), runs, True)
+                begins = begun(steps, motion)
+            found = Choice(rule, steps, motion, max(estimate, hidden, begins), runs, True)
             if best is None or found.estimate < best.estimate:
                 best = found
             if found.estimate <= tol:
                 return found
+            if begins > tol:  # whatever the steps
+                return replace(found, reached=False)
             hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
             if hopeless and steps >= HOPELESS and has_steps(system):
                 break
@@ -137,7 +150,8 @@ def refine(
     if best is None and before is not None and math.isfinite(apart):
         best = Choice(rule, *before, apart, runs, False)  # no digit is certain: it says so
     if best is not None:
-        return replace(best, reached=False, runs=runs)
+        estimate = max(best.estimate, begun(best.steps, best.motion))
+        return replace(best, estimate=estimate, reached=False, runs=runs)
     if failures:
         raise no_way_on(failures, has_steps(system))
     raise InputError(

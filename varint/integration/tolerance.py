@@ -152,9 +152,18 @@ def choose_steps(
     unproved = False  # by two runs: errors may grow, also what iterations leave
 
     def trial(
-        chosen: Rule, steps: int, part: int = 1, wanted: float = tol, beyond: float = 0.0
+        chosen: Rule,
+        steps: int,
+        part: int = 1,
+        wanted: float = tol,
+        beyond: float = 0.0,
+        moved: float = 0.0,
     ) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
+        if moved:
+            problem = problem._replace(
+                p0=start.p0 * (1 + moved * (-1.0) ** np.arange(start.p0.size))
+            )
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved else iteration_level(wanted, steps),

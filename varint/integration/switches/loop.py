@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.cache import CompileError
+from varint.codegen.gauss import gauss_kernel
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, run_loop, take_part
 from varint.codegen.native import native_gauss
@@ -37,11 +38,11 @@ def kernel_of(system: System, rule: Rule, backend: str = "auto") -> Kernel | Non
     """The loop in C of a smooth piece: all stages at once, of linear scenes too, for steps are
     short and Newton's method takes long to prepare. None where there is none.
     """
-    if backend == "compiled":
-        return compiled_kernel(system, rule)
     if system.structure.linear:
         with suppress(NotCompilable, CompileError):
-            return native_gauss(system, rule)
+            return (gauss_kernel if backend == "compiled" else native_gauss)(system, rule)
+    if backend == "compiled":
+        return compiled_kernel(system, rule)
     return kernel_in_gear(system, rule)
 
 
