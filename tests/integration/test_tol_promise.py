@@ -79,6 +79,26 @@ def test_no_two_runs_agree_by_chance_on_a_force_that_is_switched_on(tol):
         assert abs(motion.q[-1, 0] - (2 - where) ** 2 / 2) <= tol * np.ptp(motion.q)
 
 
+@pytest.mark.parametrize(
+    ("model", "duration", "most"),
+    [
+        (vi.models.kepler(e=0.9), 20_000 * np.pi, 500_000),
+        (vi.models.kepler(e=0.5), 20_000 * np.pi, 1_000_000),
+        (vi.models.pendulum(), 30_000.0, 500_000),
+    ],
+    ids=["ellipse", "rounder ellipse", "pendulum"],
+)
+def test_long_regular_motions_end_where_round_off_is_the_limit(model, duration, most):
+    """Two runs show it: they were doubled up to millions of steps, twenty times as long."""
+    start = dict(q0=model.q0, v0=model.v0, duration=duration, save_every=100, progress=False)
+    with pytest.warns(UserWarning, match="out of reach"):
+        motion = vi.simulate(model.system, tol=1e-11, **start)
+    late = motion[-100:]
+    true = (np.abs(late.q - model.exact(late.t)[0]) / error_scales(model.system, motion)).max()
+    assert 1e-11 < true <= motion.stats["error_estimate"] <= 1e-7
+    assert motion.stats["steps"] <= most and motion.stats["runs"] <= 6
+
+
 def test_runs_that_chaos_has_parted_end_where_their_energy_is_round_off():
     """More steps would not part them less; they were doubled five times."""
     model = vi.models.fpu_chain()

@@ -21,7 +21,9 @@ from varint.integration.second_looks import Trial, has_steps, luck, start_roundi
 from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
     FLOOR,
+    MIDDLE,
     STALLED,
+    STILL,
     energy_errors,
     growth_of,
     rounding,
@@ -38,13 +40,9 @@ SPARE = 1.1  # more steps than the estimate asks for
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
-# of the energy, relative: hardly more than round-off; runs apart that have no larger one are so by
-# the growth of round-off, which more steps do not change
-STILL = 1e-13
 ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
-MIDDLE = 2  # of the quantiles of energy errors
 GROWS = 100.0  # times more than errors of regular motions: what the start is rounded by counts
 SAMPLES = 200  # nodes at which frequencies are looked at
 
@@ -114,6 +112,7 @@ def refine(
             best = best and replace(best, estimate=max(best.estimate, apart))
             break
         sure = best is not None and apart < NO_DIGITS and not has_steps(system)
+        # runs apart whose energy has no larger error are so by the growth of round-off alone
         still = stalls and smooth and energy_errors(motion)[MIDDLE] < STILL
         if still or stalls == (CERTAIN if sure else PATIENCE):
             break

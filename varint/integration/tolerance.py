@@ -145,7 +145,8 @@ def choose_steps(
             shown = by_plain_trials(system, own, start, tol, radians, scale, backend)
             if shown is not None:
                 motion = plain_motion(system, own, shown.run, began)
-                return Choice(own, shown.steps, motion, shown.estimate, shown.runs, True, True)
+                reached = shown.estimate <= tol
+                return Choice(own, shown.steps, motion, shown.estimate, shown.runs, reached, True)
             by_two_runs = False
 
     failures: list[Failure] = []  # since the last run that ended well
@@ -217,7 +218,10 @@ def _from_two_runs(
 
     course = Course(run, apart, radians, system.structure.linear)
     found = run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
-    return found and Choice(rule, found.steps, found.run, found.estimate, found.runs, True, True)
+    if found is None:
+        return None
+    reached = found.estimate <= tol
+    return Choice(rule, found.steps, found.run, found.estimate, found.runs, reached, True)
 
 
 def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:

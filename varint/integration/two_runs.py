@@ -32,6 +32,7 @@ SAFETY = 4.0  # of the measured shrinkage
 SPREAD = 1.5  # of errors between the nodes that two runs share
 EVIDENCE = 30.0  # times its round-off: an energy error that says something
 QUANTILES = (0.25, 0.5, 0.75, 0.9, 1.0)
+MIDDLE = 2  # the index of one of them that a few rough nodes do not touch
 ROUNDED = 2e-15  # relative error of the energy that is round-off
 # of the energy errors of two runs: what iterations leave hides it, or the range of the rule is not
 # reached; the finer run is then taken for hardly the better one
@@ -39,6 +40,9 @@ NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
 # of the phase: what round-off of the energy of steps, a random walk, makes of it in a radian;
 # Kepler's motion, pendulums and a quartic well, 20 to 20,000 periods, have a tenth to half of it
 ROUNDING = 5e-17
+# times tol, that round-off of a regular motion makes: far out of reach, whatever the steps
+HOPELESS, REGULAR = 10.0, 100.0
+STILL = 1e-13  # of the energy: an error that is hardly more than round-off, mostly
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
 LONG, PARTS = 1500, 16  # steps of a run that is worth a look at a part of it first
@@ -60,6 +64,7 @@ SECULAR_GROWTH = 4.0
 # errors that grow are as uneven, and between shared nodes by as much larger, at most; by the root
 # of that where runs share so many parts
 UNEVEN, SEEN_PARTS = 10.0, 64
+CHANCE = 4.0  # of a difference that is round-off: two random walks may come to lie close
 LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
 
 
@@ -108,8 +113,8 @@ def shows_its_error(system: System) -> bool:
 
 
 def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) -> Proved | None:
-    """A run whose error is below tol by the difference to a coarser one; None where that cannot be
-    shown so.
+    """A run whose error is below tol by the difference to a coarser one, or as small as round-off
+    lets it be where that is far above tol; None where neither can be shown.
 
     Parameters
     ----------
@@ -147,7 +152,16 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             return None
         apart, early = course.apart(coarse.run, steps, fine.run, more)
         growth = max(growth, growth_of(apart, early))
-        rounded, stalls = rounding(apart, course.radians, more, growth), apart > STALLED * before
+        left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
+        uneven = min(growth, UNEVEN)
+        spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))
+        limit = rounding(math.inf, course.radians, more, growth)
+        if limit > HOPELESS * tol and growth < REGULAR and fine.swing[MIDDLE] < STILL:
+            sure = (more / steps) ** (-CAUTION * p)  # energies hide how much smaller errors are
+            by_steps = max(spread * apart * sure / (1 - sure), left, floor)
+            if by_steps < limit and apart < ROUGH * EVIDENCE:
+                return Proved(more, fine.run, max(by_steps, min(limit, CHANCE * apart)), runs)
+        rounded, stalls = min(apart, limit), apart > STALLED * before
         shrinkage = _shrinkage(coarse.swing, fine.swing, more / steps, p, course.linear)
         if not math.isfinite(apart) or (stalls and rounded > tol):
             return None
@@ -157,10 +171,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 return None
             coarse, steps, doubted = fine, more, True
             continue
-        uneven = min(growth, UNEVEN)
-        spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))
         shown = max(spread * apart * shrinkage / (1 - shrinkage), rounded, floor)
-        left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             return Proved(more, fine.run, max(shown, left), runs)
         coarse, steps, before = fine, more, apart

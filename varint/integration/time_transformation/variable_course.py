@@ -90,7 +90,8 @@ def choose_varying_steps(
     if found is None:
         return None
     motion = found.run.motion()
-    return Choice(own, found.steps, motion, found.estimate, found.runs, True, True)
+    reached = found.estimate <= tol
+    return Choice(own, found.steps, motion, found.estimate, found.runs, reached, True)
 
 
 def worthwhile_pilot(
