@@ -20,6 +20,7 @@ from varint.integration.run_distance import differences, ends_apart, with_early
 from varint.integration.second_looks import Trial, has_steps, luck, start_rounding, transient
 from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
+    EVIDENCE,
     FLOOR,
     MIDDLE,
     STALLED,
@@ -62,6 +63,7 @@ def refine(
     """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
     before: tuple[int, Trajectory] | None = None
     apart, growth, order, stalls, runs, best = math.inf, 1.0, None, 0, 0, None
+    by_order = math.inf  # what the rule's order leaves of the first difference with digits
     smooth = shows_its_error(system) and not has_steps(system)
     quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
@@ -78,7 +80,7 @@ def refine(
         motion, runs = trial(rule, steps), runs + 1
         if motion is None or not np.isfinite(motion.q).all():
             require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
-            before, apart, order, steps = None, math.inf, None, 2 * steps
+            before, apart, by_order, order, steps = None, math.inf, math.inf, None, 2 * steps
             continue
         if before is None:
             before, steps = (steps, motion), 2 * steps
@@ -108,14 +110,17 @@ def refine(
         before = steps, motion
         rounded = rounding(apart, radians, steps, growth)
         stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
-        if stalls and rounded == apart > tol:  # from now on it wanders
-            best = best and replace(best, estimate=max(best.estimate, apart))
-            break
+        first = math.isinf(by_order) and apart < NO_DIGITS
+        by_order = apart if first else by_order * ratio ** (-CAUTION * rule.order)
         sure = best is not None and apart < NO_DIGITS and not has_steps(system)
-        # runs apart whose energy has no larger error are so by the growth of round-off alone
-        still = stalls and smooth and energy_errors(motion)[MIDDLE] < STILL
-        if still or stalls == (CERTAIN if sure else PATIENCE):
-            break
+        if stalls:
+            sooner = smooth and apart > EVIDENCE * by_order
+            wanders = apart > tol and (rounded == apart or sooner)
+            # runs apart whose energy has no larger error are so by the growth of round-off alone
+            still = smooth and energy_errors(motion)[MIDDLE] < STILL
+            if wanders or still or stalls == (CERTAIN if sure else PATIENCE):
+                best = best and replace(best, estimate=max(best.estimate, apart))
+                break
         if order is not None and apart < NO_DIGITS:
             counted = ratio ** (-CAUTION * order)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
