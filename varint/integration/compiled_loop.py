@@ -95,7 +95,7 @@ def compiled_blocks(
     no_other_way = scheme is EXPLICIT or no_whole_derivatives(system)
     stiff = by_stages and stiff_tree(system)
     gears = gears_with(system, rule, scheme, kernel)
-    piloted = by_stages and at is None and not no_other_way
+    piloted = by_stages and at is None and not no_other_way and problem.rescued
     most = first_piece(kernel, piloted)
     while k < problem.steps:
         steps, every = next_piece(k, problem.steps, problem.save_every, most)
@@ -121,9 +121,9 @@ def compiled_blocks(
         # compositions have no other way, and whole derivatives of large machines take minutes;
         # else, where an iteration fails or overflows, Newton's method or the
         # interpreted loop may not
-        goes_on = part.status != DONE and (
-            not no_other_way or (stiff and _newton_in_gear(system, rule) is not None)
-        )
+        ways = not no_other_way or (stiff and _newton_in_gear(system, rule) is not None)
+        rescued = problem.rescued or kernel.opening is not None
+        goes_on = part.status != DONE and ways and rescued
         if goes_on or (part.status == DONE and part.steps < steps):
             wanted = good
         elif part.status != DONE:

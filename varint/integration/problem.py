@@ -194,6 +194,8 @@ class InitialValueProblem(NamedTuple):
     first: int = 0
     # relative error of a step's unknowns where a compiled iteration may stop; 0: round-off
     level: float = 0.0
+    # whether another method takes over where the loop's iteration fails; a trial had better fail
+    rescued: bool = True
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""

@@ -114,11 +114,13 @@ def refine(
         by_order = apart if first else by_order * ratio ** (-CAUTION * rule.order)
         sure = best is not None and apart < NO_DIGITS and not has_steps(system)
         if stalls:
+            # linear scenes and rolling ones keep their energy whatever the steps; elsewhere runs
+            # whose energy has no larger error are apart by the growth of round-off alone
+            tells = smooth and free and not s.linear
+            still = tells and energy_errors(motion)[MIDDLE] < STILL
             sooner = smooth and apart > EVIDENCE * by_order
-            wanders = apart > tol and (rounded == apart or sooner)
-            # runs apart whose energy has no larger error are so by the growth of round-off alone
-            still = smooth and energy_errors(motion)[MIDDLE] < STILL
-            if wanders or still or stalls == (CERTAIN if sure else PATIENCE):
+            wanders = apart > tol and (rounded == apart or sooner or still)
+            if wanders or stalls == (CERTAIN if sure else PATIENCE):
                 best = best and replace(best, estimate=max(best.estimate, apart))
                 break
         if order is not None and apart < NO_DIGITS:

@@ -47,7 +47,7 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import differences, ends_apart, with_early
-from varint.integration.second_looks import Trial
+from varint.integration.second_looks import Trial, has_steps
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import (
     MOST_COORDINATES,
@@ -75,6 +75,9 @@ if TYPE_CHECKING:
     from varint.integration.events.crossings import Watch
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
+# steps of a smooth motion up to which an iteration that fails is a sign of too few: twice as many
+# take less time than Newton's method, but for a stiff part that is at rest
+UNRESCUED = 2**15
 # of a duration alone, as users of every package for differential equations expect
 DEFAULT_TOL = 1e-9
 
@@ -150,6 +153,7 @@ def choose_steps(
             by_two_runs = False
 
     failures: list[Failure] = []  # since the last run that ended well
+    smooth = shows_its_error(system) and not has_steps(system)
     unproved = False  # by two runs: errors may grow, also what iterations leave
 
     def trial(
@@ -169,6 +173,7 @@ def choose_steps(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved else iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
+            rescued=not smooth or steps > UNRESCUED,
         )
         try:
             way, motion = plan(system, chosen), None
