@@ -668,6 +668,7 @@ int contacts(const ContactArguments *a) {
             x->run(&some);
             const RunStats *const told = (RunStats *)x->told;
             const int64_t good = (int64_t)told->steps;
+            x->iterations += told->iterations, x->residual = fmax(x->residual, told->residual); /* shorter steps tell theirs there */
             const int rests_on = held[0] && held[held[0]] >= FIRST; /* what holds may let go */
             const int together = good >= TOGETHER && !rests_on;
             int64_t passed = 0, looked = 0; /* node whose gaps are known */
@@ -693,9 +694,9 @@ int contacts(const ContactArguments *a) {
                 COPY(now + 1, rows + 3 * N * passed, 3 * N), COPY(REST_OF(now), rests + 2 * N * passed, 2 * N);
                 look(x, now, *t);
             }
-            steps += passed + 1, x->iterations += told->iterations, x->residual = fmax(x->residual, told->residual);
+            steps += passed + 1;
             if (passed < count) carry[0] = 0;
-            else *next = fmin(4 * *next, MOST_STEPS);
+            else *next = fmin(*next + FEW_STEPS, MOST_STEPS); /* as the root of the flight: what is too much beside what it costs */
             if (found == NONE && good < count) found = DOUBT; /* a step that is not solved */
         } else { /* the rest of a step after an impact */
             carry[0] = 0, steps++, x->looks = 0;
