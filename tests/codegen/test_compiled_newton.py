@@ -17,7 +17,8 @@ from varint.codegen.explicit import explicit_kernel
 from varint.codegen.gauss import gauss_kernel
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import run_loop
-from varint.codegen.newton import newton_kernel
+from varint.codegen.newton import newton_kernel, newton_scheme
+from varint.discrete.equations import implicit_equations
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -269,3 +270,40 @@ def test_simulate_compiled_gives_the_multipliers_of_the_interpreted_run():
         np.abs(compiled_run.multipliers - slow.multipliers).max()
         < 1e-10 * np.abs(slow.multipliers).max()
     )
+
+
+def spring(force=0):
+    q, v = vi.coordinates("x", "y")
+    lagrangian = ca.sumsqr(v) * 0.7 + 0.2 * v[0] * v[1] - 20 * (ca.norm_2(q) - 1) ** 2 - q[1]
+    return vi.System(q, v, lagrangian, force=force(v) if force else None)
+
+
+@pytest.mark.parametrize("force", [0, lambda v: -0.1 * v], ids=["separable", "linear drag"])
+def test_what_stays_when_the_end_is_eliminated_is_newtons_correction(force):
+    system, rule = spring(force), vi.lobatto(3)
+    scheme = newton_scheme(system, rule)
+    assert scheme.counts["CLOSED"]
+    assert scheme.counts["Y"] > 3
+    e = implicit_equations(system, rule)
+    inputs, (correction,) = scheme.functions["equations"]
+    given = [*inputs, e.h, e.c, e.scale]
+    every = ca.Function("all", given, [correction, e.left, ca.jacobian(e.left, e.y)])
+    random = np.random.default_rng(3)
+    numbers = [random.uniform(0.5, 1.5, x.shape) for x in given[:-3]]
+    found, left, slope = map(np.array, every(*numbers, 0.1, [], np.ones(4)))
+    # rows that are solved with others: Newton's correction is that of any regular combination
+    np.testing.assert_allclose(found, np.linalg.solve(slope, left), rtol=1e-12, atol=1e-13)
+
+
+@needs_compiler
+def test_a_step_without_its_end_is_that_of_the_interpreted_loop():
+    q0, v0, h = [0.3, -0.7], [0.5, -1.0], 0.01
+    motion = interpreted(spring(), vi.lobatto(3), q0, v0, h, 200)
+    found = compiled(motion, newton_kernel(spring(), vi.lobatto(3)))
+    assert found.status == DONE
+    assert distance(found, motion) < 1e-12
+
+
+def test_the_end_stays_where_forces_bend_with_velocities():
+    damped = newton_scheme(spring(lambda v: -0.1 * v**3), vi.lobatto(3))
+    assert not damped.counts["CLOSED"]

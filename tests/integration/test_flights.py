@@ -296,3 +296,40 @@ def test_every_blow_of_a_stack_that_chatters_to_rest_takes_its_part_of_the_energ
         assert min(abs(taken - x) for x in kept) < 1e-13
     assert motion.q[-1] == pytest.approx([0.0, 0.2], abs=1e-12)
     assert np.abs(motion.v[-1]).max() < 1e-12
+
+
+def test_iterations_of_steps_before_an_impact_are_counted():
+    q, v = vi.coordinates("x", "y")
+    L = ca.sumsqr(v) / 2 - G * q[1] - 20 * (ca.norm_2(q) - 1) ** 2
+    system = vi.System(q, v, L, contact=q[1] + 0.8, restitution=1.0)
+    motion = vi.simulate(
+        system, vi.lobatto(3), q0=[0.3, -0.7], v0=[0.5, -1.0], h=0.01, steps=500, backend="native"
+    )
+    assert len(motion.events) > 5
+    assert motion.stats["iterations"] >= 500
+
+
+def test_a_dip_between_nodes_of_a_long_flight_is_seen():
+    """The turning points of an oscillator reach a wall that comes nearer by 4e-8 a turn, and no
+    node does, thousands of steps after the start.
+    """
+    q, v = vi.coordinates("x", "y")
+    gap = 1 + 1e-5 - q[1] - 1.3e-7 * q[0]
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - q[1] ** 2 / 2, contact=gap)
+
+    def impacts(backend):
+        return vi.simulate(
+            system,
+            vi.lobatto(3),
+            q0=[0, 1.0],
+            v0=[0.05, 0.0],
+            h=0.37,
+            steps=8000,
+            backend=backend,
+        ).events
+
+    found, expected = impacts("native"), impacts("interpreted")
+    assert len(found) == len(expected) > 0
+    assert found[0].time > 1000
+    assert abs(found[0].time - expected[0].time) < 1e-3
+    assert abs(found[0].time / 0.37 - round(found[0].time / 0.37)) > 1e-3

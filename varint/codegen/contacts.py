@@ -16,7 +16,7 @@ import numpy as np
 
 from varint.codegen.arguments import c_names, c_number, c_source, packing
 from varint.codegen.block import block_of, start_of
-from varint.codegen.core import contacts_entry
+from varint.codegen.core import contacts_entry, rows_entry
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.native import MOST_COORDINATES, TOO_LARGE, members_by_name, tapes_of
@@ -42,6 +42,7 @@ class ContactArguments(Structure):
     _fields_ = [
         ("run", c_void_p),
         ("loop", c_void_p),
+        ("many", c_void_p),
         ("carry_size", c_int64),
         ("last", c_int64),
         ("save_every", c_int64),
@@ -256,6 +257,7 @@ def fly(
         _ARGUMENTS.pack(
             cast(kernel.entry, c_void_p).value,  # type: ignore[arg-type]
             kernel.scene,
+            cast(rows_entry(), c_void_p).value,  # type: ignore[arg-type]
             kernel.carry_size,
             last,
             save_every,

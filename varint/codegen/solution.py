@@ -11,7 +11,7 @@ import numpy as np
 
 from varint.codegen.band import Band, band
 from varint.codegen.frozen import frozen_slope, no_whole_derivatives
-from varint.discrete.equations import Equations
+from varint.discrete.equations import Equations, start_row
 from varint.discrete.tolerances import (
     LAST_CORRECTION,
     LAST_FROZEN_CORRECTION,
@@ -28,6 +28,7 @@ LOOPED = 2_500
 # operations of a node's derivatives from which on they are taken direction by direction: a row of
 # statements so long takes the compiler a time that grows with the square of its length
 BY_DIRECTIONS = 12_000
+NOWHERE = np.zeros(0, dtype=int)
 Functions = dict[str, tuple[list[ca.SX], list[ca.SX]]]
 
 
@@ -60,8 +61,37 @@ def solution_of(system: System, rule: Rule, e: Equations, held: bool) -> Solutio
     """The cheapest way to the unknowns of the equations; `held`: there are constraints."""
     if no_whole_derivatives(system) and not system.structure.linear:
         return _frozen(e, frozen_slope(system, rule, e))
-    at_nodes = None if held else _at_nodes(system, rule, e)
-    return at_nodes or _written_out(e, system.structure.linear and not held)
+    if held:
+        return _written_out(e, False)
+    shorter = _without_end(system, rule, e) or _at_nodes(system, rule, e)
+    return shorter or _written_out(e, system.structure.linear)
+
+
+def _without_end(system: System, rule: Rule, e: Equations) -> Solution | None:
+    """Newton's correction in closed form where forces at the end push the momentum alone, and few
+    unknowns are left inside.
+
+    The row of the start is then linear in all unknowns: its constant block eliminates the end, and
+    the adjugate of its Schur complement is straight-line code.
+    """
+    n, size = system.structure.n, e.y.numel()
+    inside = size - n
+    if system.structure.linear or size <= CLOSED or not 0 < inside <= CLOSED:
+        return None
+    varying = ca.vertcat(e.y, e.q, e.p, e.t, e.u)
+    row = start_row(system, rule, e) / e.row_size[inside:]
+    by_inner, by_end = ca.horzsplit(ca.densify(ca.jacobian(row, e.y)), [0, inside, size])
+    if ca.depends_on(ca.horzcat(by_inner, by_end), varying):
+        return None
+    left = ca.densify(e.left[:inside] / e.row_size[:inside])
+    inner, coupled = ca.horzsplit(ca.densify(ca.jacobian(left, e.y)), [0, inside, size])
+    inverse = ca.inv_minor(by_end)
+    apart, by_inside = inverse @ row, inverse @ by_inner
+    schur = inner - coupled @ by_inside
+    correction = ca.inv_minor(schur) @ (left - coupled @ apart)
+    every = ca.vertcat(correction, apart - by_inside @ correction)
+    inputs, unordered = [e.y, e.q, e.p, e.t, e.u], Band(np.arange(size), 0, 0, NOWHERE, 0)
+    return Solution({"equations": (inputs, [every]), **_after(e)}, unordered, True, False, False)
 
 
 def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:
@@ -116,7 +146,7 @@ def _written_out(e: Equations, linear: bool) -> Solution:
     left = ca.densify(e.left / e.row_size)
     matrix = ca.jacobian(left, e.y)
     linear = linear and not ca.depends_on(matrix, ca.vertcat(e.y, e.q, e.p, e.t, e.u))
-    unordered = Band(np.arange(e.y.numel()), 0, 0, np.zeros(0, dtype=int), 0)
+    unordered = Band(np.arange(e.y.numel()), 0, 0, NOWHERE, 0)
     if linear and e.y.numel() <= MAPPED:
         return _map(e, left, matrix)
     inputs, after = [e.y, e.q, e.p, e.t, e.u], _after(e)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from varint.discrete.lagrangian import Interval, interval
+from varint.discrete.lagrangian import Interval, interval, point_function
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
 from varint.scene.system import System
@@ -98,6 +98,26 @@ def implicit_equations(system: System, rule: Rule) -> Equations:
         one.h * z[:, -1],
         ca.densify(total),
     )
+
+
+VANISHES = 1e-30  # of a basis function: what its own rounding leaves at a node
+
+
+def start_row(system: System, rule: Rule, e: Equations) -> ca.SX:
+    """−e_0 − p0 (n,), which vanishes with the rows of `implicit_equations` and may stand for that
+    of the end: forces at nodes where ℓ_0 vanishes do not enter.
+    """
+    one, point = interval(system, rule), point_function(system)
+    row = -e.p
+    for i, (share, slope) in enumerate(
+        zip(rule.basis[:, 0].tolist(), rule.slopes[:, 0].tolist(), strict=True)
+    ):
+        state = one.q_nodes[:, i], one.v_nodes[:, i], one.u[:, i], one.t_nodes[i], one.c
+        _, momentum, gradient, force = point(*state)
+        row -= rule.weights[i] * slope * momentum
+        if abs(share) > VANISHES:
+            row -= one.h * rule.weights[i] * share * (gradient + force)
+    return ca.densify(ca.substitute(row, one.dq, e.h * ca.reshape(e.y, one.dq.shape)))
 
 
 def _roundable(system: System, one: Interval, q: ca.SX, v: ca.SX, p: ca.SX) -> ca.SX:

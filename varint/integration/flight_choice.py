@@ -83,6 +83,7 @@ def contacts_as_data(system: System) -> ContactData:
         "gaps": (state, [gap, rate]),
         "bounds": (piece, [low, rate_low, rate_high, bend_low]),
         "blow": (state, blow),
+        "floors": (piece, [low]),
     }
     return contact_data(n, rows.numel(), gap.numel(), s.c, functions, **NUMBERS)
 

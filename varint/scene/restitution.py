@@ -68,8 +68,13 @@ def restitution_at(system: Any, c: np.ndarray) -> np.ndarray:
         If one does not lie between 0 and 1.
     """
     if system.bounce.is_constant():
-        return np.array(ca.DM(system.bounce)).ravel()
+        return _constant_restitution(system).copy()
     return require_restitution(np.array(_restitution_function(system)(c)).ravel())
+
+
+@per_system
+def _constant_restitution(system: Any) -> np.ndarray:
+    return np.array(ca.DM(system.bounce)).ravel()
 
 
 @per_system

@@ -9,6 +9,7 @@
 enum Ended { ENDED, FULL, BESIDE, SETTLED };
 #define MOST_STEPS 256 /* between two looks at the gaps */
 #define FEW_STEPS 16   /* after an impact */
+#define TOGETHER 4     /* so many steps or more are looked at together */
 #define REGULAR 1e-10  /* pivots of scaled equations: below, rows may depend on each other */
 #define NUMBERS (5 * N) /* q, p, v and the rounding errors of q and p */
 #define POINT (1 + NUMBERS + 2 * CONTACTS)
@@ -18,6 +19,7 @@ enum Ended { ENDED, FULL, BESIDE, SETTLED };
 typedef struct {
     int (*run)(const RunArguments *);
     const void *loop;                       /* its scene, where that is data */
+    int (*many)(const RowsArguments *);     /* a tape at many points, see rows_core.c */
     int64_t carry_size;                     /* of the loop */
     int64_t last, save_every, most;         /* the last node of the grid; iterations of a step */
     int64_t room, hits, steps;              /* rows and hits that have room; steps after which the call ends */
@@ -56,6 +58,7 @@ typedef struct {
     double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
     double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
     double *restitution;
+    double *times, *floors, *clear;         /* of steps: when they begin, floors of the gaps, whether no gap may close */
     int *pivots;
     int64_t *held;                          /* how many rows hold just now, then which: those of constraints first */
     double iterations, residual, energy;
@@ -231,6 +234,23 @@ static int leaving(Work *x, const double *from, double t, const double *end, int
         COPY(open, earlier, POINT);
     }
     return 1;
+}
+
+/* Of steps from node k on, whether each certainly leaves all gaps open that do not hold: floors of the gaps, of all steps
+   together. `first_impact` looks at the others. */
+static void clear_steps(const Work *x, int64_t k, int64_t steps, const double *rows) {
+    const ContactArguments *a = x->a;
+    const double *const q = rows, *const v = rows + 2 * N;
+    const int64_t row = 3 * N;
+    for (int64_t i = 0; i < steps; i++) x->times[i] = a->t0 + a->h * (double)(k + i), x->clear[i] = 0;
+    const RowsArguments pieces = {steps, a->c, &scene->floors, {q, v, q + row, v + row, x->times, &a->h}, {row, row, row, row, 1, 0},
+                                  {x->floors}, {CONTACTS}};
+    if (a->many(&pieces) != DONE) return;
+    for (int64_t i = 0; i < steps; i++) {
+        int clear = 1;
+        for (int j = 0; j < CONTACTS; j++) clear &= a->holds[j] || x->floors[i * CONTACTS + j] >= 0;
+        x->clear[i] = clear && unsound(rows + row * (i + 1), 3 * N) == 0;
+    }
 }
 
 /* The first impact in a step from one instant to another, as the instant `at`; gaps within `close` of zero touch. */
@@ -606,7 +626,7 @@ int contacts(const ContactArguments *a) {
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
     const int64_t all = N + ROWS;
     const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
-                             5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS};
+                             5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS, MOST_STEPS, CONTACTS * MOST_STEPS, MOST_STEPS};
     double *part[sizeof sizes / sizeof *sizes];
     int64_t total = 0;
     for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) total += sizes[i];
@@ -618,7 +638,7 @@ int contacts(const ContactArguments *a) {
     int pivots[all];
     int64_t held[1 + ROWS], known[1 + ROWS];
     Work work = {a, a->run, a->loop, a->scale, w, part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7], part[8], part[9], part[10], part[11],
-                 part[14], pivots, held, 0, 0, 0, 0};
+                 part[14], part[15], part[16], part[17], pivots, held, 0, 0, 0, 0};
     Work *const x = &work;
     double *const state = a->state, *carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
     int64_t k = (int64_t)state[0], steps = 0;
@@ -648,21 +668,35 @@ int contacts(const ContactArguments *a) {
             x->run(&some);
             const RunStats *const told = (RunStats *)x->told;
             const int64_t good = (int64_t)told->steps;
-            int64_t passed = 0;
+            x->iterations += told->iterations, x->residual = fmax(x->residual, told->residual); /* shorter steps tell theirs there */
+            const int rests_on = held[0] && held[held[0]] >= FIRST; /* what holds may let go */
+            const int together = good >= TOGETHER && !rests_on;
+            int64_t passed = 0, looked = 0; /* node whose gaps are known */
+            if (together) clear_steps(x, k, good, rows);
             for (; passed < good; passed++) {
-                end[0] = a->h;
-                COPY(end + 1, rows + 3 * N * (passed + 1), 3 * N), COPY(REST_OF(end), rests + 2 * N * (passed + 1), 2 * N);
-                look(x, end, a->t0 + a->h * (double)(k + 1));
-                found = is_finite_point(end) ? first_impact(x, now, *t, end, at) : DOUBT;
-                if (!found && lets_go(x, end, a->t0 + a->h * (double)(k + 1))) found = first_release(x, now, *t, end, at, &leaves);
-                if (found) break;
-                k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
-                COPY(now + 1, end + 1, POINT - 1);
-                if (is_kept(a, k)) keep(row, *t, k, now + 1), row += ROW_SIZE;
+                const double *const reached = rows + 3 * N * (passed + 1), *const rest = rests + 2 * N * (passed + 1);
+                const double then = a->t0 + a->h * (double)(k + 1);
+                if (!together || !x->clear[passed]) {
+                    if (looked != passed) COPY(now + 1, reached - 3 * N, 3 * N), COPY(REST_OF(now), rest - 2 * N, 2 * N), look(x, now, *t);
+                    end[0] = a->h;
+                    COPY(end + 1, reached, 3 * N), COPY(REST_OF(end), rest, 2 * N);
+                    look(x, end, then);
+                    found = is_finite_point(end) ? first_impact(x, now, *t, end, at) : DOUBT;
+                    if (!found && lets_go(x, end, then)) found = first_release(x, now, *t, end, at, &leaves);
+                    looked = passed;
+                    if (found) break;
+                    COPY(now + 1, end + 1, POINT - 1), looked++;
+                }
+                k++, *t = then, *impacts = 0;
+                if (is_kept(a, k)) keep(row, *t, k, reached), row += ROW_SIZE;
             }
-            steps += passed + 1, x->iterations += told->iterations, x->residual = fmax(x->residual, told->residual);
+            if (looked < passed && !found) {
+                COPY(now + 1, rows + 3 * N * passed, 3 * N), COPY(REST_OF(now), rests + 2 * N * passed, 2 * N);
+                look(x, now, *t);
+            }
+            steps += passed + 1;
             if (passed < count) carry[0] = 0;
-            else *next = fmin(4 * *next, MOST_STEPS);
+            else *next = fmin(*next + FEW_STEPS, MOST_STEPS); /* as the root of the flight: what is too much beside what it costs */
             if (found == NONE && good < count) found = DOUBT; /* a step that is not solved */
         } else { /* the rest of a step after an impact */
             carry[0] = 0, steps++, x->looks = 0;

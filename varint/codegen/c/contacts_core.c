@@ -6,6 +6,7 @@
 #include "lanes.h"
 #include "run.h"
 #include "tape.h"
+#include "rows.h"
 #include "contacts_scene.h"
 #include "cubic_root.h"
 #include "contacts.c"

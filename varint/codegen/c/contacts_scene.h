@@ -1,7 +1,7 @@
 /* What the contacts of a scene are, as data.
 
    tape.h stands before this file. varint/codegen/contacts.py reads the names here. `gaps`: (q, v, t) to the gaps and their
-   rates; `bounds`: (q, v at both ends, t, w) of a piece to lower bounds of the gaps and bounds of their rates and curvatures;
+   rates; `bounds`: (q, v at both ends, t, w) of a piece to lower bounds of the gaps and bounds of their rates and curvatures; `floors`: the first of these alone;
    `blow`: (q, v, t) to the gradients W row by row, of constraints and then of contacts, the mass matrix by columns, the force
    f = M a, what W a lacks of the second derivatives of the rows, the energy, and coefficients of restitution. */
 #define SCENE_AS_DATA
@@ -11,7 +11,7 @@
     DO(TOUCH) DO(RESTING) DO(PULL) DO(ZENO) DO(LOCATED) DO(NEAR) DO(FLAT) DO(RESIDUAL_LIMIT) DO(SHORTEST)
 #define PLACES(DO)
 #define TABLES(DO) /* none */
-#define FUNCTIONS(DO) DO(gaps) DO(bounds) DO(blow)
+#define FUNCTIONS(DO) DO(gaps) DO(bounds) DO(blow) DO(floors)
 
 #include "scene_members.h"
 #define N ((int)scene->N_)
