@@ -158,19 +158,22 @@ def simulate(
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
     if (
-        p0 is u is at is scale is until is events is time_scale is checkpoint is None
+        p0 is u is at is scale is until is events is checkpoint is None
         and v0 is not None
         and (progress is None or progress is False)
         and type(save_every) is int
-        and save_every == 1
-        and backend == "auto"
         and on_failure == "raise"
     ):
-        known = q0, v0, t0, params
-        if h is None and steps is None:
+        known, grid = (q0, v0, t0, params), (h, steps, duration)
+        if time_scale is not None:
+            tried = _physical_call().physical_call(
+                system, rule, time_scale, known, grid, iteration_tol, save_every, backend
+            )
+        elif save_every != 1 or backend != "auto":
+            pass
+        elif h is None and steps is None:
             tried = _short_call().short_call(system, rule, known, duration, tol)
         else:
-            grid = h, steps, duration
             tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol)
         if type(tried) is Trajectory:
             return tried
@@ -215,9 +218,7 @@ def simulate(
 
 @cache
 def _few_steps() -> ModuleType:
-    """Loaded when it is asked for, as are the other two; to ask again what is loaded takes a short
-    run's time.
-    """
+    """Loaded when asked for, as are those below; to ask again takes a short run's time."""
     from varint.integration import few_steps
 
     return few_steps
@@ -228,6 +229,13 @@ def _short_call() -> ModuleType:
     from varint.integration import short_call
 
     return short_call
+
+
+@cache
+def _physical_call() -> ModuleType:
+    from varint.integration.time_transformation import physical_call
+
+    return physical_call
 
 
 @cache

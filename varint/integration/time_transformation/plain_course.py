@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.kernel import address_of
+from varint.codegen.until import physical_nodes
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.time_transformation.inner_run import (
@@ -91,5 +92,5 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
         inner = inner_motion(called, scene.system, h, c, until, kernel, seconds)
         return in_physical_time(system, t0, inner)
 
-    n = system.structure.n
-    return PhysicalRun(until.t, until.q[:, :n], until.p[:, :n], motion)
+    _, t, q, p = physical_nodes(until)
+    return PhysicalRun(t, q, p, motion)

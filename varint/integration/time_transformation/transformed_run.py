@@ -34,7 +34,6 @@ from varint.integration.time_transformation.fictitious_start import (
     start_velocity,
 )
 from varint.integration.time_transformation.local_rate import local_rate
-from varint.integration.time_transformation.physical_call import physical_call
 from varint.integration.time_transformation.physical_end import (
     blocks_until,
     end_at_duration,
@@ -64,12 +63,6 @@ def simulate_transformed(
     system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
 ) -> Trajectory:
     """`simulate` with a time scale: h is the step of τ, dt = σ(q) dτ; nodes at physical times."""
-    if (found := physical_call(system, rule, sigma, start, options)) is not None:
-        motion, quiet = found
-        assert motion.fictitious is not None
-        if not quiet and (alarm := energy_alarm(motion.fictitious)):
-            warnings.warn(alarm, stacklevel=3)
-        return motion
     h, steps, duration = options.h, options.steps, options.duration
     if h is None or (steps is None) == (duration is None):
         raise InputError(
