@@ -154,7 +154,7 @@ def simulate(
     ((1001, 1), True)
     """
     require_system(system)
-    if tol is not None or iteration_tol is not None:
+    if tol is not None or not (iteration_tol is None or (h is not None and _small(iteration_tol))):
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
     if (
@@ -245,12 +245,17 @@ def _to_tolerance() -> ModuleType:
     return to_tolerance
 
 
+def _small(x: Any) -> bool:
+    """Whether it may be a relative error."""
+    return isinstance(x, (float, int)) and 0 < x < 1
+
+
 def _tolerances(
     tol: float | None, iteration_tol: float | None, stepped: bool
 ) -> tuple[float | None, float | None]:
     """tol and iteration_tol; tol beside h or steps is the old name of the latter."""
     for name, x in (("tol", tol), ("iteration_tol", iteration_tol)):
-        if x is not None and not (isinstance(x, (float, int)) and 0 < x < 1):
+        if x is not None and not _small(x):
             raise InputError(f"{name} must be a relative error between 0 and 1, got {x!r}")
     if not stepped and iteration_tol is not None:
         raise InputError(

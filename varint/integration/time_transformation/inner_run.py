@@ -18,10 +18,12 @@ from varint.codegen.until import Entries, Until, entries_of, fictitious_nodes, r
 from varint.discrete.legendre import velocity_function
 from varint.integration.compiled_loop import POOR, kernel_of, native_kernel, scheme_of
 from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_after, kernel_now
+from varint.integration.many_steps import steps_again
 from varint.integration.plan import Plan, plan
 from varint.integration.time_transformation.physical_end import FIRST_CHUNK, OFF_LEVEL, PATIENCE
 from varint.integration.time_transformation.time_scale import TransformedScene
 from varint.integration.trajectories import plain_motion_of
+from varint.results.records import StepsAgain
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
@@ -34,13 +36,15 @@ BACKENDS = "auto", *LOOPS
 @dataclass(eq=False)
 class Called:
     """Of a rescaled scene and a rule: the plan, the gears, how many iterations a step may take,
-    what is said of energies, and the loops of the backends.
+    what is said of energies, how physical steps are taken once more, and the loops of the
+    backends.
     """
 
     plan: Plan
     gears: Gears | None
     most: float
     energies: RowFunction | None
+    functions: StepsAgain
     loops: dict[str, tuple[Kernel, Entries] | None] = field(default_factory=dict)
 
     def loop(self, moving: System, backend: str) -> tuple[Kernel, Entries] | None:
@@ -74,7 +78,8 @@ def called_on(moving: System, scene: TransformedScene, rule: Rule | None) -> Cal
     scheme = scheme_of(moving, chosen.rule)
     gears = gears_of(moving, chosen.rule, scheme)
     most = POOR if scheme is BY_STAGES else math.inf
-    return Called(chosen, gears, most, energies_of(moving, scene))
+    functions = steps_again(chosen.rule)
+    return Called(chosen, gears, most, energies_of(moving, scene), functions)
 
 
 def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:

@@ -18,10 +18,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.codegen.kernel import new_address
-from varint.codegen.until import physical_nodes
+from varint.codegen.few_steps import Nodes
+from varint.codegen.kernel import Kernel, new_address
+from varint.codegen.until import Until, physical_nodes
 from varint.integration.energy_leap import energy_alarm
-from varint.integration.many_steps import steps_again
 from varint.integration.plain_start import Room, begin_at, is_plain, is_plain_number, room_of
 from varint.integration.problem import LEVEL, Grid
 from varint.integration.time_transformation.fictitious_start import slowest_rate
@@ -39,7 +39,6 @@ from varint.integration.time_transformation.time_scale import TransformedScene, 
 from varint.integration.trajectories import plain_motion_of
 from varint.numerics.arrays import hand_over
 from varint.numerics.limits import check_steps
-from varint.results.records import StepsAgain
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
@@ -100,23 +99,8 @@ def physical_call(
     if found is None:
         return None
     until, kernel = found
-    seconds = perf_counter() - began
-    motion = plain_motion_of(
-        system,
-        called.plan,
-        kernel,
-        physical_nodes(until),
-        (h, 0.0, np.empty((until.steps, 1, 0)), c),
-        (until.iterations, until.residual),
-        seconds=seconds,
-    )
-    motion.__dict__.update(
-        functions=ready.functions,
-        dense_output=at_times,
-        _make_fictitious=partial(
-            inner_motion, called, moving, h, constants, until, kernel, seconds
-        ),
-    )
+    how = h, constants, until, kernel, perf_counter() - began
+    motion = physical_motion(system, called, moving, physical_nodes(until), c, how)
     if not until.quiet:
         assert motion.fictitious is not None
         if alarm := energy_alarm(motion.fictitious):
@@ -124,16 +108,35 @@ def physical_call(
     return motion
 
 
+def physical_motion(
+    system: System,
+    called: Called,
+    moving: System,
+    nodes: Nodes,
+    c: np.ndarray,
+    how: tuple[float, np.ndarray, Until, Kernel, float],
+) -> Trajectory:
+    """The motion with these nodes and parameters, in the rescaled scene with step and parameters,
+    what the core has found with which loop, and seconds: that one is made when it is asked for.
+    """
+    h, _, until, kernel, seconds = how
+    grid, work = (h, 0.0, np.empty((until.steps, 1, 0)), c), (until.iterations, until.residual)
+    motion = plain_motion_of(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
+    own = motion.__dict__
+    own["functions"], own["dense_output"] = called.functions, at_times
+    own["_make_fictitious"] = partial(inner_motion, called, moving, *how)
+    return motion
+
+
 @dataclass(eq=False)
 class _Ready:
-    """Of a scene, a rule and a time scale: the rescaled scene, what is called of it, how steps are
-    taken once more, and memory for starts that nobody uses.
+    """Of a scene, a rule and a time scale: the rescaled scene, what is called of it, and memory for
+    starts that nobody uses.
     """
 
     scene: TransformedScene
     moving: System
     called: Called
-    functions: StepsAgain
     starts: list[_Start]
 
 
@@ -144,7 +147,7 @@ def _ready(system: System, rule: Rule | None, scale: str | TransformedScene) -> 
     if not is_plain(system) or (isinstance(scale, str) and local_rate(system).reason):
         return None
     called = called_on(scene.system, scene, rule)
-    return _Ready(scene, scene.system, called, steps_again(called.plan.rule), [])
+    return _Ready(scene, scene.system, called, [])
 
 
 @dataclass(eq=False, slots=True)

@@ -101,16 +101,25 @@ class Prepared(NamedTuple):
 
 
 def prepare(
-    system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
+    system: System,
+    rule: Rule | None,
+    sigma: Any,
+    start: Start,
+    options: RunOptions,
+    begun: InitialValueProblem | None = None,
 ) -> Prepared:
-    """Checked and completed input of a run with steps h and a duration, or a number of steps."""
+    """Checked and completed input of a run with steps h and a duration, or a number of steps; of a
+    run without controls whose start is checked already, `begun` is with other steps.
+    """
     scene = transformed_scene(system, sigma)
     chosen = plan(scene.system, rule)
     total = None if options.duration is None else float(options.duration)
     count = 1 if options.steps is None else options.steps
-    problem = initial_value_problem(
-        system, chosen.rule, start, options._replace(steps=count, duration=None)
-    )
+    if begun is None:
+        asked = options._replace(steps=count, duration=None)
+        problem = initial_value_problem(system, chosen.rule, start, asked)
+    else:
+        problem = begun._replace(h=float(options.h), steps=count, nodes=len(chosen.rule.nodes))
     inside = partial(_inside, system, scene, problem.t0)
     until, events = options.until, options.events
     if until is not None:
