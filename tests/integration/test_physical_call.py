@@ -2,12 +2,14 @@
 gears.
 """
 
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import varint as vi
-from varint.integration.time_transformation import inner_run, transformed_run
+from varint.integration.time_transformation import inner_run, physical_call, transformed_run
 
 MODELS = {
     "kepler": (vi.models.kepler(e=0.9), 20.0),
@@ -27,7 +29,7 @@ def start_of(name: str) -> dict:
 def watched(monkeypatch, system, **how):
     """The same run without the call of the core."""
     with monkeypatch.context() as patch:
-        patch.setattr(transformed_run, "physical_call", lambda *ignored: None)
+        patch.setattr(physical_call, "physical_call", lambda *ignored: None)
         return vi.simulate(system, **how)
 
 
@@ -70,7 +72,7 @@ def test_a_run_is_one_call_of_the_core(monkeypatch):
     monkeypatch.setattr(inner_run, "run_until", counted)
     monkeypatch.setattr(transformed_run, "prepare", lambda *ignored: pytest.fail("prepared"))
     motion = vi.simulate(MODELS["kepler"][0].system, **start_of("kepler"))
-    assert len(calls) == 1 and len(calls[0].t) == len(motion)
+    assert len(calls) == 1 and calls[0].nodes == len(motion)
 
 
 def test_it_leads_back():
@@ -115,3 +117,52 @@ def test_of_nodes_further_apart_than_the_run_is_long_the_ends_are_kept():
     whole, ends = (vi.simulate(system, save_every=every, **how) for every in (1, 10**30))
     for x in ("t", "q", "p", "k"):
         assert np.array_equal(getattr(ends, x), getattr(whole, x)[[0, -1]])
+
+
+def bytes_of(motion) -> tuple[bytes, ...]:
+    arrays = (getattr(x, name) for x in (motion, motion.fictitious) for name in "tqpkc")
+    return tuple(x.tobytes() for x in arrays)
+
+
+@pytest.mark.parametrize("rule", [vi.gauss(6), vi.gauss(8)])
+def test_what_was_run_before_makes_no_difference(rule):
+    """A start that is there already is not written anew; another start, duration or parameter is,
+    also where it differs in a sign that numbers do not show, and after a start that was refused.
+    """
+    model = vi.models.kepler(e=0.9)
+    name = next(iter(model.system.defaults))
+    how = dict(h=0.6, time_scale="auto", rule=rule, q0=model.q0, v0=model.v0, duration=7.0)
+    v0 = np.array(model.v0)
+    calls = [
+        how,
+        how | {"v0": 1.01 * v0},
+        how | {"duration": 3.0},
+        how | {"h": -0.6, "duration": -7.0},
+        how | {"params": {name: 1.5}},
+        how,
+        how | {"q0": [model.q0[0], -0.0]},
+        how | {"params": {name: 1.5}, "v0": 1.01 * v0},
+        how | {"t0": 2.0},
+        how | {"iteration_tol": 1e-6},
+    ]
+    fresh = [bytes_of(vi.simulate(vi.models.kepler(e=0.9).system, **each)) for each in calls]
+    again = [vi.simulate(model.system, **each) for each in (*calls, *calls)]
+    with pytest.raises(vi.InputError, match="v0"):
+        vi.simulate(model.system, **(how | {"v0": [np.nan, 1.0]}))
+    again += [vi.simulate(model.system, **each) for each in calls]
+    assert [bytes_of(x) for x in again] == 3 * fresh
+
+
+def test_the_motion_in_fictitious_time_is_made_when_it_is_asked_for(monkeypatch):
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    motion, part, copied = (vi.simulate(system, **how) for _ in range(3))
+    assert "fictitious" not in vars(motion)
+    assert motion.fictitious is motion.fictitious
+    other = watched(monkeypatch, system, **how)
+    assert np.array_equal(motion.fictitious.q[:-1], other.fictitious.q[:-1])
+    assert np.array_equal(part[3:7].fictitious.t, motion.fictitious.t[3:7])
+    there = pickle.loads(pickle.dumps(copied))
+    assert np.array_equal(there.fictitious.p, motion.fictitious.p)
+    assert vi.Trajectory.fictitious is None
+    plain = vi.simulate(system, vi.gauss(6), q0=how["q0"], v0=how["v0"], h=0.01, steps=3)
+    assert plain.fictitious is None

@@ -12,17 +12,21 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import rows_entry, until_entry
+from varint.codegen.few_steps import Nodes
 from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _HEAD = struct.Struct("4P3q")  # Until: what follows from the scene
 _ASKED = struct.Struct("5P3q7d")  # the rest of it
+_TOLD = struct.Struct("4d")
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
 TOLD = 4
 
-# memory for nodes that no call uses, where it lies, and for how many numbers
-_rooms: list[tuple[np.ndarray, int, int]] = []
+# memory for nodes that no call uses, as numbers and as bytes, where it lies, and for how many
+# numbers
+_rooms: list[tuple[np.ndarray, memoryview, int, int]] = []
+_FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
 
 class Entries(NamedTuple):
@@ -56,35 +60,58 @@ class Until(NamedTuple):
 
     Attributes
     ----------
+    n : int
+        Coordinates, the clock among them.
     steps : int
         Until the end, the last one shorter.
-    tau, t : array (N + 1,)
-        Fictitious and physical times of the nodes that are kept, the end among them.
-    k : array of int (N + 1,)
-        Whole steps before each.
-    q, p : array (N + 1, n)
+    nodes : int
+        Nodes that are kept, the end among them.
+    kept : array
+        Of each its fictitious time, its physical one, how many whole steps are before it,
+        coordinates and momenta: one behind the other.
     iterations : int
     residual : float
     quiet : bool
         Whether the constant energy is that of the start all along, as far as it was looked at.
     """
 
+    n: int
     steps: int
-    tau: np.ndarray
-    t: np.ndarray
-    k: np.ndarray
-    q: np.ndarray
-    p: np.ndarray
+    nodes: int
+    kept: np.ndarray
     iterations: int
     residual: float
     quiet: bool
+
+
+def fictitious_nodes(found: Until) -> Nodes:
+    """Whole steps before, fictitious times, coordinates and momenta of the nodes."""
+    n, _, count, kept, *_ = found
+    array, both = np.ndarray, (count, n)  # half the time of slices
+    return (
+        array(count, _WHOLE, kept, 16 * count),
+        array(count, _FLOAT, kept),
+        array(both, _FLOAT, kept, 24 * count),
+        array(both, _FLOAT, kept, (24 + 8 * n) * count),
+    )
+
+
+def physical_nodes(found: Until) -> Nodes:
+    """The same with physical times, coordinates and momenta without those of the clock."""
+    n, _, count, kept, *_ = found
+    array, others, apart = np.ndarray, (count, n - 1), (8 * n, 8)
+    return (
+        array(count, _WHOLE, kept, 16 * count),
+        array(count, _FLOAT, kept, 8 * count),
+        array(others, _FLOAT, kept, 24 * count, apart),
+        array(others, _FLOAT, kept, (24 + 8 * n) * count, apart),
+    )
 
 
 def run_until(
     entries: Entries,
     start: int,
     c: int,
-    *,
     h: float,
     level: float,
     t0: float,
@@ -104,7 +131,7 @@ def run_until(
     n, head, entry, _ = entries
     every = every if every < ROOM else ROOM
     memory = _rooms.pop() if _rooms else _new_room()
-    room, at, size = memory
+    room, told, at, size = memory
     nodes = at + 8 * TOLD
     try:
         asked = _ASKED.pack(
@@ -126,26 +153,15 @@ def run_until(
         )
         if entry(head + asked) != DONE:
             return None
-        whole, iterations, residual, quiet = room[:TOLD].tolist()
+        whole, iterations, residual, quiet = _TOLD.unpack_from(told)
         steps = int(whole)
         count, first = (steps - 1) // every + 2, TOLD + size
         kept = room[first : first + (3 + 2 * n) * count].copy()
     finally:
         _rooms.append(memory)
-    middle = (3 + n) * count
-    return Until(
-        steps,
-        kept[:count],
-        kept[count : 2 * count],
-        kept[2 * count : 3 * count].view(np.int64),
-        kept[3 * count : middle].reshape(count, n),
-        kept[middle:].reshape(count, n),
-        int(iterations),
-        residual,
-        bool(quiet),
-    )
+    return Until(n, steps, count, kept, int(iterations), residual, bool(quiet))
 
 
-def _new_room() -> tuple[np.ndarray, int, int]:
+def _new_room() -> tuple[np.ndarray, memoryview, int, int]:
     room = np.empty(TOLD + 3 * ROOM)  # of nodes, and more than enough of those that are kept
-    return room, new_address(room), ROOM
+    return room, room.data, new_address(room), ROOM

@@ -17,11 +17,9 @@ from varint.codegen.few_steps import TOLD, Place, place_of
 from varint.codegen.kernel import address_of
 from varint.codegen.two_runs import Places, places_of
 from varint.discrete.legendre import velocity_function
-from varint.integration.problem import RunOptions, Start
 from varint.integration.small_motions import local_function_of_momentum
 from varint.integration.start import check_mass, regular_at, start_function
 from varint.numerics.arrays import hand_over, is_clearly_definite
-from varint.rules.rule import Rule
 from varint.scene.inputs import vector
 from varint.scene.memory import per_scene
 from varint.scene.parameters import ParameterValues
@@ -49,8 +47,10 @@ class Room:
         M and the derivatives of forces by coordinates, by `look`.
     block : memoryview
         All of it.
-    put : callable
-        (block, 0, …) writes q, v, t and q.
+    pack : callable
+        q, v, t and q as bytes.
+    put : memoryview
+        Where they are to be written.
     begun : callable
         (block) → all numbers that are there when it has begun.
     regular : set of bytes
@@ -67,6 +67,8 @@ class Room:
         What lies behind them.
     given : array, optional
         The parameters that are there, known to be good once; a system's own are always the same.
+    known : bytes, optional
+        The start that is there, known to be good with them.
     """
 
     n: int
@@ -78,7 +80,8 @@ class Room:
     values: np.ndarray
     local: np.ndarray
     block: memoryview
-    put: Callable[..., None]
+    pack: Callable[..., bytes]
+    put: memoryview
     begun: Callable[[memoryview], tuple[float, ...]]
     regular: set[bytes]
     constant: bool
@@ -88,21 +91,7 @@ class Room:
     look: Callable[[], object] | None
     held: tuple
     given: np.ndarray | None = None
-
-
-def asks_for_nodes(rule: Rule | None, start: Start, options: RunOptions) -> bool:
-    """Whether a rule, coordinates, velocities, parameters and how long are all that is given, but
-    for how many of the nodes are kept and by which loop.
-    """
-    o = options
-    return (
-        (rule is None or isinstance(rule, Rule))
-        and o.until is o.events is o.scale is o.checkpoint is o.at is start.u is start.p0 is None
-        and start.v0 is not None
-        and type(o.save_every) is int
-        and o.on_failure == "raise"
-        and is_plain_number(start.t0)
-    )
+    known: bytes | None = None
 
 
 def is_plain_number(x: Any) -> bool:
@@ -142,15 +131,19 @@ def room_of(system: System, looks: bool) -> Room:
         inputs = q, values[:n], t, c
         look, other = _on(local_function_of_momentum(system), inputs, (local[:half], local[half:]))
     parts = n, q, v, t, c, block[: 2 * n], values, local, block.data
-    put, begun = (struct.Struct(f"{count}d") for count in (ends[3], ends[4]))
+    pack, begun = (struct.Struct(f"{count}d") for count in (ends[3], ends[4]))
+    put = block.data.cast("B")[: pack.size]
     regular, constant = regular_at(system), system.structure.constant_mass
     place = place_of(at, c_at, told_at, told.data)
-    how = put.pack_into, begun.unpack_from, regular, constant, place
+    how = pack.pack, put, begun.unpack_from, regular, constant, place
     return Room(*parts, *how, places_of(place, mass_at, n + 1), begin, look, (one, other))
 
 
-def begin_in(room: Room, system: System, start: Start) -> np.ndarray | None:
-    """Write the start; the parameters, or None where something of the start is not finite.
+def begin_at(
+    room: Room, system: System, q0: Any, v0: Any, t0: float, params: ParameterValues | None
+) -> np.ndarray | None:
+    """Write the start; the parameters, or None where something of the start is not finite. Where
+    it is there already nothing is to be done.
 
     Raises
     ------
@@ -158,13 +151,6 @@ def begin_in(room: Room, system: System, start: Start) -> np.ndarray | None:
         If coordinates, velocities or parameters are no such numbers, or the mass matrix is
         singular.
     """
-    return begin_at(room, system, start.q0, start.v0, start.t0, start.params)
-
-
-def begin_at(
-    room: Room, system: System, q0: Any, v0: Any, t0: float, params: ParameterValues | None
-) -> np.ndarray | None:
-    """`begin_in` for numbers one by one."""
     c = system.default_vector if params is None else parameter_values(system, params)
     n = room.n
     q, v = _plain_numbers(q0, n), _plain_numbers(v0, n)
@@ -172,8 +158,10 @@ def begin_at(
         q = vector("q0", q0, n, system.names).tolist()
     if v is None:
         v = vector("v0", v0, n, system.names).tolist()
-    room.put(room.block, 0, *q, *v, t0, *q)
-    there = c is room.given
+    asked, there = room.pack(*q, *v, t0, *q), c is room.given
+    if there and asked == room.known:
+        return c
+    room.put[:], room.known = asked, None
     if not there:
         room.given, room.c[:] = None, c
     room.begin()
@@ -182,12 +170,11 @@ def begin_at(
         for what, x in (("q0", q0), ("v0", v0)):
             vector(what, x, n, system.names)
         return None
-    if there and room.constant:
-        return c
-    if not is_clearly_definite(begun[-n * n :]) and c.tobytes() not in room.regular:
+    sure = (there and room.constant) or is_clearly_definite(begun[-n * n :])
+    if not sure and c.tobytes() not in room.regular:
         check_mass(system, room.values[2 * n + 1 :], c)
     if params is None:
-        room.given = c
+        room.given, room.known = c, asked
     return c
 
 

@@ -107,8 +107,13 @@ def cheapest(known: tuple[list[float], list[int]], radians: float, tol: float) -
 
 def choose_rule(rules: dict[Rule, float], radians: float, tol: float) -> Rule:
     """The one of `candidates` that has least work for a small oscillation over so many radians."""
-    costs = _costs(priced(rules), max(radians, 1.0) / tol)
-    return list(rules)[costs.index(min(costs))]
+    return cheapest_of(priced(rules), radians, tol).rule
+
+
+def cheapest_of(rules: tuple[Priced, ...], radians: float, tol: float) -> Priced:
+    """`choose_rule` of rules whose errors are known."""
+    costs = _costs(rules, max(radians, 1.0) / tol)
+    return rules[costs.index(min(costs))]
 
 
 @cache

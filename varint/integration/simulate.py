@@ -154,23 +154,26 @@ def simulate(
     ((1001, 1), True)
     """
     require_system(system)
-    if tol is not None or iteration_tol is not None:
+    if tol is not None or not (iteration_tol is None or (h is not None and _small(iteration_tol))):
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
     if (
-        p0 is u is at is scale is until is events is time_scale is checkpoint is None
+        p0 is u is at is scale is until is events is checkpoint is None
         and v0 is not None
         and (progress is None or progress is False)
         and type(save_every) is int
-        and save_every == 1
-        and backend == "auto"
         and on_failure == "raise"
     ):
-        known = q0, v0, t0, params
-        if h is None and steps is None:
+        known, grid = (q0, v0, t0, params), (h, steps, duration)
+        if time_scale is not None:
+            tried = _physical_call().physical_call(
+                system, rule, time_scale, known, grid, iteration_tol, save_every, backend
+            )
+        elif save_every != 1 or backend != "auto":
+            pass
+        elif h is None and steps is None:
             tried = _short_call().short_call(system, rule, known, duration, tol)
         else:
-            grid = h, steps, duration
             tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol)
         if type(tried) is Trajectory:
             return tried
@@ -215,9 +218,7 @@ def simulate(
 
 @cache
 def _few_steps() -> ModuleType:
-    """Loaded when it is asked for, as are the other two; to ask again what is loaded takes a short
-    run's time.
-    """
+    """Loaded when asked for, as are those below; to ask again takes a short run's time."""
     from varint.integration import few_steps
 
     return few_steps
@@ -231,10 +232,22 @@ def _short_call() -> ModuleType:
 
 
 @cache
+def _physical_call() -> ModuleType:
+    from varint.integration.time_transformation import physical_call
+
+    return physical_call
+
+
+@cache
 def _to_tolerance() -> ModuleType:
     from varint.integration import to_tolerance
 
     return to_tolerance
+
+
+def _small(x: Any) -> bool:
+    """Whether it may be a relative error."""
+    return isinstance(x, (float, int)) and 0 < x < 1
 
 
 def _tolerances(
@@ -242,7 +255,7 @@ def _tolerances(
 ) -> tuple[float | None, float | None]:
     """tol and iteration_tol; tol beside h or steps is the old name of the latter."""
     for name, x in (("tol", tol), ("iteration_tol", iteration_tol)):
-        if x is not None and not (isinstance(x, (float, int)) and 0 < x < 1):
+        if x is not None and not _small(x):
             raise InputError(f"{name} must be a relative error between 0 and 1, got {x!r}")
     if not stepped and iteration_tol is not None:
         raise InputError(

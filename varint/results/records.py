@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,22 @@ if TYPE_CHECKING:
     import casadi as ca
 
     from varint.scene.system import System
+
+
+class OnDemand:
+    """Default of a field of this name of a dataclass: None; but where an instance has a function
+    `_make_NAME` in its `__dict__`, what that makes, at the first look.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        make = None if instance is None else instance.__dict__.get(f"_make_{self.name}")
+        return None if make is None else instance.__dict__.setdefault(self.name, make())
+
+
+FICTITIOUS: Any = OnDemand("fictitious")
 
 
 class State(NamedTuple):

@@ -15,7 +15,7 @@ from varint.discrete.constraints import ActiveSet, every_row_function, multiplie
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError, renamed_attribute
 from varint.numerics.arrays import over_columns
-from varint.results.records import Costates, State, StepsAgain
+from varint.results.records import FICTITIOUS, Costates, State, StepsAgain
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import times_of
@@ -95,7 +95,7 @@ class Trajectory:
     active_set: np.ndarray | None = None
     events: tuple = ()
     stats: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
-    fictitious: Trajectory | None = None
+    fictitious: Trajectory | None = FICTITIOUS
     dense_output: Callable[[Trajectory, np.ndarray], Trajectory] | None = None
     solution: Any = None
     closure: np.ndarray | None = None

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,14 +14,16 @@ import numpy as np
 from varint.codegen.cache import CompileError
 from varint.codegen.kernel import Kernel
 from varint.codegen.rows import RowFunction, row_function_or_none
-from varint.codegen.until import Entries, Until, entries_of, run_until
+from varint.codegen.until import Entries, Until, entries_of, fictitious_nodes, run_until
 from varint.discrete.legendre import velocity_function
 from varint.integration.compiled_loop import POOR, kernel_of, native_kernel, scheme_of
 from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_after, kernel_now
+from varint.integration.many_steps import steps_again
 from varint.integration.plan import Plan, plan
 from varint.integration.time_transformation.physical_end import FIRST_CHUNK, OFF_LEVEL, PATIENCE
 from varint.integration.time_transformation.time_scale import TransformedScene
 from varint.integration.trajectories import plain_motion_of
+from varint.results.records import StepsAgain
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
@@ -35,14 +36,15 @@ BACKENDS = "auto", *LOOPS
 @dataclass(eq=False)
 class Called:
     """Of a rescaled scene and a rule: the plan, the gears, how many iterations a step may take,
-    what is said of energies, memory for starts, and the loops of the backends.
+    what is said of energies, how physical steps are taken once more, and the loops of the
+    backends.
     """
 
     plan: Plan
     gears: Gears | None
     most: float
     energies: RowFunction | None
-    starts: list[Any] = field(default_factory=list)
+    functions: StepsAgain
     loops: dict[str, tuple[Kernel, Entries] | None] = field(default_factory=dict)
 
     def loop(self, moving: System, backend: str) -> tuple[Kernel, Entries] | None:
@@ -76,7 +78,8 @@ def called_on(moving: System, scene: TransformedScene, rule: Rule | None) -> Cal
     scheme = scheme_of(moving, chosen.rule)
     gears = gears_of(moving, chosen.rule, scheme)
     most = POOR if scheme is BY_STAGES else math.inf
-    return Called(chosen, gears, most, energies_of(moving, scene))
+    functions = steps_again(chosen.rule)
+    return Called(chosen, gears, most, energies_of(moving, scene), functions)
 
 
 def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
@@ -120,15 +123,15 @@ def until_end(
     found = run_until(
         entries,
         *start,
-        h=h,
-        level=level,
-        t0=t0,
-        total=total,
-        every=every,
-        expected=expected,
-        patience=PATIENCE * (expected + FIRST_CHUNK),
-        energy=energy,
-        off=OFF_LEVEL,
+        h,
+        level,
+        t0,
+        total,
+        every,
+        expected,
+        PATIENCE * (expected + FIRST_CHUNK),
+        energy,
+        OFF_LEVEL,
     )
     if called.gears and backend == "auto" and kernel.scene:
         kernel_after(called.gears, perf_counter() - now, 0.0)
@@ -147,7 +150,7 @@ def inner_motion(
     seconds: float,
 ) -> Trajectory:
     """The motion in fictitious time with the nodes that were kept."""
-    nodes = found.k, found.tau, found.q, found.p
+    nodes = fictitious_nodes(found)
     grid = h, 0.0, np.empty((found.steps, 1, 0)), c
     work = found.iterations, found.residual
     return plain_motion_of(moving, called.plan, kernel, nodes, grid, work, seconds=seconds)

@@ -8,23 +8,22 @@ asked for, or something is not as it should be, and says what.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from varint.codegen.kernel import new_address
-from varint.integration.plain_start import (
-    Room,
-    asks_for_nodes,
-    begin_in,
-    is_plain,
-    is_plain_number,
-    room_of,
-)
-from varint.integration.problem import LEVEL, RunOptions, Start
+from varint.codegen.few_steps import Nodes
+from varint.codegen.kernel import Kernel, new_address
+from varint.codegen.until import Until, physical_nodes
+from varint.integration.energy_leap import energy_alarm
+from varint.integration.plain_start import Room, begin_at, is_plain, is_plain_number, room_of
+from varint.integration.problem import LEVEL, Grid
 from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
@@ -34,85 +33,125 @@ from varint.integration.time_transformation.inner_run import (
     until_end,
 )
 from varint.integration.time_transformation.local_rate import local_rate
-from varint.integration.time_transformation.physical_time import in_physical_time
+from varint.integration.time_transformation.physical_time import at_times
 from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.time_scale import TransformedScene, transformed_scene
+from varint.integration.trajectories import plain_motion_of
 from varint.numerics.arrays import hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
+from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
 
 def physical_call(
-    system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
-) -> tuple[Trajectory, bool] | None:
-    """The motion, and whether its energy stays; None where it is no such run, or comes to no good
-    end, and another way is to be taken.
+    system: System,
+    rule: Rule | None,
+    sigma: Any,
+    start: tuple[Any, Any, Any, ParameterValues | None],
+    grid: Grid,
+    iteration_tol: float | None,
+    every: int,
+    backend: str,
+) -> Trajectory | None:
+    """The motion from a start (q0, v0, t0, params); None where it is no such run, or comes to no
+    good end, and another way is to be taken. A warning where the energy does not stay.
     """
-    began, h, total, every = perf_counter(), options.h, options.duration, options.save_every
-    waits = options.progress is None or options.progress is False
-    if not (waits and options.steps is None and is_plain_number(h) and is_plain_number(total)):
+    began, (h, steps, total), t0 = perf_counter(), grid, start[2]
+    if not (steps is None and is_plain_number(h) and is_plain_number(total) and h * total > 0):  # type: ignore[operator]
         return None
-    if not (isinstance(options.backend, str) and options.backend in BACKENDS and h * total > 0):  # type: ignore[operator]
+    if not (is_plain_number(t0) and every > 0 and backend in BACKENDS):
+        return None
+    if not (rule is None or type(rule) is Rule):
         return None
     own = isinstance(sigma, str)
-    if not (asks_for_nodes(rule, start, options) and every > 0):
-        return None
     ready = _ready(system, rule, sigma if own else transformed_scene(system, sigma))
     if ready is None:
         return None
-    moving, called = ready
-    h, total = float(h), float(total)  # type: ignore[arg-type]
-    begun = called.starts.pop() if called.starts else _start_of(system, sigma)
+    called, moving, h, total = ready.called, ready.moving, float(h), float(total)  # type: ignore[arg-type]
+    begun = ready.starts.pop() if ready.starts else _start_of(system, ready.scene)
     try:
-        room = begun.room
-        c = begin_in(room, system, start)
+        c = begin_at(begun.room, system, *start)
         if c is None:
             return None
-        if own:
-            pilot = rate_pilot(system, room.q, room.v, c, total, h < 0)
-            begun.slowest[0] = slowest_rate(pilot, total)
-        begun.begin()
-        constants = begun.inner.copy()
-        _, energy, pace = constants[-3:].tolist()
+        if begun.room.known is None or begun.asked != (begun.room.known, total):
+            _begin(begun, system, c, total, own)
+        constants, energy, pace = begun.constants, begun.energy, begun.pace
         if not 0 < pace < math.inf:
             return None
-        check_steps(start.t0, h * pace, 1)
+        check_steps(t0, h * pace, 1)
         found = until_end(
             called,
             moving,
             begun.at,
             h,
-            0.0 if options.iteration_tol is None else LEVEL * options.iteration_tol,
-            (start.t0, total),
+            0.0 if iteration_tol is None else LEVEL * iteration_tol,
+            (t0, total),
             total / (h * pace),
             energy,
             every,
-            options.backend,
+            backend,
         )
     finally:
-        called.starts.append(begun)
+        ready.starts.append(begun)
     if found is None:
         return None
     until, kernel = found
-    inner = inner_motion(called, moving, h, constants, until, kernel, perf_counter() - began)
-    return in_physical_time(system, start.t0, inner, until.t), until.quiet
+    how = h, constants, until, kernel, perf_counter() - began
+    motion = physical_motion(system, called, moving, physical_nodes(until), c, how)
+    if not until.quiet:
+        assert motion.fictitious is not None
+        if alarm := energy_alarm(motion.fictitious):
+            warnings.warn(alarm, stacklevel=3)
+    return motion
+
+
+def physical_motion(
+    system: System,
+    called: Called,
+    moving: System,
+    nodes: Nodes,
+    c: np.ndarray,
+    how: tuple[float, np.ndarray, Until, Kernel, float],
+) -> Trajectory:
+    """The motion with these nodes and parameters, in the rescaled scene with step and parameters,
+    what the core has found with which loop, and seconds: that one is made when it is asked for.
+    """
+    h, _, until, kernel, seconds = how
+    grid, work = (h, 0.0, np.empty((until.steps, 1, 0)), c), (until.iterations, until.residual)
+    motion = plain_motion_of(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
+    own = motion.__dict__
+    own["functions"], own["dense_output"] = called.functions, at_times
+    own["_make_fictitious"] = partial(inner_motion, called, moving, *how)
+    return motion
+
+
+@dataclass(eq=False)
+class _Ready:
+    """Of a scene, a rule and a time scale: the rescaled scene, what is called of it, and memory for
+    starts that nobody uses.
+    """
+
+    scene: TransformedScene
+    moving: System
+    called: Called
+    starts: list[_Start]
 
 
 @per_system
-def _ready(
-    system: System, rule: Rule | None, scale: str | TransformedScene
-) -> tuple[System, Called] | None:
-    """The rescaled scene and what is called of it; None where the scene needs another way."""
+def _ready(system: System, rule: Rule | None, scale: str | TransformedScene) -> _Ready | None:
+    """None where the scene needs another way."""
     scene = transformed_scene(system, scale) if isinstance(scale, str) else scale
     if not is_plain(system) or (isinstance(scale, str) and local_rate(system).reason):
         return None
-    return scene.system, called_on(scene.system, scene, rule)
+    called = called_on(scene.system, scene, rule)
+    return _Ready(scene, scene.system, called, [])
 
 
-class _Start(NamedTuple):
+@dataclass(eq=False, slots=True)
+class _Start:
     """Memory for a start in fictitious time.
 
     Attributes
@@ -126,6 +165,12 @@ class _Start(NamedTuple):
         slowest rate, E0 and σ0.
     at : int, int
         Addresses of q and p of the rescaled scene, by `begin`, too, and of `inner`.
+    constants : array
+        `inner` of the start that is there, not to be changed.
+    asked : tuple, optional
+        The start and the duration.
+    energy, pace : float
+        E0 and σ0.
     """
 
     room: Room
@@ -134,17 +179,34 @@ class _Start(NamedTuple):
     at: tuple[int, int]
     begin: Callable[[], object]
     held: tuple
+    constants: np.ndarray
+    asked: tuple[bytes, float] | None = None
+    energy: float = 0.0
+    pace: float = 0.0
 
 
-def _start_of(system: System, sigma: Any) -> _Start:
+def _begin(begun: _Start, system: System, c: np.ndarray, total: float, own: bool) -> None:
+    """From the start in its room."""
+    room, begun.asked = begun.room, None
+    if own:
+        pilot = rate_pilot(system, room.q, room.v, c, total, total < 0)
+        begun.slowest[0] = slowest_rate(pilot, total)
+    begun.begin()
+    begun.constants = begun.inner.copy()
+    _, begun.energy, begun.pace = begun.constants[-3:].tolist()
+    if room.known is not None:
+        begun.asked = room.known, total
+
+
+def _start_of(system: System, scene: TransformedScene) -> _Start:
     n, many = system.structure.n, system.c.numel()
     room, slowest = room_of(system, False), np.zeros(1)
     x, inner = np.zeros(2 * n + 2), np.zeros(many + 3)
-    buffer, trigger = _start_function(system, transformed_scene(system, sigma)).buffer()
+    buffer, trigger = _start_function(system, scene).buffer()
     inputs = room.q, room.v, room.values[:n], room.t, room.c, slowest
     hand_over(buffer, inputs, (x, inner))
     at = new_address(x), new_address(inner)
-    return _Start(room, slowest, inner, at, trigger, (buffer, inputs, x))
+    return _Start(room, slowest, inner, at, trigger, (buffer, inputs, x), inner)
 
 
 @per_system

@@ -27,19 +27,15 @@ _KEPT = frozenset(x.name for x in fields(Trajectory))
 LOCATED = 4 * np.finfo(float).eps  # relative to |t|
 
 
-def in_physical_time(
-    system: System, t0: float, inner: Trajectory, times: np.ndarray | None = None
-) -> Trajectory:
-    """The motion in physical time; the motion in fictitious time stays with it. `times`: those of
-    its nodes, where they are known.
-    """
+def in_physical_time(system: System, t0: float, inner: Trajectory) -> Trajectory:
+    """The motion in physical time; the motion in fictitious time stays with it."""
     n, q, known = system.structure.n, inner.q, inner.__dict__
     motion = object.__new__(Trajectory)  # in half the time of `replace`, which short runs notice
     own = motion.__dict__
     own.update(known if known.keys() <= _KEPT else {x: known[x] for x in known if x in _KEPT})
     own.update(
         system=system,
-        t=t0 + q[:, n] if times is None else times,
+        t=t0 + q[:, n],
         q=q[:, :n],
         p=inner.p[:, :n],
         c=inner.c[:-3],  # without slowest rate, E0 and σ0

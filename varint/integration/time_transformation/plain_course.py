@@ -5,24 +5,29 @@ of around each, where nothing is watched on the way.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from varint.codegen.kernel import address_of
+from varint.codegen.rows import at_many_points
+from varint.codegen.until import physical_nodes
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
     called_on,
-    inner_motion,
     until_end,
 )
-from varint.integration.time_transformation.physical_time import in_physical_time
+from varint.integration.time_transformation.physical_call import physical_motion
 from varint.integration.time_transformation.transformed_run import Prepared, run_prepared
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 
 class PhysicalRun(NamedTuple):
@@ -53,8 +58,18 @@ def velocities(prepared: Prepared, nodes: PhysicalRun, some: np.ndarray) -> np.n
     """Physical ones at some nodes."""
     system = prepared.system
     c = prepared.problem.c[: system.c.numel()]
-    at = nodes.q[some], nodes.p[some], nodes.t[some, None], c
-    return over_columns(velocity_function(system), *at)[0]
+    return _velocity_rows(system)(c, nodes.q[some], nodes.p[some], nodes.t[some, None])[0]
+
+
+@per_scene
+def _velocity_rows(system: System) -> Callable[..., list[np.ndarray]]:
+    """(c, q, p, t) at many nodes → v."""
+    p = ca.SX.sym("p", system.structure.n)
+    function = velocity_function(system)
+    if not function.is_a("SXFunction"):
+        return lambda c, *at: over_columns(function, *at, c)
+    v = ca.densify(function(system.q, p, system.t, system.c))
+    return at_many_points("velocity", [system.q, p, system.t], system.c, [v])
 
 
 def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | None:
@@ -87,9 +102,7 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
     seconds = perf_counter() - began
     until, kernel = found
 
-    def motion() -> Trajectory:
-        inner = inner_motion(called, scene.system, h, c, until, kernel, seconds)
-        return in_physical_time(system, t0, inner)
-
-    n = system.structure.n
-    return PhysicalRun(until.t, until.q[:, :n], until.p[:, :n], motion)
+    nodes, own = physical_nodes(until), c[: system.c.numel()]
+    how = h, c, until, kernel, seconds
+    motion = partial(physical_motion, system, called, scene.system, nodes, own, how)
+    return PhysicalRun(*nodes[1:], motion)

@@ -34,7 +34,6 @@ from varint.integration.time_transformation.fictitious_start import (
     start_velocity,
 )
 from varint.integration.time_transformation.local_rate import local_rate
-from varint.integration.time_transformation.physical_call import physical_call
 from varint.integration.time_transformation.physical_end import (
     blocks_until,
     end_at_duration,
@@ -64,12 +63,6 @@ def simulate_transformed(
     system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
 ) -> Trajectory:
     """`simulate` with a time scale: h is the step of τ, dt = σ(q) dτ; nodes at physical times."""
-    if (found := physical_call(system, rule, sigma, start, options)) is not None:
-        motion, quiet = found
-        assert motion.fictitious is not None
-        if not quiet and (alarm := energy_alarm(motion.fictitious)):
-            warnings.warn(alarm, stacklevel=3)
-        return motion
     h, steps, duration = options.h, options.steps, options.duration
     if h is None or (steps is None) == (duration is None):
         raise InputError(
@@ -108,16 +101,25 @@ class Prepared(NamedTuple):
 
 
 def prepare(
-    system: System, rule: Rule | None, sigma: Any, start: Start, options: RunOptions
+    system: System,
+    rule: Rule | None,
+    sigma: Any,
+    start: Start,
+    options: RunOptions,
+    begun: InitialValueProblem | None = None,
 ) -> Prepared:
-    """Checked and completed input of a run with steps h and a duration, or a number of steps."""
+    """Checked and completed input of a run with steps h and a duration, or a number of steps; of a
+    run without controls whose start is checked already, `begun` is with other steps.
+    """
     scene = transformed_scene(system, sigma)
     chosen = plan(scene.system, rule)
     total = None if options.duration is None else float(options.duration)
     count = 1 if options.steps is None else options.steps
-    problem = initial_value_problem(
-        system, chosen.rule, start, options._replace(steps=count, duration=None)
-    )
+    if begun is None:
+        asked = options._replace(steps=count, duration=None)
+        problem = initial_value_problem(system, chosen.rule, start, asked)
+    else:
+        problem = begun._replace(h=float(options.h), steps=count, nodes=len(chosen.rule.nodes))
     inside = partial(_inside, system, scene, problem.t0)
     until, events = options.until, options.events
     if until is not None:

@@ -14,10 +14,12 @@ from varint.integration.energy_check import energies_along
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.problem import InitialValueProblem, RunOptions, Start
 from varint.integration.rule_choice import (
+    Priced,
     candidates,
-    choose_rule,
+    cheapest_of,
+    first_steps,
     iteration_level,
-    steps_for,
+    priced,
 )
 from varint.integration.run_distance import with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
@@ -45,6 +47,7 @@ from varint.integration.two_runs import (
 )
 from varint.integration.walls import Failure, require_way_on
 from varint.rules.rule import Rule
+from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 # largest rate over the mean one: equal steps would be as many times as many, less what a step of
@@ -78,20 +81,26 @@ def choose_varying_steps(
     span = pilot.mean * total
     asked = options._replace(h=span, tol=None, scale=None, save_every=1, progress=False)
     asked = asked._replace(steps=None, events=None)
-    own = rule
-    if own is None:
-        stages = {r: work for r, work in candidates(system, True).items() if r.points}
-        own = choose_rule(stages, abs(span), tol)
+    price = cheapest_of(_prices(system, rule), abs(span), tol)
+    own, first = price.rule, first_steps(price, abs(span), tol)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
-        prepared = prepare(system, own, AUTO, start, asked)
+        prepared = prepare(system, own, AUTO, start, asked, problem)
         course = _course(prepared, span, total, options.scale, prepared.stop is not None)
-        found = run_twice(own, course, steps_for(own, abs(span), tol), tol, FLOOR)
+        found = run_twice(own, course, first, tol, FLOOR)
     if found is None:
         return None
     motion = found.run.motion()
     reached = found.estimate <= tol
     return Choice(own, found.steps, motion, found.estimate, found.runs, reached, True)
+
+
+@per_scene
+def _prices(system: System, rule: Rule | None) -> tuple[Priced, ...]:
+    """The rule, or those that can follow a rate that varies."""
+    if rule is not None:
+        return priced({rule: 1.0})
+    return priced({r: work for r, work in candidates(system, True).items() if r.points})
 
 
 def worthwhile_pilot(
