@@ -248,7 +248,7 @@ static void clear_steps(const Work *x, int64_t k, int64_t steps, const double *r
     if (a->many(&pieces) != DONE) return;
     for (int64_t i = 0; i < steps; i++) {
         int clear = 1;
-        for (int j = 0; j < CONTACTS; j++) clear &= a->holds[j] || x->floors[i * CONTACTS + j] >= 0;
+        for (int j = 0; j < CONTACTS; j++) clear &= a->holds[j] || x->floors[i * CONTACTS + j] > 0; /* 0: a root cut off */
         x->clear[i] = clear && unsound(rows + row * (i + 1), 3 * N) == 0;
     }
 }

@@ -18,7 +18,7 @@ typedef struct {
 typedef struct {
     const Scene *scene;
     const double *start, *c; /* q and v; parameters */
-    double *told;            /* mean of w over time, its largest value */
+    double *told;            /* mean of w over time, its largest value, the time that was seen */
     int64_t n, steps;
     double angle, sign, total, astray; /* of w in a step; how long at most; energy error over p v where it ends */
 } LookAhead;
@@ -55,7 +55,7 @@ int look_ahead(const LookAhead *a) {
         largest = now > largest ? now : largest;
         seen++, last = now, before = late;
     }
-    if (seen > 1) a->told[0] = turned / before, a->told[1] = largest;
+    if (seen > 1) a->told[0] = turned / before, a->told[1] = largest, a->told[2] = before;
 end:
     free(w);
     return seen;

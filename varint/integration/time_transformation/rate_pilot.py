@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ STEPS = 80
 ANGLE = 0.4  # of the local rate in a step: a Runge–Kutta method of order 4 is right to 1e-3
 ASTRAY = 0.05  # of the largest p·v: an energy error where the look ahead ends
 REMEMBERED = 16
+BITS = 24  # of what was seen: the way that it is seen by shows in none of them
 GROWTH = 1.5  # of steps at most, where the rate vanishes
 FAR_BELOW = 0.9  # further off a bound than two ways to compute the same can be
 
@@ -64,6 +66,30 @@ def _looked_at(
     total: float | None,
     backwards: bool,
 ) -> RatePilot | None:
+    """In the core, where the scene has a form as data."""
+    end, look = math.inf if total is None else abs(total), _look(system)
+    if look is None:
+        seen = _without_core(system, q, v, c, end, backwards)
+    else:
+        seen = _by_core(look, np.concatenate([q, v]), c, end, backwards)
+    return None if seen is None else RatePilot(*map(_roughly, seen))
+
+
+def _roughly(x: float) -> float:
+    mantissa, exponent = math.frexp(x)
+    return math.ldexp(round(mantissa * 2**BITS), exponent - BITS)
+
+
+def _by_core(
+    look: Look, start: np.ndarray, c: np.ndarray, end: float, backwards: bool
+) -> tuple[float, float, float] | None:
+    how: dict[str, Any] = {"steps": STEPS, "angle": ANGLE, "astray": ASTRAY}
+    return look_ahead(look, start, c, backwards=backwards, total=end, **how)
+
+
+def _without_core(
+    system: System, q: np.ndarray, v: np.ndarray, c: np.ndarray, end: float, backwards: bool
+) -> tuple[float, float, float] | None:
     sign = np.array([-1.0 if backwards else 1.0])
     start = call(_rate_function(system), q, c)[0]
     if not (np.isfinite(start).all() and start[0] > 0):
@@ -74,14 +100,13 @@ def _looked_at(
     rates = np.concatenate([start, rates])
     times = np.concatenate([[0.0], np.cumsum(passed)])
     good = np.isfinite(times) & np.isfinite(rates) & ~np.append(astray, False)
-    if total is not None:
-        good &= np.concatenate([[True], times[:-1] < abs(total)])
+    good &= np.concatenate([[True], times[:-1] < end])
     count = int(np.argmin(good)) if not good.all() else len(good)
     if count < 2:
         return None
     times, rates = times[:count], rates[:count]
     turned = ((rates[1:] + rates[:-1]) / 2 * np.diff(times)).sum()
-    return RatePilot(turned / times[-1], rates.max(), times[-1])
+    return turned / times[-1], rates.max(), times[-1]
 
 
 def varies_little(
@@ -111,16 +136,7 @@ def _varies_little(
     look = _look(system)
     if look is None:
         return False
-    seen = look_ahead(
-        look,
-        start,
-        c,
-        steps=STEPS,
-        angle=ANGLE,
-        backwards=total < 0,
-        total=abs(total),
-        astray=ASTRAY,
-    )
+    seen = _by_core(look, start, c, abs(total), total < 0)
     return seen is None or seen[1] < FAR_BELOW * factor * seen[0]
 
 
