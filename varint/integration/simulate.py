@@ -165,15 +165,14 @@ def simulate(
         and on_failure == "raise"
     ):
         known, grid = (q0, v0, t0, params), (h, steps, duration)
+        as_it_comes = save_every == 1 and backend == "auto"
         if time_scale is not None:
             tried = _physical_call().physical_call(
                 system, rule, time_scale, known, grid, iteration_tol, save_every, backend
             )
-        elif save_every != 1 or backend != "auto":
-            pass
-        elif h is None and steps is None:
+        elif as_it_comes and h is None and steps is None:
             tried = _short_call().short_call(system, rule, known, duration, tol)
-        else:
+        elif as_it_comes:
             tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol)
         if type(tried) is Trajectory:
             return tried
