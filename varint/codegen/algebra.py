@@ -182,16 +182,44 @@ def _rewritten(r: _Rewriting, i: int) -> Sum:
         c, a, powers = _term(r, x[0])
         if c == 1 and r.graph.is_one(a) and len(powers) == 1 and has_root(powers[0][1]):
             return ((1.0, a, ((powers[0][0], powers[0][1] // 2),)),)
+    if name in ("fabs", "sign"):
+        return _factor_by_factor(r, name, x[0])
     return ((1.0, r.graph.node(name, *(_node(r, y) for y in x)), ()),)
 
 
+def _factor_by_factor(r: _Rewriting, name: str, x: Sum) -> Sum:
+    """|x| or the sign of x, of a product factor by factor: even powers and roots have none, and
+    that of what is the same all the time is found once.
+    """
+    c, a, powers = _term(r, x)
+    positive, same, varying = list[tuple[int, int]](), list[tuple[int, int]](), list(powers)
+    for power in powers:
+        base, e = power
+        if e % 8 != 4 and (e < 0 or name == "fabs"):  # no zero, whose sign is 0
+            positive.append(power)
+        elif base in r.constant:
+            same.append(power)
+        else:
+            continue
+        varying.remove(power)
+    found: Powers = tuple(positive) if name == "fabs" else ()
+    if same:
+        once = r.graph.node(name, _times(r, r.graph.one, tuple(same)))
+        r.constant.add(once)
+        r.kinds.setdefault(once, "inverse")
+        found = joined(found, ((once, 4),))
+    whole = _times(r, a, tuple(varying))
+    size = abs(c) if name == "fabs" else float((c > 0) - (c < 0))
+    return ((size, whole if r.graph.is_one(whole) else r.graph.node(name, whole), found),)
+
+
 def _added_up(r: _Rewriting, terms: Sum) -> Sum:
-    """Like terms added up, also those of the sums in it where that leaves fewer."""
+    """Like terms added up, also those of the sums in it where some of them cancel."""
     short, parts = _merged(terms), r.parts
     for _, a, _ in terms:
         if a in parts:
             long = _merged(_expanded(r, terms))
-            return long if len(long) < len(short) else short
+            return long if len(long) <= len(short) else short
     return short
 
 
@@ -225,37 +253,44 @@ def _term(r: _Rewriting, terms: Sum) -> Term:
         groups: dict[Powers, list[tuple[float, int]]] = {}
         for c, a, powers in terms:
             groups.setdefault(powers, []).append((c, a))
-        added = [(powers, *_factored(r.graph, group)) for powers, group in groups.items()]
-        size, whole = _factored(r.graph, [(c, _times(r, a, powers)) for powers, c, a in added])
+        added = [(powers, *_factored(r, group)) for powers, group in groups.items()]
+        size, whole = _factored(r, [(c, _times(r, a, powers)) for powers, c, a in added])
         common = ()
     else:
-        size, whole = _factored(r.graph, [(c, a) for c, a, _ in terms])
+        size, whole = _factored(r, [(c, a) for c, a, _ in terms])
     if len(terms) <= FEW_TERMS:
         r.parts[whole] = size, terms, common
     return size, whole, common
 
 
-def _factored(graph: Graph, terms: list[tuple[float, int]]) -> tuple[float, int]:
+def _factored(r: _Rewriting, terms: list[tuple[float, int]]) -> tuple[float, int]:
     """The sum of factors times nodes; a factor common to all stays outside."""
     if len(terms) == 1:
         return terms[0]
     size = abs(terms[0][0])
-    if size != 1.0 and not any(abs(c) != size or graph.is_one(a) for c, a in terms):
-        return size, _added(graph, [(c / size, a) for c, a in terms])
-    return 1.0, _added(graph, terms)
+    if size != 1.0 and not any(abs(c) != size or r.graph.is_one(a) for c, a in terms):
+        terms = [(c / size, a) for c, a in terms]
+    else:
+        size = 1.0
+    same = [term for term in terms if r.graph.is_one(term[1]) or term[1] in r.constant]
+    others = [term for term in terms if term not in same]
+    if len(same) > 1 and others:  # added up once
+        same = [(1.0, _added(r, same))]
+        r.constant.add(same[0][1])
+    return size, _added(r, same + others)  # what is not waited for first
 
 
-def _added(graph: Graph, terms: list[tuple[float, int]]) -> int:
+def _added(r: _Rewriting, terms: list[tuple[float, int]]) -> int:
     """The sum as a node: terms without a factor first, so that each further one is a fused
     multiply-add.
     """
     if len(terms) > LONGEST_CHAIN:
         half = len(terms) // 2
-        return graph.node("add", _added(graph, terms[:half]), _added(graph, terms[half:]))
+        return r.graph.node("add", _added(r, terms[:half]), _added(r, terms[half:]))
     first, *others = sorted(terms, key=_place)
-    total = _single(graph, *first)
+    total = _single(r, *first)
     for c, a in others:
-        total = graph.node("sub" if c < 0 else "add", total, _single(graph, abs(c), a))
+        total = r.graph.node("sub" if c < 0 else "add", total, _single(r, abs(c), a))
     return total
 
 
@@ -265,17 +300,26 @@ def _place(term: tuple[float, int]) -> int:
     return 0 if c == 1.0 else 1 if c == -1.0 else 3 if c < 0 else 2
 
 
-def _single(graph: Graph, c: float, a: int) -> int:
+def _single(r: _Rewriting, c: float, a: int) -> int:
+    graph = r.graph
     if c == 1.0 and not graph.is_one(a):
         return a
     if graph.is_one(a) or not c:
         return graph.node("const", c)
-    return graph.node("neg", a) if c == -1 else graph.node("mul", graph.node("const", c), a)
+    if c == -1:
+        return graph.node("neg", a)
+    same, varying = graph.node("const", c), a
+    node = graph.nodes[a]
+    if node[0] == "mul" and not r.constant.isdisjoint(node[1:]):  # both factors in one
+        x, varying = node[1:] if node[1] in r.constant else node[:0:-1]
+        same = graph.node("mul", same, x)
+        r.constant.add(same)
+    return graph.node("mul", same, varying)
 
 
 def _node(r: _Rewriting, terms: Sum) -> int:
     c, a, powers = _term(r, terms)
-    return _single(r.graph, c, _times(r, a, powers) if c else a)
+    return _single(r, c, _times(r, a, powers) if c else a)
 
 
 def _product(r: _Rewriting, x: Sum, y: Sum) -> Sum:
@@ -314,4 +358,7 @@ def _times(r: _Rewriting, a: int, powers: Powers) -> int:
             same = r.graph.times(same, power)
         else:
             varying = r.graph.times(varying, power)
-    return r.graph.times(a, r.graph.times(same, varying))
+    whole = r.graph.times(same, varying)
+    if r.graph.is_one(varying):
+        r.constant.add(whole)
+    return r.graph.times(a, whole)

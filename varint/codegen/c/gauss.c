@@ -61,6 +61,8 @@
 #define CAREFUL 200 /* steps that start from a low degree after a start of high degree has failed */
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
+#define LATELY 8 /* steps that count in a mean that fades */
+#define WORSE 1.3 /* times as many evaluations as lately: the other order is not tried to the end */
 #define LONGER (AHEAD ? 1.05 : 1.15) /* time of an evaluation of one half after the other, relative to both at once */
 #define SMALL_WORK 1e-9 /* of a change that no longer shrinks, beside the action of the step: round-off of large momenta */
 #define KEPT_NOISE 0.95 /* from step to step: sooner or later it is looked at again */
@@ -94,7 +96,7 @@ typedef V Unknowns[MOST_ROWS][VECTORS];
 /* What a run needs to go on as if it had not stopped: these numbers, and behind them y and its rest, 2 N each, what the
    scales remember, ROWS each, and the unknowns of the last two steps and of the one that is begun. */
 typedef struct {
-    double steps_known, expected, h, rate, work, low, count, tried, counts[2]; /* of the steps tried in either order */
+    double steps_known, expected, h, rate, work, low, count, tried, counts[3]; /* of the steps tried in either order */
     double numbers[];
 } Carry;
 #define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED))
@@ -481,7 +483,7 @@ typedef struct {
     Change change;
     int64_t known, expected, iterations, most_iterations;
     int64_t low;                  /* so many steps start from a low degree */
-    double tried, counts[2], slowest, residual;
+    double tried, counts[3], slowest, residual; /* counts: in either order; one half after the other, lately */
     int seidel;
 } Run;
 
@@ -495,7 +497,7 @@ APART void restore(Run *r, const RunArguments *a) {
     for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
     r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
-    r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->slowest = r->residual = 0;
+    r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->counts[2] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
 #if HALVES
     r->now.taken = r->next.taken = r->taken;
@@ -578,18 +580,34 @@ INLINE int solve(Run *r, int64_t k) {
     }
 }
 
+/* How often a step that takes `count` evaluations need not have been looked at, nor evaluated: at the present rate. */
+INLINE int64_t spare(const Change *c, double level, int64_t count) {
+    int64_t found = 0;
+    for (double left = c->left; c->checks == 1 && left <= c->rate * level && 2 * found < count; left /= c->rate) found++;
+    return found;
+}
+
+/* Counts a step tried in either order; after so many of them, or where the second order is clearly worse than the first
+   was lately, it is known in which the halves converge sooner. */
+INLINE void count_trial(Run *r) {
+    double *const counts = r->counts, count = (double)r->now.count, others = (r->tried += 1) - TRIAL;
+    counts[r->seidel] += count;
+    if (r->seidel) counts[2] += count - counts[2] / LATELY;
+    const int worse = others > 1 && counts[0] * LATELY > WORSE * counts[2] * others;
+    if (!worse && r->tried < 2 * TRIAL) return;
+    r->seidel = worse || LONGER * counts[1] <= counts[0], r->tried = 2 * TRIAL, r->expected = 0, r->change.rate = 1;
+    if (worse) counts[0] = INFINITY;
+}
+
 /* The solved step becomes the last one: the state at its end, and what the next one starts from; nothing of it where that
    is not finite. */
 INLINE int accept(Run *r) {
     Change *const c = &r->change;
     double *const y = r->y, *const rest = r->rest, old[2 * MOST_N], lost[2 * MOST_N], sums[3 * MOST_ROWS];
     /* where already the first look saw nothing but round-off, the next step looks earlier */
-    r->expected = c->checks > 1 && c->first <= 4 * c->now ? r->now.count - c->checks : r->now.count;
+    r->expected = c->checks > 1 && c->first <= 4 * c->now ? r->now.count - c->checks : r->now.count - spare(c, r->level, r->now.count);
     r->most_iterations = r->now.count > r->most_iterations ? r->now.count : r->most_iterations;
-    if (r->tried < 2 * TRIAL && r->known > 1) {
-        r->tried += 1, r->counts[r->seidel] += (double)r->now.count;
-        if (r->tried == 2 * TRIAL) r->seidel = LONGER * r->counts[1] <= r->counts[0], r->expected = 0, c->rate = 1;
-    }
+    if (r->tried < 2 * TRIAL && r->known > 1) count_trial(r);
     memcpy(r->older, r->last, UNKNOWNS_SIZE), memcpy(r->last, r->now.x, UNKNOWNS_SIZE);
     r->known += r->known < 2, r->low -= r->low > 0;
     COPY(old, y, 2 * N), COPY(lost, rest, 2 * N);
