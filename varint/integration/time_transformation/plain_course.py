@@ -54,7 +54,7 @@ def physical_run(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRu
     return PhysicalRun(motion.t, motion.q, motion.p, lambda: motion)
 
 
-def velocities(system: System, c: np.ndarray, nodes: PhysicalRun, some: np.ndarray) -> np.ndarray:
+def velocities(system: System, c: np.ndarray, nodes: PhysicalRun, some: slice) -> np.ndarray:
     """Physical ones at some nodes."""
     return _velocity_rows(system)(c, nodes.q[some], nodes.p[some], nodes.t[some, None])[0]
 

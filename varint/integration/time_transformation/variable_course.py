@@ -189,15 +189,16 @@ def apart_by(
     else:
         scales = error_scales(system, other.motion(), scale)
     unit = math.gcd(few, many)
-    i = np.arange(0, len(one.t) - 1, few // unit)
-    j = np.arange(0, len(other.t) - 1, many // unit)
-    count = min(len(i), len(j))
-    some = slice(None, count, max(1, count // MOST_COMPARED))
-    i, j = i[some], j[some]
+    every, of_other = few // unit, many // unit
+    # the last node is no whole step from the one before
+    count = min(-((1 - len(one.t)) // every), -((1 - len(other.t)) // of_other))
+    apart = max(1, count // MOST_COMPARED)
+    i = slice(0, count * every, apart * every)
+    j = slice(0, count * of_other, apart * of_other)
     late = (one.t[i] - other.t[j])[:, None]
     off = np.abs(one.q[i] - other.q[j] - late * velocities(system, c, other, j))
     end = np.abs(one.q[-1:] - other.q[-1:])
     if ends_early:
-        last = np.array([len(other.t) - 1])
+        last = slice(len(other.t) - 1, None)
         end += abs(one.t[-1] - other.t[-1]) * np.abs(velocities(system, c, other, last))
     return with_early(np.concatenate((off, end)) / scales)
