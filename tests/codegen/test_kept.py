@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.codegen import kept, routines, tape
+from varint.codegen import kept, routines, tableau, tape
 from varint.codegen.graph import NotCompilable
 from varint.codegen.native import native_gauss
 from varint.codegen.native_newton import native_newton
@@ -98,10 +98,32 @@ def test_all_code_that_arranges_is_part_of_the_name(folder):
         sys.setprofile(None)
     whole = {Path(x) for x in ran if str(HERE.parent) in x}
     known = {HERE / x for x in kept.ARRANGING} | {Path(operations.__file__)}
-    # what keeps them, and reads c/tape.h, decides nothing
-    assert whole - known <= {HERE / "cache.py", HERE / "arguments.py"}
+    # what keeps them, and reads files, decides nothing
+    assert whole - known <= {HERE / "cache.py", HERE / "arguments.py", HERE / "built.py"}
     assert {HERE / "algebra.py", HERE / "tape.py"} <= whole
     assert all(path.exists() for path in known)
+
+
+@pytest.mark.parametrize("stages", (1, 2, 5, 8, 16))
+def test_tables_of_a_rule_are_read_as_they_were_computed(folder, monkeypatch, stages):
+    whole = tableau.gauss_tableau.__wrapped__
+    computed = tableau._computed(stages)
+    first = whole(stages)
+    (path,) = folder.iterdir()
+    monkeypatch.setattr(tableau, "_computed", never)
+    for found in (first, whole(stages)):
+        assert list(found) == list(computed)
+        assert all(np.array_equal(found[name], x) for name, x in computed.items())
+    path.write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(AssertionError, match="arranged again"):
+        whole(stages)
+
+
+def test_tables_are_computed_anew_by_other_code(folder, monkeypatch):
+    tableau.gauss_tableau.__wrapped__(3)
+    monkeypatch.setattr(tableau, "code_of", lambda *_: b"another")
+    tableau.gauss_tableau.__wrapped__(3)
+    assert len(list(folder.iterdir())) == 2
 
 
 @pytest.mark.parametrize("damage", ("cut", "changed", "longer", "empty"))

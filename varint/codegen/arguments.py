@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterable
 from ctypes import Structure, c_double, c_int64, c_void_p
 from enum import IntEnum
 from functools import cache
-from pathlib import Path
 
 
 @cache
 def c_source(name: str) -> str:
     """A C file of this package, with those of its own that it includes in their places."""
-    before, ours, after = '#include "', '"\n', (Path(__file__).parent / "c" / name).read_text()
+    before, ours, after = '#include "', '"\n', _text(name)
     return "".join(
         [
             c_source(line[len(before) : -len(ours)])
@@ -22,6 +22,11 @@ def c_source(name: str) -> str:
             for line in after.splitlines(keepends=True)
         ]
     )
+
+
+def _text(name: str) -> str:
+    with open(os.path.join(os.path.dirname(__file__), "c", name)) as file:
+        return file.read()
 
 
 def c_number(text: str, name: str) -> int:

@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from contextlib import suppress
 from ctypes import CDLL, c_char, c_int
 from functools import cache
-from pathlib import Path
 
 
 @cache
 def built_library() -> CDLL | None:
     """What setup.py has built of these sources; None where there was no compiler."""
-    here = Path(__file__).parent
+    here = os.path.dirname(__file__)
     digest = hashlib.sha256()
-    for path in sorted((here / "c").glob("*.[ch]")):
-        digest.update(path.read_bytes())
-    for path in here.glob("_core.*"):
+    for name in sorted(os.listdir(os.path.join(here, "c"))):
+        if name.endswith((".c", ".h")):
+            digest.update(bytes_of(os.path.join(here, "c", name)))
+    for name in os.listdir(here):
+        if not name.startswith("_core."):
+            continue
         with suppress(OSError, ValueError):  # made for another machine, or of sources before
-            built = CDLL(str(path))
+            built = CDLL(os.path.join(here, name))
             if (c_char * 64).in_dll(built, "digest").value == digest.hexdigest().encode():
                 return built
     return None
+
+
+def bytes_of(path: str) -> bytes:
+    """Of a short file, at once."""
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+    try:
+        return os.read(number, os.fstat(number).st_size)
+    finally:
+        os.close(number)
 
 
 def newer_functions() -> bool:

@@ -11,15 +11,12 @@ from __future__ import annotations
 import atexit
 import ctypes
 import hashlib
-import importlib.util
 import os
 import platform
-import shutil
 import stat
 import sys
 from contextlib import suppress
 from functools import lru_cache
-from pathlib import Path
 from time import time
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,6 +25,7 @@ from varint.errors import VarintError
 
 if TYPE_CHECKING:
     import subprocess
+    from pathlib import Path
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math")
 # products and sums are fused as the source says, or wherever the compiler finds them
@@ -58,12 +56,15 @@ def compiler() -> tuple[str, ...] | None:
     """The command of a C compiler: $CC, cc, gcc, clang, or the wheel of the `jit` extra; None
     where there is none.
     """
+    from importlib.util import find_spec
+    from shutil import which  # not all that is run is compiled
+
     named = os.environ.get("CC", "").split()
     for command in ([named] if named else []) + [["cc"], ["gcc"], ["clang"]]:
-        found = shutil.which(command[0])
+        found = which(command[0])
         if found:
             return (found, *command[1:])
-    if importlib.util.find_spec("ziglang"):
+    if find_spec("ziglang"):
         return (sys.executable, "-m", "ziglang", "cc")
     return None
 
@@ -102,7 +103,8 @@ def _functions() -> tuple[str, ...]:
 
 def _processor() -> str:
     try:
-        lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
+        with open("/proc/cpuinfo") as file:
+            lines = file.read().split("\n\n")[0].splitlines()
     except OSError:
         return f"{platform.machine()} {platform.processor()} {platform.platform()}"
     wanted = ("model name", "flags", "Features")
@@ -119,10 +121,17 @@ def cache_folder() -> Path:
     """The user's own folder for compiled code; made with mode 0700, refused when others could
     write to it.
     """
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = root / "varint"
+    from pathlib import Path  # takes longer to import than what is kept to read
+
+    return Path(cache_place())
+
+
+def cache_place() -> str:
+    """`cache_folder` as text."""
+    root = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    folder = os.path.join(root, "varint")
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.makedirs(folder, mode=0o700, exist_ok=True)
     except OSError as error:
         raise CompileError(
             f"the cache folder {folder} cannot be made ({error.strerror}); set XDG_CACHE_HOME"
@@ -131,11 +140,11 @@ def cache_folder() -> Path:
     return folder
 
 
-def refuse_foreign(path: Path) -> None:
+def refuse_foreign(path: str | Path) -> None:
     """Refuse what others could have written; raises OSError where there is nothing."""
     if not hasattr(os, "geteuid"):
         return
-    about = path.lstat()
+    about = os.lstat(path)
     if stat.S_ISLNK(about.st_mode) or about.st_uid != os.geteuid() or about.st_mode & 0o022:
         raise CompileError(
             f"{path} is a link, belongs to another user or is writable by others, so compiled code "
@@ -193,6 +202,7 @@ def begin_compilation(source: str, contraction: str = WHEREVER) -> Compilation |
         return None
     # these take as long to import as all else of a first run in the low gear
     import tempfile
+    from pathlib import Path
 
     from varint.codegen.processes import start
 
@@ -217,7 +227,7 @@ def finished(work: Compilation) -> bool:
         with suppress(OSError, CompileError):  # no room: `library` will say so
             _store((work.place / RESULT).read_bytes(), cache_folder(), work.key)
     _AT_WORK.remove(work)
-    shutil.rmtree(work.place, ignore_errors=True)
+    _remove(work.place)
     return True
 
 
@@ -228,7 +238,13 @@ def _end_work() -> None:
 
         work = _AT_WORK.pop()
         end(work.process)
-        shutil.rmtree(work.place, ignore_errors=True)
+        _remove(work.place)
+
+
+def _remove(folder: Path) -> None:
+    import shutil
+
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _key(source: str, contraction: str) -> str:
@@ -280,6 +296,7 @@ def _compile(source: str, folder: Path, key: str, contraction: str) -> ctypes.CD
     """Compile outside the cache folder: what is interrupted leaves nothing in it."""
     import subprocess
     import tempfile
+    from pathlib import Path
 
     from varint.codegen.processes import run
 
@@ -318,6 +335,7 @@ def _store(content: bytes, folder: Path, key: str) -> Path:
             if time() - old.stat().st_mtime > ABANDONED:
                 old.unlink()
     import tempfile
+    from pathlib import Path
 
     number, name = tempfile.mkstemp(dir=folder, prefix=PART)
     try:

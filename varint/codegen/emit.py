@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from varint.codegen.algebra import graph_of
-from varint.codegen.dependence import fused, needed, operations, sine_and_cosine, uniform_nodes
+from varint.codegen.arranged import WRITTEN_OUT, arranged, forms_of
+from varint.codegen.dependence import needed, operations, sine_and_cosine, uniform_nodes
 from varint.codegen.graph import Graph
 from varint.codegen.parts import LARGEST, Statement
 from varint.codegen.pieces import (
@@ -21,13 +21,11 @@ from varint.codegen.pieces import (
     repeats_of,
     worth_it,
 )
-from varint.codegen.rolled import INFIX, Forms, c_expression, c_loops, group_by_form
+from varint.codegen.rolled import INFIX, c_expression, c_loops
 
 # operations from which on a function is not written into its callers: the compiler takes longer, no
 # gain
 LONG = 300
-WRITTEN_OUT = 20_000  # operations; longer functions become loops over operations of the same form
-ROLLED = 0.5  # forms for an operation at most: more are not worth loops
 
 
 @dataclass(frozen=True)
@@ -65,15 +63,6 @@ def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTE
     return emit_graph(name, arranged(f, written_out), f.n_in() - 1, stride, written_out)
 
 
-def arranged(f: ca.Function, written_out: int = WRITTEN_OUT) -> Graph:
-    """The operations of f(x0, …, c) arranged for speed; the last argument is the same in all
-    lanes.
-    """
-    graph, last = graph_of(f), f.n_in() - 1
-    # loops add up long sums in an order of their own
-    return graph if _forms(graph, last, written_out) else fused(graph, last)
-
-
 def emit_graph(
     name: str, graph: Graph, last: int, stride: str = "1", written_out: int = WRITTEN_OUT
 ) -> Emitted:
@@ -108,7 +97,7 @@ def emit_graph(
         f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names
     ]
     count, roots = operations(graph, last)
-    forms = _forms(graph, last, written_out)
+    forms = forms_of(graph, last, written_out)
     statements: list[Statement] = []
     if forms:
         body, places = c_loops(forms, stride, constant, place)
@@ -142,17 +131,6 @@ def emit_graph(
     whole = c_function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)
     source += pieces.before + whole
     return Emitted(source, len(kept), count, roots, pieces.length, pieces.largest)
-
-
-def _forms(graph: Graph, last: int, written_out: int) -> Forms | None:
-    """The forms of its operations, where they are so many and alike that loops are worth it."""
-    if len(graph.nodes) <= written_out:
-        return None
-    count, _ = operations(graph, last)
-    if count <= written_out:
-        return None
-    forms = group_by_form(graph, needed(graph), uniform_nodes(graph, last))
-    return forms if len(forms.members) < ROLLED * count else None
 
 
 def _statements(

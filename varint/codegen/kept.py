@@ -1,8 +1,9 @@
-"""Tapes in the user's cache folder: a scene that was seen before need not be arranged again.
+"""Tapes and tables in the user's cache folder: a scene that was seen before need not be arranged
+again.
 
 A file holds whole numbers, numbers, and their digest before them, and is named by the operations
-that were arranged and by the code that arranged them. What is damaged is not read, what cannot be
-written is left: all that is lost is time.
+that were arranged and by the code that arranged them, or by what tables are of. What is damaged is
+not read, what cannot be written is left: all that is lost is time.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ import os
 import sys
 from contextlib import suppress
 from functools import cache
-from pathlib import Path
 from time import monotonic_ns
 
 import casadi as ca
 import numpy as np
 
 import varint.numerics.operations
-from varint.codegen.cache import CompileError, cache_folder, refuse_foreign
+from varint.codegen.built import bytes_of
+from varint.codegen.cache import CompileError, cache_place, refuse_foreign
 from varint.codegen.tape import Sizes, Tape
 
 KEPT_FROM = 100  # operations: fewer are arranged as fast as they are read
@@ -27,16 +28,16 @@ MOST_KEPT = 1000  # files; beyond, the half of them that were not read for longe
 FOLDER, DIGEST = "tapes", 32
 # what decides how operations are arranged: files of this folder, and how CasADi's are read
 ARRANGING = (
-    *("algebra.py", "dependence.py", "emit.py", "graph.py", "kept.py", "powers.py", "rolled.py"),
-    *("routines.py", "tape.py", "c/tape.h"),
+    *("algebra.py", "arranged.py", "dependence.py", "graph.py", "kept.py", "powers.py"),
+    *("rolled.py", "routines.py", "tape.py", "c/tape.h"),
 )
 WIDTHS = {"once": 6, "often": 6, "inputs": 3, "outputs": 3}
 _COUNTS = len(Sizes._fields) + 3 + len(WIDTHS) + 1  # whole numbers that begin a tape
 
 
-def key_of(*written: str) -> str:
-    """A name for what is arranged from all this."""
-    found = hashlib.sha256(_code())
+def key_of(*written: str, code: bytes | None = None) -> str:
+    """A name for what is made from all this, by `code`: by default that which arranges."""
+    found = hashlib.sha256(_code() if code is None else code)
     for text in written:
         found.update(f"{len(text)}\n{text}".encode())
     return found.hexdigest()[:40]
@@ -44,11 +45,16 @@ def key_of(*written: str) -> str:
 
 @cache
 def _code() -> bytes:
-    here = Path(__file__).parent
-    read = (here / name for name in ARRANGING)
+    here = os.path.dirname(__file__)
+    read = (os.path.join(here, *name.split("/")) for name in ARRANGING)
+    return code_of(*read, varint.numerics.operations.__file__)
+
+
+def code_of(*paths: str) -> bytes:
+    """A digest of files, of CasADi's version and of the order of bytes here."""
     found = hashlib.sha256(f"{ca.__version__} {sys.byteorder}".encode())
-    for path in (*read, Path(varint.numerics.operations.__file__)):
-        found.update(path.read_bytes())
+    for path in paths:
+        found.update(bytes_of(path))
     return found.digest()
 
 
@@ -56,50 +62,63 @@ def kept_tapes(key: str, names: list[str]) -> dict[str, Tape]:
     """The tapes that are kept under a key, in the order in which they were written; none where
     there are none that are whole.
     """
+    content = kept_content(key)
+    return dict(zip(names, _read(content, len(names)), strict=True)) if content else {}
+
+
+def kept_content(key: str) -> bytes:
+    """What is kept under a key; nothing where there is nothing that is whole."""
     try:
-        path = cache_folder() / FOLDER / key
-        refuse_foreign(path.parent)
+        folder = os.path.join(cache_place(), FOLDER)
+        path = os.path.join(folder, key)
+        refuse_foreign(folder)
         refuse_foreign(path)
-        content = path.read_bytes()
+        content = bytes_of(path)
         os.utime(path)
     except (OSError, CompileError):
-        return {}
+        return b""
     if hashlib.sha256(content[DIGEST:]).digest() != content[:DIGEST]:
         with suppress(OSError):  # cut short by a full disk
-            path.unlink()
-        return {}
-    return dict(zip(names, _read(content[DIGEST:], len(names)), strict=True))
+            os.unlink(path)
+        return b""
+    return content[DIGEST:]
 
 
 def keep_tapes(key: str, tapes: dict[str, Tape]) -> None:
     """Keep tapes under a key, if there is room."""
-    content = _written([*tapes.values()])
+    keep_content(key, _written([*tapes.values()]))
+
+
+def keep_content(key: str, content: bytes) -> None:
+    """Keep anything under a key, if there is room."""
     try:
-        folder = cache_folder() / FOLDER
-        folder.mkdir(mode=0o700, exist_ok=True)
+        folder = os.path.join(cache_place(), FOLDER)
+        os.makedirs(folder, mode=0o700, exist_ok=True)
         refuse_foreign(folder)
         _make_room(folder)
         # a name of one's own; `tempfile` takes longer to import than all this to write
-        name = folder / f"{key}-{os.getpid()}-{monotonic_ns()}"
+        name = os.path.join(folder, f"{key}-{os.getpid()}-{monotonic_ns()}")
         number = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         try:
             with os.fdopen(number, "wb") as file:
                 file.write(hashlib.sha256(content).digest() + content)
-            os.replace(name, folder / key)
+            os.replace(name, os.path.join(folder, key))
         except BaseException:
-            name.unlink(missing_ok=True)
+            with suppress(FileNotFoundError):
+                os.unlink(name)
             raise
     except (OSError, CompileError):
         return
 
 
-def _make_room(folder: Path) -> None:
+def _make_room(folder: str) -> None:
     if len(os.listdir(folder)) < MOST_KEPT:
         return
     with os.scandir(folder) as entries:
         ages = sorted((entry.stat().st_mtime_ns, entry.path) for entry in entries)
     for _, path in ages[: len(ages) // 2]:
-        Path(path).unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            os.unlink(path)
 
 
 def _written(tapes: list[Tape]) -> bytes:

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from varint.codegen.arranged import WRITTEN_OUT
 from varint.codegen.block import block_of, start_of
 from varint.codegen.core import (
     curvature_entry,
@@ -19,7 +20,6 @@ from varint.codegen.core import (
     stage_sweep_entries,
     sweep_entries,
 )
-from varint.codegen.emit import WRITTEN_OUT
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.native import TOO_LARGE, members_by_name, tapes_of
 from varint.codegen.sweep import (

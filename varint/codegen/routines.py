@@ -12,8 +12,8 @@ from typing import NamedTuple
 import casadi as ca
 
 from varint.codegen.algebra import graph_of
+from varint.codegen.arranged import WRITTEN_OUT, arranged
 from varint.codegen.dependence import fused, halves, operations
-from varint.codegen.emit import WRITTEN_OUT, arranged
 from varint.codegen.graph import Graph, NotCompilable
 from varint.codegen.kept import KEPT_FROM, keep_tapes, kept_tapes, key_of
 from varint.codegen.tape import Sizes, Tape, tape_of, with_many_roots

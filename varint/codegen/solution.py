@@ -17,11 +17,11 @@ from varint.discrete.tolerances import (
     LAST_FROZEN_CORRECTION,
     LAST_LINEAR_CORRECTION,
 )
+from varint.numerics.limits import CLOSED
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
 MAPPED = 12  # so many unknowns of a linear scene: a full matrix times (q, p) is the cheapest step
-CLOSED = 3  # so many unknowns are solved for by the adjugate matrix, which is straight-line code
 # operations of the equations from which on they are a loop over the nodes: below, written out they
 # are as fast; above, they run slower and compile far slower (a top in gauss(4): 97 s against 2 s)
 LOOPED = 2_500

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from ctypes import c_char_p, c_int, c_int64
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from varint.codegen.arguments import c_source
+from varint.codegen.arranged import WRITTEN_OUT
 from varint.codegen.cache import WHEREVER, library
-from varint.codegen.emit import WRITTEN_OUT, Emitted, emit_graph
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.routines import Expressions, Routine, routines
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.codegen.emit import Emitted
 
 FEW_ROOTS = 2  # up to so many square roots a call their latency counts, beyond their number
 MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
@@ -91,6 +94,8 @@ def emitted(
     """The same as C. Those that are evaluated at the stages, not at nodes, have components so many
     vectors apart.
     """
+    from varint.codegen.emit import emit_graph  # not all that is run is compiled
+
     result = {
         name: emit_graph(name, f.graph, f.last, stride if name in AT_STAGES else "1", written_out)
         for name, f in functions.items()

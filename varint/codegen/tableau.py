@@ -14,6 +14,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from varint.codegen.kept import code_of, keep_content, kept_content, key_of
+from varint.rules import polynomials
 from varint.rules.polynomials import (
     PRECISE,
     derivative,
@@ -31,7 +33,25 @@ LOW_DEGREE = 5
 
 @lru_cache(maxsize=64)
 def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
-    """The constants by their names in gauss.c: vectors (1, s), matrices (s, s)."""
+    """The constants by their names in gauss.c: vectors (1, s), matrices (s, s). They are kept on
+    the disk: to read them takes a tenth of the time.
+    """
+    key = key_of("tableau", str(stages), code=code_of(__file__, polynomials.__file__))
+    names, _, numbers = kept_content(key).partition(b"\n")
+    if names:
+        tables, at = {}, 0
+        for name, rows in (word.split(":") for word in names.decode().split()):
+            shape = int(rows), stages
+            tables[name] = np.frombuffer(numbers, float, shape[0] * stages, at).reshape(shape)
+            at += tables[name].nbytes
+        return tables
+    tables = _computed(stages)
+    heads = " ".join(f"{name}:{len(table)}" for name, table in tables.items())
+    keep_content(key, b"\n".join((heads.encode(), b"".join(x.tobytes() for x in tables.values()))))
+    return tables
+
+
+def _computed(stages: int) -> dict[str, np.ndarray]:
     with localcontext(PRECISE):
         c = gauss_nodes(stages)
         integrals = [derivative(p, -1) for p in lagrange_polynomials(c)]

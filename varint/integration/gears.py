@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from varint.codegen.cache import Compilation, CompileError, begin_compilation, finished, in_cache
 from varint.codegen.explicit import explicit_kernel, explicit_source
@@ -18,14 +18,16 @@ from varint.codegen.gauss import gauss_form, gauss_kernel, gauss_source
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel
 from varint.codegen.native import native_explicit, native_gauss
-from varint.codegen.solution import CLOSED
-from varint.codegen.source import Source
 from varint.integration.cost import compiling_seconds
+from varint.numerics.limits import CLOSED
 from varint.numerics.progress import notice
 from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.codegen.source import Source
 
 # of the compiler's predicted time (the true one is 1.4 of it): what must have been spent, or be
 # ahead, before the source is written and looked for in the cache, which takes about a fifth of it,

@@ -40,6 +40,7 @@ from varint.integration.second_looks import has_switches
 from varint.integration.short_trials import course_by, two_short_runs
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
 from varint.integration.time_transformation.variable_course import may_vary, worthwhile_pilot
+from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.two_runs import shows_its_error
@@ -75,9 +76,13 @@ def short_call(
         c = begin_at(room, system, *start)
         if c is None:
             return None
-        return _by_the_core(system, known, room, c, float(t0), float(duration), tol, began)
+        check_steps(float(t0), float(duration), 1)
+        pilot = worthwhile_pilot(system, room.start, c, float(duration)) if known.varies else None
+        if pilot is None:
+            return _by_the_core(system, known, room, c, float(t0), float(duration), tol, began)
     finally:
         pool.append(room)
+    return varying_call(system, rule, start, float(duration), tol, pilot, began)
 
 
 def _by_the_core(
@@ -90,9 +95,6 @@ def _by_the_core(
     tol: float,
     began: float,
 ) -> Trajectory | int | None:
-    check_steps(t0, duration, 1)
-    if known.varies and worthwhile_pilot(system, room.start, c, duration):
-        return None
     assert room.look is not None
     room.look()
     numbers, half = room.local.tolist(), known.n * known.n

@@ -25,6 +25,7 @@ from varint.integration.second_looks import has_switches
 from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
+from varint.integration.time_transformation.varying_call import NOT_VARYING
 from varint.integration.tolerance import DEFAULT_TOL, choose_steps, problem_with_steps
 from varint.integration.trajectories import subsample, with_stats
 from varint.numerics.progress import notice
@@ -72,10 +73,12 @@ def simulate_to_tolerance(
     with notice(f"looking for the steps of tol={tol:g}", wanted):
 
         def choose(problem: InitialValueProblem, options: RunOptions) -> Choice:
-            choice = choose_varying_steps(system, rule, problem, start, options, tol)
-            backend, scale = options.backend, options.scale
+            choice, backend, scale = None, options.backend, options.scale
+            if tried != NOT_VARYING:
+                choice = choose_varying_steps(system, rule, problem, start, options, tol)
+            known = None if tried == NOT_VARYING else tried
             return choice or choose_steps(
-                system, rule, problem, tol, stop=stop, scale=scale, backend=backend, tried=tried
+                system, rule, problem, tol, stop=stop, scale=scale, backend=backend, tried=known
             )
 
         if stop is None or rows > 1:

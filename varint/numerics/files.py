@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
 import threading
 from collections.abc import Callable
-from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from varint.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 VERSION = "0.2.0"  # of varint; files and the identity of runs tell it
 PART = ".part"
@@ -25,6 +26,9 @@ def write_atomically(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
     InputError
         If the folder does not exist or cannot be written, or the disk is full.
     """
+    import shutil  # which take as long to import as a tenth of all that a run needs
+    from pathlib import Path
+
     try:
         whole = Path(os.path.realpath(path))  # of a link: the file that it stands for
         # one name a writer: what two of them write at once is not mixed up

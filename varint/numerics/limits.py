@@ -11,6 +11,7 @@ import numpy as np
 
 from varint.errors import InputError
 
+CLOSED = 3  # so many unknowns are solved for by the adjugate matrix, which is straight-line code
 MOST_STEPS = 10**15  # years of the cheapest steps
 SHORTEST, LONGEST = 1e-150, 1e150  # of a step: its square must be a number, too
 TICK = 2 * float(np.finfo(float).eps)  # of the time: steps this long come to different times

@@ -117,9 +117,15 @@ def expressions_of(operations: Operations, inputs: Sequence[ca.SX]) -> list[ca.S
     InputError
         If a node is none of the known operations, or takes what is not there before it.
     """
-    given = [[x[j] for j in range(x.numel())] for x in inputs]
+    work = values_of(operations.nodes, inputs)
+    return [_matrix(output, work) for output in operations.outputs]
+
+
+def values_of(nodes: Sequence[tuple[Any, ...]], inputs: Sequence[ca.SX]) -> list[ca.SX]:
+    """Every node as an expression of other symbols; raises as `expressions_of` does."""
+    given = [ca.vertsplit(ca.vec(x)) for x in inputs]
     work: list[ca.SX] = []
-    for i, (name, *operands) in enumerate(operations.nodes):
+    for i, (name, *operands) in enumerate(nodes):
         if name == "const":
             work.append(ca.SX(operands[0]))
         elif name == "input":
@@ -138,7 +144,7 @@ def expressions_of(operations: Operations, inputs: Sequence[ca.SX]) -> list[ca.S
                     "operations of nodes before it"
                 )
             work.append(operation(name, *(work[j] for j in operands)))
-    return [_matrix(output, work) for output in operations.outputs]
+    return work
 
 
 def operation(name: str, *taken: ca.SX) -> ca.SX:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,8 +12,6 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.scene.alike import first_alike
-from varint.scene.description import description, parts_of
-from varint.scene.kinetics import Kinetics, check_kinetics
 from varint.scene.parameters import (
     Parameters,
     ParameterValues,
@@ -33,6 +30,7 @@ from varint.scene.validation import (
 )
 
 if TYPE_CHECKING:
+    from varint.scene.kinetics import Kinetics
     from varint.typeset.equations import Equations
 
 
@@ -261,6 +259,8 @@ class System:
         object.__setattr__(self, "restitution", restitution_at(self, self.default_vector))
         object.__setattr__(self, "rays", checked_rays(rays, self))
         if kinetics is not None:
+            from varint.scene.kinetics import check_kinetics  # of machines alone
+
             check_kinetics(self)
 
     def __repr__(self) -> str:
@@ -282,6 +282,10 @@ class System:
 
     def __reduce__(self) -> tuple[Callable[[str], System], tuple[str]]:
         """To another process it travels as plain data: names, numbers and elementary operations."""
+        import json
+
+        from varint.scene.description import description  # few scenes travel
+
         return _system_of, (json.dumps(description(self)),)
 
     def __copy__(self) -> System:
@@ -370,6 +374,10 @@ class System:
 
 
 def _system_of(text: str) -> System:
+    import json
+
+    from varint.scene.description import parts_of
+
     return System(**parts_of(json.loads(text)))
 
 

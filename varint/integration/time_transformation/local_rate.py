@@ -16,18 +16,19 @@ product of V' and the third derivative has the unit of V''² and stands beside i
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
-from math import isfinite
 from operator import or_
 from random import Random
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from varint.discrete.legendre import mass_solve
 from varint.errors import VarintError
-from varint.numerics.operations import Operations, Output, expressions_of, operations_of
+from varint.numerics.operations import operations_of, values_of
 from varint.numerics.places import normal_numbers, uniform_numbers
 from varint.scene.memory import per_system
 from varint.scene.system import System
@@ -95,14 +96,17 @@ def _of_potential(system: System, potential: ca.SX, inverse: ca.SX) -> ca.SX:
     except VarintError:
         return _whole(system, potential, inverse)
     nodes = operations.nodes
-    each = [Output((1, 1), [0], [i]) for i in range(len(nodes))]
-    expressions = expressions_of(Operations(nodes, each), [system.q, system.c])
-    graph = _Graph(system, nodes, expressions, _coordinates(nodes))
+    graph = _Graph(system, nodes, values_of(nodes, [system.q, system.c]), _coordinates(nodes))
+    terms = []
     for factor, root in _terms(graph, operations.outputs[0].nodes[0]):
-        part = _of_term(graph, root, inverse, factor)
-        if part is None:
+        term = _term(graph, root, inverse, factor)
+        if term is None:
             return _whole(system, potential, inverse)
-        found += part
+        terms.append(term)
+    of_distance = _like_distances(system, terms)
+    powers = _powers(system, [x for x, like in zip(terms, of_distance, strict=True) if like])
+    for term, like in zip(terms, of_distance, strict=True):
+        found += _of_distance(system, term, *next(powers)) if like else _of_form(system, term)
     return found
 
 
@@ -194,12 +198,34 @@ def _in_form(graph: _Graph, root: int, form: int, s: ca.SX) -> ca.SX:
     for j in sorted(inside):
         name, *operands = graph.nodes[j]
         nodes.append((name, *(place[i] for i in operands)))
-    whole = Operations(nodes, [Output((1, 1), [0], [place[root]])])
-    return expressions_of(whole, [ca.vertcat(*known.values())])[0]
+    return values_of(nodes, [ca.vertcat(*known.values())])[place[root]]
 
 
-def _of_term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> ca.SX | None:
-    """tr((M⁻¹ ∂²V/∂q²)²)^½ of V(s) with a linear or quadratic form s; None where there is none."""
+class _Term(NamedTuple):
+    """V(s) of a linear or quadratic form s: the term and the form as expressions, the factor of the
+    term, a symbol s and in it V, V', V''; |∇s|², tr a² and tr a of a = M⁻¹ ∂²s/∂q², a ∇s·M⁻¹∇s, and
+    whether the form is linear.
+    """
+
+    term: ca.SX
+    form: ca.SX
+    factor: ca.SX
+    s: ca.SX
+    value: ca.SX
+    first: ca.SX
+    second: ca.SX
+    speed: ca.SX
+    size: ca.SX
+    trace: ca.SX
+    gap: ca.SX
+    linear: bool
+
+    def at_form(self, x: ca.SX) -> ca.SX:
+        return ca.substitute(x, self.s, self.form)
+
+
+def _term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> _Term | None:
+    """What the rate of a term is made of; None where it is a function of no single form."""
     system = graph.system
     for i in _forms(graph, root):
         form = graph.expressions[i]
@@ -214,29 +240,35 @@ def _of_term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> ca.SX |
     value = factor * _in_form(graph, root, i, s)
     first = ca.gradient(value, s)
     second = ca.gradient(first, s)
-    speed = ca.dot(slope, inverse @ slope)
+    ahead = inverse @ slope
+    speed = ca.dot(slope, ahead)
     a = inverse @ curvature
     size, trace = ca.sum1(ca.vec(a * a.T)), ca.trace(a)
-    if curvature.is_zero():
-        beside = first * ca.gradient(second, s)
+    about = size, trace, ca.dot(slope, a @ inverse @ slope), curvature.is_zero()
+    return _Term(graph.expressions[root], form, factor, s, value, first, second, speed, *about)
+
+
+def _of_form(system: System, x: _Term) -> ca.SX:
+    """tr((M⁻¹ ∂²V/∂q²)²)^½ of any linear or quadratic form."""
+    if x.linear:
+        beside = x.first * ca.gradient(x.second, x.s)
         if beside.is_zero():
-            return ca.fabs(ca.substitute(second, s, form) * speed)
-        eighth = ca.substitute(second**4 + beside**2, s, form) * speed**4
+            return ca.fabs(x.at_form(x.second) * x.speed)
+        eighth = x.at_form(x.second**4 + beside**2) * x.speed**4
         return _root(eighth, system, 4)
-    share = size / trace
-    if not _vanishes(system, q, [speed, -2 * share * form]):
-        gap = ca.dot(slope, a @ inverse @ slope)
-        one, two = (ca.substitute(x, s, form) for x in (first, second))
-        return _root(one**2 * size + 2 * one * two * gap + (two * speed) ** 2, system)
-    # s = ½ (q − c)ᵀS(q − c) with S M⁻¹ S = share · S, as of every distance
-    rank = _rank(system, trace**2 / size)
-    power = _power(system, value, first, second, s)
+    one, two = x.at_form(x.first), x.at_form(x.second)
+    return _root(one**2 * x.size + 2 * one * two * x.gap + (two * x.speed) ** 2, system)
+
+
+def _of_distance(system: System, x: _Term, rank: int, power: float | None) -> ca.SX:
+    """The same where s = ½ (q − c)ᵀS(q − c) with S M⁻¹ S = share · S."""
+    share = x.size / x.trace
     if power is not None:
         bracket = (2 * power - 1) ** 2 + rank - 1
-        size = abs(power) * bracket**0.5 * ca.fabs(share * factor)
-        return size * ca.fabs(graph.expressions[root] / form)  # of one sign
-    inner = (first + 2 * s * second) ** 2 + (rank - 1) * first**2
-    return _root(share**2 * ca.substitute(inner, s, form), system)
+        size = abs(power) * bracket**0.5 * ca.fabs(share * x.factor)
+        return size * ca.fabs(x.term / x.form)  # of one sign
+    inner = (x.first + 2 * x.s * x.second) ** 2 + (rank - 1) * x.first**2
+    return _root(share**2 * x.at_form(inner), system)
 
 
 def _parameters(system: System, random: Random) -> np.ndarray:
@@ -245,18 +277,26 @@ def _parameters(system: System, random: Random) -> np.ndarray:
     return np.where(c == 0, 1.0, c) * uniform_numbers(random, 0.8, 1.25, len(c))
 
 
-def _rank(system: System, rank: ca.SX) -> int:
-    f = ca.Function("rank", [system.c], [rank])
-    return round(float(f(_parameters(system, Random(2)))))
-
-
-def _power(system: System, value: ca.SX, first: ca.SX, second: ca.SX, s: ca.SX) -> float | None:
-    """p where V = A sᵖ; None where it is no power."""
-    # the factor of the term drops out
-    f = ca.Function("ratio", [s, system.c], [1 + s * second / first, s * first / value])
+def _powers(system: System, terms: list[_Term]) -> Iterator[tuple[int, float | None]]:
+    """Of each term the rank of S, and p where V = A sᵖ; None where it is no power."""
+    if not terms:
+        return
+    ranks = ca.vertcat(*(x.trace**2 / x.size for x in terms))
+    found = ca.Function("ranks", [system.c], [ranks])(_parameters(system, Random(2)))
+    # the factor of a term drops out
+    s, ratios = ca.SX.sym("s"), list[ca.SX]()
+    for x in terms:
+        both = ca.vertcat(1 + x.s * x.second / x.first, x.s * x.first / x.value)
+        ratios.append(ca.substitute(both, x.s, s))
+    f = ca.Function("ratios", [s, system.c], [ca.horzcat(*ratios)])
     random = Random(3)
     places = uniform_numbers(random, 0.5, 2.0, PLACES)
-    found = np.array([[float(x) for x in f(y, _parameters(system, random))] for y in places])
+    tried = np.array([f(y, _parameters(system, random)).full() for y in places])
+    for k, rank in enumerate(found.full().ravel()):
+        yield round(float(rank)), _power(tried[:, :, k])
+
+
+def _power(found: np.ndarray) -> float | None:
     power = found[0, 0]
     if not (np.isfinite(found).all() and (np.abs(found - power) <= SAME * abs(power)).all()):
         return None
@@ -271,13 +311,22 @@ def _whole_number(x: float) -> bool:
     return abs(x - round(x)) <= SAME * max(abs(x), 1.0)
 
 
-def _vanishes(system: System, used: ca.SX, parts: list[ca.SX]) -> bool:
-    """Whether expressions of some q and c add up to nothing wherever they are looked at."""
-    f = ca.Function("parts", [used, system.c], [ca.densify(x) for x in parts])
-    random = Random(4)
+def _like_distances(system: System, terms: list[_Term]) -> list[bool]:
+    """Which forms are ½ (q − c)ᵀS(q − c) with S M⁻¹ S = share · S, as of every distance: where
+    |∇s|² = 2 share s wherever it is looked at.
+    """
+    quadratic = [x for x in terms if not x.linear]
+    if not quadratic:
+        return [False] * len(terms)
+    speeds = ca.vertcat(*(x.speed for x in quadratic))
+    wanted = ca.vertcat(*(2 * (x.size / x.trace) * x.form for x in quadratic))
+    f = ca.Function("parts", [system.q, system.c], [ca.densify(speeds), ca.densify(wanted)])
+    random, alike = Random(4), np.ones(len(quadratic), dtype=bool)
     for _ in range(PLACES):
-        q = normal_numbers(random, used.numel())
-        found = [float(x) for x in f.call([q, _parameters(system, random)])]
-        if all(map(isfinite, found)) and abs(sum(found)) > SAME * max(map(abs, found)):
-            return False
-    return True
+        q = normal_numbers(random, system.structure.n)
+        one, other = (x.full().ravel() for x in f.call([q, _parameters(system, random)]))
+        known = np.isfinite(one) & np.isfinite(other)
+        same = np.abs(one - other) <= SAME * np.maximum(np.abs(one), np.abs(other))
+        alike &= same | ~known
+    each = iter(alike.tolist())
+    return [not x.linear and next(each) for x in terms]

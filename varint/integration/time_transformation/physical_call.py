@@ -67,17 +67,17 @@ def physical_call(
     if not (rule is None or type(rule) is Rule):
         return None
     own = isinstance(sigma, str)
-    ready = _ready(system, rule, sigma if own else transformed_scene(system, sigma))
+    ready = ready_for(system, rule, sigma if own else transformed_scene(system, sigma))
     if ready is None:
         return None
     called, moving, h, total = ready.called, ready.moving, float(h), float(total)  # type: ignore[arg-type]
-    begun = ready.starts.pop() if ready.starts else _start_of(system, ready.scene)
+    begun = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
     try:
         c = begin_at(begun.room, system, *start)
         if c is None:
             return None
         if begun.room.known is None or begun.asked != (begun.room.known, total):
-            _begin(begun, system, c, total, own)
+            begin_start(begun, system, c, total, own)
         constants, energy, pace = begun.constants, begun.energy, begun.pace
         if not 0 < pace < math.inf:
             return None
@@ -129,7 +129,7 @@ def physical_motion(
 
 
 @dataclass(eq=False)
-class _Ready:
+class Ready:
     """Of a scene, a rule and a time scale: the rescaled scene, what is called of it, and memory for
     starts that nobody uses.
     """
@@ -137,21 +137,21 @@ class _Ready:
     scene: TransformedScene
     moving: System
     called: Called
-    starts: list[_Start]
+    starts: list[BegunStart]
 
 
 @per_system
-def _ready(system: System, rule: Rule | None, scale: str | TransformedScene) -> _Ready | None:
+def ready_for(system: System, rule: Rule | None, scale: str | TransformedScene) -> Ready | None:
     """None where the scene needs another way."""
     scene = transformed_scene(system, scale) if isinstance(scale, str) else scale
     if not is_plain(system) or (isinstance(scale, str) and local_rate(system).reason):
         return None
     called = called_on(scene.system, scene, rule)
-    return _Ready(scene, scene.system, called, [])
+    return Ready(scene, scene.system, called, [])
 
 
 @dataclass(eq=False, slots=True)
-class _Start:
+class BegunStart:
     """Memory for a start in fictitious time.
 
     Attributes
@@ -185,7 +185,7 @@ class _Start:
     pace: float = 0.0
 
 
-def _begin(begun: _Start, system: System, c: np.ndarray, total: float, own: bool) -> None:
+def begin_start(begun: BegunStart, system: System, c: np.ndarray, total: float, own: bool) -> None:
     """From the start in its room."""
     room, begun.asked = begun.room, None
     if own:
@@ -198,7 +198,7 @@ def _begin(begun: _Start, system: System, c: np.ndarray, total: float, own: bool
         begun.asked = room.known, total
 
 
-def _start_of(system: System, scene: TransformedScene) -> _Start:
+def start_of(system: System, scene: TransformedScene) -> BegunStart:
     n, many = system.structure.n, system.c.numel()
     room, slowest = room_of(system, False), np.zeros(1)
     x, inner = np.zeros(2 * n + 2), np.zeros(many + 3)
@@ -206,7 +206,7 @@ def _start_of(system: System, scene: TransformedScene) -> _Start:
     inputs = room.q, room.v, room.values[:n], room.t, room.c, slowest
     hand_over(buffer, inputs, (x, inner))
     at = new_address(x), new_address(inner)
-    return _Start(room, slowest, inner, at, trigger, (buffer, inputs, x), inner)
+    return BegunStart(room, slowest, inner, at, trigger, (buffer, inputs, x), inner)
 
 
 @per_system

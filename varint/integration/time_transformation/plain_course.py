@@ -54,10 +54,8 @@ def physical_run(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRu
     return PhysicalRun(motion.t, motion.q, motion.p, lambda: motion)
 
 
-def velocities(prepared: Prepared, nodes: PhysicalRun, some: np.ndarray) -> np.ndarray:
+def velocities(system: System, c: np.ndarray, nodes: PhysicalRun, some: slice) -> np.ndarray:
     """Physical ones at some nodes."""
-    system = prepared.system
-    c = prepared.problem.c[: system.c.numel()]
     return _velocity_rows(system)(c, nodes.q[some], nodes.p[some], nodes.t[some, None])[0]
 
 

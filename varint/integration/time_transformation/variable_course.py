@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,7 @@ def choose_varying_steps(
     span = pilot.mean * total
     asked = options._replace(h=span, tol=None, scale=None, save_every=1, progress=False)
     asked = asked._replace(steps=None, events=None)
-    price = cheapest_of(_prices(system, rule), abs(span), tol)
+    price = cheapest_of(prices_for(system, rule), abs(span), tol)
     own, first = price.rule, first_steps(price, abs(span), tol)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
@@ -96,7 +97,7 @@ def choose_varying_steps(
 
 
 @per_scene
-def _prices(system: System, rule: Rule | None) -> tuple[Priced, ...]:
+def prices_for(system: System, rule: Rule | None) -> tuple[Priced, ...]:
     """The rule, or those that can follow a rate that varies."""
     if rule is not None:
         return priced({rule: 1.0})
@@ -135,7 +136,7 @@ def may_vary(system: System, rule: Rule | None) -> bool:
 
 
 def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_early: bool) -> Course:
-    system, still = prepared.system, np.zeros(prepared.system.structure.n)
+    system = prepared.system
     c = prepared.problem.c[: system.c.numel()]
     failures: list[Failure] = []  # since the last run that ended well
 
@@ -156,27 +157,48 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         except VarintError:
             return None
         failures.clear()
-        some = slice(None, None, max(1, len(found.t) // SAMPLES))
-        energy = energies_along(system, found.q[some], found.p[some], found.t[:1], c)
-        return Attempt(found, quantiles(*energy))
+        return attempt_of(system, found, c)
 
-    def apart(one: PhysicalRun, few: int, other: PhysicalRun, many: int) -> tuple[float, float]:
-        if scale is None and system.structure.quadratic_kinetic:
-            scales = scales_of_nodes(system, other.q, still, other.t[:1], c)
-        else:
-            scales = error_scales(system, other.motion(), scale)
-        unit = math.gcd(few, many)
-        i = np.arange(0, len(one.t) - 1, few // unit)
-        j = np.arange(0, len(other.t) - 1, many // unit)
-        count = min(len(i), len(j))
-        some = slice(None, count, max(1, count // MOST_COMPARED))
-        i, j = i[some], j[some]
-        late = (one.t[i] - other.t[j])[:, None]
-        off = np.abs(one.q[i] - other.q[j] - late * velocities(prepared, other, j))
-        end = np.abs(one.q[-1:] - other.q[-1:])
-        if ends_early:
-            last = np.array([len(other.t) - 1])
-            end += abs(one.t[-1] - other.t[-1]) * np.abs(velocities(prepared, other, last))
-        return with_early(np.vstack([off, end]) / scales)
-
+    apart = partial(apart_by, system, c, scale, ends_early)
     return Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER)
+
+
+def attempt_of(system: System, run: PhysicalRun, c: np.ndarray) -> Attempt:
+    """A run with the energy errors of some of its nodes."""
+    some = slice(None, None, max(1, len(run.t) // SAMPLES))
+    energy = energies_along(system, run.q[some], run.p[some], run.t[:1], c)
+    return Attempt(run, quantiles(*energy))
+
+
+def apart_by(
+    system: System,
+    c: np.ndarray,
+    scale: Any,
+    ends_early: bool,
+    one: PhysicalRun,
+    few: int,
+    other: PhysicalRun,
+    many: int,
+) -> tuple[float, float]:
+    """Largest difference of two runs with so many steps, and that of their first half: at nodes of
+    the same fictitious times, whose physical ones differ.
+    """
+    if scale is None and system.structure.quadratic_kinetic:
+        still = np.zeros(system.structure.n)
+        scales = scales_of_nodes(system, other.q, still, other.t[:1], c)
+    else:
+        scales = error_scales(system, other.motion(), scale)
+    unit = math.gcd(few, many)
+    every, of_other = few // unit, many // unit
+    # the last node is no whole step from the one before
+    count = min(-((1 - len(one.t)) // every), -((1 - len(other.t)) // of_other))
+    apart = max(1, count // MOST_COMPARED)
+    i = slice(0, count * every, apart * every)
+    j = slice(0, count * of_other, apart * of_other)
+    late = (one.t[i] - other.t[j])[:, None]
+    off = np.abs(one.q[i] - other.q[j] - late * velocities(system, c, other, j))
+    end = np.abs(one.q[-1:] - other.q[-1:])
+    if ends_early:
+        last = slice(len(other.t) - 1, None)
+        end += abs(one.t[-1] - other.t[-1]) * np.abs(velocities(system, c, other, last))
+    return with_early(np.concatenate((off, end)) / scales)

@@ -1,0 +1,83 @@
+"""Runs to a tolerance whose steps follow the scene: the short way gives what the long one does."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.integration import to_tolerance
+from varint.integration.time_transformation import varying_call
+
+
+def scene() -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    c = vi.Parameters(mu=1.0)
+    return vi.System(q, v, ca.sumsqr(v) / 2 + c.mu / ca.norm_2(q), params=c)
+
+
+def start(e: float) -> dict:
+    return {"q0": [1 - e, 0.0], "v0": [0.0, np.sqrt((1 + e) / (1 - e))]}
+
+
+def told(motion: vi.Trajectory) -> dict:
+    return {k: v for k, v in motion.stats.items() if k not in ("seconds", "plan")}
+
+
+def never(*_, **__):
+    raise AssertionError("the long way is taken")
+
+
+@pytest.mark.parametrize("tol", (1e-3, 1e-6, 1e-9))
+@pytest.mark.parametrize(
+    "more",
+    (
+        {"duration": 1.0},
+        {"duration": -2.0, "t0": 2.0},
+        {"duration": 1.0, "params": {"mu": 1.001}},
+        {"duration": 2.0, "rule": vi.gauss(5)},
+    ),
+)
+def test_both_ways_give_the_same_bytes(monkeypatch, tol, more):
+    kepler = scene()
+    asked = start(0.9) | more | {"tol": tol}
+    long = vi.simulate(kepler, progress=True, **asked)  # a bar is asked for
+    monkeypatch.setattr(to_tolerance, "simulate_to_tolerance", never)
+    for _ in range(2):  # the second finds its start in place
+        short = vi.simulate(kepler, **asked)
+        for name in "tqpvkuc":
+            assert getattr(short, name).tobytes() == getattr(long, name).tobytes()
+        assert short.fictitious.q.tobytes() == long.fictitious.q.tobytes()
+        assert list(short.stats) == list(long.stats) and told(short) == told(long)
+        times = np.linspace(short.t[0], short.t[-1], 7)
+        assert short.at(times).q.tobytes() == long.at(times).q.tobytes()
+
+
+def test_what_one_call_of_the_core_does_not_make_goes_the_long_way(monkeypatch):
+    kepler, asked = scene(), start(0.9) | {"duration": 1.0, "tol": 1e-6}
+    whole = vi.simulate(kepler, **asked)
+    monkeypatch.setattr(varying_call, "until_end", lambda *_: None)
+    assert vi.simulate(kepler, **asked).q.tobytes() == whole.q.tobytes()
+
+
+def test_where_such_steps_prove_nothing_they_are_not_tried_again(monkeypatch):
+    kepler, asked = scene(), start(0.9) | {"duration": 1.0, "tol": 1e-3}
+    monkeypatch.setattr(varying_call, "run_twice", lambda *_: None)
+    monkeypatch.setattr(to_tolerance, "choose_varying_steps", never)
+    motion = vi.simulate(kepler, **asked)
+    assert motion.fictitious is None and motion.stats["error_estimate"] < 1e-3
+
+
+def test_a_collision_is_refused_in_the_same_words():
+    kepler = scene()
+    asked = {"q0": [0.1, 0.0], "v0": [0.0, 0.0], "duration": 1.0, "tol": 1e-6}
+    said = []
+    for progress in (None, True):
+        with pytest.raises(vi.ConvergenceError) as refusal:
+            vi.simulate(kepler, progress=progress, **asked)
+        said.append(str(refusal.value))
+    assert said[0] == said[1] and "the motion ends" in said[0]
+
+
+def test_scenes_whose_rate_varies_little_keep_equal_steps():
+    kepler, asked = scene(), start(0.1) | {"duration": 1.0, "tol": 1e-6}
+    assert vi.simulate(kepler, **asked).fictitious is None

@@ -1,0 +1,137 @@
+"""Runs for a wanted accuracy with steps that follow the scene, as most are asked for: a start, a
+duration, an accuracy, no more.
+
+What follows from the scene alone is looked up once. `variable_course` does the same where more is
+asked for, or a step cannot be solved, and says what.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from varint.codegen.until import physical_nodes
+from varint.integration.plain_start import begin_at
+from varint.integration.rule_choice import cheapest_of, first_steps, iteration_level
+from varint.integration.time_transformation.inner_run import until_end
+from varint.integration.time_transformation.physical_call import (
+    BegunStart,
+    Ready,
+    begin_start,
+    physical_motion,
+    ready_for,
+    start_of,
+)
+from varint.integration.time_transformation.plain_course import PhysicalRun
+from varint.integration.time_transformation.rate_pilot import RatePilot
+from varint.integration.time_transformation.time_scale import AUTO
+from varint.integration.time_transformation.variable_course import (
+    ATTEMPTS,
+    CLOSER,
+    apart_by,
+    attempt_of,
+    prices_for,
+)
+from varint.integration.trajectories import with_stats
+from varint.integration.two_runs import FLOOR, Attempt, Course, run_twice
+from varint.numerics.limits import MOST_STEPS, check_steps
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System
+
+NOT_VARYING = -1  # steps that follow the scene do not prove the error of its motion
+
+
+class _NotPlain(Exception):
+    """A run that one call of the core does not make."""
+
+
+def varying_call(
+    system: System,
+    rule: Rule | None,
+    start: tuple[Any, Any, Any, ParameterValues | None],
+    duration: float,
+    tol: float,
+    pilot: RatePilot,
+    began: float,
+) -> Trajectory | int | None:
+    """The motion from a start (q0, v0, t0, params) with steps that follow its rate, which the pilot
+    saw; NOT_VARYING where they do not prove its error, None where another way is to be taken.
+    """
+    span = pilot.mean * duration
+    price = cheapest_of(prices_for(system, rule), abs(span), tol)
+    ready = ready_for(system, price.rule, AUTO)
+    if ready is None or not system.structure.quadratic_kinetic:
+        return None
+    begun = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
+    try:
+        c = begin_at(begun.room, system, *start)
+        if c is None:
+            return None
+        if begun.room.known is None or begun.asked != (begun.room.known, duration):
+            begin_start(begun, system, c, duration, True)
+        h = span * begun.pace
+        if not (0 < begun.pace < math.inf and duration / h <= MOST_STEPS):
+            return None
+        check_steps(start[2], h, 1)
+        trial = partial(_trial, system, ready, begun, c, (float(start[2]), duration), span)
+        apart = partial(apart_by, system, c, None, False)
+        course = Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER)
+        with np.errstate(all="ignore"):  # of steps that are too large
+            found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
+    except _NotPlain:
+        return None
+    finally:
+        ready.starts.append(begun)
+    if found is None:
+        return NOT_VARYING
+    if found.estimate > tol:  # of which a warning tells
+        return None
+    return with_stats(
+        found.run.motion(),
+        tol=tol,
+        error_estimate=found.estimate,
+        rule=str(price.rule),
+        runs=found.runs,
+        seconds=perf_counter() - began,
+    )
+
+
+def _trial(
+    system: System,
+    ready: Ready,
+    begun: BegunStart,
+    c: np.ndarray,
+    times: tuple[float, float],
+    span: float,
+    steps: int,
+    wanted: float,
+    part: int,
+) -> Attempt:
+    """A run with so many steps, or the first of so many parts of it."""
+    began, h, level = perf_counter(), span / steps, iteration_level(wanted, steps)
+    t0, total = times
+    found = until_end(
+        ready.called,
+        ready.moving,
+        begun.at,
+        h,
+        level,
+        (t0, total / part if part > 1 else total),
+        float(max(steps // part, 1)),
+        begun.energy,
+        1,
+        "auto",
+    )
+    if found is None:
+        raise _NotPlain
+    until, kernel = found
+    nodes = physical_nodes(until)
+    how = h, begun.constants, until, kernel, perf_counter() - began
+    motion = partial(physical_motion, system, ready.called, ready.moving, nodes, c, how)
+    return attempt_of(system, PhysicalRun(*nodes[1:], motion), c)
