@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -72,11 +73,13 @@ def simulate_to_tolerance(
     with notice(f"looking for the steps of tol={tol:g}", wanted):
 
         def choose(problem: InitialValueProblem, options: RunOptions) -> Choice:
-            choice = choose_varying_steps(system, rule, problem, start, options, tol)
+            varying = partial(choose_varying_steps, system, rule, problem, start, options, tol)
+            choice = varying()
+            if choice is not None:
+                return choice
             backend, scale = options.backend, options.scale
-            return choice or choose_steps(
-                system, rule, problem, tol, stop=stop, scale=scale, backend=backend, tried=tried
-            )
+            how = {"stop": stop, "scale": scale, "backend": backend, "tried": tried}
+            return choose_steps(system, rule, problem, tol, **how, varying=varying)
 
         if stop is None or rows > 1:
             choice = choose(problem, options)
