@@ -24,6 +24,14 @@ CART = vi.System(
     q2, v2, v2[0] ** 2 + v2[1] ** 2 / 2 + v2[0] * v2[1] * ca.cos(q2[1]) + ca.cos(q2[1])
 )
 FALLING = vi.System(q2, v2, (v2[0] ** 2 + q2[0] ** 2 * v2[1] ** 2) / 2 - (q2[0] - 2) ** 2)
+DOUBLE = vi.System(
+    q2,
+    v2,
+    v2[0] ** 2
+    + v2[1] ** 2 / 2
+    + v2[0] * v2[1] * ca.cos(q2[0] - q2[1])
+    + 9.81 * (2 * ca.cos(q2[0]) + ca.cos(q2[1])),
+)
 POLES = vi.models.spherical_pendulum()
 CASES = {
     "pendulum": (PENDULUM, [2.0], [0.0], 30.0),
@@ -34,6 +42,8 @@ CASES = {
     "polar": (FALLING, [1.5, 0.0], [0.0, 1.0], 15.0),
     "long enough for a part": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], 400.0),
     "lost in its first part": (KEPLER, [0.1, 0.0], [0.0, 19**0.5], 40.0),
+    "chaotic": (DOUBLE, [2.0, 1.0], [0.1, -0.3], 9.0),
+    "at rest and chaotic": (DOUBLE, [2.0, 1.5], [0.0, 0.0], 9.0),
     "hardly contracting": (POLES.system, POLES.q0, POLES.v0, 100.0),
 }
 
@@ -53,8 +63,8 @@ def test_the_core_decides_as_python_does(case, tol):
         system, rule, problem, inertia(system, problem), tol, radians, "auto", 0.0
     )
     other = by_plain_trials(system, rule, problem, tol, radians, None, "auto")
-    if other is None:
-        assert found == NOT_PROVED
+    if other is None or other.estimate > tol:
+        assert found in (NOT_PROVED, NOT_SHORT)
         return
     motion = plain_motion(system, rule, other.run, 0.0)
     assert (found.steps, found.runs, found.estimate) == (other.steps, other.runs, other.estimate)

@@ -105,7 +105,7 @@ def test_runs_that_chaos_has_parted_end_where_their_energy_is_round_off():
     start = dict(q0=model.q0, v0=model.v0, duration=2000.0)
     with pytest.warns(UserWarning, match="out of reach"):
         motion = vi.simulate(model.system, tol=1e-6, save_every=50, progress=False, **start)
-    assert motion.stats["runs"] <= 3 and motion.stats["error_estimate"] > 0.1
+    assert motion.stats["runs"] <= 5 and motion.stats["error_estimate"] > 0.1
 
 
 def test_what_no_number_of_steps_reaches_comes_back_with_its_estimate_and_a_warning():
@@ -256,7 +256,7 @@ SWINGING_SPRING = vi.System(
             [1.4423981638487733, 0.969852456513381],
             [0.34224560762817036, -0.1004195077554525],
             90.90688939932996,
-            1e-6,
+            2e-6,
         ),
     ],
     ids=["double pendulum", "swinging spring"],
@@ -326,3 +326,87 @@ def test_an_error_is_told_no_smaller_than_what_the_last_digit_of_the_start_makes
         other = vi.simulate(system, vi.gauss(8), v0=near, **again)
         apart.append(float((np.abs(other.q[-1] - motion.q[-1]) / scales).max()))
     assert tol / 10 < max(apart) < motion.stats["error_estimate"]
+
+
+def three_bodies():
+    """Of masses 1, 1.25 and 0.75."""
+    q, v = vi.coordinates("x1", "y1", "x2", "y2", "x3", "y3")
+    mass, at = (1.0, 1.25, 0.75), [q[2 * i : 2 * i + 2] for i in range(3)]
+    kinetic = sum(m * ca.sumsqr(v[2 * i : 2 * i + 2]) / 2 for i, m in enumerate(mass))
+    pairs = ((0, 1), (0, 2), (1, 2))
+    pull = sum(mass[i] * mass[j] / ca.norm_2(at[i] - at[j]) for i, j in pairs)
+    return vi.System(q, v, kinetic + pull)
+
+
+def test_an_encounter_that_comes_late_is_followed_by_steps_that_vary():
+    """Two of three bodies come as near as 8e-6; the end by Taylor's method of 34 digits."""
+    q0 = [0.8126531677867136, 3.0009103282416967, -2.465130778043771]
+    q0 += [-1.4812995120268497, 0.764315170326551, -0.9041244925084309]
+    v0 = [0.14964897663116639, 0.2743154387290851, 0.19088442625727736]
+    v0 += [0.2646676923244445, 0.0818037809446519, 0.1403404951546055]
+    end = [0.749749171270265, 1.4065828121550294, 1.2990558920758968]
+    end += [3.557401310306504, 0.45757688039566274, 2.1193426577462207]
+    system = three_bodies()
+    motion = vi.simulate(system, q0=q0, v0=v0, duration=9.813619975675673)
+    true = (np.abs(motion.q[-1] - end) / error_scales(system, motion)).max()
+    assert true <= motion.stats["error_estimate"] <= 1e-9
+    assert motion.stats["steps"] < 10_000
+
+
+@pytest.mark.parametrize(
+    ("model", "most", "error"),
+    [
+        (vi.models.lagrange_triangle, 10_000, np.inf),
+        (vi.models.pleiades, 500_000, 0.1),
+        (vi.models.pythagorean_three_body, 500_000, 1e-3),
+        (vi.models.arenstorf, 50_000, np.inf),
+    ],
+)
+def test_encounters_that_are_out_of_reach_end_where_round_off_is_the_limit(model, most, error):
+    """Equal steps were doubled for them up to millions, and led through none of the third's."""
+    known = model()
+    start = dict(q0=known.q0, v0=known.v0, duration=20 * known.duration, save_every=1000)
+    with pytest.warns(UserWarning, match="out of reach"):
+        motion = vi.simulate(known.system, progress=False, **start)
+    assert motion.t[-1] == pytest.approx(20 * known.duration)
+    assert motion.stats["steps"] <= most and motion.stats["runs"] <= 12
+    assert 1e-9 < motion.stats["error_estimate"] <= error or error == np.inf
+
+
+@pytest.mark.parametrize(
+    ("system", "q0", "v0", "duration", "tol", "end"),
+    [
+        (
+            "dipole",
+            [-0.6546767469526933, -0.1521763601179169, 0.11643579706816143],
+            [0.037650213198633375, 0.8000554948112821, 0.8232370049321858],
+            54.92859434455643,
+            1e-11,
+            [-0.07755811532352361, -1.2227241351554592, 1.0218715304725376],
+        ),
+        (
+            "pendulum",
+            [-2.635728476931287, 2.91568956705537],
+            [-0.48969354755026884, -0.915912082914484],
+            14.94480032181521,
+            1e-9,
+            [28.976950401513022, 26.001391651657517],
+        ),
+    ],
+    ids=["dipole", "double pendulum"],
+)
+def test_chaos_tells_no_error_that_is_too_small(system, q0, v0, duration, tol, end):
+    """Ends by Taylor's method in extended precision. The first came without a warning, 3e-11 off on
+    the way, the other with a third of its error.
+    """
+    q, v = vi.coordinates(*"xyz"[: len(q0)])
+    if system == "dipole":
+        field = 2 * ca.vertcat(-q[1], q[0], 0) / (ca.sumsqr(q) + 0.3) ** 1.5
+        scene = vi.System(q, v, ca.sumsqr(v) / 2 + ca.dot(field, v) - ca.sumsqr(q) / 4)
+    else:
+        arms = v[0] ** 2 + v[1] ** 2 / 2 + v[0] * v[1] * ca.cos(q[0] - q[1])
+        scene = vi.System(q, v, arms + 9.81 * (2 * ca.cos(q[0]) + ca.cos(q[1])))
+    with pytest.warns(UserWarning, match="out of reach"):
+        motion = vi.simulate(scene, q0=q0, v0=v0, duration=duration, tol=tol)
+    true = (np.abs(motion.q[-1] - end) / error_scales(scene, motion)).max()
+    assert true <= motion.stats["error_estimate"]

@@ -14,6 +14,7 @@ from varint.integration.energy_check import energies_along
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
+from varint.integration.round_off import with_other_digits
 from varint.integration.rule_choice import iteration_level, steps_for
 from varint.integration.run import motion_at_once
 from varint.integration.run_distance import with_early
@@ -76,7 +77,9 @@ def by_plain_trials(
     quadratic = system.structure.quadratic_kinetic
     still = np.zeros(system.structure.n)
 
-    def trial(steps: int, wanted: float, part: int) -> Attempt | None:
+    def trial(
+        steps: int, wanted: float, part: int, start: InitialValueProblem = start
+    ) -> Attempt | None:
         count = max(steps // part, 1)
         problem = start._replace(
             h=start.h / steps,
@@ -107,7 +110,12 @@ def by_plain_trials(
         off = one.found.rows[:: few // unit, 0] - q[:: many // unit]
         return with_early(np.abs(off, out=off) / scales)
 
-    course = Course(trial, apart, radians, system.structure.linear, watched=WATCHED)
+    def parted(steps: int, wanted: float, way: int) -> Attempt | None:
+        q0, p0 = with_other_digits(start.q0, start.p0, way)
+        return trial(steps, wanted, 1, start._replace(q0=q0, p0=p0))
+
+    linear = system.structure.linear
+    course = Course(trial, apart, radians, linear, watched=WATCHED, parted=parted)
     return run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
 
 

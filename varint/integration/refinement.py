@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
+from varint.integration.round_off import GROWS, growth_of, rounding
 from varint.integration.run_distance import differences, ends_apart, with_early
 from varint.integration.second_looks import Trial, has_steps, luck, start_rounding, transient
 from varint.integration.small_motions import decay_rates, frequencies
@@ -26,8 +27,6 @@ from varint.integration.two_runs import (
     STALLED,
     STILL,
     energy_errors,
-    growth_of,
-    rounding,
     shows_its_error,
 )
 from varint.integration.walls import Failure, no_way_on, require_way_on
@@ -44,7 +43,8 @@ CERTAIN = 2  # times, where there were digits already and nothing jumps
 ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
-GROWS = 100.0  # times more than errors of regular motions: what the start is rounded by counts
+# a run that went astray → the choice with steps that follow the scene, where it asks for them
+Varying = Callable[[Trajectory], Choice | None]
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 
@@ -59,6 +59,7 @@ def refine(
     steps: int,
     scale: Any,
     ends_early: bool,
+    varying: Varying | None = None,
 ) -> Choice:
     """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
     before: tuple[int, Trajectory] | None = None
@@ -70,15 +71,18 @@ def refine(
     s = system.structure
     free = not (s.constraints or s.nonholonomic or system.rays)
 
-    def begun(steps: int, motion: Trajectory) -> float:
+    def begun(steps: int, motion: Trajectory, known: float) -> float:
         if not (free and growth > GROWS):
             return 0.0
         scales = error_scales(system, motion, scale)
-        return start_rounding(trial, rule, steps, motion, scales)
+        return start_rounding(trial, rule, steps, motion, scales, known, tol)
 
     while steps <= most:
         motion, runs = trial(rule, steps), runs + 1
         if motion is None or not np.isfinite(motion.q).all():
+            found = varying and failures and varying(failures[-1][1].trajectory)
+            if found:
+                return replace(found, runs=found.runs + runs)
             require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
             before, apart, by_order, order, steps = None, math.inf, math.inf, None, 2 * steps
             continue
@@ -136,7 +140,7 @@ def refine(
                     missed,
                     luck(system, trial, rule, start.steps, steps, motion, scales),
                 )
-                begins = begun(steps, motion)
+                begins = begun(steps, motion, estimate)
             found = Choice(rule, steps, motion, max(estimate, hidden, begins), runs, True)
             if best is None or found.estimate < best.estimate:
                 best = found
@@ -156,7 +160,7 @@ def refine(
     if best is None and before is not None and math.isfinite(apart):
         best = Choice(rule, *before, apart, runs, False)  # no digit is certain: it says so
     if best is not None:
-        estimate = max(best.estimate, begun(best.steps, best.motion))
+        estimate = max(best.estimate, begun(best.steps, best.motion, best.estimate))
         return replace(best, estimate=estimate, reached=False, runs=runs)
     if failures:
         raise no_way_on(failures, has_steps(system))

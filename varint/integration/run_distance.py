@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from varint.integration.two_runs import ROUNDED
+from varint.integration.round_off import ROUNDED
 from varint.results.trajectory import Trajectory
 
 EARLIEST = 8  # part of the nodes that come before a difference tells of all later ones

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from varint.integration.round_off import parted
 from varint.integration.run_distance import distance, distance_between_nodes
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -23,13 +24,9 @@ OTHER_STEPS = (0.87, 0.38), (0.77, -0.38), (0.67, 0.62), (0.81, -0.24), (0.73, 0
 DRAWS = 3  # of them, that come to their end
 CHANCE = 1.5  # of the largest difference: the other runs err as well
 TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
-# relative, of a start that is moved: far above the round-off of a run, far below where errors of
-# chaotic motions cease to be small
-MOVED = 2.0**-44
-ROUND_OFF = 2.0**-51
 
-# (rule, steps, one of so many parts of them, `beyond` the end, its start `moved` by this part) →
-# the run; None where it failed
+# (rule, steps, one of so many parts of them, `beyond` the end, the way of the start's last
+# `digits`) → the run; None where it failed
 Trial = Callable[..., Trajectory | None]
 
 
@@ -49,15 +46,23 @@ def transient(
 
 
 def start_rounding(
-    trial: Trial, rule: Rule, steps: int, motion: Trajectory, scales: np.ndarray
+    trial: Trial,
+    rule: Rule,
+    steps: int,
+    motion: Trajectory,
+    scales: np.ndarray,
+    known: float,
+    tol: float,
 ) -> float:
-    """What round-off of the first momentum grows to: every run begins with the same, so that no
-    two of them differ by it.
+    """What round-off grows to, that of the first momentum included, with which all runs begin; see
+    `parted`.
     """
-    other = trial(rule, steps, moved=MOVED)
-    if other is None:
-        return math.inf
-    return distance(motion, steps, other, steps, scales) * (ROUND_OFF / MOVED)
+
+    def apart(way: int) -> float:
+        other = trial(rule, steps, digits=way)
+        return math.inf if other is None else distance(motion, steps, other, steps, scales)
+
+    return parted(apart, known, tol)[0]
 
 
 def luck(

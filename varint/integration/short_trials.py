@@ -8,6 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
+import varint.integration.round_off as limited
 import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
 from varint.codegen.few_steps import TOLD, place_of
@@ -40,11 +41,15 @@ _NAMES = (
     *("ROUGH", "HALF", "FLOOR", "LOST", "GAIN", "MARGIN", "SAFETY", "SPREAD", "EVIDENCE"),
     *("ROUNDED", "NO_SHRINKAGE", "NOT_WORSE", "ROUNDING", "STALLED", "PART_CLOSE", "CAUTION"),
     *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT", "UNEVEN"),
+    *("CHANCE", "GROWS", "WAYS", "PARTED", "FAR_BELOW"),
     *("SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
     *("WATCHED", "FIRST_PART", "FEWEST", "SEEN_PARTS", "SLOW"),
 )
 _LIMITS = np.array(
-    [*(getattr(decided, x) for x in _NAMES), POOR, SECULAR, LEVEL, *decided.QUANTILES]
+    [
+        *(vars(decided).get(x) or vars(limited)[x] for x in _NAMES),
+        *(POOR, SECULAR, LEVEL, *decided.QUANTILES),
+    ]
 )
 
 # times as many steps as of any loop are over in the same time, where it is compiled: operations

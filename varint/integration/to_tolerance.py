@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -73,13 +74,13 @@ def simulate_to_tolerance(
     with notice(f"looking for the steps of tol={tol:g}", wanted):
 
         def choose(problem: InitialValueProblem, options: RunOptions) -> Choice:
-            choice, backend, scale = None, options.backend, options.scale
-            if tried != NOT_VARYING:
-                choice = choose_varying_steps(system, rule, problem, start, options, tol)
+            varying = partial(choose_varying_steps, system, rule, problem, start, options, tol)
+            choice = None if tried == NOT_VARYING else varying()
+            if choice is not None:
+                return choice
+            how = {"stop": stop, "scale": options.scale, "backend": options.backend}
             known = None if tried == NOT_VARYING else tried
-            return choice or choose_steps(
-                system, rule, problem, tol, stop=stop, scale=scale, backend=backend, tried=known
-            )
+            return choose_steps(system, rule, problem, tol, **how, tried=known, varying=varying)
 
         if stop is None or rows > 1:
             choice = choose(problem, options)

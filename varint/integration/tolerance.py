@@ -37,7 +37,8 @@ from varint.integration.plain_trials import (
 )
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
-from varint.integration.refinement import refine
+from varint.integration.refinement import Varying, refine
+from varint.integration.round_off import with_other_digits
 from varint.integration.rule_choice import (
     RADIANS,
     candidates,
@@ -58,6 +59,7 @@ from varint.integration.small_motions import (
 from varint.integration.trajectories import Run, first_node
 from varint.integration.two_runs import (
     FLOOR,
+    UNRESCUED,
     Attempt,
     Course,
     energy_errors,
@@ -75,9 +77,6 @@ if TYPE_CHECKING:
     from varint.integration.events.crossings import Watch
 
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
-# steps of a smooth motion up to which an iteration that fails is a sign of too few: twice as many
-# take less time than Newton's method, but for a stiff part that is at rest
-UNRESCUED = 2**15
 # of a duration alone, as users of every package for differential equations expect
 DEFAULT_TOL = 1e-9
 
@@ -92,6 +91,7 @@ def choose_steps(
     scale: Any = None,
     backend: str = "auto",
     tried: int | None = None,
+    varying: Varying | None = None,
 ) -> Choice:
     """Rule and number of steps with which every coordinate's error stays below tol times its scale.
 
@@ -110,6 +110,8 @@ def choose_steps(
     backend : str
     tried : int, optional
         What `by_short_trials` would say: NOT_PROVED or NOT_SHORT.
+    varying : callable, optional
+        The choice with steps that follow the scene, where a run that went astray asks for them.
 
     Raises
     ------
@@ -162,13 +164,12 @@ def choose_steps(
         part: int = 1,
         wanted: float = tol,
         beyond: float = 0.0,
-        moved: float = 0.0,
+        digits: int | None = None,
     ) -> Trajectory | None:
         problem = problem_with_steps(chosen, start, steps)
-        if moved:
-            problem = problem._replace(
-                p0=start.p0 * (1 + moved * (-1.0) ** np.arange(start.p0.size))
-            )
+        if digits is not None:
+            q0, p0 = with_other_digits(start.q0, start.p0, digits)
+            problem = problem._replace(q0=q0, p0=p0)
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved else iteration_level(wanted, steps),
@@ -198,7 +199,8 @@ def choose_steps(
         failures.clear()
         unproved = start.steps == 1 and shows_its_error(system)
         few, ends_early = start.steps * first, stop is not None
-        return refine(system, own, start, tol, radians, trial, failures, few, scale, ends_early)
+        search = system, own, start, tol, radians, trial, failures, few, scale, ends_early
+        return refine(*search, varying)
 
 
 def _from_two_runs(
@@ -221,7 +223,13 @@ def _from_two_runs(
         motion = trial(rule, steps, part, wanted)
         return None if motion is None else Attempt(motion, energy_errors(motion))
 
-    course = Course(run, apart, radians, system.structure.linear)
+    def parted(steps: int, wanted: float, way: int) -> Attempt | None:
+        motion = trial(rule, steps, 1, wanted, digits=way)
+        return None if motion is None else Attempt(motion, [])
+
+    s = system.structure
+    free = not (s.constraints or s.nonholonomic or system.rays)
+    course = Course(run, apart, radians, s.linear, parted=parted if free else None)
     found = run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
     if found is None:
         return None

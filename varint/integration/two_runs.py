@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varint.integration.energy_check import energies_along, keeps_energy
+from varint.integration.round_off import GROWS, ROUNDED, growth_of, parted, rounding
 from varint.integration.rule_choice import iteration_level
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -33,15 +34,10 @@ SPREAD = 1.5  # of errors between the nodes that two runs share
 EVIDENCE = 30.0  # times its round-off: an energy error that says something
 QUANTILES = (0.25, 0.5, 0.75, 0.9, 1.0)
 MIDDLE = 2  # the index of one of them that a few rough nodes do not touch
-ROUNDED = 2e-15  # relative error of the energy that is round-off
 # of the energy errors of two runs: what iterations leave hides it, or the range of the rule is not
 # reached; the finer run is then taken for hardly the better one
 NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
-# of the phase: what round-off of the energy of steps, a random walk, makes of it in a radian;
-# Kepler's motion, pendulums and a quartic well, 20 to 20,000 periods, have a tenth to half of it
-ROUNDING = 5e-17
-# times tol, that round-off of a regular motion makes: far out of reach, whatever the steps
-HOPELESS, REGULAR = 10.0, 100.0
+HOPELESS = 10.0  # times tol, that round-off makes: far out of reach, whatever the steps
 STILL = 1e-13  # of the energy: an error that is hardly more than round-off, mostly
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
@@ -51,6 +47,9 @@ PART_CLOSE = 20.0  # factor that a prediction from a part may be off
 # that part at least; fewest parts that are worth it
 WATCHED, FIRST_PART, FEWEST = 8, 8, 4
 SLOW = 20  # iterations a step of a part beyond which twice the steps take less time
+# steps of a smooth motion up to which an iteration that fails is a sign of too few: twice as many
+# take less time than Newton's method, but for a stiff part that is at rest
+UNRESCUED = 2**15
 ATTEMPTS = 6
 SHARED = (256, 16), (96, 8)  # steps above which runs have so many parts that both can share
 CAUTION = 0.85  # of the rule's order is counted on at most
@@ -58,9 +57,6 @@ CAUTION = 0.85  # of the rule's order is counted on at most
 # error that is predicted of the first coarse one is not clearly small, and otherwise
 LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
 CLEAR = 0.03  # such an error
-# of differences from the middle to the end, where they grow with the square of time; what grows
-# more is taken for a growth of all errors: what iterations leave in a step, and round-off, grow too
-SECULAR_GROWTH = 4.0
 # errors that grow are as uneven, and between shared nodes by as much larger, at most; by the root
 # of that where runs share so many parts
 UNEVEN, SEEN_PARTS = 10.0, 64
@@ -85,7 +81,8 @@ class Course(NamedTuple):
     motions turn; where the rule's order is sure for all steps that resolve them (linear scenes);
     how often steps are added before it is given up; into how many parts a coarse run is divided at
     most, so that one that is lost in the first of them ends there; part of `ROUGH` that iterations
-    of the next one leave.
+    of the next one leave; a run with so many steps for a wanted error, from a start with other last
+    digits, in one of `WAYS`.
     """
 
     trial: Trial
@@ -95,6 +92,7 @@ class Course(NamedTuple):
     attempts: int = ATTEMPTS
     watched: int = 1
     closer: float = 1.0
+    parted: Callable[[int, float, int], Attempt | None] | None = None
 
 
 class Proved(NamedTuple):
@@ -132,6 +130,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     level = rough
     expected = before = math.inf
     clear, growth, doubted = CLEAR, 1.0, False  # once, for steps may lie in a resonance
+    last, still, short = None, False, False
     for _ in range(course.attempts):
         if coarse is None:
             tried, runs = _coarse(course, steps, level), runs + 1
@@ -149,48 +148,70 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         wanted = tol / growth
         fine, runs = course.trial(more, wanted, 1), runs + 1
         if fine is None:
-            return None
+            break
         apart, early = course.apart(coarse.run, steps, fine.run, more)
         growth = max(growth, growth_of(apart, early))
         left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
         uneven = min(growth, UNEVEN)
         spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))
         limit = rounding(math.inf, course.radians, more, growth)
-        if limit > HOPELESS * tol and growth < REGULAR and fine.swing[MIDDLE] < STILL:
+        if limit > HOPELESS * tol and growth < GROWS and fine.swing[MIDDLE] < STILL:
             sure = (more / steps) ** (-CAUTION * p)  # energies hide how much smaller errors are
             by_steps = max(spread * apart * sure / (1 - sure), left, floor)
             if by_steps < limit and apart < ROUGH * EVIDENCE:
                 return Proved(more, fine.run, max(by_steps, min(limit, CHANCE * apart)), runs)
-        rounded, stalls = min(apart, limit), apart > STALLED * before
-        shrinkage = _shrinkage(coarse.swing, fine.swing, more / steps, p, course.linear)
-        if not math.isfinite(apart) or (stalls and rounded > tol):
+        rounded, ratio = min(apart, limit), more / steps
+        if not math.isfinite(apart):
             return None
+        # energies are round-off, and differences shrink by far less than truncation does
+        still = not course.linear and fine.swing[MIDDLE] > NO_SHRINKAGE * coarse.swing[MIDDLE]
+        fewer = before < ROUGH * EVIDENCE and EVIDENCE * before * ratio ** (-CAUTION * p) < apart
+        short = still and fewer
+        last = Proved(more, fine.run, max(max(CHANCE, spread) * apart, left, floor), runs)
+        shrinkage = _shrinkage(coarse.swing, fine.swing, ratio, p, course.linear)
+        if (short or apart > STALLED * before) and rounded > tol:
+            break
         if shrinkage is None:
             expected = max(_expected(course, fine), apart)
             if doubted or not expected <= LOST:
-                return None
+                break
             coarse, steps, doubted = fine, more, True
             continue
         shown = max(spread * apart * shrinkage / (1 - shrinkage), rounded, floor)
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
-            return Proved(more, fine.run, max(shown, left), runs)
+            found = Proved(more, fine.run, max(shown, left), runs)
+            likely = CHANCE * rounding(math.inf, max(course.radians, more), more, growth)
+            if growth < GROWS or likely < found.estimate:
+                return found
+            grown, made = _by_round_off(course, found, wanted, tol)
+            return found._replace(estimate=max(found.estimate, grown), runs=runs + made)
         coarse, steps, before = fine, more, apart
         expected = shown if apart < ROUGH * EVIDENCE else apart
+    if last is None:
+        return None
+    grown, made = _by_round_off(course, last, wanted, tol) if growth >= GROWS else (0.0, 0)
+    last = last._replace(estimate=max(last.estimate, grown), runs=last.runs + made)
+    limited = still and doubted and last.estimate <= tol  # energies hide how small errors are
+    if limited or grown > tol or (short and apart > HOPELESS * tol):  # or that, whatever the steps
+        return last
     return None
 
 
-def growth_of(apart: float, early: float) -> float:
-    """How much more errors grow than those of a regular motion, by the largest difference of two
-    runs and what an early one lets expect in the middle.
+def _by_round_off(course: Course, found: Proved, wanted: float, tol: float) -> tuple[float, int]:
+    """What round-off grows to, the start's included, with which all runs begin alike; in so many
+    runs.
     """
-    return apart / (SECULAR_GROWTH * max(early, ROUNDED))
+    run = course.parted
+    if run is None:
+        return 0.0, 0
 
+    def apart(way: int) -> float:
+        other = run(found.steps, wanted, way)
+        if other is None:
+            return math.inf
+        return course.apart(found.run, found.steps, other.run, found.steps)[0]
 
-def rounding(apart: float, radians: float, steps: int, growth: float = 1.0) -> float:
-    """As much of the difference of two runs as round-off may have made in so many radians and
-    steps, where errors grow by as much: this does not shrink with the steps.
-    """
-    return min(apart, ROUNDING * radians * math.sqrt(steps) * growth)
+    return parted(apart, found.estimate, tol)
 
 
 def energy_errors(motion: Trajectory) -> list[float]:

@@ -11,7 +11,7 @@
 #include "run.h"
 #include "rows.h"
 
-double rint(double);
+double rint(double), nextafter(double, double);
 #define NO_NUMBER (0 * INFINITY)
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
 #define QUANTILES 5
@@ -21,7 +21,7 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
 typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
         stalled, part_close, caution, least, good, most, far, clear, secular_growth, left,
-        uneven;
+        uneven, chance, grows, ways, parted, far_below;
     double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, slow, poor, secular, level;
     double quantiles[QUANTILES];
 } Limits;
@@ -231,6 +231,35 @@ static double apart_from(const TwoRuns *a, const Attempt *one, const Attempt *ot
     return zero == 0 ? largest : NO_NUMBER;
 }
 
+/* What round-off grows to, the start's included, with which all runs begin alike: from runs whose starts have other last
+   digits; less than none where another loop should look. */
+static double by_round_off(const TwoRuns *a, const Attempt *run, double wanted, double known, Proved *found) {
+    const int64_t n = a->n;
+    double start[2 * n], most = 0;
+    int64_t begin = 0; /* momenta, or coordinates at rest */
+    for (int64_t d = 0; d < 2 * n; d++) {
+        start[d] = a->start[d];
+        if (d >= n && start[d] != 0) begin = n;
+    }
+    Attempt other = {0};
+    TwoRuns parted = *a;
+    parted.start = start;
+    for (int64_t way = 0; way < (int64_t)a->limits->ways; way++) {
+        for (int64_t i = 0; i < n; i++) {
+            const double x = a->start[begin + i];
+            start[begin + i] = x == 0 ? x : nextafter(x, (way ? i + 1 : i / 2) % 2 ? -INFINITY : INFINITY);
+        }
+        double early, apart = INFINITY;
+        if (!try_run(&parted, run->steps, wanted, 1, 1, &other, found)) most = -1;
+        if (most < 0) break;
+        if (!other.lost) apart = a->limits->parted * apart_from(a, run, &other, &early);
+        most = !(apart <= most) ? apart : most;
+        if (most < a->limits->far_below * known || (a->tol < most && most <= known)) break;
+    }
+    free(other.rows);
+    return most == most ? most : INFINITY;
+}
+
 static double ratio_for(const TwoRuns *a, double error, double wanted, double most) {
     if (!(error - error == 0)) return most;
     double x = pow(error / wanted, 1 / (double)a->order);
@@ -312,10 +341,15 @@ int two_runs(const TwoRuns *a) {
                      spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
         double shown = spread * apart * left / (1 - left);
         shown = shown > rounded ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
-        const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth,
-                     estimate = shown > iterated ? shown : iterated;
+        const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth;
+        double estimate = shown > iterated ? shown : iterated;
         const int near = apart < l->rough * l->evidence;
         if (shrinks && near && estimate <= a->tol) {
+            const double turns = a->radians > (double)more ? a->radians : (double)more;
+            const double likely = l->chance * l->rounding * turns * sqrt((double)more) * growth;
+            const double rounded_to = growth < l->grows || likely < estimate ? 0 : by_round_off(a, &fine, wanted, estimate, a->found);
+            if (rounded_to < 0 || rounded_to > a->tol) goto end;
+            if (rounded_to > estimate) estimate = rounded_to;
             *a->found = (Proved){more, a->found->runs, estimate, fine.iterations, fine.residual, fine.rows};
             fine.rows = 0, result = PROVED;
             goto end;
@@ -326,7 +360,7 @@ int two_runs(const TwoRuns *a) {
         if (shrinks) before = apart, expected = near ? shown : apart;
         else doubted = 1;
     }
-    result = NOT_PROVED;
+    if (growth < l->grows && !doubted) result = NOT_PROVED; /* elsewhere it may be shown to be out of reach */
 end:
     free(coarse.rows), free(fine.rows);
     return result;

@@ -11,7 +11,8 @@ import numpy as np
 from varint.codegen.look_ahead import Look, look_ahead, look_of
 from varint.discrete.legendre import mass_solve
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
-from varint.numerics.arrays import call
+from varint.numerics.arrays import call, over_columns
+from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
@@ -19,6 +20,7 @@ STEPS = 80
 ANGLE = 0.4  # of the local rate in a step: a Runge–Kutta method of order 4 is right to 1e-3
 ASTRAY = 0.05  # of the largest p·v: an energy error where the look ahead ends
 REMEMBERED = 16
+LOOKS = 400  # nodes of a run at which ω is looked at
 BITS = 24  # of what was seen: the way that it is seen by shows in none of them
 GROWTH = 1.5  # of steps at most, where the rate vanishes
 FAR_BELOW = 0.9  # further off a bound than two ways to compute the same can be
@@ -107,6 +109,14 @@ def _without_core(
     times, rates = times[:count], rates[:count]
     turned = ((rates[1:] + rates[:-1]) / 2 * np.diff(times)).sum()
     return turned / times[-1], rates.max(), times[-1]
+
+
+def rate_varies(system: System, motion: Trajectory, factor: float) -> bool:
+    """Whether the largest ω at nodes of a run is so many times the mean one."""
+    some = np.unique(np.linspace(0, len(motion) - 1, LOOKS).astype(int))
+    rates = over_columns(_rate_function(system), motion.q[some], motion.c)[0]
+    rates = rates[np.isfinite(rates)]
+    return bool(rates.size and rates.max() >= factor * rates.mean())
 
 
 def varies_little(

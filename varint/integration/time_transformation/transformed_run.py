@@ -26,6 +26,7 @@ from varint.integration.problem import (
     Start,
     initial_value_problem,
 )
+from varint.integration.round_off import with_other_digits
 from varint.integration.run import collect, start_run
 from varint.integration.time_transformation.fictitious_start import (
     in_fictitious_time,
@@ -134,6 +135,17 @@ def prepare(
         rate = slowest_rate(pilot, total)
     inner = in_fictitious_time(system, scene, problem, start.v0, rate, total)
     return Prepared(system, scene, chosen, inner, problem.t0, total, stop, watches, options, pilot)
+
+
+def with_other_digits_at_start(prepared: Prepared, way: int) -> Prepared:
+    """With the start of `with_other_digits`, at an energy and a time scale of its own."""
+    system, scene, inner = prepared.system, prepared.scene, prepared.problem
+    n = system.structure.n
+    q0, p0 = with_other_digits(inner.q0[:n], inner.p0[:n], way)
+    own = inner._replace(q0=q0, p0=p0, t0=prepared.t0, c=inner.c[:-3])
+    slowest = float(inner.c[-3])
+    problem = in_fictitious_time(system, scene, own, None, slowest, prepared.total)
+    return prepared._replace(problem=problem)
 
 
 def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory:

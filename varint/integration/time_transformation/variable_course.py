@@ -33,13 +33,19 @@ from varint.integration.time_transformation.plain_course import (
 from varint.integration.time_transformation.rate_pilot import (
     RatePilot,
     rate_pilot,
+    rate_varies,
     varies_little,
 )
 from varint.integration.time_transformation.time_scale import AUTO
-from varint.integration.time_transformation.transformed_run import Prepared, prepare
+from varint.integration.time_transformation.transformed_run import (
+    Prepared,
+    prepare,
+    with_other_digits_at_start,
+)
 from varint.integration.two_runs import (
     FLOOR,
     SAMPLES,
+    UNRESCUED,
     Attempt,
     Course,
     quantiles,
@@ -47,6 +53,7 @@ from varint.integration.two_runs import (
     shows_its_error,
 )
 from varint.integration.walls import Failure, require_way_on
+from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -69,14 +76,23 @@ def choose_varying_steps(
     start: Start,
     options: RunOptions,
     tol: float,
+    astray: Trajectory | None = None,
 ) -> Choice | None:
     """The run with steps that follow the local rate of the scene; None where that is not worth it
-    or not possible, or where its error cannot be shown to be below tol.
+    or not possible, or where neither an error below tol nor that there is none can be shown.
+
+    The look ahead sees no more than the beginning: a run with equal steps that went `astray` later
+    on shows whether the rate varies till there.
     """
     if not _possible(system, rule, options) or problem.steps > 1:
         return None
     total, v = problem.h, start_velocity(system, problem, start.v0)
-    pilot = worthwhile_pilot(system, np.concatenate((problem.q0, v)), problem.c, total)
+    if astray is None:
+        pilot = worthwhile_pilot(system, np.concatenate((problem.q0, v)), problem.c, total)
+    elif rate_varies(system, astray, WORTH):
+        pilot = rate_pilot(system, problem.q0, v, problem.c, total, total < 0)
+    else:
+        pilot = None
     if pilot is None:
         return None
     span = pilot.mean * total
@@ -140,14 +156,16 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
     c = prepared.problem.c[: system.c.numel()]
     failures: list[Failure] = []  # since the last run that ended well
 
-    def trial(steps: int, wanted: float, part: int) -> Attempt | None:
-        problem = prepared.problem._replace(
-            h=span / steps, level=iteration_level(wanted, steps), steps=max(steps // part, 1)
+    def trial(steps: int, wanted: float, part: int, ready: Prepared = prepared) -> Attempt | None:
+        problem = ready.problem._replace(
+            h=span / steps,
+            level=iteration_level(wanted, steps),
+            steps=max(steps // part, 1),
+            rescued=steps > UNRESCUED,
         )
-        ready = prepared
         if part > 1:
-            assert prepared.total is not None
-            ready = prepared._replace(total=prepared.total / part)
+            assert ready.total is not None
+            ready = ready._replace(total=ready.total / part)
         try:
             found = physical_run(ready, problem)
         except ConvergenceError as error:  # steps too large for the motion
@@ -159,8 +177,11 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         failures.clear()
         return attempt_of(system, found, c)
 
+    def parted(steps: int, wanted: float, way: int) -> Attempt | None:
+        return trial(steps, wanted, 1, with_other_digits_at_start(prepared, way))
+
     apart = partial(apart_by, system, c, scale, ends_early)
-    return Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER)
+    return Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted)
 
 
 def attempt_of(system: System, run: PhysicalRun, c: np.ndarray) -> Attempt:
