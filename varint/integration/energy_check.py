@@ -143,7 +143,7 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
         energy, moving = exchanged_energies(motion, np.arange(len(motion))[i])
         kicked = np.zeros_like(moving)
     else:
-        if motion.active_set is None:
+        if motion.active_set is None or not any(x.rows or x.contacts for x in motion.active_sets):
             found = over_columns(_energy_of_momentum(motion.system), q, p, t[:, None], motion.c, h)
         else:
             v = motion.v if isinstance(i, slice) else motion[i].v
