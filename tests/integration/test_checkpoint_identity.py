@@ -137,11 +137,11 @@ def test_a_run_that_finds_no_compiler_next_time_is_not_mixed_up(tmp_path, monkey
         vi.simulate(double_pendulum(), vi.gauss(2), **start)
 
 
-@pytest.mark.parametrize("old", ["varint checkpoint 3", "varint checkpoint 4"])
+@pytest.mark.parametrize("old", [f"varint checkpoint {number}" for number in (3, 4, 5)])
 def test_checkpoints_of_before_are_refused_by_their_format(tmp_path, old):
     start = dict(q0=1.0, v0=0.0, h=0.01, steps=2000, checkpoint=tmp_path / "run")
     vi.simulate(pendulum(), **start)
     header, arrays = parts_of(tmp_path / "run")
     put(tmp_path / "run", header | {"format": old}, arrays)
-    with pytest.raises(vi.InputError, match=f"'{old}', not 'varint checkpoint 5'; move it away"):
+    with pytest.raises(vi.InputError, match=f"'{old}', not 'varint checkpoint 6'; move it away"):
         vi.simulate(pendulum(), **start)

@@ -17,7 +17,7 @@ import numpy as np
 from varint.codegen.arguments import c_table
 from varint.codegen.band import Band, band
 from varint.codegen.cache import AS_WRITTEN
-from varint.codegen.continuation import HISTORY, continuation_tables
+from varint.codegen.continuation import FORCED_HISTORY, HISTORY, continuation_tables, force_table
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
@@ -176,6 +176,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             [e.q, e.t, system.control],
             [kick_function(system)(e.q, system.control, e.t, e.c)],
         )
+    forced = s.constant_mass and s.separable and not (held or solve.map)
     about = f"Newton's method, {e.y.numel()} unknowns" + (
         " in closed form"
         if solve.closed
@@ -191,7 +192,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         ca.vertcat(e.c, e.h, e.scale, e.sizes),
         functions,
         [name for name in CALLED if name not in functions and name not in by_nodes],
-        _counts(system, rule, e, solve, projection, eliminates),
+        _counts(system, rule, e, solve, projection, eliminates, forced),
         {
             "LAST_CORRECTION": solve.last_correction,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
@@ -201,7 +202,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             "VANISHED": VANISHED,
         },
         _places(solve, projection),
-        _tables(rule, solve),
+        _tables(rule, solve, forced),
         bool(solve.tables),
         _opening_values(system),
     )
@@ -244,8 +245,9 @@ def _counts(
     solve: Solution,
     projection: _Projection | None,
     eliminates: bool,
+    forced: bool,
 ) -> dict[str, int]:
-    s, degree = system.structure, rule.degree
+    s, degree, held = system.structure, rule.degree, projection is not None
     size = 0 if solve.closed else solve.band.size
     with_map = size + 2 * s.n * (2 * s.n + solve.band.order.size + 1) if solve.map else size
     order = projection.band if projection else NO_BAND
@@ -257,7 +259,7 @@ def _counts(
         "Y": e.y.numel(),
         "C": e.c.numel(),
         "SIZES": e.sizes.numel(),
-        "HISTORY": HISTORY.get(degree, 1),
+        "HISTORY": _history(rule, forced),
         "DEGREE": degree,
         "PATH": 0 if eliminates else s.n,
         "MULTIPLIERS": s.constraints,
@@ -267,8 +269,10 @@ def _counts(
         "FROZEN": int(solve.frozen),
         "MAP": int(solve.map),
         "STEADY": int(solve.steady),
+        "FORCED": int(forced),
+        "JUDGED": solve.judged or e.y.numel(),
         "KICKED": int(eliminates),
-        "HELD": int(projection is not None),
+        "HELD": int(held),
         "WATCHED": int(folds(system)),
         "VELOCITY_ROWS": s.constraints + s.nonholonomic,
         "BELOW": solve.band.below,
@@ -279,7 +283,7 @@ def _counts(
         "HIDDEN_BELOW": order.below,
         "HIDDEN_REACH": order.reach,
         "HIDDEN_NONZEROS": len(order.places),
-        "HIDDEN_SPEED": int(projection is not None and projection.speed),
+        "HIDDEN_SPEED": int(bool(projection and projection.speed)),
         "HIDDEN_SIZE": hidden_size,
         "MATRIX_SIZE": max(with_map, hidden_size),
         "MOST_ITERATIONS": STEP_ITERATIONS,
@@ -299,9 +303,14 @@ def _places(solve: Solution, projection: _Projection | None) -> dict[str, np.nda
     return places | {name: x for name, x in solve.tables.items() if x.dtype.kind == "i"}
 
 
-def _tables(rule: Rule, solve: Solution) -> dict[str, np.ndarray]:
-    history = HISTORY.get(rule.degree, 1)
+def _history(rule: Rule, forced: bool) -> int:
+    return (FORCED_HISTORY if forced else HISTORY).get(rule.degree, 1)
+
+
+def _tables(rule: Rule, solve: Solution, forced: bool) -> dict[str, np.ndarray]:
+    history = _history(rule, forced)
     tables = {"POINTS": np.array(rule.points[1:]), **continuation_tables(rule, history)}
+    tables["AHEAD_FORCES"] = force_table(rule, history) if forced else np.zeros(1)
     return tables | {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}
 
 

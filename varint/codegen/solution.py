@@ -37,7 +37,8 @@ class Solution:
     """How the unknowns are found: the functions for it, the order of the band, what makes it
     simpler (`steady`: of a map, that it is the same at all times); tables of the rule where the
     equations are a loop over its nodes; whether the matrix is not their derivative but near it, and
-    the same all through a step.
+    the same all through a step; so many of the unknowns, the first ones, tell when to stop, where
+    the equations are linear in the others (0: all of them).
     """
 
     functions: Functions
@@ -48,6 +49,7 @@ class Solution:
     steady: bool = False
     tables: dict[str, np.ndarray] = field(default_factory=dict)
     frozen: bool = False
+    judged: int = 0
 
     @property
     def last_correction(self) -> float:
@@ -85,13 +87,15 @@ def _without_end(system: System, rule: Rule, e: Equations) -> Solution | None:
         return None
     left = ca.densify(e.left[:inside] / e.row_size[:inside])
     inner, coupled = ca.horzsplit(ca.densify(ca.jacobian(left, e.y)), [0, inside, size])
+    judged = 0 if ca.depends_on(coupled, varying) else inside
     inverse = ca.inv_minor(by_end)
     apart, by_inside = inverse @ row, inverse @ by_inner
     schur = inner - coupled @ by_inside
     correction = ca.inv_minor(schur) @ (left - coupled @ apart)
     every = ca.vertcat(correction, apart - by_inside @ correction)
     inputs, unordered = [e.y, e.q, e.p, e.t, e.u], Band(np.arange(size), 0, 0, NOWHERE, 0)
-    return Solution({"equations": (inputs, [every]), **_after(e)}, unordered, True, False, False)
+    functions: Functions = {"equations": (inputs, [every]), **_after(e)}
+    return Solution(functions, unordered, True, False, False, judged=judged)
 
 
 def _at_nodes(system: System, rule: Rule, e: Equations) -> Solution | None:

@@ -29,7 +29,7 @@ from varint.rules.rule import Rule
 from varint.scene.serialisation import differences, expression_as_data, identity
 from varint.scene.system import System
 
-FORMAT = "varint checkpoint 5"
+FORMAT = "varint checkpoint 6"
 # seconds between two checkpoints, more where writing them would take more than a tenth of the run
 PAUSE = 1.0
 MOST_SHARE = 0.1

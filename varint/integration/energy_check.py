@@ -143,12 +143,11 @@ def energy_jump(motion: Trajectory) -> EnergyJump | None:
         energy, moving = exchanged_energies(motion, np.arange(len(motion))[i])
         kicked = np.zeros_like(moving)
     else:
-        if motion.active_set is None:
+        if motion.active_set is None or not any(x.rows or x.contacts for x in motion.active_sets):
             found = over_columns(_energy_of_momentum(motion.system), q, p, t[:, None], motion.c, h)
         else:
-            found = over_columns(
-                _energy_function(motion.system), q, motion[i].v, t[:, None], motion.c, h
-            )
+            v = motion.v if isinstance(i, slice) else motion[i].v
+            found = over_columns(_energy_function(motion.system), q, v, t[:, None], motion.c, h)
         energy, moving, kicked = (x.reshape(-1) for x in found)
     if motion.events and motion.system.structure.contacts:
         energy = energy - given_by_impacts(motion, t)

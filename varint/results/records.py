@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     import casadi as ca
 
@@ -60,7 +60,7 @@ class StepsAgain(NamedTuple):
 IMPACTS = ("impact", "stop")  # events at which velocities jump
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Event:
     """Something that happened between nodes.
 
@@ -105,10 +105,34 @@ class Event:
     v_after: tuple[float, ...] = ()
     p_after: tuple[float, ...] = ()
 
-    def __post_init__(self) -> None:
-        for name in ("q", "v_before", "p_before", "v_after", "p_after"):  # a file has lists
-            if type(getattr(self, name)) is not tuple:
-                object.__setattr__(self, name, tuple(getattr(self, name)))
+    def __init__(
+        self,
+        time: float,
+        kind: str,
+        contact: int | None,
+        impulse: float,
+        energy_before: float,
+        energy_after: float,
+        q: Iterable[float] = (),
+        v_before: Iterable[float] = (),
+        p_before: Iterable[float] = (),
+        v_after: Iterable[float] = (),
+        p_after: Iterable[float] = (),
+    ) -> None:
+        # all at once: a run may have very many, and one by one they take three times as long
+        self.__dict__.update(
+            time=time,
+            kind=kind,
+            contact=contact,
+            impulse=impulse,
+            energy_before=energy_before,
+            energy_after=energy_after,
+            q=tuple(q),  # a file has lists
+            v_before=tuple(v_before),
+            p_before=tuple(p_before),
+            v_after=tuple(v_after),
+            p_after=tuple(p_after),
+        )
 
     @property
     def before(self) -> State:

@@ -614,7 +614,11 @@ static double *take_begun(Work *x) {
     return carry;
 }
 
-INLINE int is_kept(const ContactArguments *a, int64_t k) { return k % a->save_every == 0 || k == a->last; }
+/* Whether node k is kept; `due` is the first that is, from some node behind it on. */
+INLINE int is_kept(const ContactArguments *a, int64_t k, int64_t *due) {
+    if (k > *due) *due = (k + a->save_every - 1) / a->save_every * a->save_every;
+    return k == *due || k == a->last;
+}
 
 INLINE void keep(double *row, double t, int64_t k, const double *state) {
     row[0] = t, row[1] = (double)k;
@@ -641,7 +645,7 @@ int contacts(const ContactArguments *a) {
                  part[14], part[15], part[16], part[17], pivots, held, 0, 0, 0, 0};
     Work *const x = &work;
     double *const state = a->state, *carry = state + STATE_Q + NUMBERS, *row = a->rows, *hit = a->hit;
-    int64_t k = (int64_t)state[0], steps = 0;
+    int64_t k = (int64_t)state[0], due = 0, steps = 0;
     double now[POINT], end[POINT], at[POINT], before[POINT], moved[N];
     a->stats[4] = 0;
     memset(held, 0, sizeof held);
@@ -688,7 +692,7 @@ int contacts(const ContactArguments *a) {
                     COPY(now + 1, end + 1, POINT - 1), looked++;
                 }
                 k++, *t = then, *impacts = 0;
-                if (is_kept(a, k)) keep(row, *t, k, reached), row += ROW_SIZE;
+                if (is_kept(a, k, &due)) keep(row, *t, k, reached), row += ROW_SIZE;
             }
             if (looked < passed && !found) {
                 COPY(now + 1, rows + 3 * N * passed, 3 * N), COPY(REST_OF(now), rests + 2 * N * passed, 2 * N);
@@ -710,7 +714,7 @@ int contacts(const ContactArguments *a) {
             if (found == NONE) {
                 k++, *t = a->t0 + a->h * (double)k, *impacts = 0;
                 COPY(now + 1, end + 1, POINT - 1);
-                if (is_kept(a, k)) keep(row, *t, k, now + 1), row += ROW_SIZE;
+                if (is_kept(a, k, &due)) keep(row, *t, k, now + 1), row += ROW_SIZE;
             }
         }
         if (found == NONE) continue;

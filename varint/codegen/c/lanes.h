@@ -89,8 +89,13 @@ INLINE int within(V x, double bound) {
 }
 #else
 INLINE V v_sqrt(V x) { for (int i = 0; i < LANES; i++) set_lane(&x, i, sqrt(lane(x, i))); return x; }
+#if LANES == 1
+INLINE V v_fmax(V a, V b) { return a > b ? a : b; }
+INLINE V v_fmin(V a, V b) { return a < b ? a : b; }
+#else
 INLINE V v_fmax(V a, V b) { return choose(MASK(a > b), a, b); }
 INLINE V v_fmin(V a, V b) { return choose(MASK(a < b), a, b); }
+#endif
 INLINE double sum(V x) { double s = 0; for (int i = 0; i < LANES; i++) s += lane(x, i); return s; }
 INLINE double largest(V x) { double m = lane(x, 0); for (int i = 1; i < LANES; i++) if (lane(x, i) > m) m = lane(x, i); return m; }
 INLINE int within(V x, double bound) { int y = 1; for (int i = 0; i < LANES; i++) y &= fabs(lane(x, i)) <= bound; return y; }

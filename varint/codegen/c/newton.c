@@ -7,10 +7,12 @@
    Jacobian, `frozen`, is factorised once a step, and once more where many corrections follow; MAP: the equations are few, and a step is a constant affine map of q and p,
    see map.h. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
-   velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see legendre.h. */
+   velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see legendre.h. FORCED: inertia is
+   constant, and steps are continued by their accelerations. */
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RENEWED 8   /* corrections by one frozen matrix: from a start that was far off, the next one is nearer */
+#define FADING 0.9  /* of how much a correction leaves, a step: the most of some steps counts */
 #define EASY 4      /* iterations of a step after which the next begins with what several steps continue, which leads far where steps are long */
 #define RESIZED 16  /* steps between two looks at the sizes that change with the place */
 
@@ -21,9 +23,10 @@
 
 /* What a run needs to go on as if it had not stopped, in this order; at a fresh start the caller fills scale and speed. */
 typedef struct {
-    double *started, *scale, *speed, *sizes, *h, *known, *age, *q, *p, *rest_q, *rest_p, *force, *seen, *y, *strongest, *folds;
-} State; /* 1, 2 N, N, SIZES + 1, 1, 1, 1, N, N, N, N, N, 2 N, HISTORY rows of Y numbers, 1, FOLDS_SIZE */
-#define CARRY_SIZE ((int64_t)(6 + 10 * N + SIZES + HISTORY * Y + FOLDS_SIZE))
+    double *started, *scale, *speed, *sizes, *h, *known, *age, *q, *p, *rest_q, *rest_p, *force, *seen, *y, *bend, *strongest, *folds;
+} State; /* 1, 2 N, N, SIZES + 1, 1, 1, 1, N, N, N, N, N, 2 N, HISTORY rows of ROW numbers, 1, 1, FOLDS_SIZE */
+#define ROW (Y + FORCED * N) /* the unknowns of a step, and the velocity where it begins */
+#define CARRY_SIZE ((int64_t)(7 + 10 * N + SIZES + HISTORY * ROW + FOLDS_SIZE))
 #ifdef SCENE_AS_DATA
 int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
 #else
@@ -34,7 +37,7 @@ INLINE State state_in(double *at) {
     s.started = at, s.scale = s.started + 1, s.speed = s.scale + 2 * N, s.sizes = s.speed + N, s.h = s.sizes + SIZES + 1;
     s.known = s.h + 1, s.age = s.known + 1, s.q = s.age + 1, s.p = s.q + N, s.rest_q = s.p + N, s.rest_p = s.rest_q + N;
     s.force = s.rest_p + N, s.seen = s.force + N, s.y = s.seen + 2 * N;
-    s.strongest = s.y + HISTORY * Y, s.folds = s.strongest + 1;
+    s.bend = s.y + HISTORY * ROW, s.strongest = s.bend + 1, s.folds = s.strongest + 1;
     return s;
 }
 #define COPY(to, from, count) memcpy(to, from, (size_t)(count) * sizeof(double))
@@ -129,19 +132,24 @@ LARGE void factors_of(const double *jacobian, double *matrix, int *pivots) {
 /* The largest of what remains, or no number. */
 INLINE double largest_of(const double *remains) {
     double left = 0;
-    for (int i = 0; i < Y; i++) left = fabs(remains[i]) > left || remains[i] != remains[i] ? fabs(remains[i]) : left;
-    return left;
+    for (int i = 0; i < Y; i++) left = fabs(remains[i]) > left ? fabs(remains[i]) : left;
+    return left + unsound(remains, Y);
 }
 
-/* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. A linear solve errs by the
-   round-off of the factors, the same in every step, in what it corrects alone: hardly anything, from a continued start. */
+/* Newton's method until a correction of LAST_CORRECTION, applied: what is left is its square. A correction by the factors of the
+   one before leaves twice the product of both, or twice its square by the one before where that is less, which must not be
+   more than that square. The second correction is one where that
+   will do: it is `bend` times the square of the first. A linear solve errs by the round-off of the factors, the same in every
+   step, in what it corrects alone: hardly anything, from a continued start. */
 INLINE int solve(double *y, const double *q, const double *p, const double *u, double t, const double *w,
-                  const double *inverse, int most, double *matrix, int *pivots, int64_t *count) {
+                  const double *inverse, int most, double *matrix, int *pivots, double *bend, int64_t *count) {
     double jacobian[NONZEROS + 1];
     if (FROZEN) {
         frozen(y, q, &t, w + FROZEN_AT, jacobian);
         factors_of(jacobian, matrix, pivots);
     }
+    double before = INFINITY;
+    int reused = 0;
     for (int i = 0; i < most; i++) {
         double b[Y + REACH], worst = 0;
         if (FROZEN && i && i % RENEWED == 0) {
@@ -153,15 +161,20 @@ INLINE int solve(double *y, const double *q, const double *p, const double *u, d
         if (CLOSED || LINEAR || FROZEN) residual_of(y, q, p, &t, u, w + EQUATIONS_AT, b);
         else {
             residual_and_slope(y, q, p, &t, u, w + EQUATIONS_AT, b, jacobian);
-            factors_of(jacobian, matrix, pivots);
+            reused = i == 1 && 2 * *bend * *bend * before * before * before <= LAST_CORRECTION * LAST_CORRECTION;
+            if (!reused) factors_of(jacobian, matrix, pivots);
         }
         if (!CLOSED) substitute(Y, BELOW, REACH, matrix, pivots, b);
         for (int k = 0; k < Y; k++) {
             const double size = fabs(b[k]) * inverse[k];
-            worst = size > worst ? size : worst;
+            worst = k < JUDGED && size > worst ? size : worst;
             y[PERM[k]] -= b[k];
         }
-        if (worst <= LAST_CORRECTION) return 1; /* a correction that is not a number ends it too, and shows in the residual */
+        const double left = reused ? 2 * worst * fmin(before, worst / before) : 0;
+        if (i == 1) *bend = fmax(worst / (before * before), FADING * *bend);
+        if (worst <= LAST_CORRECTION && left <= LAST_CORRECTION * LAST_CORRECTION) return 1; /* a correction that is not a number
+                                                                                                ends it too, and shows in the residual */
+        before = worst;
     }
     return 0;
 }
@@ -201,9 +214,27 @@ INLINE void extend(const double *table, int known, int rows, int columns, int of
     }
 }
 
+/* The same by the accelerations of `known` steps, whose velocities at the start stand behind their unknowns, as that of this
+   step behind its; where inertia is constant. */
+INLINE void extend_forces(int known, double *const *y, double *next) {
+    const double *table = AHEAD_FORCES;
+    for (int s = 1; s < known; s++) table += DEGREE * (s * (DEGREE + 1) + 1);
+    for (int j = 0; j < DEGREE; j++) {
+        double to[N];
+        for (int i = 0; i < N; i++) to[i] = 0;
+        for (int s = 0; s < known; s++)
+            for (int k = 0; k <= DEGREE; k++, table++)
+                for (int i = 0; i < N; i++) to[i] = v_fma(*table, y[s][k * N + i], to[i]);
+        for (int i = 0; i < N; i++) next[j * N + i] = v_fma(*table, next[Y + i], to[i]);
+        table++;
+    }
+}
+
 /* Velocities, multipliers and those of non-holonomic rows continued; without a step behind, the velocity at the start. */
 INLINE void guess(int known, double *const *y, const double *speed, double *next) {
-    if (known) {
+    if (FORCED && known == HISTORY) extend_forces(HISTORY, y, next);
+    else if (FORCED && known) extend_forces(known, y, next);
+    else if (known) {
         extend(AHEAD_VELOCITIES, known, PATH, DEGREE, 0, y, next);
         extend(AHEAD_MULTIPLIERS, known, MULTIPLIERS, DEGREE, PATH * DEGREE, y, next);
         extend(AHEAD_ROWS, known, ROWS, 1, (PATH + MULTIPLIERS) * DEGREE, y, next);
@@ -300,8 +331,8 @@ int run(const RunArguments *a) {
         if (rests) COPY(state.rest_q, rests, N), COPY(state.rest_p, rests + N, N);
         else ZEROS(state.rest_q, N), ZEROS(state.rest_p, N);
         ZEROS(seen, 2 * N);
-        ZEROS(state.force, N), ZEROS(state.y, HISTORY * Y), state.sizes[SIZES] = 0;
-        *state.strongest = INFINITY;
+        ZEROS(state.force, N), ZEROS(state.y, HISTORY * ROW), state.sizes[SIZES] = 0;
+        *state.strongest = INFINITY, *state.bend = 1;
         *state.known = *state.age = 0;
     }
     COPY(scale, state.scale, 2 * N), COPY(sizes, state.sizes, SIZES);
@@ -310,9 +341,9 @@ int run(const RunArguments *a) {
         const double t = t0 + h * (double)first;
         kick(q, &t, u, w + KICK_AT, state.force);
     }
-    double *y[HISTORY + 1], unknowns[HISTORY + 1][Y]; /* y[0] is the step at hand, y[s] that of s steps ago */
-    for (int s = 0; s <= HISTORY; s++) y[s] = unknowns[s];
-    for (int s = 0; s < HISTORY; s++) COPY(y[s + 1], state.y + s * Y, Y);
+    double *y[HISTORY + 1], unknowns[HISTORY][ROW]; /* y[s] are those of s steps ago */
+    for (int s = 0; s < HISTORY; s++) y[s + 1] = unknowns[s];
+    for (int s = 0; s < HISTORY; s++) COPY(y[s + 1], state.y + s * ROW, ROW);
     save_afresh(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
     const int watched = WATCHED && a->notes;
     const Folds folds = {state.folds, state.folds + 1};
@@ -325,7 +356,9 @@ int run(const RunArguments *a) {
 
     for (; done < steps; done++) {
         const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
-        const double *p_start = p;
+        double here[N], push[N], z[ROW]; /* q, p and the unknowns of this step in places of their own, which registers may be */
+        const double *p_start = push;
+        COPY(here, q, N), COPY(push, p, N);
         double increment[N], gain[N], remains[Y], kicked[N], force[N], after[N], weakness = 0;
         if (HELD && (int64_t)*state.age % RESIZED == 0) {
             sized(q, &t, w + SIZED_AT, sizes);
@@ -338,6 +371,7 @@ int run(const RunArguments *a) {
             p_start = kicked;
         }
         int64_t count = 0;
+        if (FORCED) speed_of(here, push, &t, w + SPEED_AT, z + Y);
         if (MAP) {
             mapped(matrix, q, p, t, u, w, increment, gain);
             count = 1;
@@ -347,9 +381,9 @@ int run(const RunArguments *a) {
             }
         } else for (;;) { /* once more from the last step alone where the continued start is too far, then from the velocity */
             const int known = (int)*state.known;
-            guess(known, y + 1, state.speed, y[0]);
-            const int converged = solve(y[0], q, p_start, u, t, w, inverse, most, matrix, pivots, &count);
-            finished(y[0], q, p_start, &t, u, w + FINISH_AT, increment, gain, remains);
+            guess(known, y + 1, state.speed, z);
+            const int converged = solve(z, here, p_start, u, t, w, inverse, most, matrix, pivots, state.bend, &count);
+            finished(z, here, p_start, &t, u, w + FINISH_AT, increment, gain, remains);
             left = largest_of(remains);
             status = converged && left <= RESIDUAL_LIMIT ? DONE : left == left && left < INFINITY ? NOT_CONVERGED : NOT_FINITE;
             if (!status || !known) break;
@@ -392,8 +426,8 @@ int run(const RunArguments *a) {
         if (KICKED) COPY(state.force, after, N);
         if (!MAP) {
             double *const oldest = y[HISTORY];
-            for (int s = HISTORY; s > 0; s--) y[s] = y[s - 1];
-            y[0] = oldest;
+            for (int s = HISTORY; s > 1; s--) y[s] = y[s - 1];
+            y[1] = oldest, COPY(oldest, z, ROW);
             *state.known += *state.known < HISTORY;
             if (!FROZEN && count > EASY && *state.known > 1) *state.known = 1;
         }
@@ -418,7 +452,7 @@ int run(const RunArguments *a) {
     save_afresh(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
     *state.started = !status, *state.h = h;
     COPY(state.scale, scale, 2 * N), COPY(state.sizes, sizes, SIZES);
-    for (int s = 0; s < HISTORY; s++) COPY(state.y + s * Y, y[s + 1], Y);
+    for (int s = 0; s < HISTORY; s++) COPY(state.y + s * ROW, y[s + 1], ROW);
     free(matrix);
     a->stats->noted = (double)noted;
     a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)iterations;

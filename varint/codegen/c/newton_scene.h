@@ -4,7 +4,7 @@
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
     DO(N) DO(NU) DO(NODES) DO(Y) DO(C) DO(SIZES) DO(HISTORY) DO(DEGREE) DO(PATH) DO(MULTIPLIERS) \
-    DO(ROWS) DO(CLOSED) DO(LINEAR) DO(FROZEN) DO(MAP) DO(STEADY) DO(INVERTED) DO(KICKED) DO(HELD) DO(WATCHED) DO(VELOCITY_ROWS) DO(BELOW) \
+    DO(ROWS) DO(CLOSED) DO(LINEAR) DO(FROZEN) DO(MAP) DO(STEADY) DO(FORCED) DO(JUDGED) DO(INVERTED) DO(KICKED) DO(HELD) DO(WATCHED) DO(VELOCITY_ROWS) DO(BELOW) \
     DO(REACH) DO(BAND_SIZE) DO(NONZEROS) DO(H) DO(HIDDEN_BELOW) DO(HIDDEN_REACH) DO(HIDDEN_NONZEROS) \
     DO(HIDDEN_SPEED) DO(HIDDEN_SIZE) DO(MATRIX_SIZE) DO(MOST_ITERATIONS) DO(LEGENDRE_ITERATIONS) DO(HALVINGS)
 #define LIMITS(DO) \
@@ -12,7 +12,7 @@
 #define PLACES(DO) \
     DO(PERM) DO(AT) DO(HIDDEN_PERM) DO(HIDDEN_PLACES)
 #define TABLES(DO) \
-    DO(POINTS) DO(AHEAD_VELOCITIES) DO(AHEAD_MULTIPLIERS) DO(AHEAD_ROWS)
+    DO(POINTS) DO(AHEAD_VELOCITIES) DO(AHEAD_MULTIPLIERS) DO(AHEAD_ROWS) DO(AHEAD_FORCES)
 #define FUNCTIONS(DO) \
     DO(equations) DO(finish) DO(units) DO(speed) DO(kick) DO(sized) DO(hidden) DO(pulled) DO(slope) \
     DO(affine) DO(driven) DO(legendre) DO(independence) DO(lengths) DO(frozen)
@@ -34,6 +34,8 @@
 #define FROZEN ((int)scene->FROZEN_)
 #define MAP ((int)scene->MAP_)
 #define STEADY ((int)scene->STEADY_)
+#define FORCED ((int)scene->FORCED_)
+#define JUDGED ((int)scene->JUDGED_)
 #define KICKED ((int)scene->KICKED_)
 #define HELD ((int)scene->HELD_)
 #define WATCHED ((int)scene->WATCHED_)
@@ -67,6 +69,7 @@
 #define AHEAD_VELOCITIES scene->AHEAD_VELOCITIES_
 #define AHEAD_MULTIPLIERS scene->AHEAD_MULTIPLIERS_
 #define AHEAD_ROWS scene->AHEAD_ROWS_
+#define AHEAD_FORCES scene->AHEAD_FORCES_
 #define EQUATIONS_W scene->equations.registers
 #define FINISH_W scene->finish.registers
 #define UNITS_W scene->units.registers

@@ -226,7 +226,7 @@ def _events(hits: np.ndarray, n: int) -> tuple[Event, ...]:
     if not len(hits):
         return ()
     contacts, kinds = hits[:, 1:3].astype(int).T.tolist()
-    states = (list(map(tuple, hits[:, i : i + n].tolist())) for i in range(HIT, HIT + 5 * n, n))
+    states = (hits[:, i : i + n].tolist() for i in range(HIT, HIT + 5 * n, n))
     return tuple(
         Event(time, KINDS[kind], contact, *numbers)
         for contact, kind, time, *numbers in zip(
