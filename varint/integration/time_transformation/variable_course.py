@@ -21,7 +21,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     priced,
 )
-from varint.integration.run_distance import with_early
+from varint.integration.run_distance import TELLING, with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.plain_course import (
@@ -161,6 +161,8 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         return Attempt(found, quantiles(*energy))
 
     def apart(one: PhysicalRun, few: int, other: PhysicalRun, many: int) -> tuple[float, float]:
+        if ends_early and len(other.t) < TELLING:
+            return math.inf, math.inf
         if scale is None and system.structure.quadratic_kinetic:
             scales = scales_of_nodes(system, other.q, still, other.t[:1], c)
         else:
