@@ -326,3 +326,20 @@ def test_an_error_is_told_no_smaller_than_what_the_last_digit_of_the_start_makes
         other = vi.simulate(system, vi.gauss(8), v0=near, **again)
         apart.append(float((np.abs(other.q[-1] - motion.q[-1]) / scales).max()))
     assert tol / 10 < max(apart) < motion.stats["error_estimate"]
+
+
+@pytest.mark.parametrize("start", [([1.0, 0.0], [0.0, 1.0]), ([10.0, 0.0], [0.0, 0.1])])
+@pytest.mark.parametrize("trap", [0.0, 1e-4, 0.01])
+@pytest.mark.parametrize("duration", [300.0, 3e3, 3e4])
+def test_a_charge_goes_round_in_a_uniform_field_as_often_as_it_likes(start, trap, duration):
+    """z̈ = −i ż − trap z. No potential tells how fast it turns, and no energy how wrong steps of
+    many turns are, for Gauss rules keep a quadratic one whatever the steps.
+    """
+    q, v = vi.coordinates("x", "y")
+    lagrangian = ca.sumsqr(v) / 2 + (q[0] * v[1] - q[1] * v[0]) / 2 - trap * ca.sumsqr(q) / 2
+    motion = vi.simulate(vi.System(q, v, lagrangian), q0=start[0], v0=start[1], duration=duration)
+    rates = np.roots([1, 1j, trap])
+    parts = np.linalg.solve([np.ones(2), rates], [complex(*x) for x in start])
+    end = (parts * np.exp(rates * duration)).sum()
+    assert motion.stats["error_estimate"] < 1e-9
+    assert np.abs(motion.q[-1] - [end.real, end.imag]).max() < 1e-9 * np.abs(motion.q).max()
