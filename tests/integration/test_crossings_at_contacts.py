@@ -212,3 +212,14 @@ def test_the_first_of_many_zeros_ends_a_run_with_contacts(monkeypatch):
         assert end.t[-1] == pytest.approx(first.time, abs=1e-12)
         assert np.allclose(end.v[-1], first.v_after, rtol=0, atol=1e-10)
     assert calls
+
+
+@pytest.mark.parametrize("duration", [2.5, 20.0])
+def test_a_ball_that_comes_to_rest_is_watched_for_an_end_all_the_time(duration):
+    """Blows within blocks of nodes, of which the last node begins the search in the next one."""
+    q, v = vi.coordinates("x", "y")
+    thrown = vi.System(q, v, ca.sumsqr(v) / 2 - G * q[1], contact=q[1], restitution=0.5)
+    start = dict(q0=[0.0, 1.0], v0=[1.0, 0.0], duration=duration)
+    never = vi.simulate(thrown, **start, until=q[0] + 1)
+    assert never.t[-1] == pytest.approx(duration) and never.q[-1, 1] == pytest.approx(0, abs=1e-9)
+    assert vi.simulate(thrown, **start, until=q[0] - 2.2).t[-1] == pytest.approx(2.2, abs=1e-9)

@@ -122,3 +122,21 @@ def test_a_run_that_was_taken_over_goes_on_from_its_checkpoint(tmp_path, monkeyp
     again = vi.simulate(system, rule, **run, steps=4000, checkpoint=file)
     assert again.q.tobytes() == whole.q.tobytes()
     assert again.stats["backend"] == whole.stats["backend"]
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-3])
+@pytest.mark.parametrize("backend", ["native", "compiled"])
+def test_a_stiff_spring_that_hardly_pushes_along_itself_is_iterated_to_its_last_digit(
+    angle, backend
+):
+    """Its length's last digit times its stiffness is much beside the small force along it at the
+    start: this was taken for an iteration that does not come to its end.
+    """
+    q, v = vi.coordinates("x", "y")
+    stretched = ca.norm_2(q) - 1
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[1] - 1e6 * stretched**2 / 2)
+    start = dict(q0=[np.cos(angle), np.sin(angle)], v0=[0.0, 0.0])
+    steps = 16384
+    motion = vi.simulate(system, vi.gauss(8), **start, h=10 / steps, steps=steps, backend=backend)
+    assert motion.stats["iterations"] > 3 * steps  # Newton's method takes hardly more than one
+    assert abs(motion.energy - motion.energy[0]).max() < 1e-13

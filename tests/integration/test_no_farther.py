@@ -5,6 +5,7 @@ was given beyond it.
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import varint as vi
@@ -60,3 +61,37 @@ def test_the_first_zero_is_that_of_the_whole_motion(before):
         assert count >= min(1, len(every.jump))
         assert np.array_equal(first.before.node, every.before.node[:count])
         assert np.allclose(first.after.t, every.after.t[:count], rtol=0, atol=1e-13)
+
+
+DRAG = vi.coordinates("x", "y")
+
+
+@pytest.mark.parametrize("duration", [3.0, 20.0, 100.0, 3000.0])
+def test_an_end_within_the_first_step_is_no_end_that_two_runs_agree_on(duration):
+    """No small motion tells of a time scale: any duration's first steps may pass the end, which
+    each run then reaches by the very same shorter step from the start.
+    """
+    y, speed = DRAG[0][1], ca.norm_2(DRAG[1])
+    thrown = vi.System(*DRAG, speed**2 / 2 - 9.81 * y, force=-0.1 * speed * DRAG[1])
+    motion = vi.simulate(thrown, q0=[0, 0.1], v0=[20, 25], duration=duration, until=(y, -1))
+    found = solve_ivp(
+        lambda t, w: [*w[2:], *(-0.1 * np.hypot(*w[2:]) * w[2:] - [0, 9.81])],
+        (0, 2.6),
+        [0, 0.1, 20, 25],
+        "DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+        dense_output=True,
+    )
+    assert np.abs(found.sol(motion.t[-1])[:2] - motion.q[-1]).max() < 2e-8
+    assert motion.stats["error_estimate"] < 1e-9
+
+
+@pytest.mark.parametrize("duration", [0.5, 30.0, 3000.0, 1e5])
+def test_nor_is_one_between_switches_of_the_forces(duration):
+    """Quadratic drag and dry friction, d(v²/2)/dx = −v²/2 − 1/10."""
+    slowed = vi.System(Q, V, V**2 / 2, force=-0.5 * V * ca.fabs(V) - 0.1 * ca.sign(V))
+    motion = vi.simulate(slowed, q0=0.0, v0=50.0, duration=duration, until=Q - 3)
+    assert motion.v[-1, 0] == pytest.approx(np.sqrt(2500.2 * np.exp(-3) - 0.2), rel=1e-8)
+    speeds = np.arctan(np.array([50.0, motion.v[-1, 0]]) * np.sqrt(5))
+    assert motion.t[-1] == pytest.approx(-np.diff(speeds)[0] / np.sqrt(0.05), rel=1e-8)

@@ -196,3 +196,15 @@ def test_the_symplectic_defect_of_steps_with_hardly_a_derivative_is_a_number_or_
         assert "has no finite derivative" in str(error)
     else:
         assert np.isfinite(found.values).all() and found.values.max() <= 1.0
+
+
+@pytest.mark.parametrize(
+    "condition", [lambda q, v: q > 0.5, lambda q, v: ca.logic_and(q > 0, v < 1)]
+)
+@pytest.mark.parametrize("asked", [lambda x: {"until": x}, lambda x: {"events": {"half": (x, 1)}}])
+def test_a_condition_is_no_expression_whose_zeros_end_or_mark_a_run(condition, asked):
+    """0 or 1: it becomes zero where it ends to hold, and crosses it nowhere."""
+    q, v = vi.coordinates("x")
+    spring = vi.System(q, v, v**2 / 2 - q**2 / 2)
+    with pytest.raises(vi.InputError, match=r"is a condition, 0 or 1.* give what crosses zero"):
+        vi.simulate(spring, q0=1.0, v0=0.0, duration=7.0, **asked(condition(q, v)))

@@ -410,3 +410,20 @@ def test_chaos_tells_no_error_that_is_too_small(system, q0, v0, duration, tol, e
         motion = vi.simulate(scene, q0=q0, v0=v0, duration=duration, tol=tol)
     true = (np.abs(motion.q[-1] - end) / error_scales(scene, motion)).max()
     assert true <= motion.stats["error_estimate"]
+
+
+@pytest.mark.parametrize("start", [([1.0, 0.0], [0.0, 1.0]), ([10.0, 0.0], [0.0, 0.1])])
+@pytest.mark.parametrize("trap", [0.0, 1e-4, 0.01])
+@pytest.mark.parametrize("duration", [300.0, 3e3, 3e4])
+def test_a_charge_goes_round_in_a_uniform_field_as_often_as_it_likes(start, trap, duration):
+    """z̈ = −i ż − trap z. No potential tells how fast it turns, and no energy how wrong steps of
+    many turns are, for Gauss rules keep a quadratic one whatever the steps.
+    """
+    q, v = vi.coordinates("x", "y")
+    lagrangian = ca.sumsqr(v) / 2 + (q[0] * v[1] - q[1] * v[0]) / 2 - trap * ca.sumsqr(q) / 2
+    motion = vi.simulate(vi.System(q, v, lagrangian), q0=start[0], v0=start[1], duration=duration)
+    rates = np.roots([1, 1j, trap])
+    parts = np.linalg.solve([np.ones(2), rates], [complex(*x) for x in start])
+    end = (parts * np.exp(rates * duration)).sum()
+    assert motion.stats["error_estimate"] < 1e-9
+    assert np.abs(motion.q[-1] - [end.real, end.imag]).max() < 1e-9 * np.abs(motion.q).max()

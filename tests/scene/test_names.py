@@ -68,3 +68,15 @@ def test_a_name_stands_for_its_symbol_wherever_an_expression_is_asked_for():
     assert [len(axes.lines) for axes in figure.axes] == [1, 1]
     with pytest.raises(vi.InputError, match="is 'angle', no symbol's name; known: "):
         motion["angle"]
+
+
+@pytest.mark.parametrize("name", ["x y", "x, y", "x,y"])
+def test_one_string_of_several_names_is_refused_with_what_to_write(name):
+    with pytest.raises(vi.InputError, match=r"write coordinates\('x', 'y'\) for 2 of them"):
+        vi.coordinates(name)
+
+
+def test_velocities_in_the_place_of_coordinates_are_refused():
+    q, v = vi.coordinates("x", "y")
+    with pytest.raises(vi.InputError, match="q and v have changed places"):
+        vi.System(v, q, ca.sumsqr(v) / 2)

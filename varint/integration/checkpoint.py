@@ -210,7 +210,7 @@ def _by_active_set(
         k, q, p = (x[a:b] for x in (whole.k, whole.q, whole.p))
         t = None if whole.t is None else whole.t[a:b]
         piece = whole._replace(k=k, q=q, p=p, t=t, good=b - a, active_set=active_sets[which[a]])
-        pieces.append(piece if a == 0 else piece._replace(events=(), iterations=0))
+        pieces.append(piece if a == 0 else piece._replace(events=(), impacts=None, iterations=0))
     return pieces
 
 

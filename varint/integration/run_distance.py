@@ -11,6 +11,9 @@ from varint.results.trajectory import Trajectory
 
 EARLIEST = 8  # part of the nodes that come before a difference tells of all later ones
 LOOKS = 65  # nodes at which runs without common ones are compared
+# nodes of a run whose end tells of the length of its steps: one that ends within the first of them
+# is a single shorter step from the start, the same in all such runs
+TELLING = 3
 
 
 def distance(one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray) -> float:
@@ -67,7 +70,11 @@ def on_grid(motion: Trajectory, k: int) -> bool:
 
 
 def ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
-    """Difference of the events at which two runs end, that of their times included."""
+    """Difference of the events at which two runs end, that of their times included; infinite where
+    the finer one, the other, ends within its first step.
+    """
+    if len(other) < TELLING:
+        return math.inf
     late = abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
     return float(((np.abs(one.q[-1] - other.q[-1]) + late) / scales).max())
 

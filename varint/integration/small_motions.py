@@ -7,7 +7,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from varint.discrete.legendre import velocity_function
+from varint.discrete.legendre import mass_solve, velocity_function
 from varint.numerics.arrays import DEFINITE, call, is_definite, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
@@ -25,7 +25,9 @@ def angle_turned(duration: float, fastest: float | None) -> float:
 
 
 def frequencies(motion: Trajectory) -> np.ndarray:
-    """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0."""
+    """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0, where
+    `turning` counts in ∂²L/∂q².
+    """
     if motion.system.structure.degenerate or motion.system.structure.n > MOST_COORDINATES:
         return np.empty(0)
     found = []
@@ -134,7 +136,7 @@ def _damping(system: System) -> ca.Function:
 
 
 def local_matrices(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """M and ∂(∂L/∂q + F)/∂q at every node, (N + 1, n, n)."""
+    """M and ∂(∂L/∂q + F)/∂q, with `turning`, at every node, (N + 1, n, n)."""
     n = motion.system.structure.n
     found = over_columns(
         _local_function(motion.system), motion.q, motion.v, motion.t[:, None], motion.c
@@ -149,8 +151,22 @@ def _local_function(system: System) -> ca.Function:
     generalised_force = ca.gradient(s.lagrangian, s.q) + ca.substitute(
         s.force, s.control, 0 * s.control
     )
-    outputs = [ca.densify(s.mass_matrix), ca.densify(ca.jacobian(generalised_force, s.q))]
+    stiffness = ca.jacobian(generalised_force, s.q) + turning(system)
+    outputs = [ca.densify(s.mass_matrix), ca.densify(stiffness)]
     return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+
+
+def turning(system: System) -> ca.SX:
+    """−GᵀM⁻¹G with G = ∂p/∂q − (∂p/∂q)ᵀ, what magnetic fields and turning frames are for small
+    motions: those of M a = −G v, by which a charge goes round, have the same frequencies as those
+    of M a = −GᵀM⁻¹G q. Zero where the mass is not constant, whose G is of the coordinates, too.
+    """
+    n, s = system.structure.n, system.structure
+    if s.separable or s.degenerate or not s.constant_mass:
+        return ca.SX(n, n)
+    slopes = ca.jacobian(system.momentum, system.q)
+    gyroscopic = slopes - slopes.T
+    return -ca.mtimes(gyroscopic.T, mass_solve(system.mass_matrix, gyroscopic))
 
 
 @per_scene

@@ -71,6 +71,7 @@ def last_node(nodes: Sequence[NodeBlock]) -> NodeBlock:
         t=t,
         good=1,
         events=(),
+        impacts=None,
         iterations=0,
     )
 

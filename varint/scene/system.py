@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -50,7 +51,7 @@ def coordinates(*names: str) -> tuple[ca.SX, ca.SX]:
     Raises
     ------
     InputError
-        If no name is given, or a name is empty, repeated or no string.
+        If no name is given, one is empty, repeated or no string, or the only one has several words.
 
     Examples
     --------
@@ -64,6 +65,11 @@ def coordinates(*names: str) -> tuple[ca.SX, ca.SX]:
     for name in names:
         if not isinstance(name, str) or not name:
             raise InputError(f"coordinate names are non-empty strings, got {name!r}")
+    if len(names) == 1 and len(several := re.split(r"[\s,]+", names[0].strip())) > 1:
+        raise InputError(
+            f"{names[0]!r} names one coordinate; write coordinates{tuple(several)!r} for "
+            f"{len(several)} of them, or a name without spaces and commas"
+        )
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(
@@ -223,6 +229,11 @@ class System:
         if n == 0 or v.numel() != n:
             raise InputError(
                 f"q has {n} and v has {v.numel()} components; take both from coordinates(...)"
+            )
+        if all(q[i].name() == f"{v[i].name()}_dot" for i in range(n)):
+            raise InputError(
+                "q and v have changed places: coordinates(...) returns q first, and v, whose names "
+                f"end in _dot; got q={q}"
             )
         t = ca.SX.sym("t") if t is None else symbols("t", t)
         if t.numel() != 1:

@@ -383,6 +383,10 @@ APART double work_of(const Step *s, const Unknowns fresh) {
 #define work_of(s, fresh) INFINITY
 #endif
 
+/* The last digit of what an unknown is added to, where that is a coordinate: a stiff spring makes of it accelerations that
+   may be large beside those of a row that is hardly pushed. */
+INLINE double unseen(const Step *s, int r) { return FORM == 2 ? EPS * fabs(lane(s->base[r][0], 0)) : 0; }
+
 /* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
    2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
 APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level) {
@@ -394,7 +398,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
         else c->idle[r] += 1;
         for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
         int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size) ||
-                      (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most));
+                      (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most || now <= unseen(s, r)));
         all &= settled;
     }
     if (BY_DEFECT && !all && c->stalled > 1) {

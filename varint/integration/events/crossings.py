@@ -36,6 +36,7 @@ from varint.scene.system import System
 
 REMEMBERED = 64  # expressions of a system whose functions are kept
 WATCHED = "the expression"
+CONDITIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 ROUND_OFF = 1e-12  # of the value before a jump: so near to zero is zero after it
 
 
@@ -65,6 +66,11 @@ def parse_watch(what: str, wanted: Any) -> Watch:
     if not isinstance(expression, ca.SX) or expression.numel() != 1:
         raise InputError(
             f"{what} must be one SX expression, or (expression, direction), got {wanted!r}"
+        )
+    if any(expression.is_op(condition) for condition in CONDITIONS):
+        raise InputError(
+            f"{what} is a condition, 0 or 1, which has no sign to change: give what crosses zero "
+            f"there, as x - 0.5 for x > 0.5; got {expression}"
         )
     return Watch(what, expression, direction)
 

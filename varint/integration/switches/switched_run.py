@@ -47,6 +47,7 @@ FOLLOWING = "following the motion from switch to switch"
 FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
 MOST_DOUBLINGS = 4  # of the steps at a time
+FAR = 0.1  # of the scales: a piece that leads so far in one step has none to be compared with
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
 CLOCKS = 4.0  # round-off of a time, in units of it
 STAGES, NODES = (2, 4, 6, 8), (3, 5, 7)
@@ -168,6 +169,9 @@ def _refined(
             continue
         motion = joined(course, pieces, kernel_in(course, pieces[0].branch))
         scales, ratio = error_scales(system, motion, scale), parts // before[0]
+        if any(_untold(piece, scales) for piece in pieces):
+            before, last, parts = (parts, pieces), math.inf, 2 * parts
+            continue
         apart = _apart(course, before[1], pieces, motion, scales)
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
@@ -204,6 +208,12 @@ def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | 
         if cut is not None:
             break
     return pieces
+
+
+def _untold(piece: Piece, scales: np.ndarray) -> bool:
+    """Whether a piece leads far in a single step, which is the same in runs of longer steps."""
+    states = piece.states
+    return len(states) == 2 and bool((np.abs(states[1, 0] - states[0, 0]) > FAR * scales).any())
 
 
 def _floor(motion: Trajectory, pieces: int, scales: np.ndarray) -> float:

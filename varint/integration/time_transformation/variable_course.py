@@ -22,7 +22,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     priced,
 )
-from varint.integration.run_distance import with_early
+from varint.integration.run_distance import TELLING, with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.plain_course import (
@@ -204,6 +204,8 @@ def apart_by(
     """Largest difference of two runs with so many steps, and that of their first half: at nodes of
     the same fictitious times, whose physical ones differ.
     """
+    if ends_early and len(other.t) < TELLING:
+        return math.inf, math.inf
     if scale is None and system.structure.quadratic_kinetic:
         still = np.zeros(system.structure.n)
         scales = scales_of_nodes(system, other.q, still, other.t[:1], c)
