@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+import casadi as ca
 import numpy as np
 import pytest
 from scenes import double_pendulum, henon_heiles
@@ -12,6 +13,7 @@ from scenes import double_pendulum, henon_heiles
 import varint as vi
 from varint.codegen import cache
 from varint.codegen.cache import compiler
+from varint.codegen.gauss import gauss_source
 from varint.integration import compiled_loop, gears
 from varint.integration.gears import BY_STAGES, gears_of, high_gear
 
@@ -56,7 +58,7 @@ def test_a_run_that_shifts_up_on_its_way_has_the_bytes_of_all_others(
     compiled_run, kernel_after = compiled_loop.compiled_run, gears.kernel_after
 
     def noted(kernel, *arguments, **options):
-        used.append(bool(kernel.scene))
+        used.append(kernel.is_native)
         return compiled_run(kernel, *arguments, **options)
 
     def patient(found, seconds, ahead):
@@ -112,6 +114,41 @@ def test_the_compiler_starts_where_it_ends_before_the_runs_do(
     for k, (spent, ahead) in enumerate(runs):
         assert gears.kernel_after(found, spent * whole, ahead * whole) is found.low
         assert bool(begun) == (begins is not None and k >= begins), k
+
+
+def heavier(mass: float) -> vi.System:
+    q, v = vi.coordinates("a", "b")
+    kinetic = mass * v[0] ** 2 + v[1] ** 2 / 2 + v[0] * v[1] * ca.cos(q[0] - q[1])
+    return vi.System(q, v, kinetic + 2 * mass * ca.cos(q[0]) + ca.cos(q[1]))
+
+
+def test_a_new_scene_of_a_size_is_compiled_without_the_loop_around_it(monkeypatch, tmp_path):
+    """The loop's source is the same for both, and compiled with the first of them alone."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    rule = vi.gauss(6)
+    sources = [gauss_source(heavier(mass), rule) for mass in (1.0, 1.5)]
+    assert sources[0].loop == sources[1].loop
+    assert sources[0].text != sources[1].text
+    start = {"q0": [1.0, 0.4], "v0": [0.1, -0.2], "h": 0.02, "steps": 500}
+    for mass, libraries in ((1.0, 2), (1.5, 3)):
+        high = vi.simulate(heavier(mass), rule, **start, backend="compiled")
+        assert len(list((tmp_path / "varint").glob("*.so"))) == libraries
+        low = vi.simulate(heavier(mass), rule, **start, backend="native")
+        assert high.q.tobytes() == low.q.tobytes()
+        assert high.p.tobytes() == low.p.tobytes()
+
+
+def test_scene_and_loop_are_compiled_beside_a_run_one_after_the_other(
+    monkeypatch, tmp_path, forget
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    system, rule = heavier(1.25), vi.gauss(5)
+    found = gears_of(system, rule, BY_STAGES)
+    assert gears.kernel_after(found, 1e3, 1e3) is found.low
+    wait_for(system, rule)
+    assert found.begun == gauss_source(system, rule).texts
+    assert not gears.kernel_now(found).is_native
+    assert not found.stuck
 
 
 def test_what_is_compiled_in_vain_is_not_missed(monkeypatch, tmp_path, forget):

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from varint.codegen.arguments import c_source, c_table
 from varint.codegen.cache import AS_WRITTEN, vector_length
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import acceleration, dense, force, momentum, velocity
 from varint.codegen.routines import Routine, halved, routines
-from varint.codegen.source import Source, compiled, emitted, source_of
+from varint.codegen.source import Source, c_head, compiled, emitted, source_of
 from varint.codegen.tableau import tableau_source
 from varint.discrete.legendre import full_inertia, known_velocity
 from varint.rules.rule import Rule
@@ -126,7 +127,7 @@ def gauss_kernel(system: System, rule: Rule, form: int | None = None) -> Kernel:
 def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
     """The C source of `gauss_kernel`."""
     scheme = gauss_scheme(system, len(rule.nodes), form)
-    defines = {
+    sizes = {
         "LANES": scheme.lanes,
         "FORM": scheme.form,
         "ON_VELOCITY": int(scheme.on_velocity),
@@ -134,27 +135,26 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
         "STRIDE": scheme.vectors,
         "AHEAD": int(scheme.ahead),
         "BY_DEFECT": int(scheme.by_defect),
+        "DENSE": int(scheme.geometry > 0),
     }
-    if scheme.geometry:
-        defines["GEOMETRY"] = scheme.geometry
-    if "kick" in scheme.functions:
-        defines["TAKEN"] = numbers_taken(scheme)
-    data = tableau_source(scheme.stages, scheme.lanes, scheme.diagonals) + "".join(
-        f"static const char {name}[] __attribute__((unused)) = "
-        f"{{{', '.join(str(int(x)) for x in values)}}};\n"
-        for name, values in scheme.needs.items()
-    )
-    loops = ("dense.c", "gauss.c") if scheme.geometry else ("gauss.c",)
+    # the loop is that of all scenes of a size, compiled once; these are the scene's own
+    own = {"TAKEN": numbers_taken(scheme), "GEOMETRY": scheme.geometry}
+    tableau = tableau_source(scheme.stages, scheme.lanes, scheme.diagonals)
+    needs = "".join(c_table("char", x, map(str, map(int, y))) for x, y in scheme.needs.items())
+    loops = ("dense.c", "gauss_scene.c") if scheme.geometry else ("gauss_scene.c",)
     functions = emitted(scheme.functions, str(scheme.vectors))
+    many = {"N": system.q.numel(), "NU": system.control.numel(), "SCENE_APART": 1}
+    apart = c_head(many | sizes, tableau) + c_source("gauss.c") + c_source("parts.c")
     return source_of(
         scheme.about,
         system,
         scheme.stages,
         functions,
-        defines,
-        data,
+        sizes | own,
+        tableau + needs,
         *loops,
         contraction=AS_WRITTEN,
+        apart=apart,
     )
 
 

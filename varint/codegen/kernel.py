@@ -45,9 +45,10 @@ class Kernel:
     opening : callable or None
         (q0, p0, u, t, h, c) of many fresh starts → what the loop must be told besides, a row each.
     scene : int
-        Address of the scene's operations where they are data; 0 where they are compiled.
+        Address of the scene's operations where they are data, or of its functions where they are
+        compiled apart from the loop; else 0.
     block : array or None
-        The memory there.
+        The memory of operations that are data.
     rows : int
         Constraint rows whose folds the loop notes.
     """
@@ -68,7 +69,12 @@ class Kernel:
     @cached_property
     def told(self) -> str:
         """How a user is told of it."""
-        return f"{'native' if self.scene else 'compiled'}: {self.about}"
+        return f"{'native' if self.is_native else 'compiled'}: {self.about}"
+
+    @property
+    def is_native(self) -> bool:
+        """Whether the scene is data."""
+        return self.block is not None
 
     @property
     def note(self) -> tuple[int, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from ctypes import c_char_p, c_int, c_int64
+from ctypes import CDLL, addressof, c_char, c_char_p, c_int, c_int64
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -38,11 +38,19 @@ class Source(NamedTuple):
         For `library`.
     kernel : Kernel
         Without its entries.
+    loop : str
+        The C source of what depends on the size of the scene alone, where this is compiled apart.
     """
 
     text: str
     contraction: str
     kernel: Kernel
+    loop: str = ""
+
+    @property
+    def texts(self) -> list[str]:
+        """What is compiled, each of them apart."""
+        return [self.loop, self.text] if self.loop else [self.text]
 
 
 def source_of(
@@ -56,17 +64,18 @@ def source_of(
     opening: Callable[..., np.ndarray] | None = None,
     rows: int = 0,
     contraction: str = WHEREVER,
+    apart: str = "",
 ) -> Source:
-    """The loop (C files) around the emitted functions, the right-hand side first."""
+    """The loop (C files) around the emitted functions, the right-hand side first; `apart` is what
+    of it is compiled apart.
+    """
     heads = {"N": system.q.numel(), "NU": system.control.numel(), **defines}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
         heads["MANY_ROOTS"] = 1
     source = FAST_COMPILATION if sum(f.length for f in functions.values()) > LARGE_SOURCE else ""
-    source += "".join(f"#define {key} {value}\n" for key, value in heads.items())
-    source += "".join(map(c_source, ("lanes.h", "run.h"))) + data
-    source += "\n".join(f.source for f in functions.values())
-    source += "".join(map(c_source, (*loop, "parts.c")))
+    source += c_head(heads, data) + "\n".join(f.source for f in functions.values())
+    source += "".join(map(c_source, loop if apart else (*loop, "parts.c")))
     kernel = Kernel(
         about,
         system.q.numel(),
@@ -76,16 +85,28 @@ def source_of(
         opening=opening,
         rows=rows,
     )
-    return Source(source, contraction, kernel)
+    return Source(source, contraction, kernel, apart)
+
+
+def c_head(heads: Mapping[str, object], data: str) -> str:
+    """What stands before the functions in C."""
+    defines = "".join(f"#define {key} {value}\n" for key, value in heads.items())
+    return defines + "".join(map(c_source, ("lanes.h", "run.h"))) + data
 
 
 def compiled(source: Source) -> Kernel:
     """The kernel, compiled where it is not in the cache; raises CompileError."""
-    loop = library(source.text, source.contraction)
+    loop, *others = (library(text, source.contraction) for text in source.texts)
     for entry in (loop.run, loop.parts):
         entry.argtypes, entry.restype = [c_char_p], c_int
     size = c_int64.in_dll(loop, "carry_size").value
-    return replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size)
+    scene = _scene_in(others[0]) if others else 0
+    return replace(source.kernel, entry=loop.run, parts=loop.parts, carry_size=size, scene=scene)
+
+
+def _scene_in(compiled: CDLL) -> int:
+    """The address of what a loop calls."""
+    return addressof(c_char.in_dll(compiled, "scene"))
 
 
 def emitted(

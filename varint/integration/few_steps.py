@@ -74,7 +74,7 @@ def few_steps_call(
         found = few_steps(entries, room.place, t0, h, steps, level)
     finally:
         pool.append(room)
-    if kernel.scene:
+    if kernel.is_native:
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None:
         return None

@@ -89,6 +89,8 @@ class Gears:
         Spent in the low gear so far.
     looked, stuck : bool
         Whether the cache has been asked; whether there is no high gear.
+    begun : list of str
+        C sources that the compiler has been given.
     high : list of Kernel
         The compiled loop, once there is one, of all that share it.
     """
@@ -101,6 +103,7 @@ class Gears:
     seconds: float = 0.0
     looked: bool = False
     stuck: bool = False
+    begun: list[str] = field(default_factory=list)
     high: list[Kernel] = field(default_factory=list)
 
 
@@ -143,7 +146,7 @@ def compiled_kernel(system: System, rule: Rule, scheme: Scheme) -> Kernel:
 
 def gears_with(system: System, rule: Rule, scheme: Scheme, kernel: Kernel) -> Gears | None:
     """The gears whose low one this kernel is."""
-    found = gears_of(system, rule, scheme) if kernel.scene else None
+    found = gears_of(system, rule, scheme) if kernel.is_native else None
     return found if found and found.low is kernel else None
 
 
@@ -151,7 +154,7 @@ def kernel_now(gears: Gears) -> Kernel:
     """The best loop that is there."""
     if gears.work is not None and finished(gears.work):
         gears.work = None
-        _shift(gears)
+        _prepare(gears, True)
     return gears.high[0] if gears.high else gears.low
 
 
@@ -167,14 +170,19 @@ def kernel_after(gears: Gears, seconds: float, ahead: float) -> Kernel:
 
 
 def _prepare(gears: Gears, start: bool) -> None:
-    """Take the compiled loop from the cache; where it is not there, start the compiler."""
+    """Take the compiled loop from the cache; where it is not there, start the compiler, with one of
+    its sources after the other.
+    """
     try:
         with _said(gears.system, "writing the operations as C"):
             source = gears.scheme.source(gears.system, gears.rule)
-        if in_cache(source.text, source.contraction):
+        missing = [text for text in source.texts if not in_cache(text, source.contraction)]
+        ahead = [text for text in missing if text not in gears.begun]
+        if not ahead:
             _shift(gears)
         elif start:
-            gears.work = begin_compilation(source.text, source.contraction)
+            gears.work = begin_compilation(ahead[0], source.contraction)
+            gears.begun += ahead[:1] if gears.work else []
     except (NotCompilable, CompileError):
         gears.stuck = True
 

@@ -103,7 +103,7 @@ def two_short_runs(
 ) -> Found | int:
     """`two_runs`, and a look at whether another gear repays."""
     system, rule, kernel, course = how
-    if not kernel.scene:
+    if not kernel.is_native:
         return two_runs(course, places, t0, duration, first, radians, tol)
     now = perf_counter()
     found = two_runs(course, places, t0, duration, first, radians, tol)
@@ -124,7 +124,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
         body[members] = members[0]
     turns = np.array(angles(system), dtype=np.int64)
     piloted = scheme_of(system, rule) is BY_STAGES
-    longest = first_piece(kernel, False) * (1 if kernel.scene else COMPILED)
+    longest = first_piece(kernel, False) * (1 if kernel.is_native else COMPILED)
     pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
         return course_of(kernel, energy, rule.order, pieces, s.linear, body, turns, _LIMITS)

@@ -19,7 +19,6 @@
 /* L by columns, beyond N zero; 1 / D */
 static _Thread_local struct { double columns[LD * LD], inverse[LD]; } factor __attribute__((aligned(64)));
 static _Thread_local double one_direction; /* what one direction left of the square of the residual */
-static _Thread_local int renewals; /* so many evaluations from now on begin with a factorisation */
 
 INLINE V part(const double *x) { V y; memcpy(&y, x, sizeof y); return y; }
 
@@ -131,10 +130,10 @@ INLINE void rhs_prepare(const double *c, double *w) {
 }
 INLINE void velocity_prepare(const double *c, double *w) { (void)c, (void)w; }
 
-/* As preconditioner M in the middle of the step, where all stages' mean is. */
-INLINE void renew(const V *q, const V *t, const double *w) {
-    if (renewals <= 0) return;
-    renewals--, one_direction = 1;
+/* As preconditioner M in the middle of the step, where all stages' mean is; so many evaluations from now on begin with it. */
+INLINE void renew(const V *q, const V *t, const double *w, int *renewals) {
+    if (*renewals <= 0) return;
+    --*renewals, one_direction = 1;
     V mean[N];
     V when = splat(0.0);
     for (int k = 0; k < STRIDE; k++) when = v_fma(t[k], part(STAGE_B + k * LANES), when);

@@ -12,7 +12,11 @@
            rate A^-1 (P - p)/h is missed, taken once a step where its first evaluation puts the stages. The iteration contracts as accelerations depend on the motion, h da/dv + h^2 da/dq,
            where V from P contracts as M^-1 dp/dq does, which in long chains of links is hundreds of times more.
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
-   rounding error (tableau.py): no drift comes from the coefficients however long the run. */
+   rounding error (tableau.py): no drift comes from the coefficients however long the run.
+
+   Where the scene is compiled, this file is so twice. With SCENE_APART defined it is all that depends on the size alone, once
+   for every machine; with LOOP_APART, in gauss_scene.c, it is the scene's own: the iteration of a step, which has the scene's
+   functions in line. Each has a table of what the other calls, once a step or less often. */
 
 #ifndef SCENE_AS_DATA
 #define MOST_N N /* room in arrays */
@@ -25,15 +29,14 @@
 #define UNKNOWNS_EACH (FORM == 2 ? 1 : 2)
 #define ROWS (UNKNOWNS_EACH * N)
 #define MOST_ROWS (UNKNOWNS_EACH * MOST_N)
-#ifdef GEOMETRY /* dense.c: a look costs nothing beside an evaluation */
-#define ALWAYS_LOOK 1
-#else
-#define ALWAYS_LOOK 0
+#ifndef DENSE /* dense.c */
+#define DENSE 0
 #endif
+#define ALWAYS_LOOK DENSE /* it costs nothing beside an evaluation */
 #if !defined(SCENE_AS_DATA) && !defined(BY_DEFECT)
 #define BY_DEFECT 0
 #endif
-#if FORM == 1 && defined(KICK_W)
+#if FORM == 1 && !DENSE
 #define HALVES 1
 #ifdef SCENE_AS_DATA
 #define KICK kick
@@ -42,6 +45,7 @@
 #else
 #define KICK(q, p, t, u, w, f, had, taken) kick(q, p, t, u, w, f, taken)
 #endif
+#ifndef SCENE_APART
 #ifndef INERTIA_W
 #define INERTIA_W 0
 #define inertia(q, t, w, taken) ((void)0)
@@ -49,6 +53,7 @@
 #endif
 #ifndef RHS_W
 #define RHS_W (KICK_W + DRIFT_W + INERTIA_W)
+#endif
 #endif
 #else
 #define HALVES 0
@@ -93,6 +98,7 @@
 typedef double Block[VECTORS * LANES] __attribute__((aligned(64)));
 typedef V Unknowns[MOST_ROWS][VECTORS];
 
+#ifndef LOOP_APART
 /* What a run needs to go on as if it had not stopped: these numbers, and behind them y and its rest, 2 N each, what the
    scales remember, ROWS each, and the unknowns of the last two steps and of the one that is begun. */
 typedef struct {
@@ -104,6 +110,7 @@ typedef struct {
 int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
 #else
 const int64_t carry_size = CARRY_SIZE;
+#endif
 #endif
 
 INLINE V entry(const double *m, int index) { V y; memcpy(&y, m + index * LANES, sizeof y); return y; }
@@ -149,15 +156,19 @@ INLINE V size_of(const V *x) {
 
 typedef struct { V u[MOST_NU + 1][VECTORS], c[VECTORS], b[VECTORS]; } Nodes; /* controls, h c, h b or h^2 b */
 
-/* A step on its way: times of the stages, where they are when all unknowns are zero, the unknowns after so many
-   evaluations, and the momenta that these make; room for what the first half of the right-hand side leaves to the second,
+/* A step on its way: times of the stages, where they are when all unknowns are zero and where they are first, the unknowns
+   after so many evaluations, and the momenta that these make; room for what the first half of the right-hand side leaves to the second,
    or for the inertias of the stages, which so many evaluations from now on renew. */
 typedef struct {
-    V t[VECTORS], base[2 * MOST_N][VECTORS], p[MOST_N][VECTORS];
+    V t[VECTORS], base[2 * MOST_N][VECTORS], start[2 * MOST_N][VECTORS], p[MOST_N][VECTORS];
     Unknowns x;
     int64_t count;
     V (*taken)[VECTORS];
     int renewals;
+#ifndef SCENE_AS_DATA
+    const struct Scene *scene;
+    const struct Loop *loop;
+#endif
 } Step;
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
@@ -165,6 +176,69 @@ typedef struct {
     double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, work, best[MOST_ROWS];
     int checks, stalled, idle[MOST_ROWS];
 } Change;
+
+struct Run;
+#ifndef SCENE_AS_DATA
+/* What the loop calls of the scene, whose prepared numbers are so many, and so many what one half of the right-hand side
+   leaves to the other. */
+typedef struct Scene {
+    int64_t numbers, taken;
+    const char *needs_q, *needs_p;
+    void (*prepare)(const double *c, double *w);
+    void (*velocity)(const V *q, const V *p, const V *t, const double *w, V *v);
+    void (*momentum)(const V *q, const V *v, const V *t, const double *w, V *p);
+    int (*iterated)(struct Run *r, int64_t k, int begun);
+} Scene;
+
+/* What the iteration of a step calls of the loop. */
+typedef struct Loop {
+    int (*stagnates)(const Step *s, const Unknowns fresh, Change *c, double level);
+    double (*work_of)(const Step *s, const Unknowns fresh);
+    void (*set_first_scale)(struct Run *r, const Unknowns x);
+    void (*place_start)(const struct Run *r, Step *s, int64_t known, const Unknowns last, const Unknowns older);
+} Loop;
+#endif
+#ifdef SCENE_APART /* of the step s */
+#define RHS_W 0 /* the scene knows where its numbers begin */
+#define VELOCITY_W 0
+#define NEEDS_Q s->scene->needs_q
+#define NEEDS_P s->scene->needs_p
+#define prepare(c, w) s->scene->prepare(c, w)
+#define velocity(q, p, t, w, v) s->scene->velocity(q, p, t, w, v)
+#define momentum(q, v, t, w, p) s->scene->momentum(q, v, t, w, p)
+#define iterated(r, k, begun) s->scene->iterated(r, k, begun)
+#endif
+#ifdef LOOP_APART
+/* of a copy of the unknowns, so that they themselves can stay in registers */
+#define OF_COPY(call, x) ({ Unknowns copied; copy_unknowns(copied, x); call; })
+#define stagnates(s, fresh, c, level) OF_COPY((s)->loop->stagnates(s, copied, c, level), fresh)
+#if HALVES
+#define work_of(s, fresh) OF_COPY((s)->loop->work_of(s, copied), fresh)
+#endif
+#define set_first_scale(r, x) OF_COPY((r)->now.loop->set_first_scale(r, copied), x)
+#if AHEAD
+#define START INLINE
+#else
+#define place_start(r, s, known, last, older) (s)->loop->place_start(r, s, known, last, older)
+#endif
+#else
+#define START APART
+APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level);
+#if HALVES
+APART double work_of(const Step *s, const Unknowns fresh);
+#endif
+APART void set_first_scale(struct Run *r, const Unknowns x);
+APART void place_start(const struct Run *r, Step *s, int64_t known, const Unknowns last, const Unknowns older);
+#endif
+#if !HALVES
+#define work_of(s, fresh) INFINITY
+#endif
+
+/* One by one: what memcpy copies cannot stay in registers. */
+INLINE void copy_unknowns(Unknowns to, const Unknowns from) {
+    EACH for (int r = 0; r < ROWS; r++)
+        for (int k = 0; k < VECTORS; k++) to[r][k] = from[r][k];
+}
 
 INLINE void copy_step(Step *to, const Step *from) {
     memcpy(to->t, from->t, sizeof to->t);
@@ -206,9 +280,14 @@ INLINE void set_base_after(Step *s, const Step *now, double t, const Nodes *at) 
     }
 }
 
+#ifndef SCENE_APART
 #if HALVES
 INLINE void rhs_prepare(const double *c, double *w) {
     kick_prepare(c, w), drift_prepare(c, w + KICK_W), inertia_prepare(c, w + KICK_W + DRIFT_W);
+}
+#endif
+INLINE void prepare(const double *c, double *w) {
+    rhs_prepare(c, w), velocity_prepare(c, w + RHS_W), momentum_prepare(c, w + RHS_W + VELOCITY_W);
 }
 #endif
 
@@ -238,6 +317,7 @@ LARGE void set_speeds(const Nodes *at, const double *m, const Unknowns x, const 
     }
 }
 
+#ifndef SCENE_APART
 /* fresh = h b V for the speeds V that the step's momenta ask for, improved from speeds that had other ones. */
 LARGE void improve_speeds(const Step *s, const Nodes *at, double h, const double *w, V had[MOST_N][VECTORS],
                           V (*taken)[VECTORS], V speeds[MOST_N][VECTORS], Unknowns fresh) {
@@ -255,17 +335,20 @@ LARGE void improve_speeds(const Step *s, const Nodes *at, double h, const double
     }
 }
 #endif
+#endif
 
-/* fresh = h b (right-hand side at the stages), the stages made of x by the columns m2 and m1; older adds to x.
-   With FORM 2 another h: the unknowns are lengths. Cyclic coordinates are not needed at the stages, nor are momenta that
-   stay the same. In halves the step's momenta are those of x and become those of fresh; in Gauss-Seidel order, before the
-   velocities are made of them. */
-LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
-                    const double *m0, const Unknowns x, const double *m2_older, const double *m1_older,
-                    const double *m0_older, const Unknowns older, int seidel, Unknowns fresh) {
-    V first[MOST_N][VECTORS], second[MOST_N][VECTORS];
+#define BOTH (FORM == 1 || ON_VELOCITY) /* are velocities or momenta needed at the stages, besides places? */
+
+/* The stages made of x by the columns m2 and m1; older adds to x. Cyclic coordinates are not needed there, nor are momenta
+   that stay the same. */
+INLINE void place(const Step *s, const Nodes *at, double h, const double *m2, const double *m1, const double *m0,
+                  const Unknowns x, const double *m2_older, const double *m1_older, const double *m0_older,
+                  const Unknowns older, V first[MOST_N][VECTORS], V second[MOST_N][VECTORS]) {
     EACH for (int d = 0; d < N; d++) {
-        for (int k = 0; k < VECTORS; k++) first[d][k] = s->base[d][k], second[d][k] = s->base[N + d][k];
+        for (int k = 0; k < VECTORS; k++) {
+            first[d][k] = s->base[d][k];
+            if (BOTH) second[d][k] = s->base[N + d][k];
+        }
 #if FORM == 2
         if (NEEDS_Q[d]) {
             add_product(m2, x[d], first[d]);
@@ -290,12 +373,25 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 #endif
     }
 #if HALVES
-    V had[MOST_N][VECTORS], (*const taken)[VECTORS] = s->taken;
-    if (BY_DEFECT) {
-        set_speeds(at, m0, x, m0_older, older, second);
-        if (s->renewals-- > 0)
-            for (int k = 0; k < VECTORS; k++) inertia(&first[0][k], &s->t[k], w + KICK_W + DRIFT_W, &taken[0][k]);
-    }
+    if (BY_DEFECT) set_speeds(at, m0, x, m0_older, older, second);
+#endif
+}
+
+#ifndef SCENE_APART
+/* fresh = h b (right-hand side at the stages), which s->x has made. With FORM 2 another h: the unknowns are lengths. In halves
+   the step's momenta are those of s->x and become those of fresh; in Gauss-Seidel order, before the velocities are made of
+   them. */
+INLINE void respond(Step *s, const Nodes *at, double h, const double *w, V first[MOST_N][VECTORS],
+                   V second[MOST_N][VECTORS], int seidel, Unknowns fresh) {
+#if HALVES
+    V had[MOST_N][VECTORS];
+#ifdef LOOP_APART
+    V own[BY_DEFECT ? 1 : TAKEN + 1][VECTORS], (*const taken)[VECTORS] = BY_DEFECT ? s->taken : own; /* of an evaluation alone */
+#else
+    V(*const taken)[VECTORS] = s->taken;
+#endif
+    if (BY_DEFECT && s->renewals-- > 0)
+        for (int k = 0; k < VECTORS; k++) inertia(&first[0][k], &s->t[k], w + KICK_W + DRIFT_W, &taken[0][k]);
     for (int k = 0; k < VECTORS; k++) {
         KICK(&first[0][k], BY_DEFECT ? &second[0][k] : &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &had[0][k],
              &taken[0][k]);
@@ -313,9 +409,9 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
     }
     if (!seidel) set_momenta(s, STAGE_M1, fresh, 0, 0);
 #else
-#ifdef GEOMETRY /* dense.c */
-    renew(&first[0][0], &s->t[0], w);
-    for (int k = 0; k < VECTORS; k++) guess(&x[0][k], at->b[k], &fresh[0][k]);
+#if DENSE
+    renew(&first[0][0], &s->t[0], w, &s->renewals);
+    for (int k = 0; k < VECTORS; k++) guess(&s->x[0][k], at->b[k], &fresh[0][k]);
 #endif
     for (int k = 0; k < VECTORS; k++) {
 #if FORM == 2
@@ -328,36 +424,20 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, const d
 #endif
 }
 
-/* The same at the start of a step, not in line: once a step it costs nothing, and the compiler half of its time. */
-APART void evaluate_start(Step *s, const Nodes *at, double h, const double *w, const double *m2, const double *m1,
-                          const double *m0, const Unknowns x, const double *m2_older, const double *m1_older,
-                          const double *m0_older, const Unknowns older, int seidel) {
-    if (!BY_DEFECT) set_momenta(s, m1, x, m1_older, older);
-    evaluate(s, at, h, w, m2, m1, m0, x, m2_older, m1_older, m0_older, older, seidel, s->x);
-}
-
-/* The first evaluation: from the polynomial of the last two steps, the last one, or a constant right-hand side. */
-INLINE void begin(Step *s, const Nodes *at, double h, const double *w, int64_t known, const Unknowns last,
-                  const Unknowns older, int low, int seidel) {
-    static const Unknowns none;
-    s->renewals = known > 1 ? 1 : 2;
-#ifdef GEOMETRY
-    renewals = known ? 1 : 2;
-#endif
-    if (known > 1)
-        evaluate_start(s, at, h, w, low ? LOW_M2 : START_M2, low ? LOW_M1 : START_M1, low ? LOW_M0 : START_M0, last,
-                       low ? LOW_OLDER_M2 : START_OLDER_M2, low ? LOW_OLDER_M1 : START_OLDER_M1,
-                       low ? LOW_OLDER_M0 : START_OLDER_M0, older, seidel);
+/* fresh: one more evaluation, the first one from where the stages have been placed. */
+LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, int seidel, int is_first, Unknowns fresh) {
+    V first[MOST_N][VECTORS], second[MOST_N][VECTORS];
+    if (!is_first) place(s, at, h, STAGE_M2, STAGE_M1, 0, s->x, 0, 0, 0, 0, first, second);
     else
-        evaluate_start(s, at, h, w, low ? LOW_ONE_M2 : START_ONE_M2, low ? LOW_ONE_M1 : START_ONE_M1,
-                       low ? LOW_ONE_M0 : START_ONE_M0, known ? last : none, 0, 0, 0, 0, seidel);
-    s->count = 1;
-}
-
-INLINE void iterate(Step *s, const Nodes *at, double h, const double *w, int seidel, Unknowns fresh) {
-    evaluate(s, at, h, w, STAGE_M2, STAGE_M1, 0, s->x, 0, 0, 0, 0, seidel, fresh);
+        EACH for (int d = 0; d < N; d++)
+            for (int k = 0; k < VECTORS; k++) {
+                first[d][k] = s->start[d][k];
+                if (BOTH) second[d][k] = s->start[N + d][k];
+            }
+    respond(s, at, h, w, first, second, seidel, fresh);
     s->count++;
 }
+#endif
 
 INLINE V change_of(const V *fresh, const V *x) {
     V d = v_fabs(fresh[0] - x[0]);
@@ -365,6 +445,7 @@ INLINE V change_of(const V *fresh, const V *x) {
     return d;
 }
 
+#ifndef LOOP_APART
 #if HALVES
 /* What a change of the unknowns does, h V p and h F h V, as a part of the step's action h V p. In a long chain the momenta
    are sums over all its links, and their round-off moves single links by far more than these links' own. */
@@ -379,8 +460,6 @@ APART double work_of(const Step *s, const Unknowns fresh) {
         }
     return lane(in_all_lanes(moved), 0) / (lane(in_all_lanes(whole), 0) + 1e-300);
 }
-#else
-#define work_of(s, fresh) INFINITY
 #endif
 
 /* The last digit of what an unknown is added to, where that is a coordinate: a stiff spring makes of it accelerations that
@@ -412,6 +491,7 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
         }
     return all;
 }
+#endif
 
 /* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
    level, or is there stagnation? Changes are relative to the size of their row. Where the start of the step has moved, the
@@ -438,6 +518,7 @@ INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level,
     return done;
 }
 
+#ifndef LOOP_APART
 /* Never a denormal number, which would be slow for the rest of the run. */
 INLINE double fading(double x, double fade) { return x > 1e-290 ? x * fade : 0; }
 
@@ -449,8 +530,55 @@ INLINE void set_scale(Change *c, const double *size, double fade) {
         c->inverse[r] = 1 / ((c->scale[r] > least ? c->scale[r] : least) + 1e-300);
     }
 }
+#endif
 
-APART void save(double *row, const double *y, double t, double h, const double *w, int64_t without_velocities) {
+/* A run on its way. */
+typedef struct Run {
+    double *w; /* what was prepared of the parameters */
+    double t0, h, level;
+    int64_t first, most;
+    Nodes at;
+    double y[2 * MOST_N], rest[2 * MOST_N]; /* the state at the last node, compensated */
+    Unknowns last, older;         /* of the last two steps; `known` of them are there */
+    Step now, next;               /* the step that is solved; the one after it, begun where that costs little time */
+    V (*taken)[VECTORS];          /* of one of them at a time */
+    Change change;
+    int64_t known, expected, iterations, most_iterations;
+    int64_t low;                  /* so many steps start from a low degree */
+    double tried, counts[3], slowest, residual; /* counts: in either order; one half after the other, lately */
+    int seidel;
+} Run;
+
+#ifdef START
+/* Where the stages of a step are first: on the polynomial of the last two steps or the last one, or of a constant right-hand
+   side. */
+START void place_start(const Run *r, Step *s, int64_t known, const Unknowns last, const Unknowns older) {
+    static const Unknowns none;
+    const V(*const x)[VECTORS] = known ? last : none, (*const x_older)[VECTORS] = known > 1 ? older : 0;
+    const int low = r->low > 0;
+    const double *const m2 = known > 1 ? low ? LOW_M2 : START_M2 : low ? LOW_ONE_M2 : START_ONE_M2;
+    const double *const m1 = known > 1 ? low ? LOW_M1 : START_M1 : low ? LOW_ONE_M1 : START_ONE_M1;
+    const double *const m0 = known > 1 ? low ? LOW_M0 : START_M0 : low ? LOW_ONE_M0 : START_ONE_M0;
+    const double *const m2_older = low ? LOW_OLDER_M2 : START_OLDER_M2, *const m1_older = low ? LOW_OLDER_M1 : START_OLDER_M1;
+    const double *const m0_older = low ? LOW_OLDER_M0 : START_OLDER_M0;
+    if (!BY_DEFECT) set_momenta(s, m1, x, m1_older, x_older);
+    place(s, &r->at, r->h, m2, m1, m0, x, m2_older, m1_older, m0_older, x_older, s->start, s->start + N);
+    if (DENSE) memcpy(s->x, x, UNKNOWNS_SIZE); /* the speeds that are improved */
+    s->renewals = known > !DENSE ? 1 : 2;
+}
+#endif
+
+#ifndef LOOP_APART
+APART void set_first_scale(Run *r, const Unknowns x) {
+    V sizes[MOST_ROWS];
+    double size[MOST_ROWS];
+    for (int i = 0; i < ROWS; i++) sizes[i] = size_of(x[i]);
+    row_sums(sizes, ROWS, size), set_scale(&r->change, size, 0);
+}
+
+APART void save(const Run *r, double *row, double t, int64_t without_velocities) {
+    const Step *const s = &r->now;
+    const double *const y = r->y, *const w = r->w, h = r->h;
     V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(t);
     for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(FORM == 2 ? y[N + d] / h : y[N + d]);
 #if FORM == 2
@@ -464,48 +592,31 @@ APART void save(double *row, const double *y, double t, double h, const double *
 #endif
 }
 
-/* A run on its way. */
-typedef struct {
-#ifdef SCENE_AS_DATA
-    double *w;
-#else
-    double w[RHS_W + VELOCITY_W + MOMENTUM_W + 1];
+#ifdef SCENE_APART
+static const Loop called_back = {
+    .stagnates = stagnates, .set_first_scale = set_first_scale, .place_start = place_start,
+#if HALVES
+    .work_of = work_of,
 #endif
-    double t0, h, level;
-    int64_t first, most;
-    Nodes at;
-    double y[2 * MOST_N], rest[2 * MOST_N]; /* the state at the last node, compensated */
-    Unknowns last, older;         /* of the last two steps; `known` of them are there */
-    Step now, next;               /* the step that is solved; the one after it, begun where that costs little time */
-#if HALVES /* of one of them at a time */
-#ifdef SCENE_AS_DATA
-    V (*taken)[VECTORS];
-#else
-    V taken[TAKEN + 1][VECTORS];
+};
 #endif
-#endif
-    Change change;
-    int64_t known, expected, iterations, most_iterations;
-    int64_t low;                  /* so many steps start from a low degree */
-    double tried, counts[3], slowest, residual; /* counts: in either order; one half after the other, lately */
-    int seidel;
-} Run;
 
 /* Where the run stands: as it was left, or at a fresh start. */
 APART void restore(Run *r, const RunArguments *a) {
     const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
     const Carry *carry = (const Carry *)a->carry;
     r->t0 = a->t0, r->first = a->first, r->most = a->most, r->level = a->level > 0x1p-56 ? a->level : 0x1p-56;
-    rhs_prepare(a->c, r->w);
-    velocity_prepare(a->c, r->w + RHS_W), momentum_prepare(a->c, r->w + RHS_W + VELOCITY_W);
+#ifdef SCENE_APART
+    r->now.scene = r->next.scene = a->scene, r->now.loop = r->next.loop = &called_back;
+#endif
+    const Step *const s = &r->now;
+    prepare(a->c, r->w);
     for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
     r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0;
     r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
     r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->counts[2] = r->slowest = r->residual = 0;
     r->now.count = r->next.count = 0;
-#if HALVES
     r->now.taken = r->next.taken = r->taken;
-#endif
     if (carry->steps_known > 0 && carry->h == h) {
         r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
         const double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;
@@ -531,52 +642,75 @@ APART void restore(Run *r, const RunArguments *a) {
             for (int k = 0; k < VECTORS; k++) r->last[i][k] = r->older[i][k] = splat(0.0);
     }
 }
+#endif
+
+#ifndef SCENE_APART
+/* Not in line: once a step it costs nothing, and the compiler half of its time. */
+APART void begin_next(Run *r) {
+    place_start(r, &r->next, 2, r->now.x, r->last);
+    evaluate(&r->next, &r->at, r->h, r->w, r->seidel, 1, r->next.x);
+}
 
 /* One more evaluation of the step at hand, and where its unknowns are known well enough, of the next one beside it: has
    the iteration come to its end? */
 INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     Unknowns fresh;
     int end = 0;
-    iterate(&r->now, &r->at, r->h, r->w, r->seidel, fresh);
+    evaluate(&r->now, &r->at, r->h, r->w, r->seidel, !r->now.count, fresh);
+    if (r->now.count == 1) {
+        copy_unknowns(r->now.x, fresh);
+        return 0;
+    }
     if (AHEAD && r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
         set_base_after(&r->next, &r->now, t_next, &r->at);
-        if (!r->next.count) begin(&r->next, &r->at, r->h, r->w, 2, r->now.x, r->last, r->low > 0, r->seidel);
+        if (!r->next.count) begin_next(r);
         else {
             Unknowns after;
-            iterate(&r->next, &r->at, r->h, r->w, r->seidel, after);
-            memcpy(r->next.x, after, UNKNOWNS_SIZE);
+            evaluate(&r->next, &r->at, r->h, r->w, r->seidel, 0, after);
+            copy_unknowns(r->next.x, after);
         }
     }
     if (r->now.count + 1 >= r->expected || ALWAYS_LOOK) { /* before, the last step needed more: no look at the change */
-        if (!r->known) {
-            V sizes[MOST_ROWS];
-            double size[MOST_ROWS];
-            for (int i = 0; i < ROWS; i++) sizes[i] = size_of(fresh[i]);
-            row_sums(sizes, ROWS, size), set_scale(&r->change, size, 0);
-        }
+        if (!r->known) set_first_scale(r, fresh);
         end = settled(&r->now, fresh, &r->change, r->level, r->now.count == first_count);
     }
-    memcpy(r->now.x, fresh, UNKNOWNS_SIZE);
+    copy_unknowns(r->now.x, fresh);
     return end;
 }
 
+/* Step k until its end, or until no end is to be expected? */
+#ifdef SCENE_AS_DATA
+INLINE
+#else
+static
+#endif
+int iterated(Run *r, int64_t k, int begun) {
+    const Change *const c = &r->change;
+    const double t_next = r->t0 + r->h * (double)(k + 1);
+    const int64_t first_count = begun ? r->now.count + 1 : 0; /* its change is that of the start of the step, too */
+    int end = 0;
+    while (r->now.count < r->most && !end && !(r->known && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
+        end = improve_step(r, t_next, first_count);
+    return end;
+}
+#endif
+
+#ifndef LOOP_APART
 /* The unknowns of step k: from the extrapolated start; where that fails, once more from a constant right-hand side. */
 INLINE int solve(Run *r, int64_t k) {
     Change *const c = &r->change;
+    const Step *const s = &r->now;
     set_base(&r->now, r->y, r->rest, r->t0 + r->h * (double)k, &r->at);
     const int begun = r->now.count > 0;
     if (r->tried < 2 * TRIAL) {
         r->seidel = r->tried < TRIAL;
         if (r->tried == TRIAL) r->expected = 0, c->rate = 1;
     }
-    if (begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
+    if (AHEAD && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
     for (;;) {
-        if (!r->now.count) begin(&r->now, &r->at, r->h, r->w, r->known, r->last, r->older, r->low > 0, r->seidel);
-        int end = 0;
-        const int64_t first_count = begun ? r->now.count + 1 : 0; /* its change is that of the start of the step, too */
+        if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
         c->checks = 0;
-        while (r->now.count < r->most && !end && !(r->known && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
-            end = improve_step(r, r->t0 + r->h * (double)(k + 1), first_count);
+        const int end = iterated(r, k, begun);
         r->iterations += r->now.count;
         if (end) return 1;
         if (!r->known) return BY_DEFECT && c->now <= WANDERS;
@@ -668,9 +802,14 @@ APART void store(const Run *r, const RunArguments *a, int status, int64_t done) 
 
 int run(const RunArguments *a) {
     Run r;
-#ifdef SCENE_AS_DATA
+#ifdef SCENE_APART
+    const Scene *const scene = a->scene;
+    double prepared[scene->numbers + 1];
+    V taken[scene->taken + 1][VECTORS];
+    r.w = prepared, r.taken = taken;
+#else
     scene = a->scene;
-    r.w = registers();
+    r.w = registers(), r.taken = 0;
     if (!r.w) return NOT_FINITE;
 #if HALVES
     r.taken = (V (*)[VECTORS])taken_room();
@@ -682,7 +821,7 @@ int run(const RunArguments *a) {
 #endif
     restore(&r, a);
     double *rows = a->rows, t = r.t0 + r.h * (double)r.first;
-    save(rows, r.y, t, r.h, r.w, a->without_velocities);
+    save(&r, rows, t, a->without_velocities);
     if (!r.known) memcpy(rows, a->start, 2 * N * sizeof(double));
     const double *u = a->u;
     int status = DONE;
@@ -694,17 +833,15 @@ int run(const RunArguments *a) {
         status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
         if (status) break;
         t = r.t0 + r.h * (double)(r.first + done + 1);
-        if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(rows, r.y, t, r.h, r.w, a->without_velocities);
+        if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(&r, rows, t, a->without_velocities);
     }
     (void)u;
     if (done && !unsaved) memcpy(a->stats->last, rows, 3 * N * sizeof(double));
-    else save(a->stats->last, r.y, t, r.h, r.w, 0);
+    else save(&r, a->stats->last, t, 0);
     store(&r, a, status, done);
 #ifdef SCENE_AS_DATA
-    free(r.w);
-#if HALVES
-    free(r.taken);
-#endif
+    free(r.w), free(r.taken);
 #endif
     return status;
 }
+#endif

@@ -133,7 +133,7 @@ def until_end(
         energy,
         OFF_LEVEL,
     )
-    if called.gears and backend == "auto" and kernel.scene:
+    if called.gears and backend == "auto" and kernel.is_native:
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None or found.iterations > called.most * (found.steps + 1):
         return None

@@ -1,0 +1,23 @@
+/* A scene that is compiled apart from its loop: its functions, as gauss.c has them, and the iteration of a step. */
+
+#define LOOP_APART
+#include "gauss.c"
+
+static void prepare_there(const double *c, double *w) { prepare(c, w); }
+static void velocity_there(const V *q, const V *p, const V *t, const double *w, V *v) { velocity(q, p, t, w + RHS_W, v); }
+static void momentum_there(const V *q, const V *v, const V *t, const double *w, V *p) {
+    momentum(q, v, t, w + RHS_W + VELOCITY_W, p);
+}
+
+const Scene scene = {
+    .numbers = RHS_W + VELOCITY_W + MOMENTUM_W,
+    .needs_q = NEEDS_Q,
+    .needs_p = NEEDS_P,
+    .prepare = prepare_there,
+    .velocity = velocity_there,
+    .momentum = momentum_there,
+    .iterated = iterated,
+#if HALVES
+    .taken = TAKEN,
+#endif
+};
