@@ -9,19 +9,17 @@ exact or costs one rounding.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
 from itertools import chain
 
 import casadi as ca
 
-from varint.codegen.dependence import needed, uniform_nodes
+from varint.codegen.dependence import needed
 from varint.codegen.graph import LEAVES, Graph, raw_graph
 from varint.codegen.powers import Powers, has_root, inverse, joined, power_of
+from varint.codegen.rewriting import Rewriting, Sum, Term, rewriting
 
 FEW_TERMS = 8  # of a sum that is looked into, since some may cancel where it is used
 LONGEST_CHAIN = 6  # terms of a sum added one after the other; longer sums are split, for latency
-Term = tuple[float, int, Powers]  # factor × node × powers
-Sum = tuple[Term, ...]
 
 
 def graph_of(f: ca.Function, constants: int = -1) -> Graph:
@@ -31,7 +29,7 @@ def graph_of(f: ca.Function, constants: int = -1) -> Graph:
     """
     raw = raw_graph(f)
     live = needed(raw)
-    r = _rewriting(raw, live, constants % f.n_in())
+    r = rewriting(raw, live, constants % f.n_in())
     taken = [node[1:] for i in live if (node := raw.nodes[i])[0] not in LEAVES]
     uses, uniform, bases = Counter(chain(*taken, *raw.outputs)), r.uniform, r.bases
     for i in live:
@@ -45,81 +43,7 @@ def graph_of(f: ca.Function, constants: int = -1) -> Graph:
     return r.graph
 
 
-@dataclass
-class _Rewriting:
-    """A raw graph and what becomes of it, node by node.
-
-    `bases` are the raw nodes whose powers are gathered, those below a root or a division, and how
-    their powers are written: by 1/√base ("root"), by 1/base ("inverse"), else by a division each;
-    `kinds` the same for new nodes. Of the new nodes, `constant` are the same all the time, and
-    `parts` are (size, terms, powers) of a short sum: it is all its terms over size and powers.
-    """
-
-    raw: Graph
-    bases: dict[int, str]
-    uniform: list[bool]
-    graph: Graph = field(default_factory=Graph)
-    sums: dict[int, Sum] = field(default_factory=dict)
-    kinds: dict[int, str] = field(default_factory=dict)
-    constant: set[int] = field(default_factory=set)
-    parts: dict[int, tuple[float, Sum, Powers]] = field(default_factory=dict)
-
-
-def _rewriting(raw: Graph, live: list[int], constants: int) -> _Rewriting:
-    uniform = uniform_nodes(raw, constants)
-    asked = {raw.nodes[i][-1] for i in live if raw.nodes[i][0] in ("div", "sqrt")}
-    for i in reversed(live) if asked else ():
-        if i in asked and raw.nodes[i][0] in _MONOMIAL:
-            asked.update(raw.nodes[i][1:])
-    monomials = dict[int, tuple[float, int | None, int]]()
-    for i in sorted(asked):
-        monomials[i] = _monomial(monomials, uniform, i, raw.nodes[i])
-    divided: dict[int, list[int]] = {}
-    rooted: set[int] = set()
-    for i in live:
-        name, *rest = raw.nodes[i]
-        if name in ("div", "sqrt"):
-            _, base, exponent = monomials[rest[-1]]
-            if base is not None and exponent > 0 and name == "div":
-                divided.setdefault(base, []).append(exponent)
-            elif base is not None:
-                rooted.add(base)
-    bases = dict.fromkeys(rooted, "")
-    for base, found in divided.items():
-        if any(e % 4 for e in found):
-            bases[base] = "root"
-        else:
-            bases[base] = "inverse" if len(found) > 1 or uniform[base] else ""
-    return _Rewriting(raw, bases, uniform)
-
-
-_MONOMIAL = frozenset(("neg", "sqrt", "mul"))  # of monomials
-
-
-def _monomial(known, uniform: list[bool], i: int, node: tuple) -> tuple[float, int | None, int]:
-    """Node i as factor × base^exponent (base None: a number), but for factors that are the same
-    all the time.
-    """
-    atom = (1.0, i, 4)
-    name, *rest = node
-    if name == "const":
-        return (rest[0], None, 0)
-    if name == "neg":
-        c, base, e = known[rest[0]]
-        return (-c, base, e)
-    if name == "sqrt":
-        c, base, e = known[rest[0]]
-        return (1.0, base, e // 2) if base is not None and c == 1 and has_root(e) else atom
-    if name == "mul":
-        (c, base, e), (d, other, g) = known[rest[0]], known[rest[1]]
-        if base is None or other is None or base == other:
-            return (c * d, other if base is None else base, e + g)
-        if uniform[rest[0]] != uniform[rest[1]]:
-            return (d, other, g) if uniform[rest[0]] else (c, base, e)
-    return atom
-
-
-def _as_power(r: _Rewriting, i: int, terms: Sum) -> Sum:
+def _as_power(r: Rewriting, i: int, terms: Sum) -> Sum:
     """What the users of node i see, a base or what is the same all the time: its power."""
     c, a, powers = _term(r, terms)
     if r.graph.is_one(a):
@@ -130,7 +54,7 @@ def _as_power(r: _Rewriting, i: int, terms: Sum) -> Sum:
     return ((c, r.graph.one, joined(powers, ((a, 4),))),)
 
 
-def _shared(r: _Rewriting, terms: Sum) -> Sum:
+def _shared(r: Rewriting, terms: Sum) -> Sum:
     """What the users of a sum see that are many."""
     c, a, powers = _term(r, terms)
     if not powers:
@@ -145,7 +69,7 @@ def _shared(r: _Rewriting, terms: Sum) -> Sum:
     return ((c, a, powers),)
 
 
-def _expanded(r: _Rewriting, terms: Sum) -> Sum:
+def _expanded(r: Rewriting, terms: Sum) -> Sum:
     """The sum with the terms of the sums in it: some may cancel."""
     result = list[Term]()
     for term in terms:
@@ -159,7 +83,7 @@ def _expanded(r: _Rewriting, terms: Sum) -> Sum:
     return tuple(result)
 
 
-def _rewritten(r: _Rewriting, i: int) -> Sum:
+def _rewritten(r: Rewriting, i: int) -> Sum:
     """Node i of the raw graph as a sum of terms."""
     node, sums = r.raw.nodes[i], r.sums
     name, first, second = node[0], node[1], node[-1]
@@ -187,7 +111,7 @@ def _rewritten(r: _Rewriting, i: int) -> Sum:
     return ((1.0, r.graph.node(name, *(_node(r, y) for y in x)), ()),)
 
 
-def _factor_by_factor(r: _Rewriting, name: str, x: Sum) -> Sum:
+def _factor_by_factor(r: Rewriting, name: str, x: Sum) -> Sum:
     """|x| or the sign of x, of a product factor by factor: even powers and roots have none, and
     that of what is the same all the time is found once.
     """
@@ -213,7 +137,7 @@ def _factor_by_factor(r: _Rewriting, name: str, x: Sum) -> Sum:
     return ((size, whole if r.graph.is_one(whole) else r.graph.node(name, whole), found),)
 
 
-def _added_up(r: _Rewriting, terms: Sum) -> Sum:
+def _added_up(r: Rewriting, terms: Sum) -> Sum:
     """Like terms added up, also those of the sums in it where some of them cancel."""
     short, parts = _merged(terms), r.parts
     for _, a, _ in terms:
@@ -242,7 +166,7 @@ def _merged(terms: Sum) -> Sum:
     return kept or ((0.0, *terms[0][1:]),)
 
 
-def _term(r: _Rewriting, terms: Sum) -> Term:
+def _term(r: Rewriting, terms: Sum) -> Term:
     """A sum as factor × node × powers; what all terms have in common stays outside, also of some
     of them.
     """
@@ -263,7 +187,7 @@ def _term(r: _Rewriting, terms: Sum) -> Term:
     return size, whole, common
 
 
-def _factored(r: _Rewriting, terms: list[tuple[float, int]]) -> tuple[float, int]:
+def _factored(r: Rewriting, terms: list[tuple[float, int]]) -> tuple[float, int]:
     """The sum of factors times nodes; a factor common to all stays outside."""
     if len(terms) == 1:
         return terms[0]
@@ -280,7 +204,7 @@ def _factored(r: _Rewriting, terms: list[tuple[float, int]]) -> tuple[float, int
     return size, _added(r, same + others)  # what is not waited for first
 
 
-def _added(r: _Rewriting, terms: list[tuple[float, int]]) -> int:
+def _added(r: Rewriting, terms: list[tuple[float, int]]) -> int:
     """The sum as a node: terms without a factor first, so that each further one is a fused
     multiply-add.
     """
@@ -300,7 +224,7 @@ def _place(term: tuple[float, int]) -> int:
     return 0 if c == 1.0 else 1 if c == -1.0 else 3 if c < 0 else 2
 
 
-def _single(r: _Rewriting, c: float, a: int) -> int:
+def _single(r: Rewriting, c: float, a: int) -> int:
     graph = r.graph
     if c == 1.0 and not graph.is_one(a):
         return a
@@ -317,12 +241,12 @@ def _single(r: _Rewriting, c: float, a: int) -> int:
     return graph.node("mul", same, varying)
 
 
-def _node(r: _Rewriting, terms: Sum) -> int:
+def _node(r: Rewriting, terms: Sum) -> int:
     c, a, powers = _term(r, terms)
     return _single(r, c, _times(r, a, powers) if c else a)
 
 
-def _product(r: _Rewriting, x: Sum, y: Sum) -> Sum:
+def _product(r: Rewriting, x: Sum, y: Sum) -> Sum:
     graph = r.graph
     if len(x) == 1 and graph.is_one(x[0][1]) and not x[0][2]:
         return _scaled(y, x[0][0])
@@ -332,7 +256,7 @@ def _product(r: _Rewriting, x: Sum, y: Sum) -> Sum:
     return ((c * d, graph.times(a, b), joined(powers, more)),)
 
 
-def _quotient(r: _Rewriting, x: Sum, y: Sum) -> Sum:
+def _quotient(r: Rewriting, x: Sum, y: Sum) -> Sum:
     d, b, below = _term(r, y)
     if d and r.graph.is_one(b) and not below:
         return _scaled(x, 1 / d)
@@ -347,7 +271,7 @@ def _quotient(r: _Rewriting, x: Sum, y: Sum) -> Sum:
     return ((c / d, a if r.graph.is_one(bottom) else r.graph.node("div", a, bottom), powers),)
 
 
-def _times(r: _Rewriting, a: int, powers: Powers) -> int:
+def _times(r: Rewriting, a: int, powers: Powers) -> int:
     """a × powers as a node; the powers come first, so that several nodes can share them."""
     same = varying = r.graph.one
     if not powers:

@@ -25,7 +25,7 @@ class Loop(NamedTuple):
 
 @lru_cache(maxsize=32)
 def gauss_loop(lanes: int, vectors: int, form: int) -> Loop:
-    """c/gauss.c for vectors of so many lanes, so many of them for the stages of a coordinate.
+    """c/gauss.h for vectors of so many lanes, so many of them for the stages of a coordinate.
 
     Raises
     ------

@@ -47,7 +47,7 @@ def gauss_form(system: System) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Scheme:
-    """What the loop of c/gauss.c needs of a scene and a number of stages, as C or as data.
+    """What the loop of c/gauss.h needs of a scene and a number of stages, as C or as data.
 
     Attributes
     ----------
@@ -144,7 +144,9 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
     loops = ("dense.c", "gauss_scene.c") if scheme.geometry else ("gauss_scene.c",)
     functions = emitted(scheme.functions, str(scheme.vectors))
     many = {"N": system.q.numel(), "NU": system.control.numel(), "SCENE_APART": 1}
-    apart = c_head(many | sizes, tableau) + c_source("gauss.c") + c_source("parts.c")
+    apart = c_head(many | sizes, tableau) + "".join(
+        map(c_source, ("gauss.h", "gauss_loop.c", "parts.c"))
+    )
     return source_of(
         scheme.about,
         system,
@@ -266,7 +268,7 @@ def numbers_taken(scheme: Scheme) -> int:
 
 
 def _needs(q: ca.SX, rates: list[ca.SX]) -> dict[str, list[bool]]:
-    """NEEDS_Q and NEEDS_P of gauss.c."""
+    """NEEDS_Q and NEEDS_P of gauss.h."""
     depends = ca.which_depends(ca.vertcat(*map(ca.densify, rates)), q, 1, False)
     return {
         "NEEDS_Q": depends,

@@ -29,7 +29,7 @@ FOLDER, DIGEST = "tapes", 32
 # what decides how operations are arranged: files of this folder, and how CasADi's are read
 ARRANGING = (
     *("algebra.py", "arranged.py", "dependence.py", "graph.py", "kept.py", "powers.py"),
-    *("rolled.py", "routines.py", "tape.py", "c/tape.h"),
+    *("rewriting.py", "rolled.py", "routines.py", "tape.py", "c/tape.h"),
 )
 WIDTHS = {"once": 6, "often": 6, "inputs": 3, "outputs": 3}
 _COUNTS = len(Sizes._fields) + 3 + len(WIDTHS) + 1  # whole numbers that begin a tape

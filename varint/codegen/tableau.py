@@ -33,7 +33,7 @@ LOW_DEGREE = 5
 
 @lru_cache(maxsize=64)
 def gauss_tableau(stages: int) -> dict[str, np.ndarray]:
-    """The constants by their names in gauss.c: vectors (1, s), matrices (s, s). They are kept on
+    """The constants by their names in gauss.h: vectors (1, s), matrices (s, s). They are kept on
     the disk: to read them takes a tenth of the time.
     """
     key = key_of("tableau", str(stages), code=code_of(__file__, polynomials.__file__))

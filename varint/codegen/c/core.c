@@ -15,5 +15,7 @@ const int newer_functions = NEWER_FUNCTIONS;
 #include "run.h"
 #include "tape.h"
 #include "scene.h"
-#include "gauss.c"
+#include "gauss.h"
+#include "gauss_step.c"
+#include "gauss_loop.c"
 #include "parts.c"

@@ -1,7 +1,8 @@
-/* A scene that is compiled apart from its loop: its functions, as gauss.c has them, and the iteration of a step. */
+/* A scene that is compiled apart from its loop: its functions, as gauss.h has them, and the iteration of a step. */
 
 #define LOOP_APART
-#include "gauss.c"
+#include "gauss.h"
+#include "gauss_step.c"
 
 static void prepare_there(const double *c, double *w) { prepare(c, w); }
 static void velocity_there(const V *q, const V *p, const V *t, const double *w, V *v) { velocity(q, p, t, w + RHS_W, v); }

@@ -1,0 +1,295 @@
+/* The loop over the steps of a Gauss rule, as gauss.h has it: what depends on the size of a scene alone. */
+
+/* What a run needs to go on as if it had not stopped: these numbers, and behind them y and its rest, 2 N each, what the
+   scales remember, ROWS each, and the unknowns of the last two steps and of the one that is begun. */
+typedef struct {
+    double steps_known, expected, h, rate, work, low, count, tried, counts[3]; /* of the steps tried in either order */
+    double numbers[];
+} Carry;
+#define CARRY_SIZE (int64_t)(sizeof(Carry) / sizeof(double) + 4 * N + ROWS * (2 + 3 * PADDED))
+#ifdef SCENE_AS_DATA
+int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
+#else
+const int64_t carry_size = CARRY_SIZE;
+#endif
+
+#if HALVES
+/* What a change of the unknowns does, h V p and h F h V, as a part of the step's action h V p. In a long chain the momenta
+   are sums over all its links, and their round-off moves single links by far more than these links' own. */
+APART double work_of(const Step *s, const Unknowns fresh) {
+    V moved = splat(0.0), whole = splat(0.0);
+    for (int d = 0; d < N; d++)
+        for (int k = 0; k < VECTORS; k++) {
+            V way = v_fabs(fresh[d][k]), push = v_fabs(s->p[d][k]);
+            whole = v_fma(way, push, whole);
+            moved = v_fma(v_fabs(fresh[d][k] - s->x[d][k]), push, moved);
+            moved = v_fma(v_fabs(fresh[N + d][k] - s->x[N + d][k]), way, moved);
+        }
+    return lane(in_all_lanes(moved), 0) / (lane(in_all_lanes(whole), 0) + 1e-300);
+}
+#endif
+
+/* The last digit of what an unknown is added to, where that is a coordinate: a stiff spring makes of it accelerations that
+   may be large beside those of a row that is hardly pushed. */
+INLINE double unseen(const Step *s, int r) { return FORM == 2 ? EPS * fabs(lane(s->base[r][0], 0)) : 0; }
+
+/* Where the largest change has stopped shrinking: do all rows stagnate near round-off (Hairer, McKenna & Razakarivony
+   2008)? For a row of cancelling terms that may lie far above its own size; the next steps need not find out again. */
+APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level) {
+    const V(*const x)[VECTORS] = s->x;
+    int all = 1;
+    for (int r = 0; r < ROWS; r++) {
+        double now = largest(change_of(fresh[r], x[r])), size = c->scale[r], most = 0;
+        if (now < 0.5 * c->best[r]) c->best[r] = now, c->idle[r] = now > NEAR * size ? 0 : c->idle[r];
+        else c->idle[r] += 1;
+        for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
+        int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size) ||
+                      (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most || now <= unseen(s, r)));
+        all &= settled;
+    }
+    if (BY_DEFECT && !all && c->stalled > 1) {
+        const double work = work_of(s, fresh);
+        if (work <= SMALL_WORK) all = 1, c->work = work > c->work ? work : c->work;
+    }
+    if (all)
+        for (int r = 0; r < ROWS; r++) {
+            double last = largest(change_of(fresh[r], x[r]));
+            if (last > EPS * c->scale[r] && last > level * c->scale[r] && last > c->noise[r]) c->noise[r] = last;
+        }
+    return all;
+}
+
+/* Never a denormal number, which would be slow for the rest of the run. */
+INLINE double fading(double x, double fade) { return x > 1e-290 ? x * fade : 0; }
+
+INLINE void set_scale(Change *c, const double *size, double fade) {
+    for (int r = 0; r < ROWS; r++) { /* an oscillating row keeps its size where it passes zero */
+        double faded = fading(c->scale[r], fade);
+        c->scale[r] = size[r] > faded ? size[r] : faded;
+        double least = c->noise[r] * (2 / EPS); /* a change of twice the noise counts as one at round-off */
+        c->inverse[r] = 1 / ((c->scale[r] > least ? c->scale[r] : least) + 1e-300);
+    }
+}
+
+APART void set_first_scale(Run *r, const Unknowns x) {
+    V sizes[MOST_ROWS];
+    double size[MOST_ROWS];
+    for (int i = 0; i < ROWS; i++) sizes[i] = size_of(x[i]);
+    row_sums(sizes, ROWS, size), set_scale(&r->change, size, 0);
+}
+
+APART void save(const Run *r, double *row, double t, int64_t without_velocities) {
+    const Step *const s = &r->now;
+    const double *const y = r->y, *const w = r->w, h = r->h;
+    V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(t);
+    for (int d = 0; d < N; d++) q[d] = splat(y[d]), z[d] = splat(FORM == 2 ? y[N + d] / h : y[N + d]);
+#if FORM == 2
+    momentum(q, z, &time, w + RHS_W + VELOCITY_W, out);
+    for (int d = 0; d < N; d++) row[d] = y[d], row[N + d] = lane(out[d], 0), row[2 * N + d] = lane(z[d], 0);
+#else
+    COPY(row, y, 2 * N);
+    if (without_velocities) return;
+    velocity(q, z, &time, w + RHS_W, out);
+    for (int d = 0; d < N; d++) row[2 * N + d] = lane(out[d], 0);
+#endif
+}
+
+#ifdef SCENE_APART
+static const Loop called_back = {
+    .stagnates = stagnates, .set_first_scale = set_first_scale, .place_start = place_start,
+#if HALVES
+    .work_of = work_of,
+#endif
+};
+#endif
+
+/* Where the run stands: as it was left, or at a fresh start. */
+APART void restore(Run *r, const RunArguments *a) {
+    const double h = r->h = a->h, scale_b = FORM == 2 ? h * h : h;
+    const Carry *carry = (const Carry *)a->carry;
+    r->t0 = a->t0, r->first = a->first, r->most = a->most, r->level = a->level > 0x1p-56 ? a->level : 0x1p-56;
+#ifdef SCENE_APART
+    r->now.scene = r->next.scene = a->scene, r->now.loop = r->next.loop = &called_back;
+#endif
+    const Step *const s = &r->now;
+    prepare(a->c, r->w);
+    for (int k = 0; k < VECTORS; k++) r->at.c[k] = h * entry(STAGE_C, k), r->at.b[k] = scale_b * entry(STAGE_B, k);
+    r->known = r->expected = r->iterations = r->most_iterations = 0, r->change.work = 0;
+    r->seidel = 1, r->low = r->level > LOOSE ? INT64_MAX : 0;
+    r->tried = HALVES && !BY_DEFECT ? 0 : 2 * TRIAL, r->counts[0] = r->counts[1] = r->counts[2] = r->slowest = r->residual = 0;
+    r->now.count = r->next.count = 0;
+    r->now.taken = r->next.taken = r->taken;
+    if (carry->steps_known > 0 && carry->h == h) {
+        r->known = (int64_t)carry->steps_known, r->expected = (int64_t)carry->expected;
+        const double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;
+        COPY(r->y, at, 2 * N), COPY(r->rest, at + 2 * N, 2 * N);
+        memcpy(r->last, x, UNKNOWNS_SIZE), memcpy(r->older, x + ROWS * PADDED, UNKNOWNS_SIZE);
+        memcpy(r->now.x, x + 2 * ROWS * PADDED, UNKNOWNS_SIZE), r->now.count = (int64_t)carry->count;
+        for (int i = 0; i < ROWS; i++) r->change.scale[i] = 0, r->change.noise[i] = scales[ROWS + i];
+        set_scale(&r->change, scales, 0);
+        r->change.rate = carry->rate, r->change.work = carry->work, r->low = r->low ? r->low : (int64_t)carry->low;
+        r->tried = carry->tried, memcpy(r->counts, carry->counts, sizeof r->counts);
+        r->seidel = LONGER * r->counts[1] <= r->counts[0];
+    } else {
+        for (int d = 0; d < N; d++) r->y[d] = a->start[d], r->y[N + d] = a->start[N + d], r->rest[d] = r->rest[N + d] = 0;
+#if FORM == 2
+        V q[MOST_N], z[MOST_N], out[MOST_N], time = splat(r->t0 + h * (double)r->first);
+        for (int d = 0; d < N; d++) q[d] = splat(r->y[d]), z[d] = splat(r->y[N + d]);
+        velocity(q, z, &time, r->w + RHS_W, out);
+        for (int d = 0; d < N; d++) r->y[N + d] = h * lane(out[d], 0);
+#endif
+        for (int i = 0; i < ROWS; i++) r->change.scale[i] = r->change.noise[i] = 0;
+        r->change.rate = 1;
+        for (int i = 0; i < ROWS; i++)
+            for (int k = 0; k < VECTORS; k++) r->last[i][k] = r->older[i][k] = splat(0.0);
+    }
+}
+
+/* The unknowns of step k: from the extrapolated start; where that fails, once more from a constant right-hand side. */
+INLINE int solve(Run *r, int64_t k) {
+    Change *const c = &r->change;
+    const Step *const s = &r->now;
+    set_base(&r->now, r->y, r->rest, r->t0 + r->h * (double)k, &r->at);
+    const int begun = r->now.count > 0;
+    if (r->tried < 2 * TRIAL) {
+        r->seidel = r->tried < TRIAL;
+        if (r->tried == TRIAL) r->expected = 0, c->rate = 1;
+    }
+    if (AHEAD && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
+    for (;;) {
+        if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
+        c->checks = 0;
+        const int end = iterated(r, k, begun);
+        r->iterations += r->now.count;
+        if (end) return 1;
+        if (!r->known) return BY_DEFECT && c->now <= WANDERS;
+        r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;
+    }
+}
+
+/* How often a step that takes `count` evaluations need not have been looked at, nor evaluated: at the present rate. */
+INLINE int64_t spare(const Change *c, double level, int64_t count) {
+    int64_t found = 0;
+    for (double left = c->left; c->checks == 1 && left <= c->rate * level && 2 * found < count; left /= c->rate) found++;
+    return found;
+}
+
+/* Counts a step tried in either order; after so many of them, or where the second order is clearly worse than the first
+   was lately, it is known in which the halves converge sooner. */
+INLINE void count_trial(Run *r) {
+    double *const counts = r->counts, count = (double)r->now.count, others = (r->tried += 1) - TRIAL;
+    counts[r->seidel] += count;
+    if (r->seidel) counts[2] += count - counts[2] / LATELY;
+    const int worse = others > 1 && counts[0] * LATELY > WORSE * counts[2] * others;
+    if (!worse && r->tried < 2 * TRIAL) return;
+    r->seidel = worse || LONGER * counts[1] <= counts[0], r->tried = 2 * TRIAL, r->expected = 0, r->change.rate = 1;
+    if (worse) counts[0] = INFINITY;
+}
+
+/* The solved step becomes the last one: the state at its end, and what the next one starts from; nothing of it where that
+   is not finite. */
+INLINE int accept(Run *r) {
+    Change *const c = &r->change;
+    double *const y = r->y, *const rest = r->rest, old[2 * MOST_N], lost[2 * MOST_N], sums[3 * MOST_ROWS];
+    /* where already the first look saw nothing but round-off, the next step looks earlier */
+    r->expected = c->checks > 1 && c->first <= 4 * c->now ? r->now.count - c->checks : r->now.count - spare(c, r->level, r->now.count);
+    r->most_iterations = r->now.count > r->most_iterations ? r->now.count : r->most_iterations;
+    if (r->tried < 2 * TRIAL && r->known > 1) count_trial(r);
+    memcpy(r->older, r->last, UNKNOWNS_SIZE), memcpy(r->last, r->now.x, UNKNOWNS_SIZE);
+    r->known += r->known < 2, r->low -= r->low > 0;
+    COPY(old, y, 2 * N), COPY(lost, rest, 2 * N);
+    V rows_of[3 * MOST_ROWS];
+    for (int i = 0; i < ROWS; i++) rows_of[i] = folded(r->last[i]), rows_of[ROWS + i] = size_of(r->last[i]);
+#if FORM == 2
+    for (int d = 0; d < N; d++) {
+        V moved[VECTORS];
+        for (int k = 0; k < VECTORS; k++) moved[k] = entry(STAGE_BETA, k) * r->last[d][k];
+        rows_of[2 * N + d] = folded(moved);
+    }
+    row_sums(rows_of, 3 * N, sums);
+    for (int d = 0; d < N; d++) compensated(&y[d], &rest[d], y[N + d] + (sums[2 * N + d] + rest[N + d]));
+    for (int d = 0; d < N; d++) compensated(&y[N + d], &rest[N + d], sums[d]);
+    for (int d = 0; d < N; d++) {
+        double path = fabs(y[N + d]);
+        sums[N + d] = path > sums[N + d] ? path : sums[N + d];
+    }
+#else
+    row_sums(rows_of, 2 * ROWS, sums);
+    for (int i = 0; i < ROWS; i++) compensated(&y[i], &rest[i], sums[i]);
+#endif
+    if (!(unsound(y, 2 * N) == 0)) {
+        COPY(y, old, 2 * N), COPY(rest, lost, 2 * N);
+        return 0;
+    }
+    for (int i = 0; i < ROWS; i++) c->noise[i] = fading(c->noise[i], KEPT_NOISE);
+    c->work = fading(c->work, KEPT_NOISE);
+    set_scale(c, sums + ROWS, 0.9);
+    r->slowest = c->rate > r->slowest ? c->rate : r->slowest;
+    r->residual = c->left > r->residual ? c->left : r->residual;
+    r->now.count = 0;
+    if (AHEAD && r->next.count) copy_step(&r->now, &r->next);
+    r->next.count = 0;
+    return 1;
+}
+
+/* What the next call needs, and what the caller is told. */
+APART void store(const Run *r, const RunArguments *a, int status, int64_t done) {
+    Carry *carry = (Carry *)a->carry;
+    carry->steps_known = status ? 0 : (double)r->known, carry->expected = (double)r->expected, carry->h = r->h;
+    double *at = carry->numbers, *scales = at + 4 * N, *x = scales + 2 * ROWS;
+    COPY(at, r->y, 2 * N), COPY(at + 2 * N, r->rest, 2 * N);
+    memcpy(x, r->last, UNKNOWNS_SIZE), memcpy(x + ROWS * PADDED, r->older, UNKNOWNS_SIZE);
+    memcpy(x + 2 * ROWS * PADDED, r->now.x, UNKNOWNS_SIZE), carry->count = (double)r->now.count;
+    carry->tried = r->tried, memcpy(carry->counts, r->counts, sizeof r->counts);
+    COPY(scales, r->change.scale, ROWS), COPY(scales + ROWS, r->change.noise, ROWS);
+    carry->rate = r->change.rate, carry->work = r->change.work, carry->low = r->low > CAREFUL ? 0 : (double)r->low;
+    a->stats->status = status, a->stats->steps = (double)done, a->stats->iterations = (double)r->iterations;
+    a->stats->most_iterations = (double)r->most_iterations, a->stats->contraction = r->slowest;
+    a->stats->noted = 0;
+    a->stats->residual = r->residual, a->stats->failed = status ? r->change.now : 0;
+}
+
+int run(const RunArguments *a) {
+    Run r;
+#ifdef SCENE_APART
+    const Scene *const scene = a->scene;
+    double prepared[scene->numbers + 1];
+    V taken[scene->taken + 1][VECTORS];
+    r.w = prepared, r.taken = taken;
+#else
+    scene = a->scene;
+    r.w = registers(), r.taken = 0;
+    if (!r.w) return NOT_FINITE;
+#if HALVES
+    r.taken = (V (*)[VECTORS])taken_room();
+    if (!r.taken) {
+        free(r.w);
+        return NOT_FINITE;
+    }
+#endif
+#endif
+    restore(&r, a);
+    double *rows = a->rows, t = r.t0 + r.h * (double)r.first;
+    save(&r, rows, t, a->without_velocities);
+    if (!r.known) memcpy(rows, a->start, 2 * N * sizeof(double));
+    const double *u = a->u;
+    int status = DONE;
+    int64_t done = 0, unsaved = 0;
+    for (; done < a->steps; done++) {
+        for (int m = 0; m < NU; m++)
+            for (int i = 0; i < PADDED; i++) set_lane(&r.at.u[m][i / LANES], i % LANES, u[(i < STAGES ? i : STAGES - 1) * NU + m]);
+        u += STAGES * NU;
+        status = !solve(&r, r.first + done) ? NOT_CONVERGED : !accept(&r) ? NOT_FINITE : DONE;
+        if (status) break;
+        t = r.t0 + r.h * (double)(r.first + done + 1);
+        if (++unsaved == a->save_every) unsaved = 0, rows += 3 * N, save(&r, rows, t, a->without_velocities);
+    }
+    (void)u;
+    if (done && !unsaved) memcpy(a->stats->last, rows, 3 * N * sizeof(double));
+    else save(&r, a->stats->last, t, 0);
+    store(&r, a, status, done);
+#ifdef SCENE_AS_DATA
+    free(r.w), free(r.taken);
+#endif
+    return status;
+}
