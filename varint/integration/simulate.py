@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from varint.errors import ConvergenceError, InputError
 from varint.integration.asked_times import only_at, until_last
@@ -157,6 +158,8 @@ def simulate(
     if tol is not None or not (iteration_tol is None or (h is not None and _small(iteration_tol))):
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
+    if np.float64 in (type(h), type(duration), type(t0)):  # as Python's own they go the short ways
+        h, duration, t0 = map(_own, (h, duration, t0))
     if (
         p0 is u is at is scale is until is events is checkpoint is None
         and v0 is not None
@@ -242,6 +245,10 @@ def _to_tolerance() -> ModuleType:
     from varint.integration import to_tolerance
 
     return to_tolerance
+
+
+def _own(x: Any) -> Any:
+    return float(x) if type(x) is np.float64 else x
 
 
 def _small(x: Any) -> bool:
