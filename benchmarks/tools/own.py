@@ -32,7 +32,7 @@ LEVELS = (
 )
 # of encounters, whose steps follow the scene's rate: rules, and radians a step
 STAGES = 6, 8, 10
-RADIANS = 0.4 * 1.15 ** np.arange(12)
+RADIANS = 0.4 * 1.15 ** np.arange(15)
 
 
 def settings(scene: Scene) -> Iterator[Setting]:

@@ -69,7 +69,7 @@ def test_runs_that_follow_the_scene_are_the_same_by_numbers_alone(monkeypatch, c
         for name in "tqp":  # the last step is solved no further than the others, or to round-off
             near = getattr(one, name), getattr(other, name)
             assert np.array_equal(*(x[:-1] for x in near))
-            assert near[0][-1] == pytest.approx(near[1][-1], rel=1e-11, abs=max(1e-4 * tol, 1e-11))
+            assert near[0][-1] == pytest.approx(near[1][-1], rel=1e-11, abs=max(1e-3 * tol, 1e-11))
         for name in "khc":
             assert np.array_equal(getattr(one, name), getattr(other, name))
         told = "plan", "backend"

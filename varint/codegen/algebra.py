@@ -232,13 +232,7 @@ def _single(r: Rewriting, c: float, a: int) -> int:
         return graph.node("const", c)
     if c == -1:
         return graph.node("neg", a)
-    same, varying = graph.node("const", c), a
-    node = graph.nodes[a]
-    if node[0] == "mul" and not r.constant.isdisjoint(node[1:]):  # both factors in one
-        x, varying = node[1:] if node[1] in r.constant else node[:0:-1]
-        same = graph.node("mul", same, x)
-        r.constant.add(same)
-    return graph.node("mul", same, varying)
+    return graph.node("mul", graph.node("const", c), a)
 
 
 def _node(r: Rewriting, terms: Sum) -> int:
