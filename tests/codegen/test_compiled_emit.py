@@ -12,7 +12,7 @@ import varint as vi
 from varint.codegen.algebra import graph_of
 from varint.codegen.arguments import c_source
 from varint.codegen.cache import compiler, library
-from varint.codegen.dependence import halves, needed
+from varint.codegen.dependence import halves, needed, uniform_nodes
 from varint.codegen.emit import emit
 from varint.codegen.graph import NotCompilable
 
@@ -231,6 +231,44 @@ def test_powers_of_one_expression_that_cancel_leave_nothing():
     graph = graph_of(f)
     names = {graph.nodes[i][0] for i in needed(graph)}
     assert names == {"input", "const", "mul"}
+
+
+@pytest.mark.parametrize("name", ["fabs", "sign"])
+def test_signs_are_found_factor_by_factor(name):
+    """Beside CasADi where factors are negative, zero, or the same all the time."""
+    x, c = ca.SX.sym("x", 2), ca.SX.sym("c")
+    r, of = ca.norm_2(x), getattr(ca, name)
+    products = (
+        c / r**3,
+        -2 * x[0] * c,
+        x[0] ** 2 * x[1],
+        c * x[1] / r,
+        x[0] ** 2 * c,
+        ca.SX(-3),
+        r**2,
+    )
+    f = ca.Function("f", [x, c], [ca.densify(ca.vertcat(*map(of, products)))])
+    points = np.random.default_rng(6).uniform(-2, 2, (8, 2))
+    points[0], points[1, 0], points[2, 1] = (-1.5, 0.5), 0.0, -0.0
+    for constant in (-0.7, 0.0, 1.3):
+        exact = np.array([np.array(f(p, constant)).ravel() for p in points])
+        np.testing.assert_allclose(evaluator(f, 8)(points, (constant,)), exact, rtol=1e-15)
+    far = ca.Function("f", [x, c], [of(c / r**3)])
+    body = emit("f", far).source.split("INLINE void f(")[1]
+    assert name not in body  # that of c, once a run
+
+
+def test_what_cancels_is_not_added_first():
+    x, c = ca.SX.sym("x", 2), ca.SX.sym("c", 2)
+    both = x[0] + ca.exp(x[1]) - c[0]
+    f = ca.Function(
+        "f", [x, c], [ca.vertcat(both, both - ca.exp(x[1]), x[0] * 2 + c[0] + 3 + c[1])]
+    )
+    graph = graph_of(f)
+    _, second, third = (graph.nodes[i] for i in graph.outputs[0])
+    assert [graph.nodes[i][0] for i in second[1:]] == ["input", "input"]  # x[0] − c[0]
+    uniform = uniform_nodes(graph, 1)
+    assert sum(uniform[i] for i in third[1:]) == 1  # c[0] + 3 + c[1]
 
 
 @pytest.mark.parametrize("make", (vi.models.four_bar, vi.models.pleiades, vi.models.rolling_disc))
