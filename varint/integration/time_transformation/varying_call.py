@@ -51,6 +51,11 @@ class _NotPlain(Exception):
     """A run that one call of the core does not make."""
 
 
+def _of_chaos(*_: Any) -> None:
+    """Runs from other last digits are the business of `variable_course`."""
+    raise _NotPlain
+
+
 def varying_call(
     system: System,
     rule: Rule | None,
@@ -81,7 +86,7 @@ def varying_call(
         check_steps(start[2], h, 1)
         trial = partial(_trial, system, ready, begun, c, (float(start[2]), duration), span)
         apart = partial(apart_by, system, c, None, False)
-        course = Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER)
+        course = Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=_of_chaos)
         with np.errstate(all="ignore"):  # of steps that are too large
             found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
     except _NotPlain:
