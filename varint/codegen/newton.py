@@ -24,6 +24,7 @@ from varint.codegen.mechanics import velocity
 from varint.codegen.routines import Routine, routines
 from varint.codegen.solution import Functions, Solution, solution_of
 from varint.codegen.source import Source, compiled, emitted, source_of
+from varint.discrete.composed import base_of, shares
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
 from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations
@@ -143,8 +144,12 @@ class Scheme:
 
 @kernel_per_system
 def newton_scheme(system: System, rule: Rule) -> Scheme:
-    """What Newton's method needs of a scene and a rule; raises NotCompilable."""
-    s = system.structure
+    """What Newton's method needs of a scene and a rule, or of the steps that a composition has;
+    raises NotCompilable.
+    """
+    s, base = system.structure, base_of(system, rule)
+    parts = shares(system, rule) if base else [(1.0, 0.0)]
+    rule = base or rule
     held = bool(s.constraints or s.nonholonomic)
     if s.contacts or s.degenerate or not rule.points or (held and not s.quadratic_kinetic):
         raise NotCompilable(
@@ -186,13 +191,16 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         about = about.replace("Newton's method", "one linear solve a step, factorised once")
     if solve.map:
         about = "one constant linear map a step"
+    # steps of different sizes are not continued over several of them
+    history = 1 if base else _history(rule, forced)
     by_nodes = ("equations", "finish") if solve.tables else ()  # c/nodes.c has them
     return Scheme(
         about,
         ca.vertcat(e.c, e.h, e.scale, e.sizes),
         functions,
         [name for name in CALLED if name not in functions and name not in by_nodes],
-        _counts(system, rule, e, solve, projection, eliminates, forced),
+        _counts(system, rule, e, solve, projection, eliminates, forced)
+        | {"HISTORY": history, "PARTS": len(parts)},
         {
             "LAST_CORRECTION": solve.last_correction,
             "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
@@ -202,7 +210,8 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             "VANISHED": VANISHED,
         },
         _places(solve, projection),
-        _tables(rule, solve, forced),
+        _tables(rule, solve, forced, history)
+        | {"SHARES": np.array(parts)[:, 0], "BEGUN": np.append(np.array(parts)[:, 1], 1.0)},
         bool(solve.tables),
         _opening_values(system),
     )
@@ -259,7 +268,6 @@ def _counts(
         "Y": e.y.numel(),
         "C": e.c.numel(),
         "SIZES": e.sizes.numel(),
-        "HISTORY": _history(rule, forced),
         "DEGREE": degree,
         "PATH": 0 if eliminates else s.n,
         "MULTIPLIERS": s.constraints,
@@ -307,8 +315,7 @@ def _history(rule: Rule, forced: bool) -> int:
     return (FORCED_HISTORY if forced else HISTORY).get(rule.degree, 1)
 
 
-def _tables(rule: Rule, solve: Solution, forced: bool) -> dict[str, np.ndarray]:
-    history = _history(rule, forced)
+def _tables(rule: Rule, solve: Solution, forced: bool, history: int) -> dict[str, np.ndarray]:
     tables = {"POINTS": np.array(rule.points[1:]), **continuation_tables(rule, history)}
     tables["AHEAD_FORCES"] = force_table(rule, history) if forced else np.zeros(1)
     return tables | {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from varint.discrete.composed import base_of
 from varint.discrete.lagrangian import interval, point_function
 from varint.errors import InputError
-from varint.integration.step_function import along_step
+from varint.integration.step_function import along_step, over_parts
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -328,6 +329,8 @@ def _work(system: System, rule: Rule, symmetry: Symmetry) -> ca.Function:
     The forces' part is h Σ_i b_i F_i·ξ(q(c_i h)) for affine ξ. Eliminating the inner control points
     turns the sum over j into f⁻·ξ(q_k) + f⁺·ξ(q_{k+1}).
     """
+    if base := base_of(system, rule):
+        return over_parts(system, rule, _work(system, base, symmetry))
     one, s = interval(system, rule), system
     along = ca.Function(
         "along", [s.q, s.v, s.t, s.c], [ca.densify(symmetry.xi + symmetry.tau * s.v)]

@@ -11,11 +11,12 @@ steps have no unknowns; they are a sequence of such maps, one a kick and the dri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
+from varint.discrete.composed import base_of, shares
 from varint.discrete.constrained_equations import constrained_equations
 from varint.discrete.constraints import velocity_rows
 from varint.discrete.equations import Equations, implicit_equations
@@ -104,6 +105,8 @@ def step_map(system: System, rule: Rule) -> StepMap:
     s = system.structure
     if s.explicit and rule.kicks:
         return _kick_and_drift(system, rule)
+    if base := base_of(system, rule):
+        return _in_parts(step_map(system, base), shares(system, rule))
     one = interval(system, rule)
     if s.constraints or s.nonholonomic:
         return _held(system, rule, one, constrained_equations(system, rule))
@@ -156,6 +159,17 @@ def _kick_and_drift(system: System, rule: Rule) -> StepMap:
         (drift(p, system.c) + speed) / 2,
         time,
     )
+
+
+def _in_parts(one: StepMap, parts: list[tuple[float, float]]) -> StepMap:
+    """`part` is (γ, where it begins), both in units of h."""
+    part = ca.SX.sym("part", 2)
+    share, begun = ca.vertsplit(part)
+    given = [one.left, one.after, one.weight, one.q_nodes, one.v_nodes, one.t_nodes]
+    found = ca.substitute(given, [one.t, one.h], [one.t + begun * one.h, share * one.h])
+    names = "left", "after", "weight", "q_nodes", "v_nodes", "t_nodes"
+    changed = dict(zip(names, found, strict=True))
+    return replace(one, part=part, parts=np.array(parts), **changed)
 
 
 def _free(rule: Rule, one: Interval, e: Equations) -> StepMap:

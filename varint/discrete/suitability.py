@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from varint.discrete.composed import base_of
 from varint.errors import InputError
 from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
@@ -47,10 +48,12 @@ def require_steppable(system: System, rule: Rule) -> None:
         rows or contacts, or are unstable for a degenerate Lagrangian.
     """
     s = system.structure
+    if base_of(system, rule):
+        return
     if s.nonholonomic and rule.degree != 1:
         raise InputError(
             f"{rule} cannot carry non-holonomic constraints: they need a symmetric step of one "
-            "piece (order 2); "
+            "piece (order 2), or without contacts and controls a composition of such steps; "
             + (
                 "use trapezoidal()"
                 if s.constraints or s.contacts
@@ -71,6 +74,6 @@ def require_steppable(system: System, rule: Rule) -> None:
     if s.degenerate and rule != gauss(1):
         raise InputError(
             f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is "
-            "unstable for it; use midpoint()"
+            "unstable for it; use midpoint(), or without controls a composition of its steps"
         )
     require_discretisable(system, rule)

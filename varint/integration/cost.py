@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.mechanics import force
+from varint.discrete.composed import base_of, shares
 from varint.discrete.lagrangian import point_function
 from varint.discrete.legendre import known_velocity
 from varint.discrete.shake_equations import eliminates_path, hidden_functions, shake_equations
@@ -62,7 +63,10 @@ def repays(system: System, rule: Rule, steps: int) -> bool:
     """
     s = system.structure
     if not (rule.kicks and s.explicit) and (
-        s.degenerate or s.contacts or not s.quadratic_kinetic or not rule.points
+        s.degenerate
+        or s.contacts
+        or not s.quadratic_kinetic
+        or not (rule.points or base_of(system, rule))
     ):
         return False
     interpreted = interpreted_run_seconds(system, rule, steps)
@@ -88,6 +92,8 @@ def compiling_seconds(system: System, rule: Rule) -> float:
     """An estimate of the time that generating and compiling the loop takes, from the sizes of the
     expressions.
     """
+    if base := base_of(system, rule):
+        return compiling_seconds(system, base)
     s, statements = system.structure, _statements(system, rule)
     if rule.kicks and s.explicit:
         return EXPLICIT_STARTING + EXPLICIT_STATEMENT * statements
@@ -134,6 +140,8 @@ def _by_right_sides(system: System, rule: Rule) -> bool:
 @per_scene
 def interpreted_seconds(system: System, rule: Rule) -> float:
     """An estimate of an interpreted step's time, right to a factor of two or too long."""
+    if base := base_of(system, rule):
+        return len(shares(system, rule)) * interpreted_seconds(system, base)
     s = system.structure
     evaluation = point_function(system).n_instructions() * len(rule.nodes) * INSTRUCTION
     if rule.kicks and s.explicit:

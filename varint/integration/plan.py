@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.suitability import require_steppable
 from varint.errors import InputError
+from varint.integration.steppers.composed import COMPOSED
 from varint.integration.steppers.constrained import CONSTRAINED
 from varint.integration.steppers.explicit import EXPLICIT
 from varint.integration.steppers.implicit import IMPLICIT
@@ -21,7 +22,7 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System, require_system
 
 # The first that applies runs: the cheapest correct one. A new stepper is one file and one entry.
-METHODS = (UNIFORM_FIELD, EXPLICIT, RATTLE, CONSTRAINED, LINEAR, IMPLICIT)
+METHODS = (UNIFORM_FIELD, EXPLICIT, COMPOSED, RATTLE, CONSTRAINED, LINEAR, IMPLICIT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.frozen import freezes
+from varint.discrete.composed import base_of, shares
 from varint.integration.cost import interpreted_seconds
+from varint.integration.energy_check import keeps_energy
 from varint.integration.plan import default_rule
 from varint.integration.problem import LEVEL
 from varint.rules.rule import Rule, composition, gauss, lobatto
@@ -26,6 +28,10 @@ SECULAR = 2.0  # divided by the square of the number of steps: what iterations l
 # of the fastest frequency: what rules of low order resolve worst
 OVERTONES = 2.0
 ANHARMONIC = 1.5  # more steps than a small oscillation takes
+# of steps of order 2 of scenes that have no other ones; the work of such a step, whose size is
+# another one each time: nothing is known from the steps before, as it is between equal ones
+COMPOSED = composition("suzuki4"), composition("kahan-li6"), composition("kahan-li8")
+COMPOSED_WORK = 1.5
 ROUGH = 0.01  # error of a run that says something
 MOST_LOGARITHM = 300.0  # of radians over a wanted error: more than anyone asks for
 
@@ -36,8 +42,11 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
     interpreted one. By stages: Gauss rules alone, whose loop is there at once.
     """
     s = system.structure
+    own = default_rule(system)
     if s.nonholonomic or s.degenerate or s.contacts:
-        return {default_rule(system): 1.0}
+        # steps backwards in time blow up what decays: of scenes that keep their energy alone
+        composed = [rule for rule in COMPOSED if base_of(system, rule) and keeps_energy(system)]
+        return {own: 1.0} | {rule: COMPOSED_WORK * len(shares(system, rule)) for rule in composed}
     if freezes(system):  # matrices are full, and grow with the square of the degree
         return {lobatto(3): 1.0}
     if s.constraints:

@@ -56,7 +56,8 @@ def simulate(
     ----------
     system : System
     rule : Rule, optional
-        Default: an explicit composition for separable scenes with constant mass, else `gauss(2)`.
+        Default: an explicit composition for separable scenes with constant mass, else `gauss(2)`;
+        see `default_rule`. For a tolerance: the one that is likely to be cheapest.
     q0 : array (n,)
         Start coordinates.
     v0, p0 : array (n,)

@@ -90,7 +90,7 @@ def start_momentum_of(
     if structure.degenerate:
         warnings.warn(
             "the Lagrangian is degenerate (∂²L/∂v² = 0): the start momentum is p0 = ∂L/∂v(q0), v0 "
-            "plays no part, and midpoint() is used without the usual guarantees",
+            "plays no part, and steps of midpoint() are used without the usual guarantees",
             stacklevel=4,
         )
     elif v0 is None and p0 is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from varint.discrete.composed import base_of, shares
 from varint.discrete.lagrangian import Interval, interval
 from varint.discrete.scales import BALANCED, scale_function
 from varint.integration.plan import plan
@@ -140,8 +141,28 @@ def path_function(system: System, rule: Rule) -> ca.Function:
 @per_scene
 def action_function(system: System, rule: Rule) -> ca.Function:
     """(q0, p0, u, params, t, h) → discrete action L_d of the step that starts there."""
+    if base := base_of(system, rule):
+        return over_parts(system, rule, action_function(system, base))
     one = interval(system, rule)
     return along_step(system, rule, one, [one.action])
+
+
+def over_parts(system: System, rule: Rule, of_part: ca.Function) -> ca.Function:
+    """(q0, p0, u, params, t, h) → the sum of a function of these over the steps that a composition
+    has.
+    """
+    base = base_of(system, rule)
+    assert base is not None
+    step, inputs, total = step_function(system, base), _inputs(system, rule), ca.MX(0)
+    q, p, u, c, t, h = inputs
+    for share, begun in shares(system, rule):
+        part = q, p, u[:, : len(base.nodes)], c, t + begun * h, share * h
+        total += of_part(*part[:2], ca.vec(part[2]), *part[3:])
+        q, p, _ = step(*part)
+    of_all = ca.Function("parts", inputs, [total])
+    flat = [ca.MX.sym(of_part.name_in(i), x.numel()) for i, x in enumerate(inputs)]
+    controls = ca.reshape(flat[2], *u.shape)
+    return ca.Function("over_parts", flat, [of_all(*flat[:2], controls, *flat[3:])])
 
 
 def along_step(

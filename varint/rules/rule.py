@@ -259,7 +259,10 @@ def composition(name: str) -> Rule:
     """Explicit kick–drift composition for separable Lagrangians with constant mass, by name.
 
     p ← p − b_i h ∂V/∂q, then q ← q + a_i h M⁻¹ p, in turn: a product of discrete Lagrangians, hence
-    variational.
+    variational. Of scenes with non-holonomic rows or a degenerate Lagrangian, without controls and
+    contacts, those made of Störmer–Verlet steps (all but Blanes & Moan's) compose steps of sizes
+    a_i h of `midpoint`, with holonomic constraints besides of `trapezoidal`; where a degenerate
+    Lagrangian L = ϑ(q)·v − H has a ϑ that is not linear, two of half the size for each.
 
     Parameters
     ----------

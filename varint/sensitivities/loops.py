@@ -8,6 +8,7 @@ import warnings
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from varint.discrete.composed import base_of
 from varint.discrete.step_map import step_map
 from varint.errors import InputError
 from varint.integration.backend import BACKENDS
@@ -44,7 +45,7 @@ def sweeper(
     """
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; known: {list(BACKENDS)}")
-    if backend == "interpreted":
+    if backend == "interpreted" or base_of(system, rule):  # no loop solves a step in parts
         return Sweeper(system, rule, density)
     from varint.codegen.cache import CompileError
     from varint.codegen.graph import NotCompilable

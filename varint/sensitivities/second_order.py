@@ -10,8 +10,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from varint.discrete.composed import base_of
 from varint.discrete.legendre import velocity_function
 from varint.discrete.step_map import StepMap, step_map
+from varint.integration.step_function import step_function
 from varint.numerics.arrays import over_columns
 from varint.rules.rule import Rule
 from varint.scene.memory import per_system
@@ -102,18 +104,35 @@ def _hessian_by(system: System, rule: Rule, varied: str) -> ca.Function:
     width = len(rule.nodes) * system.structure.controls
     sizes = (2 * n, 2 * n, n, n, 1, 1, width, s.c.numel(), 2 * n)
     inputs = [ca.MX.sym(f"a{i}", size) for i, size in enumerate(sizes)]
-    found = (_of_equations if s.y.numel() else _of_parts)(s, inputs, varied)
+    if base_of(system, rule):
+        found = _of_step(system, rule, inputs, varied)
+    else:
+        found = (_of_equations if s.y.numel() else _of_parts)(s, inputs, varied)
     return ca.Function("step_hessian", inputs, [ca.densify(found)])
 
 
 def _of_parts(s: StepMap, inputs: list[ca.MX], varied: str) -> ca.MX:
     """Of an explicit step, part after part."""
-    x, _, _, _, t, h, u, c, mu = inputs
+    x, _, _, _, t, h, u, c, _ = inputs
     part = ca.Function("part", [s.q, s.p, s.t, s.u, s.part, s.c, s.h], [s.after], {"cse": True})
     state, width = x, s.u.numel()
     for r, row in enumerate(s.parts):
         mine = u[r * width : (r + 1) * width] if width else ca.MX(0, 1)
         state = part(*ca.vertsplit(state, s.q.numel()), t, mine, ca.MX(row), c, h)
+    return _by_all(inputs, varied, state)
+
+
+def _of_step(system: System, rule: Rule, inputs: list[ca.MX], varied: str) -> ca.MX:
+    """Of a step in parts, each with equations of its own, by the derivatives of its roots."""
+    x, _, _, _, t, h, u, c, _ = inputs
+    step, n = step_function(system, rule), system.structure.n
+    u = ca.reshape(u, system.structure.controls, len(rule.nodes))
+    return _by_all(inputs, varied, ca.vertcat(*step(*ca.vertsplit(x, n), u, c, t, h)[:2]))
+
+
+def _by_all(inputs: list[ca.MX], varied: str, state: ca.MX) -> ca.MX:
+    """Of μ·state."""
+    x, _, _, _, t, h, u, c, mu = inputs
     given = dict(zip("xcuth", (x, c, u, t, h), strict=True))
     others = [given[name] for name in given if name not in varied]
     return second_derivatives([given[name] for name in varied], ca.dot(mu, state), *others, mu)

@@ -8,7 +8,8 @@
    see map.h. KICKED: half kicks stand
    before and behind the equations. HELD: the momentum is projected onto a hidden constraint of H unknowns, which gives the
    velocities too where HIDDEN_SPEED is set. INVERTED: the momentum is not linear in the velocities, see legendre.h. FORCED: inertia is
-   constant, and steps are continued by their accelerations. */
+   constant, and steps are continued by their accelerations. PARTS: a step is composed of so many, of sizes SHARES h, which begin at
+   BEGUN h. */
 
 #define WINDOW 1024 /* steps between two looks at the typical sizes */
 #define RENEWED 8   /* corrections by one frozen matrix: from a start that was far off, the next one is nearer */
@@ -310,7 +311,10 @@ int run(const RunArguments *a) {
 #endif
     const int64_t steps = a->steps, first = a->first;
     const int most = a->most < MOST_ITERATIONS ? (int)a->most : MOST_ITERATIONS;
-    const double t0 = a->t0, h = a->h, per_h = 1 / h;
+    const double t0 = a->t0, whole = a->h; /* h: of a part, and of the whole step where that is one */
+    double h = whole * SHARES[0], per_h = 1 / h;
+    double before[PARTS > 1 ? 4 * N : 1]; /* the step of several parts */
+    int part = 0;
     const double *u = a->u;
     double *rows = a->rows, *rests = a->rests, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], *matrix = 0;
     double *const scale = k + C + 1, *const sizes = scale + 2 * N;
@@ -324,7 +328,7 @@ int run(const RunArguments *a) {
         matrix = malloc(MATRIX_SIZE * sizeof(double));
         if (!matrix) return NOT_FINITE;
     }
-    const int goes_on = *state.started == 1 && *state.h == h;
+    const int goes_on = *state.started == 1 && *state.h == whole;
     COPY(k, a->c, C), k[C] = h;
     if (!goes_on) {
         COPY(q, a->start, N), COPY(p, a->start + N, N);
@@ -338,24 +342,30 @@ int run(const RunArguments *a) {
     COPY(scale, state.scale, 2 * N), COPY(sizes, state.sizes, SIZES);
     prepare(k, w, inverse, matrix, pivots);
     if (KICKED && !goes_on) {
-        const double t = t0 + h * (double)first;
+        const double t = t0 + whole * (double)first;
         kick(q, &t, u, w + KICK_AT, state.force);
     }
     double *y[HISTORY + 1], unknowns[HISTORY][ROW]; /* y[s] are those of s steps ago */
     for (int s = 0; s < HISTORY; s++) y[s + 1] = unknowns[s];
     for (int s = 0; s < HISTORY; s++) COPY(y[s + 1], state.y + s * ROW, ROW);
-    save_afresh(rows, q, p, t0 + h * (double)first, w, matrix), rows += 3 * N;
+    save_afresh(rows, q, p, t0 + whole * (double)first, w, matrix), rows += 3 * N;
     const int watched = WATCHED && a->notes;
     const Folds folds = {state.folds, state.folds + 1};
     int64_t noted = 0;
     if (watched && !goes_on) {
         *folds.farthest = 0;
         for (int i = 0; i < LATELY; i++) folds.lately[i * NODE_SIZE] = -1;
-        watch(&folds, q, p, first, t0, h, 0, w);
+        watch(&folds, q, p, first, t0, whole, 0, w);
     }
 
-    for (; done < steps; done++) {
-        const double t = t0 + h * (double)(first + done), end = t0 + h * (double)(first + done + 1);
+    while (done < steps) {
+        if (PARTS > 1) {
+            h = whole * SHARES[part], per_h = 1 / h, k[C] = h;
+            prepare(k, w, inverse, matrix, pivots);
+            if (!part) COPY(before, q, N), COPY(before + N, p, N), COPY(before + 2 * N, state.rest_q, N), COPY(before + 3 * N, state.rest_p, N);
+        }
+        const double t = t0 + whole * ((double)(first + done) + BEGUN[part]);
+        const double end = t0 + whole * ((double)(first + done) + BEGUN[part + 1]);
         double here[N], push[N], z[ROW]; /* q, p and the unknowns of this step in places of their own, which registers may be */
         const double *p_start = push;
         COPY(here, q, N), COPY(push, p, N);
@@ -433,6 +443,8 @@ int run(const RunArguments *a) {
         }
         *state.age += 1;
         if ((int64_t)*state.age % WINDOW == 0) rescale(scale, seen), prepare(k, w, inverse, matrix, pivots);
+        if (++part < PARTS) continue;
+        part = 0;
         u += NODES * NU;
         if (++unsaved == a->save_every) {
             unsaved = 0, save(rows, q, p, end, w, matrix), rows += 3 * N;
@@ -441,16 +453,18 @@ int run(const RunArguments *a) {
         if (watched) {
             const int64_t at = first + done + 1;
             const int regular = weakness < (KICKED ? VERY_NEARLY : NEARLY) * *state.strongest;
-            const int kind = watch(&folds, q, p, at, t0, h, regular, w);
+            const int kind = watch(&folds, q, p, at, t0, whole, regular, w);
             if (kind >= 0) note(&folds, kind, at, a->notes + noted++ * NOTE_SIZE);
             if (kind == ON_FOLD || noted == MOST_NOTED) {
                 done++;
                 break;
             }
         }
+        done++;
     }
-    save_afresh(a->stats->last, q, p, t0 + h * (double)(first + done), w, matrix);
-    *state.started = !status, *state.h = h;
+    if (PARTS > 1 && part) COPY(q, before, N), COPY(p, before + N, N), COPY(state.rest_q, before + 2 * N, N), COPY(state.rest_p, before + 3 * N, N);
+    save_afresh(a->stats->last, q, p, t0 + whole * (double)(first + done), w, matrix);
+    *state.started = !status, *state.h = whole;
     COPY(state.scale, scale, 2 * N), COPY(state.sizes, sizes, SIZES);
     for (int s = 0; s < HISTORY; s++) COPY(state.y + s * ROW, y[s + 1], ROW);
     free(matrix);
