@@ -2,6 +2,7 @@
 gears.
 """
 
+import dataclasses
 import pickle
 
 import casadi as ca
@@ -166,3 +167,15 @@ def test_the_motion_in_fictitious_time_is_made_when_it_is_asked_for(monkeypatch)
     assert vi.Trajectory.fictitious is None
     plain = vi.simulate(system, vi.gauss(6), q0=how["q0"], v0=how["v0"], h=0.01, steps=3)
     assert plain.fictitious is None
+
+
+def test_nodes_are_made_when_they_are_asked_for():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    motion, copied, looked, short = (vi.simulate(system, **how) for _ in range(4))
+    assert not {"t", "q", "p", "k", "stats"} & vars(motion).keys()
+    assert motion.q is motion.q and motion.stats is motion.stats
+    assert bytes_of(pickle.loads(pickle.dumps(copied))) == bytes_of(motion)
+    assert not hasattr(looked, "qq") and bytes_of(looked) == bytes_of(motion)
+    assert bytes_of(dataclasses.replace(short)) == bytes_of(motion)
+    motion.q[0] = 7.0  # memory of its own
+    assert bytes_of(vi.simulate(system, **how)) == bytes_of(looked)

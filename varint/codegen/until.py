@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 from ctypes import c_void_p, cast
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,9 +24,8 @@ _TOLD = struct.Struct("4d")
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
 TOLD = 4
 
-# memory for nodes that no call uses, as numbers and as bytes, where it lies, and for how many
-# numbers
-_rooms: list[tuple[np.ndarray, memoryview, int, int]] = []
+# memory for nodes that no call uses, where it lies, and for how many numbers
+_rooms: list[tuple[memoryview, int, int]] = []
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
 
@@ -66,9 +66,9 @@ class Until(NamedTuple):
         Until the end, the last one shorter.
     nodes : int
         Nodes that are kept, the end among them.
-    kept : array
+    kept : bytearray
         Of each its fictitious time, its physical one, how many whole steps are before it,
-        coordinates and momenta: one behind the other.
+        coordinates and momenta, in double precision: one behind the other.
     iterations : int
     residual : float
     quiet : bool
@@ -78,10 +78,13 @@ class Until(NamedTuple):
     n: int
     steps: int
     nodes: int
-    kept: np.ndarray
+    kept: bytearray
     iterations: int
     residual: float
     quiet: bool
+
+
+_until = partial(tuple.__new__, Until)  # in less time than by names
 
 
 def fictitious_nodes(found: Until) -> Nodes:
@@ -131,7 +134,7 @@ def run_until(
     n, head, entry, _ = entries
     every = every if every < ROOM else ROOM
     memory = _rooms.pop() if _rooms else _new_room()
-    room, told, at, size = memory
+    room, at, size = memory
     nodes = at + 8 * TOLD
     try:
         asked = _ASKED.pack(
@@ -153,15 +156,15 @@ def run_until(
         )
         if entry(head + asked) != DONE:
             return None
-        whole, iterations, residual, quiet = _TOLD.unpack_from(told)
+        whole, iterations, residual, quiet = _TOLD.unpack_from(room)
         steps = int(whole)
         count, first = (steps - 1) // every + 2, TOLD + size
-        kept = room[first : first + (3 + 2 * n) * count].copy()
+        kept = bytearray(room[first : first + (3 + 2 * n) * count])
     finally:
         _rooms.append(memory)
-    return Until(n, steps, count, kept, int(iterations), residual, bool(quiet))
+    return _until((n, steps, count, kept, int(iterations), residual, quiet != 0))
 
 
-def _new_room() -> tuple[np.ndarray, memoryview, int, int]:
+def _new_room() -> tuple[memoryview, int, int]:
     room = np.empty(TOLD + 3 * ROOM)  # of nodes, and more than enough of those that are kept
-    return room, room.data, new_address(room), ROOM
+    return room.data, new_address(room), ROOM

@@ -18,7 +18,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.codegen.few_steps import Nodes
 from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.until import Until, physical_nodes
 from varint.integration.energy_leap import energy_alarm
@@ -36,7 +35,7 @@ from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_time import at_times
 from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.time_scale import TransformedScene, transformed_scene
-from varint.integration.trajectories import plain_motion_of
+from varint.integration.trajectories import plain_fields
 from varint.numerics.arrays import hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -100,7 +99,7 @@ def physical_call(
         return None
     until, kernel = found
     how = h, constants, until, kernel, perf_counter() - began
-    motion = physical_motion(system, called, moving, physical_nodes(until), c, how)
+    motion = physical_motion(system, called, moving, c, how)
     if not until.quiet:
         assert motion.fictitious is not None
         if alarm := energy_alarm(motion.fictitious):
@@ -112,20 +111,34 @@ def physical_motion(
     system: System,
     called: Called,
     moving: System,
-    nodes: Nodes,
     c: np.ndarray,
     how: tuple[float, np.ndarray, Until, Kernel, float],
 ) -> Trajectory:
-    """The motion with these nodes and parameters, in the rescaled scene with step and parameters,
-    what the core has found with which loop, and seconds: that one is made when it is asked for.
+    """The motion with these parameters, in the rescaled scene with step and parameters, what the
+    core has found with which loop, and seconds: both are made when they are asked for.
     """
+    motion = object.__new__(Trajectory)
+    known = {
+        "origin": 0.0,
+        "dense_output": at_times,
+        "_make_fields": partial(_physical_fields, system, called, c, how),
+        "_make_fictitious": partial(inner_motion, called, moving, *how),
+    }
+    object.__setattr__(motion, "__dict__", known)
+    return motion
+
+
+def _physical_fields(
+    system: System,
+    called: Called,
+    c: np.ndarray,
+    how: tuple[float, np.ndarray, Until, Kernel, float],
+) -> dict[str, Any]:
     h, _, until, kernel, seconds = how
     grid, work = (h, 0.0, np.empty((until.steps, 1, 0)), c), (until.iterations, until.residual)
-    motion = plain_motion_of(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
-    own = motion.__dict__
-    own["functions"], own["dense_output"] = called.functions, at_times
-    own["_make_fictitious"] = partial(inner_motion, called, moving, *how)
-    return motion
+    nodes = physical_nodes(until)
+    known = plain_fields(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
+    return {**known, "functions": called.functions}
 
 
 @dataclass(eq=False)

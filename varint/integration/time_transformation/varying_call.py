@@ -133,5 +133,5 @@ def _trial(
     until, kernel = found
     nodes = physical_nodes(until)
     how = h, begun.constants, until, kernel, perf_counter() - began
-    motion = partial(physical_motion, system, ready.called, ready.moving, nodes, c, how)
+    motion = partial(physical_motion, system, ready.called, ready.moving, c, how)
     return attempt_of(system, PhysicalRun(*nodes[1:], motion), c)
