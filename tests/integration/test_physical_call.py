@@ -179,3 +179,23 @@ def test_nodes_are_made_when_they_are_asked_for():
     assert bytes_of(dataclasses.replace(short)) == bytes_of(motion)
     motion.q[0] = 7.0  # memory of its own
     assert bytes_of(vi.simulate(system, **how)) == bytes_of(looked)
+
+
+def test_what_was_asked_last_is_not_taken_for_another():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    asked = [
+        how,
+        how | {"rule": vi.gauss(4)},
+        how | {"h": 0.3},
+        how | {"h": 3, "duration": 20},
+        how | {"duration": 10.0},
+        how | {"time_scale": ca.sumsqr(system.q)},
+    ]
+    fresh = [bytes_of(vi.simulate(vi.models.kepler(e=0.9).system, **each)) for each in asked[:5]]
+    fresh.append(bytes_of(vi.simulate(system, **asked[5])))
+    order = np.random.default_rng(3).integers(0, len(asked), 60).tolist()
+    assert all(bytes_of(vi.simulate(system, **asked[i])) == fresh[i] for i in order)
+    for wrong in ({"h": -0.6}, {"h": np.inf}, {"h": 1e-200}, {"t0": 1e300}, {"duration": np.nan}):
+        for _ in range(2):
+            with pytest.raises(vi.InputError):
+                vi.simulate(system, **(how | wrong))

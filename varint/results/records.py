@@ -41,8 +41,7 @@ def fields_on_demand(kind: type[Kind]) -> type[Kind]:
     def made(instance: Any, name: str) -> Any:
         known = instance.__dict__
         if "_make_fields" in known:
-            for field, value in known["_make_fields"]().items():
-                known.setdefault(field, value)
+            known.update(known["_make_fields"]() | known)  # what is there stays
         if name in known:
             return known[name]
         raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}", name=name)

@@ -73,7 +73,8 @@ def varying_call(
         c = begin_at(begun.room, system, *start)
         if c is None:
             return None
-        if begun.room.known is None or begun.asked != (begun.room.known, duration):
+        known = begun.room.known
+        if known is None or begun.known is not known or begun.total != duration:
             begin_start(begun, system, c, duration, True)
         h = span * begun.pace
         if not (0 < begun.pace < math.inf and duration / h <= MOST_STEPS):
