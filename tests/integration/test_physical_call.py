@@ -199,3 +199,14 @@ def test_what_was_asked_last_is_not_taken_for_another():
         for _ in range(2):
             with pytest.raises(vi.InputError):
                 vi.simulate(system, **(how | wrong))
+
+
+def test_a_time_scale_whose_entry_has_changed_is_another_one():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    square = ca.sumsqr(system.q)
+    scale, root = ca.SX(square), ca.sqrt(square)
+    before = vi.simulate(system, **(how | {"time_scale": scale}))
+    scale[0] = root
+    after = vi.simulate(system, **(how | {"time_scale": scale}))
+    assert bytes_of(after) == bytes_of(vi.simulate(system, **(how | {"time_scale": root})))
+    assert len(after) != len(before)
