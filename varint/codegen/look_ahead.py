@@ -61,7 +61,7 @@ def look_ahead(
     """
     told = np.empty(3)
     sign = -1.0 if backwards else 1.0
-    places = look.at, address_of(start), address_of(c), new_address(told)
+    places = look.at, address_of(start), address_of(c) if c.size else 0, new_address(told)
     numbers = angle, sign, total, astray
     seen = look_ahead_entry()(_ASKED.pack(*places, look.n, steps, *numbers))
     if seen < 2:

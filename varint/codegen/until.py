@@ -19,10 +19,10 @@ from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _HEAD = struct.Struct("4P3q")  # Until: what follows from the scene
-_ASKED = struct.Struct("5P3q7d")  # the rest of it
-_TOLD = struct.Struct("4d")
+_ASKED = struct.Struct("5P2q8d")  # the rest of it
+_TOLD = struct.Struct("4qd")
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
-TOLD = 4
+TOLD = 5
 
 # memory for nodes that no call uses, where it lies, and for how many numbers
 _rooms: list[tuple[memoryview, int, int]] = []
@@ -143,9 +143,9 @@ def run_until(
             nodes,
             at,
             nodes + 8 * size,
-            int(patience) if patience < ROOM else ROOM,
-            (ROOM if size > ROOM else size) // (3 * n),
+            size if size < ROOM else ROOM,
             every,
+            patience,
             h,
             level,
             total,
@@ -156,13 +156,12 @@ def run_until(
         )
         if entry(head + asked) != DONE:
             return None
-        whole, iterations, residual, quiet = _TOLD.unpack_from(room)
-        steps = int(whole)
-        count, first = (steps - 1) // every + 2, TOLD + size
+        steps, count, iterations, quiet, residual = _TOLD.unpack_from(room)
+        first = TOLD + size
         kept = bytearray(room[first : first + (3 + 2 * n) * count])
     finally:
         _rooms.append(memory)
-    return _until((n, steps, count, kept, int(iterations), residual, quiet != 0))
+    return _until((n, steps, count, kept, iterations, residual, quiet == 1))
 
 
 def _new_room() -> tuple[memoryview, int, int]:
