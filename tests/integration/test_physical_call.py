@@ -2,6 +2,7 @@
 gears.
 """
 
+import dataclasses
 import pickle
 
 import casadi as ca
@@ -166,3 +167,46 @@ def test_the_motion_in_fictitious_time_is_made_when_it_is_asked_for(monkeypatch)
     assert vi.Trajectory.fictitious is None
     plain = vi.simulate(system, vi.gauss(6), q0=how["q0"], v0=how["v0"], h=0.01, steps=3)
     assert plain.fictitious is None
+
+
+def test_nodes_are_made_when_they_are_asked_for():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    motion, copied, looked, short = (vi.simulate(system, **how) for _ in range(4))
+    assert not {"t", "q", "p", "k", "stats"} & vars(motion).keys()
+    assert motion.q is motion.q and motion.stats is motion.stats
+    assert bytes_of(pickle.loads(pickle.dumps(copied))) == bytes_of(motion)
+    assert not hasattr(looked, "qq") and bytes_of(looked) == bytes_of(motion)
+    assert bytes_of(dataclasses.replace(short)) == bytes_of(motion)
+    motion.q[0] = 7.0  # memory of its own
+    assert bytes_of(vi.simulate(system, **how)) == bytes_of(looked)
+
+
+def test_what_was_asked_last_is_not_taken_for_another():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    asked = [
+        how,
+        how | {"rule": vi.gauss(4)},
+        how | {"h": 0.3},
+        how | {"h": 3, "duration": 20},
+        how | {"duration": 10.0},
+        how | {"time_scale": ca.sumsqr(system.q)},
+    ]
+    fresh = [bytes_of(vi.simulate(vi.models.kepler(e=0.9).system, **each)) for each in asked[:5]]
+    fresh.append(bytes_of(vi.simulate(system, **asked[5])))
+    order = np.random.default_rng(3).integers(0, len(asked), 60).tolist()
+    assert all(bytes_of(vi.simulate(system, **asked[i])) == fresh[i] for i in order)
+    for wrong in ({"h": -0.6}, {"h": np.inf}, {"h": 1e-200}, {"t0": 1e300}, {"duration": np.nan}):
+        for _ in range(2):
+            with pytest.raises(vi.InputError):
+                vi.simulate(system, **(how | wrong))
+
+
+def test_a_time_scale_whose_entry_has_changed_is_another_one():
+    system, how = MODELS["kepler"][0].system, start_of("kepler")
+    square = ca.sumsqr(system.q)
+    scale, root = ca.SX(square), ca.sqrt(square)
+    before = vi.simulate(system, **(how | {"time_scale": scale}))
+    scale[0] = root
+    after = vi.simulate(system, **(how | {"time_scale": scale}))
+    assert bytes_of(after) == bytes_of(vi.simulate(system, **(how | {"time_scale": root})))
+    assert len(after) != len(before)

@@ -12,7 +12,7 @@ from varint.codegen.block import block_of, start_of
 from varint.codegen.cache import CompileError
 from varint.codegen.core import look_ahead_entry
 from varint.codegen.graph import NotCompilable
-from varint.codegen.kernel import address_of
+from varint.codegen.kernel import address_of, new_address
 from varint.codegen.native import tapes_of
 from varint.codegen.routines import routines
 
@@ -61,7 +61,7 @@ def look_ahead(
     """
     told = np.empty(3)
     sign = -1.0 if backwards else 1.0
-    places = look.at, address_of(start), c.ctypes.data, address_of(told)
+    places = look.at, address_of(start), address_of(c) if c.size else 0, new_address(told)
     numbers = angle, sign, total, astray
     seen = look_ahead_entry()(_ASKED.pack(*places, look.n, steps, *numbers))
     if seen < 2:

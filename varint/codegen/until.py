@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 from ctypes import c_void_p, cast
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,14 +19,13 @@ from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _HEAD = struct.Struct("4P3q")  # Until: what follows from the scene
-_ASKED = struct.Struct("5P3q7d")  # the rest of it
-_TOLD = struct.Struct("4d")
+_ASKED = struct.Struct("5P2q8d")  # the rest of it
+_TOLD = struct.Struct("4qd")
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
-TOLD = 4
+TOLD = 5
 
-# memory for nodes that no call uses, as numbers and as bytes, where it lies, and for how many
-# numbers
-_rooms: list[tuple[np.ndarray, memoryview, int, int]] = []
+# memory for nodes that no call uses, where it lies, and for how many numbers
+_rooms: list[tuple[memoryview, int, int]] = []
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
 
@@ -66,9 +66,9 @@ class Until(NamedTuple):
         Until the end, the last one shorter.
     nodes : int
         Nodes that are kept, the end among them.
-    kept : array
+    kept : bytearray
         Of each its fictitious time, its physical one, how many whole steps are before it,
-        coordinates and momenta: one behind the other.
+        coordinates and momenta, in double precision: one behind the other.
     iterations : int
     residual : float
     quiet : bool
@@ -78,10 +78,13 @@ class Until(NamedTuple):
     n: int
     steps: int
     nodes: int
-    kept: np.ndarray
+    kept: bytearray
     iterations: int
     residual: float
     quiet: bool
+
+
+_until = partial(tuple.__new__, Until)  # in less time than by names
 
 
 def fictitious_nodes(found: Until) -> Nodes:
@@ -131,7 +134,7 @@ def run_until(
     n, head, entry, _ = entries
     every = every if every < ROOM else ROOM
     memory = _rooms.pop() if _rooms else _new_room()
-    room, told, at, size = memory
+    room, at, size = memory
     nodes = at + 8 * TOLD
     try:
         asked = _ASKED.pack(
@@ -140,9 +143,9 @@ def run_until(
             nodes,
             at,
             nodes + 8 * size,
-            int(patience) if patience < ROOM else ROOM,
-            (ROOM if size > ROOM else size) // (3 * n),
+            size if size < ROOM else ROOM,
             every,
+            patience,
             h,
             level,
             total,
@@ -153,15 +156,14 @@ def run_until(
         )
         if entry(head + asked) != DONE:
             return None
-        whole, iterations, residual, quiet = _TOLD.unpack_from(told)
-        steps = int(whole)
-        count, first = (steps - 1) // every + 2, TOLD + size
-        kept = room[first : first + (3 + 2 * n) * count].copy()
+        steps, count, iterations, quiet, residual = _TOLD.unpack_from(room)
+        first = TOLD + size
+        kept = bytearray(room[first : first + (3 + 2 * n) * count])
     finally:
         _rooms.append(memory)
-    return Until(n, steps, count, kept, int(iterations), residual, bool(quiet))
+    return _until((n, steps, count, kept, iterations, residual, quiet == 1))
 
 
-def _new_room() -> tuple[np.ndarray, memoryview, int, int]:
+def _new_room() -> tuple[memoryview, int, int]:
     room = np.empty(TOLD + 3 * ROOM)  # of nodes, and more than enough of those that are kept
-    return room, room.data, new_address(room), ROOM
+    return room.data, new_address(room), ROOM

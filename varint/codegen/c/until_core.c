@@ -16,7 +16,12 @@
 #define GROSS 0.25       /* of the largest p·v: a change of the energy that nothing in the scene can do */
 #define RESULTS 4
 
-/* varint/codegen/until.py has the same layout */
+/* varint/codegen/until.py has the same layouts */
+typedef struct {
+    int64_t steps, nodes, iterations, quiet; /* until the end; that are kept */
+    double residual;
+} Told;
+
 typedef struct {
     int (*run)(const RunArguments *);
     const void *scene;
@@ -24,23 +29,25 @@ typedef struct {
     const void *energies; /* (q, p) to the energy that was E0 at the start, its |p·v|, the energy that is constant, its |p·v| */
     int64_t n, carry, most;
     const double *start, *c;
-    double *nodes, *told, *kept; /* (room, 3 n): q, p, v; nodes before the end, iterations, residual, quiet; what is kept */
-    int64_t patience, room, every;
-    double h, level, total, expected, energy, off, t0; /* energy: that of the start, off by what part of |p·v| at most */
+    double *nodes;               /* (nodes, 3 n): q, p, v */
+    Told *told;
+    double *kept;
+    int64_t room, every; /* numbers that nodes may be */
+    double patience, h, level, total, expected, energy, off, t0; /* energy: that of the start, off by what part of |p·v| at most */
 } Until;
 
 typedef struct { double iterations, residual; int64_t last; } Work;
 
 /* Nodes until the first one at or behind the end; another status than DONE where there is none. */
 static int steps_until(const Until *a, double *carry, RunStats *stats, Work *work) {
-    const int64_t n = a->n, width = 3 * n;
+    const int64_t n = a->n, width = 3 * n, room = a->room / width;
     const double sign = a->total > 0 ? 1 : -1, end = fabs(a->total);
     double ahead = a->expected;
     carry[0] = 0;
     for (int64_t done = 0;;) {
         int64_t count = ahead < AT_ONCE ? (int64_t)ceil(ahead) : AT_ONCE;
-        if (count > a->room - 1 - done) count = a->room - 1 - done;
-        if (count < 1 || done > a->patience) return NOT_CONVERGED;
+        if (count > room - 1 - done) count = room - 1 - done;
+        if (count < 1 || (double)done > a->patience) return NOT_CONVERGED;
         const RunArguments asked = {.steps = count, .save_every = 1, .first = done, .most = a->most, .h = a->h, .level = a->level,
                                     .start = a->start, .c = a->c, .rows = a->nodes + width * done, .carry = carry,
                                     .stats = stats, .scene = a->scene};
@@ -126,15 +133,15 @@ static int end_at(const Until *a, int64_t kept, double *carry, RunStats *stats, 
 }
 
 /* Of every so many nodes and of the end, which is node `last`: τ, t, whole steps before it, q, p, one behind the other. */
-static void keep(const Until *a, int64_t last, double time) {
-    const int64_t n = a->n, width = 3 * n, count = (last - 1) / a->every + 2;
+static void keep(const Until *a, int64_t last, int64_t count, double time) {
+    const int64_t n = a->n, width = 3 * n;
     double *const tau = a->kept, *const t = tau + count, *const q = t + 2 * count, *const p = q + n * count;
     int64_t *const steps = (int64_t *)(t + count);
     for (int64_t i = 0; i < count; i++) {
         const int64_t k = i < count - 1 ? i * a->every : last;
         const double *const node = a->nodes + width * k;
         tau[i] = k < last ? a->h * (double)k : time, t[i] = a->t0 + node[n - 1], steps[i] = k < last ? k : last - 1;
-        memcpy(q + n * i, node, (size_t)n * sizeof(double)), memcpy(p + n * i, node + n, (size_t)n * sizeof(double));
+        for (int64_t j = 0; j < n; j++) q[n * i + j] = node[j], p[n * i + j] = node[n + j];
     }
 }
 
@@ -150,9 +157,9 @@ int until(const Until *a) {
         int64_t kept = work.last; /* the node before the last one is not behind the end, but may be there */
         while (kept > 1 && fabs(a->nodes[(kept - 1) * width + n - 1]) >= fabs(a->total) * (1 - LOCATED)) kept--;
         double time;
-        a->told[0] = (double)kept, a->told[1] = work.iterations, a->told[2] = work.residual, a->told[3] = quiet(a, kept);
+        *a->told = (Told){kept, (kept - 1) / a->every + 2, (int64_t)work.iterations, quiet(a, kept), work.residual};
         status = end_at(a, kept, carry, of, &time);
-        if (status == DONE) keep(a, kept, time);
+        if (status == DONE) keep(a, kept, a->told->nodes, time);
     }
     free(carry);
     return status;

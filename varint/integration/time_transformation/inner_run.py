@@ -117,12 +117,13 @@ def until_end(
     loop = called.loop(moving, backend)
     if loop is None:
         return None
-    kernel, entries = loop
-    now = perf_counter()
-    t0, total = span
+    (kernel, entries), (at, c), (t0, total) = loop, start, span
+    rises = backend == "auto" and called.gears and kernel.is_native
+    now = perf_counter() if rises else 0.0
     found = run_until(
         entries,
-        *start,
+        at,
+        c,
         h,
         level,
         t0,
@@ -133,7 +134,8 @@ def until_end(
         energy,
         OFF_LEVEL,
     )
-    if called.gears and backend == "auto" and kernel.is_native:
+    if rises:
+        assert called.gears is not None
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None or found.iterations > called.most * (found.steps + 1):
         return None

@@ -18,11 +18,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.codegen.few_steps import Nodes
 from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.until import Until, physical_nodes
 from varint.integration.energy_leap import energy_alarm
-from varint.integration.plain_start import Room, begin_at, is_plain, is_plain_number, room_of
+from varint.integration.plain_start import LARGE, Room, begin_at, is_plain, is_plain_number, room_of
 from varint.integration.problem import LEVEL, Grid
 from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.inner_run import (
@@ -36,7 +35,7 @@ from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_time import at_times
 from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.time_scale import TransformedScene, transformed_scene
-from varint.integration.trajectories import plain_motion_of
+from varint.integration.trajectories import plain_fields
 from varint.numerics.arrays import hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -44,6 +43,8 @@ from varint.rules.rule import Rule
 from varint.scene.memory import per_system
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
+
+_LAST = "_last_ready"  # of a system: rule and time scale that it was last asked with, and `Ready`
 
 
 def physical_call(
@@ -59,35 +60,47 @@ def physical_call(
     """The motion from a start (q0, v0, t0, params); None where it is no such run, or comes to no
     good end, and another way is to be taken. A warning where the energy does not stay.
     """
-    began, (h, steps, total), t0 = perf_counter(), grid, start[2]
-    if not (steps is None and is_plain_number(h) and is_plain_number(total) and h * total > 0):  # type: ignore[operator]
+    began, (h, steps, total), (q0, v0, t0, params) = perf_counter(), grid, start
+    if type(h) is not float or type(total) is not float or type(t0) is not float:
+        if not (is_plain_number(h) and is_plain_number(total) and is_plain_number(t0)):
+            return None
+        h, total, t0 = float(h), float(total), float(t0)  # type: ignore[arg-type]
+    if not (steps is None and 0.0 < h * total < math.inf and -LARGE < t0 < LARGE and every > 0):
         return None
-    if not (is_plain_number(t0) and every > 0 and backend in BACKENDS):
+    last = system.__dict__.get(_LAST)
+    if last is None or last[0] is not rule or last[1] is not sigma:  # in less time than by a hash
+        if not (rule is None or type(rule) is Rule):
+            return None
+        own = isinstance(sigma, str)
+        scale = sigma if own else transformed_scene(system, sigma)
+        last = rule, sigma, ready_for(system, rule, scale)
+        if own:  # expressions may change
+            system.__dict__[_LAST] = last
+    ready = last[2]
+    if ready is None or backend not in BACKENDS:
         return None
-    if not (rule is None or type(rule) is Rule):
-        return None
-    own = isinstance(sigma, str)
-    ready = ready_for(system, rule, sigma if own else transformed_scene(system, sigma))
-    if ready is None:
-        return None
-    called, moving, h, total = ready.called, ready.moving, float(h), float(total)  # type: ignore[arg-type]
-    begun = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
+    starts = ready.starts
+    begun = starts.pop() if starts else start_of(system, ready.scene)
     try:
-        c = begin_at(begun.room, system, *start)
+        room = begun.room
+        c = begin_at(room, system, q0, v0, t0, params)
         if c is None:
             return None
-        if begun.room.known is None or begun.asked != (begun.room.known, total):
-            begin_start(begun, system, c, total, own)
+        if room.known is None or begun.known is not room.known or begun.total != total:
+            begin_start(begun, system, c, total, isinstance(sigma, str))
         constants, energy, pace = begun.constants, begun.energy, begun.pace
-        if not 0 < pace < math.inf:
-            return None
-        check_steps(t0, h * pace, 1)
+        if h != begun.h:
+            if not 0 < pace < math.inf:
+                return None
+            check_steps(t0, h * pace, 1)
+            begun.h = h
+        level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
         found = until_end(
-            called,
-            moving,
+            ready.called,
+            ready.moving,
             begun.at,
             h,
-            0.0 if iteration_tol is None else LEVEL * iteration_tol,
+            level,
             (t0, total),
             total / (h * pace),
             energy,
@@ -95,12 +108,12 @@ def physical_call(
             backend,
         )
     finally:
-        ready.starts.append(begun)
+        starts.append(begun)
     if found is None:
         return None
     until, kernel = found
     how = h, constants, until, kernel, perf_counter() - began
-    motion = physical_motion(system, called, moving, physical_nodes(until), c, how)
+    motion = physical_motion(system, ready.called, ready.moving, c, how)
     if not until.quiet:
         assert motion.fictitious is not None
         if alarm := energy_alarm(motion.fictitious):
@@ -112,20 +125,35 @@ def physical_motion(
     system: System,
     called: Called,
     moving: System,
-    nodes: Nodes,
     c: np.ndarray,
     how: tuple[float, np.ndarray, Until, Kernel, float],
 ) -> Trajectory:
-    """The motion with these nodes and parameters, in the rescaled scene with step and parameters,
-    what the core has found with which loop, and seconds: that one is made when it is asked for.
+    """The motion with these parameters, in the rescaled scene with step and parameters, what the
+    core has found with which loop, and seconds: both are made when they are asked for.
     """
+    motion = object.__new__(Trajectory)
+    known = {
+        "origin": 0.0,
+        "dense_output": at_times,
+        "_make_fields": partial(_physical_fields, system, called, c, how),
+        "_make_fictitious": partial(inner_motion, called, moving, *how),
+    }
+    object.__setattr__(motion, "__dict__", known)
+    return motion
+
+
+def _physical_fields(
+    system: System,
+    called: Called,
+    c: np.ndarray,
+    how: tuple[float, np.ndarray, Until, Kernel, float],
+) -> dict[str, Any]:
     h, _, until, kernel, seconds = how
     grid, work = (h, 0.0, np.empty((until.steps, 1, 0)), c), (until.iterations, until.residual)
-    motion = plain_motion_of(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
-    own = motion.__dict__
-    own["functions"], own["dense_output"] = called.functions, at_times
-    own["_make_fictitious"] = partial(inner_motion, called, moving, *how)
-    return motion
+    nodes = physical_nodes(until)
+    known = plain_fields(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
+    known["functions"] = called.functions
+    return known
 
 
 @dataclass(eq=False)
@@ -167,8 +195,10 @@ class BegunStart:
         Addresses of q and p of the rescaled scene, by `begin`, too, and of `inner`.
     constants : array
         `inner` of the start that is there, not to be changed.
-    asked : tuple, optional
-        The start and the duration.
+    known, total : bytes, float, optional
+        The start that is there, as its room has it, and the duration.
+    h : float
+        The last step that was good for them; 0: none yet.
     energy, pace : float
         E0 and σ0.
     """
@@ -180,22 +210,23 @@ class BegunStart:
     begin: Callable[[], object]
     held: tuple
     constants: np.ndarray
-    asked: tuple[bytes, float] | None = None
+    known: bytes | None = None
+    total: float = 0.0
+    h: float = 0.0
     energy: float = 0.0
     pace: float = 0.0
 
 
 def begin_start(begun: BegunStart, system: System, c: np.ndarray, total: float, own: bool) -> None:
     """From the start in its room."""
-    room, begun.asked = begun.room, None
+    room, begun.known, begun.h = begun.room, None, 0.0
     if own:
         pilot = rate_pilot(system, room.q, room.v, c, total, total < 0)
         begun.slowest[0] = slowest_rate(pilot, total)
     begun.begin()
     begun.constants = begun.inner.copy()
     _, begun.energy, begun.pace = begun.constants[-3:].tolist()
-    if room.known is not None:
-        begun.asked = room.known, total
+    begun.known, begun.total = room.known, total
 
 
 def start_of(system: System, scene: TransformedScene) -> BegunStart:

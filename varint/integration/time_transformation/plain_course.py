@@ -102,5 +102,5 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
 
     nodes, own = physical_nodes(until), c[: system.c.numel()]
     how = h, c, until, kernel, seconds
-    motion = partial(physical_motion, system, called, scene.system, nodes, own, how)
+    motion = partial(physical_motion, system, called, scene.system, own, how)
     return PhysicalRun(*nodes[1:], motion)

@@ -120,12 +120,12 @@ def transformed_scene(system: System, sigma: Any) -> TransformedScene:
         return _natural(system, sigma)
     known = system.__dict__.setdefault("_rescaled", {})
     seen = known.get(id(sigma))
-    if seen and seen[0] is sigma:
-        return seen[1]
+    if seen and seen[0] is sigma and ca.is_equal(seen[1], sigma):
+        return seen[2]
     scene = _by_meaning(system, _check_scale(system, sigma))
     if len(known) >= MOST_SCALES:
         known.clear()
-    known[id(sigma)] = sigma, scene
+    known[id(sigma)] = sigma, ca.SX(sigma), scene  # entries of an expression may change
     return scene
 
 

@@ -78,7 +78,8 @@ def varying_call(
         c = begin_at(begun.room, system, *start)
         if c is None:
             return None
-        if begun.room.known is None or begun.asked != (begun.room.known, duration):
+        known = begun.room.known
+        if known is None or begun.known is not known or begun.total != duration:
             begin_start(begun, system, c, duration, True)
         h = span * begun.pace
         if not (0 < begun.pace < math.inf and duration / h <= MOST_STEPS):
@@ -138,5 +139,5 @@ def _trial(
     until, kernel = found
     nodes = physical_nodes(until)
     how = h, begun.constants, until, kernel, perf_counter() - began
-    motion = partial(physical_motion, system, ready.called, ready.moving, nodes, c, how)
+    motion = partial(physical_motion, system, ready.called, ready.moving, c, how)
     return attempt_of(system, PhysicalRun(*nodes[1:], motion), c)
