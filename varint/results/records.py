@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     import casadi as ca
 
     from varint.scene.system import System
-
-Kind = TypeVar("Kind")
 
 
 class OnDemand:
@@ -31,23 +29,6 @@ class OnDemand:
 
 
 FICTITIOUS: Any = OnDemand("fictitious")
-
-
-def fields_on_demand(kind: type[Kind]) -> type[Kind]:
-    """Of a dataclass: where an instance has a function `_make_fields` in its `__dict__`, fields
-    that are not there are what that makes, by name, at the first look at one of them.
-    """
-
-    def made(instance: Any, name: str) -> Any:
-        known = instance.__dict__
-        if "_make_fields" in known:
-            known.update(known["_make_fields"]() | known)  # what is there stays
-        if name in known:
-            return known[name]
-        raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}", name=name)
-
-    kind.__getattr__ = made  # type: ignore[attr-defined]
-    return kind
 
 
 class State(NamedTuple):

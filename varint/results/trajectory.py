@@ -15,7 +15,7 @@ from varint.discrete.constraints import ActiveSet, every_row_function, multiplie
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError, renamed_attribute
 from varint.numerics.arrays import over_columns
-from varint.results.records import FICTITIOUS, Costates, State, StepsAgain, fields_on_demand
+from varint.results.records import FICTITIOUS, Costates, State, StepsAgain
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import times_of
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from varint.symmetry.symmetry import Symmetry
 
 
-@fields_on_demand
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A motion at its nodes; arrays have time first.

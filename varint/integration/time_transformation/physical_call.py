@@ -35,7 +35,7 @@ from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_time import at_times
 from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.time_scale import TransformedScene, transformed_scene
-from varint.integration.trajectories import plain_fields
+from varint.integration.trajectories import plain_motion_of
 from varint.numerics.arrays import hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -129,31 +129,16 @@ def physical_motion(
     how: tuple[float, np.ndarray, Until, Kernel, float],
 ) -> Trajectory:
     """The motion with these parameters, in the rescaled scene with step and parameters, what the
-    core has found with which loop, and seconds: both are made when they are asked for.
+    core has found with which loop, and seconds: that one is made when it is asked for.
     """
-    motion = object.__new__(Trajectory)
-    known = {
-        "origin": 0.0,
-        "dense_output": at_times,
-        "_make_fields": partial(_physical_fields, system, called, c, how),
-        "_make_fictitious": partial(inner_motion, called, moving, *how),
-    }
-    object.__setattr__(motion, "__dict__", known)
-    return motion
-
-
-def _physical_fields(
-    system: System,
-    called: Called,
-    c: np.ndarray,
-    how: tuple[float, np.ndarray, Until, Kernel, float],
-) -> dict[str, Any]:
     h, _, until, kernel, seconds = how
     grid, work = (h, 0.0, np.empty((until.steps, 1, 0)), c), (until.iterations, until.residual)
     nodes = physical_nodes(until)
-    known = plain_fields(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
-    known["functions"] = called.functions
-    return known
+    motion = plain_motion_of(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
+    own = motion.__dict__
+    own["functions"], own["dense_output"] = called.functions, at_times
+    own["_make_fictitious"] = partial(inner_motion, called, moving, *how)
+    return motion
 
 
 @dataclass(eq=False)
