@@ -23,6 +23,7 @@ WITHIN = 4  # looks in each part, at the nodes of a Gauss rule
 BENDS, SHOWN = 100.0, 1.0
 NOTHING = 0.01  # of tol: what a force may do all along the run without being looked at
 BOUNDED = 2_000  # operations of a force whose bounds along a step are worth their set-up
+AT_ONCE = 20_000  # points of forces in one call
 BLIND = 64  # parts into which steps are cut without such bounds
 
 Rows = Callable[..., list[np.ndarray]]  # (c, arguments) → values at many points
@@ -59,7 +60,7 @@ def missed_impulse(
         return 0.0
     count = len(motion) - 1
     every = Parts(np.arange(count), np.zeros(count), np.ones(count))
-    mass = _push(system)(motion.c, motion.q[:1], motion.v[:1], motion.t[:1, None])[1][0]
+    mass = _push(system)(motion.c, motion.q[:1], motion[:1].v, motion.t[:1, None])[1][0]
     mass = np.where(mass > 0, mass, mass.max(initial=0.0) or 1.0)
     left = abs(motion.t[-1] - motion.t[:-1])[:, None]
     error = left / mass / scales  # of an impulse in a step
@@ -123,11 +124,18 @@ def _impulses(
     system: System, motion: Trajectory, parts: Parts, nodes: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest |F| and the impulse ∫F dt by a quadrature, of each part, (M, n)."""
-    largest, total = np.zeros((2, len(parts.step), motion.q.shape[1]))
-    for x, weight in zip(nodes, weights, strict=True):
-        q, v, t = _on_way(motion, parts.step, parts.begin + x * (parts.end - parts.begin))
-        force = _push(system)(motion.c, q, v, t)[0]
-        largest, total = np.maximum(largest, np.abs(force)), total + weight * force
+    count, n = len(parts.step), motion.q.shape[1]
+    largest, total = np.zeros((2, count, n))
+    at_once = max(AT_ONCE // max(count, 1), 1)  # a call takes as long as some hundred points
+    for i in range(0, len(nodes), at_once):
+        some = nodes[i : i + at_once]
+        each = np.tile(parts.step, len(some))
+        within = (parts.begin + some[:, None] * (parts.end - parts.begin)).ravel()
+        force = _push(system)(motion.c, *_on_way(motion, each, within))[0].reshape(
+            len(some), count, n
+        )
+        for weight, one in zip(weights[i : i + at_once], force, strict=True):
+            largest, total = np.maximum(largest, np.abs(one)), total + weight * one
     h = (motion.t[parts.step + 1] - motion.t[parts.step]) * (parts.end - parts.begin)
     return largest, total * h[:, None]
 
