@@ -67,7 +67,8 @@ def powers_at(
 @np.errstate(all="ignore")
 def summed_work(power: np.ndarray, t: np.ndarray) -> np.ndarray:
     """The bound at every node (…, N) from the sizes of the power there."""
-    power = np.nan_to_num(power, nan=0.0, posinf=0.0)
+    if not np.isfinite(power).all():
+        power = np.nan_to_num(power, nan=0.0, posinf=0.0)
     gained = np.maximum(power[..., 1:], power[..., :-1]) * np.abs(np.diff(t))
     none = np.zeros((*power.shape[:-1], 1))
     return MISSED * np.concatenate([none, np.cumsum(gained, axis=-1)], axis=-1)
