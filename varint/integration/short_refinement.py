@@ -15,6 +15,7 @@ import numpy as np
 from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.choice import Choice
 from varint.integration.energy_check import NOTHING
+from varint.integration.energy_leap import energy_alarm
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.hidden import missed_impulse
 from varint.integration.plain_trials import PlainTrial, plain_motion
@@ -31,6 +32,7 @@ from varint.scene.system import System
 RUNS = 8  # after which it is given up
 LEAST_ORDER = 0.5  # is counted on where two runs are all that there is
 TELLS = 0.1  # difference of two runs that tells of an order
+LESS = 0.5  # of the order is counted on where runs have nearly as many steps
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
 
@@ -119,7 +121,9 @@ def by_short_refinement(
                 return None
             early = float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
             found = Choice(rule, steps, plain_motion(system, rule, motion, began), 0.0, runs, True)
-            found = replace(found, estimate=max(estimate, early), level=_balanced(system, motion))
+            found = replace(found, estimate=max(estimate, early), level=True)
+            if not _balanced(system, motion) and energy_alarm(found.motion):
+                return None  # few nodes bound the work of forces poorly
             hides = missed_impulse(system, rule, found.motion, scales, tol)
             return found if max(found.estimate, hides) <= tol else None
         expected = off * ratio ** (-CAUTION * rule.order)
@@ -132,7 +136,7 @@ def by_short_refinement(
 
 def _left(apart: float, ratio: float, order: float) -> float:
     """Error of the finer of two runs."""
-    counted = ratio ** (-CAUTION * order)
+    counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * order)
     return apart * counted / (1 - counted)
 
 
