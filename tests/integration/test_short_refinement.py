@@ -122,6 +122,18 @@ def test_a_pulse_between_nodes_is_not_passed_over_by_short_runs():
     assert motion.q[-1, 0] == pytest.approx(end, rel=1e-5)
 
 
+def test_few_nodes_that_bound_the_work_poorly_raise_no_false_alarm():
+    """A support that shakes three times as fast as the nodes are apart."""
+    q, v = vi.coordinates("theta")
+    t = vi.time()
+    scene = vi.System(q, v, v**2 / 2 + (1 + ca.cos(10 * t)) * ca.cos(q), t=t)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = vi.simulate(scene, q0=0.3, v0=0.5, duration=3.0, tol=1e-9)
+    fine = vi.simulate(scene, vi.gauss(8), q0=0.3, v0=0.5, duration=3.0, steps=256)
+    assert abs(motion.q[-1] - fine.q[-1]).max() < 1e-9
+
+
 def test_energies_by_velocities_are_those_by_momenta():
     q, v = vi.coordinates("x", "y")
     scene = vi.System(q, v, -ca.sqrt(1 - ca.sumsqr(v)) - ca.sumsqr(q) / 2 + q[0] * v[1])
