@@ -126,6 +126,19 @@ def energies_along(
     return found[0][:, 0], found[1][:, 0]
 
 
+def energies_by_velocity(
+    system: System, rows: np.ndarray, t: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`energies_along` of nodes (N, 3, n) whose q, p and v are known: without the equations of the
+    velocities, which take Newton's method where L is not quadratic in them.
+    """
+    f = _velocity_rows(system)
+    if f is None:
+        return energies_along(system, rows[:, 0], rows[:, 1], t, c)
+    found = f.values(c, rows[:, 0], rows[:, 2], t[:, None])
+    return found[0][:, 0], found[1][:, 0]
+
+
 def energy_jump(motion: Trajectory) -> EnergyJump | None:
     """The first of some nodes whose energy is off its balance by as much as the kinetic energy:
     that of the start and the work of forces, of explicit time and of constraints that move.
@@ -269,6 +282,16 @@ def energy_rows(system: System) -> RowFunction | None:
     energy = ca.Function("energy", [s.q, s.v, s.t, s.c], [ca.densify(s.energy)])
     results = [energy(s.q, v, s.t, s.c), ca.fabs(ca.dot(p, v))]
     return row_function_or_none("energy", [s.q, p, s.t], s.c, results)
+
+
+@per_scene
+def _velocity_rows(system: System) -> RowFunction | None:
+    """(q, v, t) → H, p·v as data; None where they have no such form."""
+    from varint.codegen.rows import row_function_or_none
+
+    s = system
+    results = [ca.densify(s.energy), ca.densify(ca.fabs(ca.dot(s.momentum, s.v)))]
+    return row_function_or_none("energy", [s.q, s.v, s.t], s.c, results)
 
 
 @per_scene

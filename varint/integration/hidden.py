@@ -19,10 +19,12 @@ from varint.scene.system import System
 PARTS = 8  # into which a part of a step is cut that may hide something, LEVELS times
 LEVELS, MOST_PARTS = 10, 100_000
 WITHIN = 4  # looks in each part, at the nodes of a Gauss rule
+LOOKS = 2  # of those of the rule in a step: mostly they rule out that it hides anything
 # |d²F/dt²| h² over |F|: of steps that hide no pulse, and of parts that show it to `WITHIN` looks
 BENDS, SHOWN = 100.0, 1.0
 NOTHING = 0.01  # of tol: what a force may do all along the run without being looked at
 BOUNDED = 2_000  # operations of a force whose bounds along a step are worth their set-up
+AT_ONCE = 20_000  # points of forces in one call
 BLIND = 64  # parts into which steps are cut without such bounds
 
 Rows = Callable[..., list[np.ndarray]]  # (c, arguments) → values at many points
@@ -59,20 +61,25 @@ def missed_impulse(
         return 0.0
     count = len(motion) - 1
     every = Parts(np.arange(count), np.zeros(count), np.ones(count))
-    mass = _push(system)(motion.c, motion.q[:1], motion.v[:1], motion.t[:1, None])[1][0]
+    mass = _push(system)(motion.c, motion.q[:1], motion[:1].v, motion.t[:1, None])[1][0]
     mass = np.where(mass > 0, mass, mass.max(initial=0.0) or 1.0)
     left = abs(motion.t[-1] - motion.t[:-1])[:, None]
     error = left / mass / scales  # of an impulse in a step
     nothing = NOTHING * tol / (error * abs(motion.t[-1] - motion.t[0]))
-    size, seen = _impulses(system, motion, every, np.array(rule.nodes), np.array(rule.weights))
+    nodes, weights = np.array(rule.nodes), np.array(rule.weights)
+    few = slice(None, None, max(len(nodes) // LOOKS, 1))
+    size, _ = _impulses(system, motion, every, nodes[few], weights[few])
+    if not _may_hide(system, motion, every, BENDS * size, nothing).any():
+        return 0.0  # less than what all looks would show
+    size, seen = _impulses(system, motion, every, nodes, weights)
     around = np.maximum(size, np.maximum(np.roll(size, 1, axis=0), np.roll(size, -1, axis=0)))
     usual = np.maximum(around, np.median(size, axis=0))
     doubtful = np.flatnonzero(_may_hide(system, motion, every, BENDS * usual, nothing))
     if not len(doubtful):
         return 0.0
-    few, true = gauss(WITHIN), np.zeros_like(seen)
+    fine, true = gauss(WITHIN), np.zeros_like(seen)
     for some in _shown(system, motion, every.at(doubtful), usual, nothing):
-        _, part = _impulses(system, motion, some, np.array(few.nodes), np.array(few.weights))
+        _, part = _impulses(system, motion, some, np.array(fine.nodes), np.array(fine.weights))
         np.add.at(true, some.step, part)
     missed = np.abs(true - seen)[doubtful]
     return float((missed * error[doubtful]).sum(axis=0).max())
@@ -123,11 +130,18 @@ def _impulses(
     system: System, motion: Trajectory, parts: Parts, nodes: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest |F| and the impulse ∫F dt by a quadrature, of each part, (M, n)."""
-    largest, total = np.zeros((2, len(parts.step), motion.q.shape[1]))
-    for x, weight in zip(nodes, weights, strict=True):
-        q, v, t = _on_way(motion, parts.step, parts.begin + x * (parts.end - parts.begin))
-        force = _push(system)(motion.c, q, v, t)[0]
-        largest, total = np.maximum(largest, np.abs(force)), total + weight * force
+    count, n = len(parts.step), motion.q.shape[1]
+    largest, total = np.zeros((2, count, n))
+    at_once = max(AT_ONCE // max(count, 1), 1)  # a call takes as long as some hundred points
+    for i in range(0, len(nodes), at_once):
+        some = nodes[i : i + at_once]
+        each = np.tile(parts.step, len(some))
+        within = (parts.begin + some[:, None] * (parts.end - parts.begin)).ravel()
+        force = _push(system)(motion.c, *_on_way(motion, each, within))[0].reshape(
+            len(some), count, n
+        )
+        for weight, one in zip(weights[i : i + at_once], force, strict=True):
+            largest, total = np.maximum(largest, np.abs(one)), total + weight * one
     h = (motion.t[parts.step + 1] - motion.t[parts.step]) * (parts.end - parts.begin)
     return largest, total * h[:, None]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from varint.integration.backend import kernel_for, run_at_once
-from varint.integration.energy_check import energies_along
+from varint.integration.energy_check import energies_along, energies_by_velocity
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
@@ -96,7 +96,10 @@ def by_plain_trials(
         if found is None or not found.done or (part > 1 and found.iterations > SLOW * count):
             return None
         some = found.rows[:: max(1, len(found.rows) // SAMPLES)]
-        energy = energies_along(system, some[:, 0], some[:, 1], time, start.c)
+        if quadratic:
+            energy = energies_along(system, some[:, 0], some[:, 1], time, start.c)
+        else:
+            energy = energies_by_velocity(system, some, time, start.c)
         return Attempt(PlainTrial(problem, kernel, found), quantiles(*energy))
 
     def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> tuple[float, float]:

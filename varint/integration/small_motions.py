@@ -66,6 +66,8 @@ def _frequency(m: list[float], k: list[float], n: int) -> float | None:
             return _fastest_of_two(*[x / volume for x in rows])
     elif n and min(m[:: n + 1]) <= 0:
         return None
+    if not any(k):
+        return 0.0
     mass, stiffness = np.array(m).reshape(n, n), np.array(k).reshape(n, n)
     if is_definite(mass):
         square = np.linalg.solve(mass, stiffness)

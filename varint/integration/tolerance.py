@@ -49,6 +49,7 @@ from varint.integration.rule_choice import (
 from varint.integration.run import collect, short_run, start_run, trajectory_of
 from varint.integration.run_distance import differences, ends_apart, with_early
 from varint.integration.second_looks import Trial, has_steps
+from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import (
     MOST_COORDINATES,
@@ -153,6 +154,13 @@ def choose_steps(
                 reached = shown.estimate <= tol
                 return Choice(own, shown.steps, motion, shown.estimate, shown.runs, reached, True)
             by_two_runs = False
+
+    if not shows_its_error(system) and stop is None and has_plain_trials(system, start):
+        refined = None
+        if not has_steps(system):
+            refined = by_short_refinement(system, own, start, tol, radians, scale, backend, began)
+        if refined is not None:
+            return refined
 
     failures: list[Failure] = []  # since the last run that ended well
     smooth = shows_its_error(system) and not has_steps(system)

@@ -6,13 +6,19 @@ dH/dt = F·v − ∂L/∂t + λ·W v, where W v + w = 0: constraints that stand 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import casadi as ca
 import numpy as np
 
+from varint.discrete.legendre import velocity_function
 from varint.numerics.arrays import over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
 from varint.scene.system import System
+
+if TYPE_CHECKING:
+    from varint.codegen.rows import RowFunction
 
 # times the work of forces on the nodes: the quadrature is a rough one
 MISSED = 2.0
@@ -61,7 +67,8 @@ def powers_at(
 @np.errstate(all="ignore")
 def summed_work(power: np.ndarray, t: np.ndarray) -> np.ndarray:
     """The bound at every node (…, N) from the sizes of the power there."""
-    power = np.nan_to_num(power, nan=0.0, posinf=0.0)
+    if not np.isfinite(power).all():
+        power = np.nan_to_num(power, nan=0.0, posinf=0.0)
     gained = np.maximum(power[..., 1:], power[..., :-1]) * np.abs(np.diff(t))
     none = np.zeros((*power.shape[:-1], 1))
     return MISSED * np.concatenate([none, np.cumsum(gained, axis=-1)], axis=-1)
@@ -73,6 +80,23 @@ def _power_function(system: System) -> ca.Function:
     s = system
     power = ca.dot(s.force, s.v) - ca.jacobian(s.lagrangian, s.t)
     return ca.Function("power", [s.q, s.v, s.control, s.t, s.c], [ca.densify(power)], {"cse": True})
+
+
+@per_scene
+def balance_rows(system: System) -> RowFunction | None:
+    """(q, p, t) → H, F·v − ∂L/∂t of scenes without controls as data; None where they have no such
+    form.
+    """
+    from varint.codegen.rows import row_function_or_none
+
+    s, velocity = system, velocity_function(system)
+    if not velocity.is_a("SXFunction"):
+        return None
+    p = ca.SX.sym("p", s.structure.n)
+    v, none = velocity(s.q, p, s.t, s.c), ca.SX.zeros(s.control.shape)
+    energy = ca.Function("energy", [s.q, s.v, s.t, s.c], [ca.densify(s.energy)])
+    results = [energy(s.q, v, s.t, s.c), _power_function(s)(s.q, v, none, s.t, s.c)]
+    return row_function_or_none("balance", [s.q, p, s.t], s.c, results)
 
 
 def given_by_impacts(motion: Trajectory, times: np.ndarray) -> np.ndarray:

@@ -1,0 +1,153 @@
+"""Steps for a wanted error from short runs whose energy tells nothing: forces, explicit time.
+
+`refine` decides so for runs of any kind. Here runs are numbers alone, the first of them has as many
+steps as a small oscillation takes, and what is not clear after a few of them is left to `refine`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from varint.integration.backend import kernel_for, run_at_once
+from varint.integration.choice import Choice
+from varint.integration.energy_check import NOTHING
+from varint.integration.energy_leap import energy_alarm
+from varint.integration.error_scale import error_scales, scales_of_nodes
+from varint.integration.hidden import missed_impulse
+from varint.integration.plain_trials import PlainTrial, plain_motion
+from varint.integration.problem import InitialValueProblem
+from varint.integration.refinement import CAUTION, NO_DIGITS
+from varint.integration.round_off import rounding
+from varint.integration.rule_choice import first_steps, iteration_level, priced
+from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
+from varint.integration.two_runs import FLOOR, STALLED
+from varint.integration.work_bound import balance_rows, summed_work
+from varint.rules.rule import Rule
+from varint.scene.system import System
+
+RUNS = 8  # after which it is given up
+LEAST_ORDER = 0.5  # is counted on where two runs are all that there is
+TELLS = 0.1  # difference of two runs that tells of an order
+LESS = 0.5  # of the order is counted on where runs have nearly as many steps
+RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
+
+
+@np.errstate(all="ignore")  # of steps that are too large
+def by_short_refinement(
+    system: System,
+    rule: Rule,
+    start: InitialValueProblem,
+    tol: float,
+    radians: float,
+    scale: object,
+    backend: str,
+    began: float | None = None,
+) -> Choice | None:
+    """The choice that runs with more and more steps prove; None where they do not soon.
+
+    Parameters
+    ----------
+    system : System
+        One of `has_plain_trials`, without forces that jump.
+    rule, start, tol, radians, scale, backend
+        As in `choose_steps`.
+    """
+    began = perf_counter() if began is None else began
+    still, time = np.zeros(system.structure.n), np.array([start.t0])
+    quadratic = system.structure.quadratic_kinetic
+
+    def run(steps: int, part: int = 1) -> PlainTrial | None:
+        count = max(steps // part, 1)
+        problem = start._replace(
+            h=start.h / steps,
+            steps=count,
+            save_every=1,
+            u=np.empty((count, 1, 0)),
+            nodes=len(rule.nodes),
+            level=iteration_level(tol, steps),
+        )
+        kernel = kernel_for(system, rule, problem, backend)
+        found = kernel and run_at_once(system, rule, problem, kernel, short=False)
+        good = found and found.done and np.isfinite(found.rows[-1, 0]).all()
+        return PlainTrial(problem, kernel, found) if kernel and found and good else None
+
+    def scales_by(one: PlainTrial) -> np.ndarray:
+        if scale is not None:
+            return error_scales(system, plain_motion(system, rule, one, began), scale)
+        q = one.found.rows[:, 0].copy()
+        v = still if quadratic else np.nan_to_num(one.found.rows[0, 2])
+        return scales_of_nodes(system, q, v, time, start.c)
+
+    def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> np.ndarray:
+        """Largest differences, coordinate by coordinate."""
+        unit = math.gcd(few, many)
+        a, b = one.found.rows[:: few // unit, 0], other.found.rows[:: many // unit, 0]
+        count = min(len(a), len(b))
+        return np.abs(a[:count] - b[:count]).max(axis=0)
+
+    price = priced({rule: 1.0})[0]
+    first = first_steps(price, radians, tol * 2.0 ** (CAUTION * rule.order))
+    before: tuple[int, PlainTrial] | None = None
+    steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
+    while runs < RUNS:
+        motion, runs = run(steps), runs + 1
+        if motion is None:
+            before, steps, ratio, last = None, 2 * steps, RATIOS[0], math.inf
+            continue
+        if before is None:
+            before, steps = (steps, motion), round(ratio * steps)
+            continue
+        scales = scales_by(motion)
+        seen = float((apart(before[1], before[0], motion, steps) / scales).max())
+        # no smooth motion comes together faster than by the rule's order: less is luck
+        off = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
+        if not off <= STALLED * last:
+            return None
+        order = LEAST_ORDER
+        if last < TELLS:  # or more, where the ratio was smaller before
+            shown = math.log(max(last, FLOOR) / max(off, FLOOR)) / math.log(slower)
+            order = min(max(shown, order), rule.order)
+        size = np.abs(motion.found.rows[:, 0]).max(axis=0)
+        floor = FLOOR * float((size / scales).max(initial=1.0))
+        estimate = max(_left(off, ratio, order), rounding(off, radians, steps), floor)
+        if off < NO_DIGITS and estimate <= tol:
+            few = min(TRANSIENT_STEPS, steps)
+            fine = run(steps * TRANSIENT_PARTS, steps // few)
+            if fine is None:
+                return None
+            early = float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
+            found = Choice(rule, steps, plain_motion(system, rule, motion, began), 0.0, runs, True)
+            found = replace(found, estimate=max(estimate, early), level=True)
+            if not _balanced(system, motion) and energy_alarm(found.motion):
+                return None  # few nodes bound the work of forces poorly
+            hides = missed_impulse(system, rule, found.motion, scales, tol)
+            return found if max(found.estimate, hides) <= tol else None
+        expected = off * ratio ** (-CAUTION * rule.order)
+        closer = ratio < RATIOS[1] and _left(expected, ratio, rule.order) <= tol
+        before, last, slower = (steps, motion), off, ratio
+        ratio = ratio if closer and steps % 2 == 0 else RATIOS[1]
+        steps = round(ratio * steps)
+    return None
+
+
+def _left(apart: float, ratio: float, order: float) -> float:
+    """Error of the finer of two runs."""
+    counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * order)
+    return apart * counted / (1 - counted)
+
+
+def _balanced(system: System, run: PlainTrial) -> bool:
+    """Whether the energy clearly is that of the start and the work of forces."""
+    f = balance_rows(system)
+    if f is None:
+        return False
+    rows, problem = run.found.rows, run.problem
+    t = problem.t0 + problem.h * np.arange(len(rows))
+    energy, power = (x[:, 0] for x in f.values(problem.c, rows[:, 0], rows[:, 1], t[:, None]))
+    given = summed_work(np.abs(power), t)
+    given += NOTHING * np.abs(energy).max()
+    return bool((np.abs(energy - energy[0]) <= given).all())
