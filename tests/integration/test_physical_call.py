@@ -2,7 +2,6 @@
 gears.
 """
 
-import dataclasses
 import pickle
 
 import casadi as ca
