@@ -12,15 +12,7 @@ from varint.codegen import arguments
 from varint.codegen.arguments import MembersArguments, RunArguments, RunStats, Status, c_source
 from varint.codegen.cache import compiler, library
 
-LOOPS = (
-    "explicit.c",
-    "gauss.h",
-    "gauss_step.c",
-    "gauss_loop.c",
-    "newton.c",
-    "members.c",
-    "members_gauss.c",
-)
+LOOPS = ("explicit.c", "gauss_loop.c", "newton.c", "members.c", "members_gauss.c")
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
 
