@@ -418,3 +418,16 @@ def test_many_bodies_become_a_loop_over_pairs_and_sums_over_bodies(lanes):
     exact = np.array([np.array(f(p, masses)).ravel() for p in points])
     found = evaluator(f, lanes, written_out=1000)(points, masses)
     np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-11)
+
+
+def test_a_factor_that_all_terms_share_is_multiplied_once_and_last():
+    x, c = ca.SX.sym("x", 4), ca.SX.sym("c")
+    late = 1 / ca.sqrt(1 + ca.sumsqr(x))
+    y = late * x[0] - late * x[1] * x[2] - 3 * late**3 * (x[2] * c + x[3] ** 2)
+    graph = graph_of(ca.Function("f", [x, c], [y]))
+    (out,) = graph.outputs[0]
+    name, *factors = graph.nodes[out]
+    (root,) = (i for i, node in enumerate(graph.nodes) if node[0] == "rsqrt")
+    assert name == "mul" and root in factors
+    readers = [node for node in graph.nodes if root in node[1:]]
+    assert sorted(node[0] for node in readers) == ["mul", "mul"]  # that one, and its square

@@ -172,19 +172,66 @@ def _term(r: Rewriting, terms: Sum) -> Term:
     """
     if len(terms) == 1:
         return terms[0]
-    common = terms[0][2]
-    if len({powers for _, _, powers in terms}) > 1:
-        groups: dict[Powers, list[tuple[float, int]]] = {}
-        for c, a, powers in terms:
-            groups.setdefault(powers, []).append((c, a))
-        added = [(powers, *_factored(r, group)) for powers, group in groups.items()]
-        size, whole = _factored(r, [(c, _times(r, a, powers)) for powers, c, a in added])
-        common = ()
-    else:
-        size, whole = _factored(r, [(c, a) for c, a, _ in terms])
+    common = _common(r, [powers for _, _, powers in terms])
+    size, whole = _factored(r, _by_powers(r, terms, common))
     if len(terms) <= FEW_TERMS:
         r.parts[whole] = size, terms, common
     return size, whole, common
+
+
+def _common(r: Rewriting, each: list[Powers]) -> Powers:
+    """The powers that are factors of all, but for what is the same all the time, where it is not
+    all of them: other sums may share it with the factors beside it.
+    """
+    if not all(each):
+        return ()
+    first, *others = each
+    if all(powers == first for powers in others):
+        return first
+    found, rest = list[tuple[int, int]](), [dict(powers) for powers in others]
+    for base, e in first:
+        exponents = [e, *(powers.get(base, 0) for powers in rest)]
+        least, most = min(exponents), max(exponents)
+        if base not in r.constant and (least > 0 or most < 0):
+            found.append((base, least if least > 0 else most))
+    return tuple(found)
+
+
+def _by_powers(r: Rewriting, terms: Sum, common: Powers) -> list[tuple[float, int]]:
+    """The terms over the powers that they have in common, those that share a factor added up
+    before they are multiplied by it, so that it is not waited for.
+    """
+    below = inverse(common)
+    groups: dict[Powers, list[Term]] = {}
+    for c, a, powers in terms:
+        groups.setdefault(joined(powers, below), []).append((c, a, ()))
+    found = []
+    open_groups = list(groups.items())
+    while open_groups:
+        shared = _most_shared(r, [powers for powers, _ in open_groups])
+        if shared is None:
+            break
+        inside = [x for x in open_groups if any((b, e > 0) == shared for b, e in x[0])]
+        open_groups = [x for x in open_groups if x not in inside]
+        parts = tuple((c, a, powers) for powers, group in inside for c, a, _ in group)
+        sign = -1.0 if all(c < 0 for c, _, _ in parts) else 1.0
+        c, a, powers = _term(r, _scaled(parts, sign))
+        found.append((sign * c, _times(r, a, powers)))
+    for powers, group in open_groups:
+        c, a = _factored(r, [(c, a) for c, a, _ in group])
+        found.append((c, _times(r, a, powers)))
+    return found
+
+
+def _most_shared(r: Rewriting, each: list[Powers]) -> tuple[int, bool] | None:
+    """The base that most of them multiply or divide by, and which of it; of several the last."""
+    counts = Counter(
+        (base, e > 0) for powers in each for base, e in powers if base not in r.constant
+    )
+    if not counts:
+        return None
+    many, which = max((count, which) for which, count in counts.items())
+    return which if many > 1 else None
 
 
 def _factored(r: Rewriting, terms: list[tuple[float, int]]) -> tuple[float, int]:
