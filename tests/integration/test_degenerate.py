@@ -94,3 +94,15 @@ def test_equations_that_determine_no_velocities_are_refused_at_the_start():
     flat = vi.System(Q, V, Q[0] * V[0] - ca.sumsqr(Q))
     with pytest.raises(vi.InputError, match=r"no velocities at the start"):
         vi.simulate(flat, q0=[1.0, 0.2], h=0.1, steps=5)
+
+
+@pytest.mark.filterwarnings("ignore:the Lagrangian is degenerate")
+@pytest.mark.parametrize("tol", [1e-2, 1e-3])
+def test_a_loose_tolerance_over_many_turns_is_met(tol):
+    model = vi.models.lotka_volterra()
+    how = dict(q0=model.q0, duration=1000.0)
+    rough = vi.simulate(model.system, tol=tol, **how)
+    fine = vi.simulate(model.system, tol=1e-7, **how)
+    # sizes of the coordinates are about one
+    assert np.abs(rough.q[-1] - fine.q[-1]).max() <= tol
+    assert rough.stats["error_estimate"] <= tol

@@ -13,6 +13,7 @@ from varint.errors import InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
+from varint.integration.energy_check import keeps_energy
 from varint.integration.error_scale import error_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
@@ -23,6 +24,7 @@ from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
     EVIDENCE,
     FLOOR,
+    GAIN,
     MIDDLE,
     STALLED,
     STILL,
@@ -113,7 +115,8 @@ def refine(
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
         before = steps, motion
         rounded = rounding(apart, radians, steps, growth)
-        stalls = stalls + 1 if apart > STALLED * last and _resolves(motion) else 0
+        stalled = apart > STALLED * last and _resolves(motion)
+        stalls = stalls + 1 if stalled and not _strays(system, motion, apart, radians) else 0
         first = math.isinf(by_order) and apart < NO_DIGITS
         by_order = apart if first else by_order * ratio ** (-CAUTION * rule.order)
         sure = best is not None and apart < NO_DIGITS and not has_steps(system)
@@ -169,6 +172,16 @@ def refine(
         f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "
         "to see where it ends"
     )
+
+
+def _strays(system: System, motion: Trajectory, apart: float, radians: float) -> bool:
+    """Whether runs are far apart since steps are too long for so many turns: a relative error of
+    the energy makes one of the phase that grows with the angle turned.
+    """
+    if apart < NO_DIGITS or not keeps_energy(system):
+        return False
+    turned = max(radians, 1.0)  # of degenerate scenes it is not known
+    return GAIN * turned * energy_errors(motion)[MIDDLE] > NO_DIGITS
 
 
 def _resolves(motion: Trajectory) -> bool:
