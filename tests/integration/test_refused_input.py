@@ -4,6 +4,7 @@ fuzzing).
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import casadi as ca
@@ -208,3 +209,13 @@ def test_a_condition_is_no_expression_whose_zeros_end_or_mark_a_run(condition, a
     spring = vi.System(q, v, v**2 / 2 - q**2 / 2)
     with pytest.raises(vi.InputError, match=r"is a condition, 0 or 1.* give what crosses zero"):
         vi.simulate(spring, q0=1.0, v0=0.0, duration=7.0, **asked(condition(q, v)))
+
+
+@pytest.mark.parametrize("where", ["Lagrangian", "force"])
+def test_functions_of_pythons_own_are_named_where_they_lost_the_symbol(where):
+    q, v = vi.coordinates("x")
+    lost = math.cos(q)
+    of = {"lagrangian": v**2 / 2 + lost} if where == "Lagrangian" else {"lagrangian": v**2 / 2}
+    scene = vi.System(q, v, **of, **({"force": lost} if where == "force" else {}))
+    with pytest.raises(vi.InputError, match=f"the {where} contains nan: math.cos.* ca.cos"):
+        vi.simulate(scene, q0=1.0, v0=0.0, duration=1.0)

@@ -68,6 +68,11 @@ def check_inertia(system: System, mass: np.ndarray, rows: np.ndarray | None = No
     weak = [name for name, x in zip(system.names, part, strict=True) if x > 0.1 * part.max()]
     massless = [name for name, row in zip(system.names, mass, strict=True) if not row.any()]
     here = [name for name in massless if _varies(system, name)]
+    if rows is None and any(ca.depends_on(_own_mass(system, name), system.v) for name in here):
+        raise InputError(
+            f"the mass ∂²L/∂v² of {here} is zero at the start velocities: there p = ∂L/∂v does not "
+            "tell the velocity; start with another one, or add a term v² to the kinetic energy"
+        )
     if rows is None and here:
         raise InputError(
             f"the mass of {here} is zero at the start, though not everywhere: the coordinates are "
@@ -95,5 +100,9 @@ def check_inertia(system: System, mass: np.ndarray, rows: np.ndarray | None = No
 
 def _varies(system: System, name: str) -> bool:
     """Whether a coordinate's own entry of the mass matrix depends on where the scene is."""
+    return ca.depends_on(_own_mass(system, name), ca.vertcat(system.q, system.v, system.t))
+
+
+def _own_mass(system: System, name: str) -> ca.SX:
     i = system.names.index(name)
-    return ca.depends_on(system.mass_matrix[i, i], ca.vertcat(system.q, system.v, system.t))
+    return system.mass_matrix[i, i]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from varint.numerics.limits import LEGENDRE_ITERATIONS
 from varint.scene.memory import per_scene
@@ -11,6 +12,8 @@ from varint.scene.system import System
 WRITTEN_OUT = 1500  # multiplications of a factorisation up to which it is written out
 FULL = 0.3  # of a full matrix's multiplications: fewer are written out whatever their number
 HALVINGS = 12  # of a Newton step that would leave the domain of L or make the residual grow
+# multiples of p by powers of 4 that Newton's method may begin with where there is no mass at rest
+MULTIPLES = 4.0 ** np.arange(-20, 21)
 
 
 @per_scene
@@ -52,7 +55,27 @@ def velocity_function(system: System) -> ca.Function:
         ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True)
     )
     constant = (ca.repmat(x, 1, LEGENDRE_ITERATIONS) for x in (q, p, t, c))
-    return ca.Function("velocity", [q, p, t, c], [iterated(ca.DM.zeros(structure.n), *constant)])
+    begin = _first_velocity(system)(q, p, t, c)
+    return ca.Function("velocity", [q, p, t, c], [iterated(begin, *constant)])
+
+
+def _first_velocity(system: System) -> ca.Function:
+    """(q, p, t, c) → v to begin with: rest, or where a coordinate has no mass at rest, as with the
+    kinetic energy v⁴, the multiple of p whose momentum is nearest to p.
+    """
+    s, p = system, ca.SX.sym("p", system.v.numel())
+    best = ca.SX.zeros(s.v.shape)
+    at_rest = ca.diag(ca.substitute(s.mass_matrix, s.v, best))
+    if any(x.is_zero() for x in ca.vertsplit(at_rest)):
+        missing = ca.Function("missing", [s.v, s.q, p, s.t, s.c], [ca.sumsqr(s.momentum - p)])
+        size: ca.SX = ca.inf
+        for multiple in MULTIPLES:
+            off = missing(multiple * p, s.q, p, s.t, s.c)
+            best, size = (
+                ca.if_else(off < size, multiple * p, best),
+                ca.if_else(off < size, off, size),
+            )
+    return ca.Function("first_velocity", [s.q, p, s.t, s.c], [ca.densify(best)])
 
 
 def _first_order_velocity(system: System) -> ca.Function:

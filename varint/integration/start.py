@@ -100,6 +100,7 @@ def start_momentum_of(
     values = call(start_function(system), q, v, u, t, c)[0]
     p = values[:n]
     if not finite(values):
+        _refuse_lost_symbols(system)
         what = (
             "the Lagrangian"
             if np.isfinite(values[: 2 * n]).all()
@@ -115,6 +116,19 @@ def start_momentum_of(
     elif not (structure.constraints or structure.nonholonomic):
         check_mass(system, values[2 * n + 1 :], c)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
+
+
+def _refuse_lost_symbols(system: System) -> None:
+    """Python's own functions make NaN of a symbol, without a word."""
+    for what, x in (("Lagrangian", system.lagrangian), ("force", system.force)):
+        f = ca.Function("constants", [], [x], {"allow_free": True})
+        kinds = (f.instruction_id(i) == ca.OP_CONST for i in range(f.n_instructions()))
+        numbers = [f.instruction_constant(i) for i, kind in enumerate(kinds) if kind]
+        if np.isnan(numbers).any():
+            raise InputError(
+                f"the {what} contains nan: math.cos(q), float(q) and the like make a number of a "
+                "symbol; take CasADi's own, ca.cos(q)"
+            )
 
 
 def _check_first_order(
