@@ -12,6 +12,7 @@ enum Ended { ENDED, FULL, BESIDE, SETTLED };
 #define TOGETHER 4     /* so many steps or more are looked at together */
 #define IN_A_BOX 8     /* so many of them in one box */
 #define BOX (2 * N + 2)
+#define ROUND_OFF 0x1p-52 /* of what adds up */
 #define REGULAR 1e-10  /* pivots of scaled equations: below, rows may depend on each other */
 #define NUMBERS (5 * N) /* q, p, v and the rounding errors of q and p */
 #define POINT (1 + NUMBERS + 2 * CONTACTS)
@@ -180,6 +181,13 @@ INLINE int is_closed(const double *point, int i, double close) {
     return gap < -close || (gap < 0 && RATE_OF(point)[i] < 0);
 }
 
+/* Round-off of gap i: below it a gap is zero. */
+static double rounding(const Work *x, const double *point, int i) {
+    double sum = 0;
+    for (int d = 0; d < N; d++) sum += fabs(CONTACT_ROW(i)[d] * Q_OF(point)[d]);
+    return ROUND_OFF * sum;
+}
+
 /* Where gap i closes, open at one instant and closed at a later one, which becomes the instant of the impact; 0 where that
    is not found. */
 static int closing(Work *x, const double *from, double t, int i, const double *left, double *right) {
@@ -198,7 +206,7 @@ static int closing(Work *x, const double *from, double t, int i, const double *l
         if (!ahead_by(x, from, t, at, right)) return 0;
         f = GAP_OF(right)[i];
         const double r = RATE_OF(right)[i];
-        if (fabs(f) <= fabs(r) * tolerance) return 1;
+        if (fabs(f) <= fmax(fabs(r) * tolerance, rounding(x, right, i))) return 1;
         if (fabs(b - a) <= tolerance) break;
         if (f < 0) b = at, fb = f, rb = r;
         else a = at, fa = f, ra = r;
