@@ -146,3 +146,42 @@ def test_a_run_close_beside_an_obstacle_is_the_run_without_it(surface):
     alone = vi.simulate(vi.System(q, v, lagrangian), vi.lobatto(4), **start)
     assert not beside.events and len(beside) == len(alone)
     np.testing.assert_allclose(beside.q, alone.q, rtol=0, atol=1e-13)
+
+
+def bounces(backend):
+    """A ball on a spring that bounces on a slope."""
+    q, v = vi.coordinates("x", "y")
+    ball = vi.System(
+        q,
+        v,
+        ca.sumsqr(v) / 2 - 9.81 * q[1] - 20 * (ca.norm_2(q) - 1) ** 2,
+        contact=q[1] + 1.5 - 0.2 * q[0],
+        restitution=0.95,
+    )
+    start = {"q0": [0.3, -0.7], "v0": [0.5, -1.0]}
+    return vi.simulate(ball, vi.lobatto(3), **start, h=0.01, steps=600, backend=backend)
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "native"])
+def test_impacts_are_found_to_the_round_off_of_the_gap(backend):
+    motion = bounces(backend)
+    places = np.array([event.q for event in motion.events])
+    assert len(places) > 3
+    gaps = places[:, 1] + 1.5 - 0.2 * places[:, 0]
+    assert np.abs(gaps).max() <= 2 * np.finfo(float).eps * 1.5
+
+
+def test_shorter_steps_end_where_a_gap_is_round_off(monkeypatch):
+    from varint.integration.events import gaps
+
+    looked, closing = [], gaps._closing
+
+    def counted(passage, *others):
+        before = len(passage.made)
+        found = closing(passage, *others)
+        looked.append(len(passage.made) - before)
+        return found
+
+    monkeypatch.setattr(gaps, "_closing", counted)
+    bounces("interpreted")
+    assert len(looked) > 3 and max(looked) <= 3

@@ -5,7 +5,7 @@ and these as data beside it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from ctypes import CFUNCTYPE, Structure, c_double, c_int, c_int64, c_void_p, cast
+from ctypes import CFUNCTYPE, Structure, c_double, c_int, c_int64, c_void_p
 from dataclasses import dataclass
 from enum import IntEnum
 from time import perf_counter
@@ -18,7 +18,7 @@ from varint.codegen.arguments import c_names, c_number, c_source, packing
 from varint.codegen.block import block_of, start_of
 from varint.codegen.core import contacts_entry, rows_entry
 from varint.codegen.graph import NotCompilable
-from varint.codegen.kernel import Kernel, new_address
+from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.native import MOST_COORDINATES, TOO_LARGE, members_by_name, tapes_of
 from varint.codegen.routines import routines
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
@@ -244,8 +244,7 @@ def fly(
         carried[0] = carry[:size]
         head = heads.get((id(loop), held))
         if head is None:
-            entry = cast(loop.entry, c_void_p).value or 0  # type: ignore[arg-type]
-            numbers = [entry, loop.scene, 0, size, len(held), *held]
+            numbers = [_place_of(loop.entry), loop.scene, 0, size, len(held), *held]
             head = heads[id(loop), held] = np.array(numbers, dtype=np.int64)
         begun[: len(head)] = head
         begun[2] = new_address(carry)
@@ -255,9 +254,9 @@ def fly(
     began = perf_counter()
     status = contacts_entry()(
         _ARGUMENTS.pack(
-            cast(kernel.entry, c_void_p).value,  # type: ignore[arg-type]
+            _place_of(kernel.entry),
             kernel.scene,
-            cast(rows_entry(), c_void_p).value,  # type: ignore[arg-type]
+            _place_of(rows_entry()),
             kernel.carry_size,
             last,
             save_every,
@@ -269,11 +268,14 @@ def fly(
             h,
             level,
             len(held),
-            *(x.ctypes.data for x in (rows_held, closed, c, scale, state, rows, hits, stats)),
+            new_address(rows_held),
+            new_address(closed),
+            c.ctypes.data,  # there may be none
+            *map(address_of, (scale, state, rows, hits, stats)),
             data.scene,
-            cast(asking, c_void_p).value or 0,  # type: ignore[arg-type]
-            begun.ctypes.data,
-            sizes.ctypes.data,
+            _place_of(asking) if asking else 0,
+            new_address(begun),
+            new_address(sizes),
         )
     )
     seconds = perf_counter() - began
@@ -287,6 +289,11 @@ def fly(
     located = stats[5:] if stats[4] else None
     work = iterations, float(stats[3]), seconds
     return Flight(status, *nodes, hits, state, *work, located, _holding(closed))
+
+
+def _place_of(entry: Callable) -> int:
+    """The address of a compiled function, in a fifth of the time of a cast."""
+    return c_void_p.from_buffer(entry).value or 0  # type: ignore[arg-type]
 
 
 def _holding(closed: np.ndarray) -> tuple[int, ...]:

@@ -16,7 +16,11 @@ from varint.discrete.tolerances import RESIDUAL_LIMIT
 from varint.errors import InputError
 from varint.integration.backend import require_backend
 from varint.integration.events.contacts import NEAR
-from varint.integration.events.enclosures import gap_enclosure_function
+from varint.integration.events.enclosures import (
+    PATH_ERROR,
+    gap_enclosure_function,
+    gap_floor_function,
+)
 from varint.integration.events.flights import Flights
 from varint.integration.events.gaps import HALVINGS, MOST_LOOKS, NEWTON
 from varint.integration.events.impacts import (
@@ -52,6 +56,7 @@ NUMBERS = {
     "FLAT": FLAT,
     "RESIDUAL_LIMIT": RESIDUAL_LIMIT,
     "SHORTEST": 0.5**HALVINGS,
+    "PATH_ERROR": PATH_ERROR,
 }
 
 
@@ -76,6 +81,7 @@ def contacts_as_data(system: System) -> ContactData:
     ends = [ca.SX.sym(name, n) for name in ("q0", "v0", "q1", "v1")]
     piece = [*ends, ca.SX.sym("t"), ca.SX.sym("w")]
     low, _, rate_low, rate_high, bend_low, _ = gap_enclosure_function(s)(*piece, ca.SX(0, 1), s.c)
+    box = [ca.SX.sym("least", n), ca.SX.sym("most", n), ca.SX.sym("begin"), ca.SX.sym("end")]
     state = [s.q, s.v, s.t]
     mass, energy = ca.vec(ca.densify(s.mass_matrix)), ca.densify(s.energy)
     blow = [ca.vec(slope.T), mass, push, bend, energy, s.bounce]
@@ -83,7 +89,7 @@ def contacts_as_data(system: System) -> ContactData:
         "gaps": (state, [gap, rate]),
         "bounds": (piece, [low, rate_low, rate_high, bend_low]),
         "blow": (state, blow),
-        "floors": (piece, [low]),
+        "floors": (box, [gap_floor_function(s)(*box, s.c)]),
     }
     return contact_data(n, rows.numel(), gap.numel(), s.c, functions, **NUMBERS)
 

@@ -39,7 +39,7 @@ def check_rows(system: System, q: np.ndarray, t0: float, c: np.ndarray) -> None:
         return
     rows = [*call(every_row_function(system), q, np.zeros(s.n), np.array([t0]), c)]
     rows += call(position_rows_function(system), q, np.array([t0]), c)
-    if not all((np.abs(x) < STEEPEST).all() for x in rows):
+    if not (np.abs(np.concatenate(rows)) < STEEPEST).all():
         raise InputError(
             f"the constraints, the gaps or their gradients are not finite at the start, q0={q}, "
             f"t0={t0:g}: a square root or logarithm of a negative number, a division by zero; move "

@@ -10,6 +10,9 @@ enum Ended { ENDED, FULL, BESIDE, SETTLED };
 #define MOST_STEPS 256 /* between two looks at the gaps */
 #define FEW_STEPS 16   /* after an impact */
 #define TOGETHER 4     /* so many steps or more are looked at together */
+#define IN_A_BOX 8     /* so many of them in one box */
+#define BOX (2 * N + 2)
+#define ROUND_OFF 0x1p-52 /* of what adds up */
 #define REGULAR 1e-10  /* pivots of scaled equations: below, rows may depend on each other */
 #define NUMBERS (5 * N) /* q, p, v and the rounding errors of q and p */
 #define POINT (1 + NUMBERS + 2 * CONTACTS)
@@ -58,7 +61,7 @@ typedef struct {
     double *slope, *mass, *force, *bend, *quick, *reach; /* reach: how far each coordinate moves in a step */
     double *factors, *size;                 /* of the equations of motion, and what they are scaled by */
     double *restitution;
-    double *times, *floors, *clear;         /* of steps: when they begin, floors of the gaps, whether no gap may close */
+    double *boxes, *floors, *clear;         /* of steps: where they lie, floors of the gaps, whether no gap may close */
     int *pivots;
     int64_t *held;                          /* how many rows hold just now, then which: those of constraints first */
     double iterations, residual, energy;
@@ -82,6 +85,9 @@ INLINE double sum_of(const double *x, const double *y, int count) {
     for (int d = 0; d < count; d++) s += x[d] * y[d];
     return s;
 }
+
+#define LEAST(x, y) ((x) < (y) ? (x) : (y))
+#define MOST(x, y) ((x) > (y) ? (x) : (y))
 
 INLINE double clipped(double x) { return x > 0 ? x < 1 ? x : 1 : x == x ? 0 : 0.5; }
 
@@ -175,6 +181,13 @@ INLINE int is_closed(const double *point, int i, double close) {
     return gap < -close || (gap < 0 && RATE_OF(point)[i] < 0);
 }
 
+/* Round-off of gap i: below it a gap is zero. */
+static double rounding(const Work *x, const double *point, int i) {
+    double sum = 0;
+    for (int d = 0; d < N; d++) sum += fabs(CONTACT_ROW(i)[d] * Q_OF(point)[d]);
+    return ROUND_OFF * sum;
+}
+
 /* Where gap i closes, open at one instant and closed at a later one, which becomes the instant of the impact; 0 where that
    is not found. */
 static int closing(Work *x, const double *from, double t, int i, const double *left, double *right) {
@@ -193,7 +206,7 @@ static int closing(Work *x, const double *from, double t, int i, const double *l
         if (!ahead_by(x, from, t, at, right)) return 0;
         f = GAP_OF(right)[i];
         const double r = RATE_OF(right)[i];
-        if (fabs(f) <= fabs(r) * tolerance) return 1;
+        if (fabs(f) <= fmax(fabs(r) * tolerance, rounding(x, right, i))) return 1;
         if (fabs(b - a) <= tolerance) break;
         if (f < 0) b = at, fb = f, rb = r;
         else a = at, fa = f, ra = r;
@@ -236,21 +249,59 @@ static int leaving(Work *x, const double *from, double t, const double *end, int
     return 1;
 }
 
-/* Of steps from node k on, whether each certainly leaves all gaps open that do not hold: floors of the gaps, of all steps
-   together. `first_impact` looks at the others. */
-static void clear_steps(const Work *x, int64_t k, int64_t steps, const double *rows) {
-    const ContactArguments *a = x->a;
-    const double *const q = rows, *const v = rows + 2 * N;
-    const int64_t row = 3 * N;
-    for (int64_t i = 0; i < steps; i++) x->times[i] = a->t0 + a->h * (double)(k + i), x->clear[i] = 0;
-    const RowsArguments pieces = {steps, a->c, &scene->floors, {q, v, q + row, v + row, x->times, &a->h}, {row, row, row, row, 1, 0},
-                                  {x->floors}, {CONTACTS}};
-    if (a->many(&pieces) != DONE) return;
-    for (int64_t i = 0; i < steps; i++) {
-        int clear = 1;
-        for (int j = 0; j < CONTACTS; j++) clear &= a->holds[j] || x->floors[i * CONTACTS + j] > 0; /* 0: a root cut off */
-        x->clear[i] = clear && unsound(rows + row * (i + 1), 3 * N) == 0;
+/* The box around so many steps from node k on: least and largest coordinates of the cubics through their ends, see `boxes` in
+   enclosures.py, and times. Whether all its numbers are some. */
+static int box_around(const ContactArguments *a, int64_t k, int64_t steps, const double *rows, double *box) {
+    const double third = a->h / 3;
+    double zero = 0;
+    for (int d = 0; d < N; d++) {
+        const double *x = rows + d;
+        double least = x[0], most = x[0], error = 0;
+        for (int64_t i = 0; i < steps; i++, x += 3 * N) {
+            const double q0 = x[0], q1 = x[3 * N], v0 = x[2 * N], v1 = x[5 * N], left = q0 + third * v0, right = q1 - third * v1;
+            const double off = fabs(12 * (q0 - q1) + 6 * a->h * (v0 + v1));
+            least = LEAST(LEAST(least, q1), LEAST(left, right)), most = MOST(MOST(most, q1), MOST(left, right));
+            error = MOST(error, off), zero += (off + x[4 * N]) * 0.0;
+        }
+        box[d] = least - PATH_ERROR * error, box[N + d] = most + PATH_ERROR * error;
     }
+    box[2 * N] = a->t0 + a->h * (double)k, box[2 * N + 1] = a->t0 + a->h * (double)(k + steps);
+    return zero == 0;
+}
+
+/* Of so many boxes, whether all gaps that do not hold are certainly open there: 0 where that is not so. */
+static int all_open(const Work *x, int64_t count, double *open) {
+    const double *const box = x->boxes;
+    const RowsArguments those = {count, x->a->c, &scene->floors, {box, box + N, box + 2 * N, box + 2 * N + 1},
+                                 {BOX, BOX, BOX, BOX}, {x->floors}, {CONTACTS}};
+    if (x->a->many(&those) != DONE) return 0;
+    for (int64_t i = 0; i < count; i++)
+        for (int j = 0; j < CONTACTS; j++) /* 0: a root cut off */
+            if (!(x->a->holds[j] || x->floors[i * CONTACTS + j] > 0)) open[i] = 0;
+    return 1;
+}
+
+/* Of steps from node k on, whether each certainly leaves all gaps open that do not hold: floors of the gaps, of some steps in
+   one box, and of each of these where that is not enough. `first_impact` looks at the others. */
+static void clear_steps(const Work *x, int64_t k, int64_t steps, const double *rows) {
+    const int64_t row = 3 * N, groups = (steps + IN_A_BOX - 1) / IN_A_BOX;
+    double open[MOST_STEPS];
+    int64_t asked = 0, which[MOST_STEPS];
+    for (int64_t g = 0; g < groups; g++) {
+        const int64_t i = g * IN_A_BOX, count = steps - i < IN_A_BOX ? steps - i : IN_A_BOX;
+        open[g] = box_around(x->a, k + i, count, rows + row * i, x->boxes + g * BOX);
+    }
+    if (!all_open(x, groups, open)) memset(open, 0, sizeof open);
+    for (int64_t i = 0; i < steps; i++) {
+        x->clear[i] = open[i / IN_A_BOX];
+        if (x->clear[i]) continue;
+        x->clear[i] = box_around(x->a, k + i, 1, rows + row * i, x->boxes + asked * BOX);
+        which[asked++] = i;
+    }
+    for (int64_t i = 0; i < asked; i++) open[i] = x->clear[which[i]];
+    if (!asked) return;
+    if (!all_open(x, asked, open)) memset(open, 0, sizeof open);
+    for (int64_t i = 0; i < asked; i++) x->clear[which[i]] = open[i];
 }
 
 /* The first impact in a step from one instant to another, as the instant `at`; gaps within `close` of zero touch. */
@@ -630,7 +681,7 @@ int contacts(const ContactArguments *a) {
     const int64_t stats_size = (int64_t)(sizeof(RunStats) / sizeof(double)) + 3 * N;
     const int64_t all = N + ROWS;
     const int64_t sizes[] = {a->carry_size, 6 * N, stats_size, CONTACTS, ROWS * N, N * N, N, ROWS, CONTACTS, N, all * all, all,
-                             5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS, MOST_STEPS, CONTACTS * MOST_STEPS, MOST_STEPS};
+                             5 * N * (MOST_STEPS + 1), ALL_W, CONTACTS, BOX * MOST_STEPS, CONTACTS * MOST_STEPS, MOST_STEPS};
     double *part[sizeof sizes / sizeof *sizes];
     int64_t total = 0;
     for (int i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) total += sizes[i];

@@ -1,14 +1,14 @@
 /* What the contacts of a scene are, as data.
 
    tape.h stands before this file. varint/codegen/contacts.py reads the names here. `gaps`: (q, v, t) to the gaps and their
-   rates; `bounds`: (q, v at both ends, t, w) of a piece to lower bounds of the gaps and bounds of their rates and curvatures; `floors`: the first of these alone;
+   rates; `bounds`: (q, v at both ends, t, w) of a piece to lower bounds of the gaps and bounds of their rates and curvatures; `floors`: (q: low, high, t: low, high) to lower bounds of the gaps in such a box;
    `blow`: (q, v, t) to the gradients W row by row, of constraints and then of contacts, the mass matrix by columns, the force
    f = M a, what W a lacks of the second derivatives of the rows, the energy, and coefficients of restitution. */
 #define SCENE_AS_DATA
 #define COUNTS(DO) \
     DO(N) DO(ROWS) DO(CONTACTS) DO(MOST_LOOKS) DO(NEWTON) DO(GAP_ITERATIONS) DO(ROOT_ITERATIONS) DO(MOST_IMPACTS) DO(RESTLESS)
 #define LIMITS(DO) \
-    DO(TOUCH) DO(RESTING) DO(PULL) DO(ZENO) DO(LOCATED) DO(NEAR) DO(FLAT) DO(RESIDUAL_LIMIT) DO(SHORTEST)
+    DO(TOUCH) DO(RESTING) DO(PULL) DO(ZENO) DO(LOCATED) DO(NEAR) DO(FLAT) DO(RESIDUAL_LIMIT) DO(SHORTEST) DO(PATH_ERROR)
 #define PLACES(DO)
 #define TABLES(DO) /* none */
 #define FUNCTIONS(DO) DO(gaps) DO(bounds) DO(blow) DO(floors)
@@ -32,6 +32,7 @@
 #define NEAR scene->NEAR_
 #define FLAT scene->FLAT_
 #define RESIDUAL_LIMIT scene->RESIDUAL_LIMIT_
+#define PATH_ERROR scene->PATH_ERROR_
 #define GAPS_AT 0
 #define BOUNDS_AT scene->gaps.registers
 #define BLOW_AT (BOUNDS_AT + scene->bounds.registers)

@@ -140,7 +140,11 @@ def flight_blocks(
         held = held_in(system, active_set)
         state = flight_state(held, problem, kernel, at) if at.carry is None else at.carry
         work = max(kernel.operations * kernel.nodes, 1)
-        most = most or max(int(PATIENCE / (CAUTION * work)), 1)
+        paces = _paces(held.scene, rule)
+        if not most:
+            most = max(int(PATIENCE / (CAUTION * work)), 1)
+            if known := paces.get(kernel.is_native):
+                most = max(min(10 * most, int(PATIENCE / known)), 1)
         stretches = [Stretch(0, active_set, at.scale, at.inertia)]
         began = int(state[0])
         found = fly(
@@ -166,6 +170,7 @@ def flight_blocks(
             assert blocks[-1].after is not None
             at = blocks[-1].after
         per_step = max(found.seconds / max(moved, 1), 1e-12)
+        paces[kernel.is_native] = per_step
         gears = None if is_uniform(held.scene) else gears_with(held.scene, rule, newton(), kernel)
         if gears:
             kernel_after(gears, found.seconds, per_step * (problem.steps - began - moved))
@@ -173,6 +178,14 @@ def flight_blocks(
         located = found.located
     active_set = stretches[-1].active_set
     return at, None if located is None else _located(found, active_set, n)
+
+
+@per_scene
+def _paces(system: System, rule: Rule) -> dict[bool, float]:
+    """Seconds that a step took in the last call, by whether the loop is native: the next run of the
+    scene need not begin with caution.
+    """
+    return {}
 
 
 class _Changing(NamedTuple):

@@ -30,6 +30,7 @@ from varint.scene.system import System
 
 MOST_LOOKS = 300  # within a step; a gap that is in doubt everywhere is zero up to round-off
 HALVINGS = 20  # of what is left of a step: gaps that dip shallower than its square allows stay open
+ROUND_OFF = np.finfo(float).eps  # of what adds up to a gap: below, it is zero
 NEWTON = 60  # of the cubic's root: bisection alone would be done by then
 
 
@@ -269,9 +270,10 @@ def _closing(passage: Passage, i: int, left: Reached, right: Reached, close: flo
     at = b
     for _ in range(GAP_ITERATIONS):
         at = a + (b - a) * cubic_root(fa, fb, ra * (b - a), rb * (b - a))
-        seen = passage.to(at).seen
-        f, r = float(seen.gap[i]), float(seen.rate[i])
-        if abs(f) <= abs(r) * tolerance:
+        reached = passage.to(at)
+        f, r = float(reached.seen.gap[i]), float(reached.seen.rate[i])
+        rounding = ROUND_OFF * float(np.abs(passage.here.closing[i] * reached.now.q).sum())
+        if abs(f) <= max(abs(r) * tolerance, rounding):
             return at
         if abs(b - a) <= tolerance:
             break

@@ -90,10 +90,10 @@ def settle(
     bounced too often and comes to rest.
     """
     events: list[Event] = []
-    quick = seen.speeds(setting.reach / abs(setting.h))
     closed = seen.gap <= TOUCH * seen.sizes(now.q, setting.reach)
     if not (closed.any() or now.active_set.holding):
         return now, seen, events
+    quick = seen.speeds(setting.reach / abs(setting.h))
     for _ in range(MOST_IMPACTS):
         quick = np.maximum(quick, seen.speeds(setting.reach / abs(setting.h)))
         rate = setting.direction * seen.rate
