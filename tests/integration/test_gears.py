@@ -98,7 +98,7 @@ def test_many_short_runs_shift_up_like_a_long_one(monkeypatch, tmp_path, forget)
     (
         ([(0.1, 0.0)] * 9, None),  # of the compiler's time: spent, and still ahead
         ([(0.4, 0.4)], None),  # over before the compiler would be
-        ([(0.4, 0.4), *[(0.4, 0.0)] * 5], 3),  # many of these
+        ([(0.45, 0.45), *[(0.45, 0.0)] * 5], 4),  # many of these
         ([(0.01, 3.0)], 0),  # a long one, from its first piece on
         ([(0.4, 0.0), (0.01, 3.0)], 1),
     ),

@@ -32,13 +32,14 @@ SEVERAL = 8
 CALL = 3e-7  # seconds of it for a step besides
 # of the estimate of an implicit step, in the long run, and of one with constraints
 SHARE, HELD_SHARE = 0.5, 0.3
-# Seconds until a kernel can run, and for a statement of it: a quarter to arrange and write it, the
-# rest in C. Functions are written in parts, so that it does not grow with their length.
-STARTING, STATEMENT = 0.18, 2e-4  # Newton's method
-EXPLICIT_STARTING, EXPLICIT_STATEMENT = 0.08, 1e-4
-STAGES_STARTING, STAGES_STATEMENT = 0.2, 5e-5  # fixed points of all stages
-TREE_STATEMENT = 1.25e-4  # of those of a tree of links: its inertias and velocities are more of it
-FIRST_ORDER = 0.13  # more of them, where velocities are unknowns of the stages, too
+# Seconds of the processor until a kernel can run, and for a statement of it: a tenth to arrange and
+# write it, the rest in C. Functions are written in parts: it does not grow with their length.
+STARTING, STATEMENT = 0.2, 3e-4  # Newton's method
+EXPLICIT_STARTING, EXPLICIT_STATEMENT = 0.1, 4e-5
+# fixed points of all stages, whose loop is compiled once for all scenes of a size
+STAGES_STARTING, STAGES_STATEMENT = 0.12, 4.5e-5
+FIRST_ORDER, COUPLED_STATEMENT = 0.02, 1.5e-4  # where velocities are unknowns of the stages, too
+TREE_STATEMENT = 1.1e-4  # of those of a tree of links: its inertias and velocities are more of it
 BUILDING = 1e-4  # seconds to build an implicit step for CasADi, an operation at a node
 ROLLING = 2.5e-7  # seconds to build the loop around a step, a step of it and a number of the state
 QUICK = 1.0  # seconds that compiling may always take once a compiled run needs Newton's method
@@ -99,9 +100,11 @@ def compiling_seconds(system: System, rule: Rule) -> float:
         return EXPLICIT_STARTING + EXPLICIT_STATEMENT * statements
     if s.constraints or s.nonholonomic or s.linear or not _by_right_sides(system, rule):
         return STARTING + STATEMENT * statements
-    order = 0.0 if s.separable and s.constant_mass else FIRST_ORDER
+    if s.separable and s.constant_mass:
+        return STAGES_STARTING + STAGES_STATEMENT * statements
     tree = known_velocity(system, system.v) is not None
-    return STAGES_STARTING + order + (TREE_STATEMENT if tree else STAGES_STATEMENT) * statements
+    each = TREE_STATEMENT if tree else COUPLED_STATEMENT
+    return STAGES_STARTING + FIRST_ORDER + each * statements
 
 
 def newton_repays(system: System, rule: Rule, steps: int) -> bool:

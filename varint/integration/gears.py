@@ -29,10 +29,11 @@ from varint.scene.system import System
 if TYPE_CHECKING:
     from varint.codegen.source import Source
 
-# of the compiler's predicted time (the true one is 1.4 of it): what must have been spent, or be
-# ahead, before the source is written and looked for in the cache, which takes about a fifth of it,
-# and before the compiler is started, which ends no run sooner that is over before it is
-LOOK, START = 0.2, 1.5
+# of the compiler's predicted time: what must have been spent, or be ahead, before the source is
+# written and looked for in the cache, which takes about a fifth of it, and before the compiler is
+# started: below twice its time the low gear meanwhile and the compiler take more of the processor
+# than the low gear alone
+LOOK, START = 0.2, 2.0
 MANY = 24  # coordinates from which on arranging a scene's operations may take seconds
 
 

@@ -202,8 +202,12 @@ typedef struct Loop {
 #define work_of(s, fresh) OF_COPY((s)->loop->work_of(s, copied), fresh)
 #endif
 #define set_first_scale(r, x) OF_COPY((r)->now.loop->set_first_scale(r, copied), x)
-#if AHEAD
+#if AHEAD /* once a step: in line where a step is short */
+#if HALVES
+#define START APART
+#else
 #define START INLINE
+#endif
 #else
 #define place_start(r, s, known, last, older) (s)->loop->place_start(r, s, known, last, older)
 #endif

@@ -6,9 +6,11 @@
 
 static void prepare_there(const double *c, double *w) { prepare(c, w); }
 static void velocity_there(const V *q, const V *p, const V *t, const double *w, V *v) { velocity(q, p, t, w + RHS_W, v); }
+#if FORM == 2 /* else no node needs it */
 static void momentum_there(const V *q, const V *v, const V *t, const double *w, V *p) {
     momentum(q, v, t, w + RHS_W + VELOCITY_W, p);
 }
+#endif
 
 const Scene scene = {
     .numbers = RHS_W + VELOCITY_W + MOMENTUM_W,
@@ -16,7 +18,9 @@ const Scene scene = {
     .needs_p = NEEDS_P,
     .prepare = prepare_there,
     .velocity = velocity_there,
+#if FORM == 2
     .momentum = momentum_there,
+#endif
     .iterated = iterated,
 #if HALVES
     .taken = TAKEN,

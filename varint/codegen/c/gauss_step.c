@@ -113,7 +113,7 @@ INLINE int settled(const Step *s, const Unknowns fresh, Change *c, double level,
     return done;
 }
 
-/* Not in line: once a step it costs nothing, and the compiler half of its time. */
+/* Not in line: once a step it costs nothing, and the compiler half of its time. Halves are longer: written out but once. */
 APART void begin_next(Run *r) {
     place_start(r, &r->next, 2, r->now.x, r->last);
     evaluate(&r->next, &r->at, r->h, r->w, r->seidel, 1, r->next.x);
@@ -131,10 +131,11 @@ INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     }
     if (AHEAD && r->known && 2 * r->now.count >= r->expected) { /* earlier, x is too far from where it will be */
         set_base_after(&r->next, &r->now, t_next, &r->at);
-        if (!r->next.count) begin_next(r);
+        if (!HALVES && !r->next.count) begin_next(r);
         else {
             Unknowns after;
-            evaluate(&r->next, &r->at, r->h, r->w, r->seidel, 0, after);
+            if (!r->next.count) place_start(r, &r->next, 2, r->now.x, r->last);
+            evaluate(&r->next, &r->at, r->h, r->w, r->seidel, !r->next.count, after);
             copy_unknowns(r->next.x, after);
         }
     }

@@ -178,6 +178,9 @@ INLINE V v_rsqrt_iterated(V x) { return v_rsqrt_exact(x); }
    minimax (Remez, 60 digits), their own errors below 0.15 units in the last place. */
 #if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
 #define REDUCED 1e6
+#define FAR(f) \
+    static __attribute__((noinline, cold, unused)) V far_##f(V x) { for (int i = 0; i < LANES; i++) set_lane(&x, i, f(lane(x, i))); return x; }
+FAR(sin) FAR(cos) FAR(exp) /* not in line: written out at every call they took the compiler longer than the polynomials */
 #define ROUNDER 6755399441055744.0 /* 1.5 * 2^52: adding it rounds to an integer, kept in the low bits */
 INLINE V odd_sine(V r) { /* sin(r), |r| <= pi / 2 */
     V z = r * r, z2 = z * z, z4 = z2 * z2;
@@ -186,20 +189,20 @@ INLINE V odd_sine(V r) { /* sin(r), |r| <= pi / 2 */
     return v_fma(r * z, v_fma(v_fma(d, z2, c), z4, v_fma(b, z2, a)), r);
 }
 INLINE V v_sin(V x) {
-    if (__builtin_expect(!within(x, REDUCED), 0)) { for (int i = 0; i < LANES; i++) set_lane(&x, i, sin(lane(x, i))); return x; }
+    if (__builtin_expect(!within(x, REDUCED), 0)) return far_sin(x);
     V n = v_fma(x, K(0x1.45f306dc9c883p-2), K(ROUNDER)), k = n - ROUNDER;
     V r = v_fnma(k, K(0x1.1a62633145c07p-53), v_fnma(k, K(0x1.921fb54442d18p+1), x));
     return real_of(bits_of(odd_sine(r)) ^ (bits_of(n) << 63));
 }
 INLINE V v_cos(V x) { /* sin(x + pi / 2), reduced to the nearest odd multiple of pi / 2 */
-    if (__builtin_expect(!within(x, REDUCED), 0)) { for (int i = 0; i < LANES; i++) set_lane(&x, i, cos(lane(x, i))); return x; }
+    if (__builtin_expect(!within(x, REDUCED), 0)) return far_cos(x);
     V n = v_fma(x, K(0x1.45f306dc9c883p-2), K(-0.5)) + ROUNDER, k = (n - ROUNDER) + 0.5;
     V r = v_fnma(k, K(0x1.1a62633145c07p-53), v_fnma(k, K(0x1.921fb54442d18p+1), x));
     return real_of(bits_of(odd_sine(r)) ^ (~bits_of(n) << 63));
 }
 INLINE void v_sincos(V x, V *sine, V *cosine) {
     if (__builtin_expect(!within(x, REDUCED), 0)) {
-        for (int i = 0; i < LANES; i++) set_lane(sine, i, sin(lane(x, i))), set_lane(cosine, i, cos(lane(x, i)));
+        *sine = far_sin(x), *cosine = far_cos(x);
         return;
     }
     V n = v_fma(x, K(0x1.45f306dc9c883p-1), K(ROUNDER)), k = n - ROUNDER;
@@ -217,7 +220,7 @@ INLINE void v_sincos(V x, V *sine, V *cosine) {
     *cosine = real_of(bits_of(choose(swap, s, u)) ^ (((quadrant + 1) & 2) << 62));
 }
 INLINE V v_exp(V x) {
-    if (__builtin_expect(!within(x, 708.0), 0)) { for (int i = 0; i < LANES; i++) set_lane(&x, i, exp(lane(x, i))); return x; }
+    if (__builtin_expect(!within(x, 708.0), 0)) return far_exp(x);
     V n = v_fma(x, K(0x1.71547652b82fep+0), K(ROUNDER)), k = n - ROUNDER;
     V r = v_fnma(k, K(0x1.abc9e3b39803fp-56), v_fnma(k, K(0x1.62e42fefa39efp-1), x));
     V z = r * r, z2 = z * z, z4 = z2 * z2;
