@@ -7,7 +7,6 @@ steps as a small oscillation takes, and what is not clear after a few of them is
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -22,10 +21,11 @@ from varint.integration.plain_trials import PlainTrial, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.round_off import rounding
-from varint.integration.rule_choice import first_steps, iteration_level, priced
+from varint.integration.rule_choice import Priced, first_steps, iteration_level, priced
 from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
 from varint.integration.two_runs import FLOOR, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
+from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
@@ -89,8 +89,7 @@ def by_short_refinement(
         count = min(len(a), len(b))
         return np.abs(a[:count] - b[:count]).max(axis=0)
 
-    price = priced({rule: 1.0})[0]
-    first = first_steps(price, radians, tol * 2.0 ** (CAUTION * rule.order))
+    first = refined_first(priced({rule: 1.0})[0], radians, tol)
     before: tuple[int, PlainTrial] | None = None
     steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
     while runs < RUNS:
@@ -119,13 +118,13 @@ def by_short_refinement(
             fine = run(steps * TRANSIENT_PARTS, steps // few)
             if fine is None:
                 return None
-            early = float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
-            found = Choice(rule, steps, plain_motion(system, rule, motion, began), 0.0, runs, True)
-            found = replace(found, estimate=max(estimate, early), level=True)
-            if not _balanced(system, motion) and energy_alarm(found.motion):
-                return None  # few nodes bound the work of forces poorly
-            hides = missed_impulse(system, rule, found.motion, scales, tol)
-            return found if max(found.estimate, hides) <= tol else None
+            estimate = max(
+                estimate, float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
+            )
+            whole = plain_motion(system, rule, motion, began)
+            estimate = max(estimate, looked_at_closely(rule, whole, scales, tol))
+            found = Choice(rule, steps, whole, estimate, runs, True, True)
+            return found if estimate <= tol else None
         expected = off * ratio ** (-CAUTION * rule.order)
         closer = ratio < RATIOS[1] and _left(expected, ratio, rule.order) <= tol
         before, last, slower = (steps, motion), off, ratio
@@ -134,20 +133,37 @@ def by_short_refinement(
     return None
 
 
+def refined_first(rule: Priced, radians: float, tol: float) -> int:
+    """Steps of the first run."""
+    return first_steps(rule, radians, tol * 2.0 ** (CAUTION / rule.root))
+
+
 def _left(apart: float, ratio: float, order: float) -> float:
     """Error of the finer of two runs."""
     counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * order)
     return apart * counted / (1 - counted)
 
 
-def _balanced(system: System, run: PlainTrial) -> bool:
+def looked_at_closely(
+    rule: Rule, motion: Trajectory, scales: np.ndarray | None, tol: float
+) -> float:
+    """What the nodes of a run say of its error beside the differences to others: what forces did
+    between them, and infinitely much where the energy is astray.
+    """
+    system = motion.system
+    if not _balanced(motion) and energy_alarm(motion):
+        return math.inf  # few nodes bound the work of forces poorly
+    scales = error_scales(system, motion) if scales is None else scales
+    return missed_impulse(system, rule, motion, scales, tol)
+
+
+def _balanced(motion: Trajectory) -> bool:
     """Whether the energy clearly is that of the start and the work of forces."""
-    f = balance_rows(system)
+    f = balance_rows(motion.system)
     if f is None:
         return False
-    rows, problem = run.found.rows, run.problem
-    t = problem.t0 + problem.h * np.arange(len(rows))
-    energy, power = (x[:, 0] for x in f.values(problem.c, rows[:, 0], rows[:, 1], t[:, None]))
+    t = motion.t
+    energy, power = (x[:, 0] for x in f.values(motion.c, motion.q, motion.p, t[:, None]))
     given = summed_work(np.abs(power), t)
     given += NOTHING * np.abs(energy).max()
     return bool((np.abs(energy - energy[0]) <= given).all())
