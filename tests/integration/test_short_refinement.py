@@ -159,6 +159,24 @@ def test_what_the_core_doubts_is_looked_at_closely(monkeypatch, when):
     assert abs(motion.q[-1] - long.q[-1]) <= 2 * tol * np.ptp(long.q)
 
 
+@pytest.mark.parametrize("mu", (0.1, 0.2, 0.3, 0.5))
+def test_estimates_stay_above_errors_where_orders_have_not_settled(mu):
+    """Friction that bends sharply at v = 0: how runs come together changes from one to the next."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    w = ca.SX.sym("w")
+    force = -mu * v * ca.sqrt(v**2 + 0.01) + ca.cos(w * t)
+    scene = vi.System(q, v, v**2 / 2 - q**2 / 2, force=force, t=t, params={w: 2.0})
+    for frequency in (0.7, 1.7, 2.3, 3.1):
+        for duration in (2.0, 4.5, 7.0, 11.0):
+            asked = {"q0": 1.0, "v0": 0.2, "duration": duration, "params": {"w": frequency}}
+            motion = vi.simulate(scene, **asked)
+            steps = motion.stats["steps"]
+            finer = -(-2000 // steps)
+            fine = vi.simulate(scene, vi.gauss(8), **asked, steps=steps * finer)
+            error = np.abs(motion.q - fine.q[::finer]).max() / np.ptp(fine.q)
+            assert error <= motion.stats["error_estimate"] + 1e-14 <= 1.1e-9
+
+
 def test_what_short_runs_do_not_settle_goes_the_long_way(monkeypatch):
     scene, start, exact = driven()  # a linear one, whose runs are no part of a `short_call`
     asked = start | {"duration": 5.0, "tol": 1e-8}

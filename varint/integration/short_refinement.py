@@ -21,7 +21,13 @@ from varint.integration.plain_trials import PlainTrial, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.round_off import rounding
-from varint.integration.rule_choice import Priced, first_steps, iteration_level, priced
+from varint.integration.rule_choice import (
+    ROUGH,
+    Priced,
+    first_steps,
+    iteration_level,
+    priced,
+)
 from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
 from varint.integration.two_runs import FLOOR, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
@@ -30,6 +36,7 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 RUNS = 8  # after which it is given up
+PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of a drive's period
 LEAST_ORDER = 0.5  # is counted on where two runs are all that there is
 TELLS = 0.1  # difference of two runs that tells of an order
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
@@ -89,13 +96,15 @@ def by_short_refinement(
         count = min(len(a), len(b))
         return np.abs(a[:count] - b[:count]).max(axis=0)
 
-    first = refined_first(priced({rule: 1.0})[0], radians, tol)
+    first = refined_first(system, priced({rule: 1.0})[0], radians, tol)
     before: tuple[int, PlainTrial] | None = None
     steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
+    stalls, shown = 0, math.inf
     while runs < RUNS:
         motion, runs = run(steps), runs + 1
         if motion is None:
-            before, steps, ratio, last = None, 2 * steps, RATIOS[0], math.inf
+            before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
+            last = shown = math.inf
             continue
         if before is None:
             before, steps = (steps, motion), round(ratio * steps)
@@ -104,15 +113,17 @@ def by_short_refinement(
         seen = float((apart(before[1], before[0], motion, steps) / scales).max())
         # no smooth motion comes together faster than by the rule's order: less is luck
         off = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
-        if not off <= STALLED * last:
+        stalls = 0 if off <= STALLED * last else stalls + 1
+        rounded = rounding(off, radians, steps)
+        if math.isnan(seen) or stalls > PATIENCE or (stalls and rounded == off):
             return None
         order = LEAST_ORDER
         if last < TELLS:  # or more, where the ratio was smaller before
-            shown = math.log(max(last, FLOOR) / max(off, FLOOR)) / math.log(slower)
-            order = min(max(shown, order), rule.order)
+            drop = math.log(max(last, FLOOR) / max(off, FLOOR)) / math.log(slower)
+            order, shown = min(max(min(drop, shown), order), rule.order), drop
         size = np.abs(motion.found.rows[:, 0]).max(axis=0)
         floor = FLOOR * float((size / scales).max(initial=1.0))
-        estimate = max(_left(off, ratio, order), rounding(off, radians, steps), floor)
+        estimate = max(_left(off, ratio, order, rule.order), rounded, floor)
         if off < NO_DIGITS and estimate <= tol:
             few = min(TRANSIENT_STEPS, steps)
             fine = run(steps * TRANSIENT_PARTS, steps // few)
@@ -126,21 +137,35 @@ def by_short_refinement(
             found = Choice(rule, steps, whole, estimate, runs, True, True)
             return found if estimate <= tol else None
         expected = off * ratio ** (-CAUTION * rule.order)
-        closer = ratio < RATIOS[1] and _left(expected, ratio, rule.order) <= tol
+        closer = (
+            not stalls
+            and ratio < RATIOS[1]
+            and _left(expected, ratio, rule.order, rule.order) <= tol
+        )
         before, last, slower = (steps, motion), off, ratio
         ratio = ratio if closer and steps % 2 == 0 else RATIOS[1]
         steps = round(ratio * steps)
     return None
 
 
-def refined_first(rule: Priced, radians: float, tol: float) -> int:
-    """Steps of the first run."""
+def refined_first(system: System, rule: Priced, radians: float, tol: float) -> int:
+    """Steps of the first run: those of a small oscillation, which is all that a linear scene has,
+    and whose steps are solved for however long they are.
+    """
+    if system.structure.linear and rule.rule.points:
+        turned = max(radians, 1.0)
+        return math.ceil(turned * (turned * rule.error / ROUGH) ** rule.root)
     return first_steps(rule, radians, tol * 2.0 ** (CAUTION / rule.root))
 
 
-def _left(apart: float, ratio: float, order: float) -> float:
-    """Error of the finer of two runs."""
-    counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * order)
+def _left(apart: float, ratio: float, order: float, best: int) -> float:
+    """Error of the finer of two runs that are so far apart, by the order that runs have shown.
+
+    An order far below the `best`, the rule's, is that of steps that do not resolve the motion yet,
+    and the next one may be another: the lower, the less of it is counted on.
+    """
+    sure = max(order * (order / best), LEAST_ORDER)
+    counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * sure)
     return apart * counted / (1 - counted)
 
 

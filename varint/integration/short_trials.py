@@ -63,6 +63,7 @@ _LIMITS = np.array(
 _REFINED = np.array(
     [
         *(searched.CAUTION, refined.LESS, refined.LEAST_ORDER, refined.TELLS, decided.STALLED),
+        refined.PATIENCE,
         *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING),
@@ -118,8 +119,9 @@ def by_short_trials(
 
 def steps_to_begin(system: System, rule: Priced, radians: float, tol: float) -> int:
     """Those of the first run."""
-    first = first_steps if decided.shows_its_error(system) else refined.refined_first
-    return first(rule, radians, tol)
+    if decided.shows_its_error(system):
+        return first_steps(rule, radians, tol)
+    return refined.refined_first(system, rule, radians, tol)
 
 
 def two_short_runs(

@@ -18,7 +18,7 @@ double rint(double);
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
-    double caution, less, least_order, tells, stalled, floor, no_digits, near, far, runs, transient_steps, transient_parts,
+    double caution, less, least_order, tells, stalled, patience, floor, no_digits, near, far, runs, transient_steps, transient_parts,
         rounding, secular, level, poor, given, missed, bends, nothing;
 } Limits;
 
@@ -93,7 +93,8 @@ static double apart_from(const Refined *a, const Attempt *one, int64_t few, cons
 
 /* Error of the finer one of two runs that are so far apart. */
 static double left_of(const Refined *a, double apart, double ratio, double order) {
-    const double counted = pow(ratio, -(ratio >= a->limits->far ? a->limits->caution : a->limits->less) * order);
+    const double sure = order * (order / (double)a->order), least = a->limits->least_order,
+                 counted = pow(ratio, -(ratio >= a->limits->far ? a->limits->caution : a->limits->less) * (sure > least ? sure : least));
     return apart * counted / (1 - counted);
 }
 
@@ -221,15 +222,15 @@ static int doubted(const Refined *a, const Attempt *run, const double *scales) {
 int refined(const Refined *a) {
     const Limits *const l = a->limits;
     Attempt before = {0}, now = {0};
-    int result = NOT_SHORT, two = 0;
-    double last = INFINITY, ratio = l->near, slower = l->far, scales[a->n];
+    int result = NOT_SHORT, two = 0, stalls = 0;
+    double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
     while (runs < (int64_t)l->runs) {
         if (!try_run(a, steps, steps, &now)) goto end;
         runs++;
         if (now.lost) {
-            two = 0, steps *= 2, ratio = l->near, last = INFINITY;
+            two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
             continue;
         }
         if (two) {
@@ -237,14 +238,17 @@ int refined(const Refined *a) {
             set_scales(&measures, now.rows, steps, scales);
             const double seen = apart_from(a, &before, before.steps / unit, &now, steps / unit, scales);
             const double expected = last < INFINITY ? last * pow(ratio, -(double)a->order) : 0, off = seen > expected ? seen : expected;
-            if (!(seen == seen && off <= l->stalled * last)) break;
+            stalls = off <= l->stalled * last ? 0 : stalls + 1;
+            if (seen != seen || stalls > (int)l->patience) break;
             double order = l->least_order;
             if (last < l->tells) {
-                const double shown = log((last > l->floor ? last : l->floor) / (off > l->floor ? off : l->floor)) / log(slower);
-                order = shown > order ? shown : order, order = order < (double)a->order ? order : (double)a->order;
+                const double drop = log((last > l->floor ? last : l->floor) / (off > l->floor ? off : l->floor)) / log(slower);
+                order = drop < shown ? drop : shown, shown = drop;
+                order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
             const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
                          floor = l->floor * size_of(a, &now, scales);
+            if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
             if (off < l->no_digits && estimate <= a->tol) {
@@ -259,7 +263,7 @@ int refined(const Refined *a) {
                 goto end;
             }
             const double next = off * pow(ratio, -l->caution * (double)a->order);
-            const int closer = ratio < l->far && left_of(a, next, ratio, (double)a->order) <= a->tol;
+            const int closer = !stalls && ratio < l->far && left_of(a, next, ratio, (double)a->order) <= a->tol;
             last = off, slower = ratio, ratio = closer && steps % 2 == 0 ? ratio : l->far;
         }
         const Attempt older = before;
