@@ -39,7 +39,9 @@ RUNS = 8  # after which it is given up
 PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of a drive's period
 LEAST_ORDER = 0.5  # is counted on where two runs are all that there is
 TELLS = 0.1  # difference of two runs that tells of an order
+SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
+FEW = 3  # first steps are no more than a third of a run
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
 
@@ -67,8 +69,7 @@ def by_short_refinement(
     still, time = np.zeros(system.structure.n), np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
 
-    def run(steps: int, part: int = 1) -> PlainTrial | None:
-        count = max(steps // part, 1)
+    def run(steps: int, count: int) -> PlainTrial | None:
         problem = start._replace(
             h=start.h / steps,
             steps=count,
@@ -101,7 +102,7 @@ def by_short_refinement(
     steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
     stalls, shown = 0, math.inf
     while runs < RUNS:
-        motion, runs = run(steps), runs + 1
+        motion, runs = run(steps, steps), runs + 1
         if motion is None:
             before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
             last = shown = math.inf
@@ -120,13 +121,15 @@ def by_short_refinement(
         order = LEAST_ORDER
         if last < TELLS:  # or more, where the ratio was smaller before
             drop = math.log(max(last, FLOOR) / max(off, FLOOR)) / math.log(slower)
-            order, shown = min(max(min(drop, shown), order), rule.order), drop
+            if math.gcd(before[0], steps) >= SHARED:
+                order = min(max(min(drop, shown), order), rule.order)
+            shown = drop
         size = np.abs(motion.found.rows[:, 0]).max(axis=0)
         floor = FLOOR * float((size / scales).max(initial=1.0))
         estimate = max(_left(off, ratio, order, rule.order), rounded, floor)
         if off < NO_DIGITS and estimate <= tol:
-            few = min(TRANSIENT_STEPS, steps)
-            fine = run(steps * TRANSIENT_PARTS, steps // few)
+            few = max(min(TRANSIENT_STEPS, steps // FEW), 1)
+            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS)
             if fine is None:
                 return None
             estimate = max(

@@ -62,9 +62,9 @@ _LIMITS = np.array(
 # in the order of c/refined_core.c
 _REFINED = np.array(
     [
-        *(searched.CAUTION, refined.LESS, refined.LEAST_ORDER, refined.TELLS, decided.STALLED),
-        refined.PATIENCE,
-        *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS),
+        *(searched.CAUTION, refined.LESS, refined.LEAST_ORDER, refined.TELLS),
+        *(refined.SHARED, decided.STALLED, refined.PATIENCE),
+        *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS, refined.FEW),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING),
     ]

@@ -18,8 +18,8 @@ double rint(double);
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
-    double caution, less, least_order, tells, stalled, patience, floor, no_digits, near, far, runs, transient_steps, transient_parts,
-        rounding, secular, level, poor, given, missed, bends, nothing;
+    double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing;
 } Limits;
 
 /* That of two_runs_core.c, whose `take_run` takes the run. */
@@ -243,7 +243,8 @@ int refined(const Refined *a) {
             double order = l->least_order;
             if (last < l->tells) {
                 const double drop = log((last > l->floor ? last : l->floor) / (off > l->floor ? off : l->floor)) / log(slower);
-                order = drop < shown ? drop : shown, shown = drop;
+                if (unit >= (int64_t)l->shared) order = drop < shown ? drop : shown;
+                shown = drop;
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
             const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
@@ -252,9 +253,9 @@ int refined(const Refined *a) {
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
             if (off < l->no_digits && estimate <= a->tol) {
-                const int64_t few = steps < (int64_t)l->transient_steps ? steps : (int64_t)l->transient_steps,
-                              parts = (int64_t)l->transient_parts, fine = parts * steps / (steps / few);
-                if (!try_run(a, parts * steps, fine, &before)) goto end;
+                const int64_t third = steps / (int64_t)l->few > 1 ? steps / (int64_t)l->few : 1, most = (int64_t)l->transient_steps,
+                              few = third < most ? third : most, parts = (int64_t)l->transient_parts;
+                if (!try_run(a, parts * steps, parts * few, &before)) goto end;
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;
