@@ -30,6 +30,7 @@ NAMES = (
     "sweep_linear_",
     "rows_",
     "two_runs_",
+    "refined_",
     "few_steps_",
     "until_",
     "look_ahead_",

@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.integration import tolerance
+from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
+from varint.integration import short_call, tolerance
 from varint.integration.energy_check import energies_along, energies_by_velocity
+from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.run import short_run
+from varint.integration.short_refinement import by_short_refinement, looked_at_closely
+from varint.integration.short_trials import by_short_trials
+from varint.integration.small_motions import small_motions_at_start
 
 
 def damped() -> tuple[vi.System, dict, object]:
@@ -82,7 +87,8 @@ def test_so_many_steps_give_the_same_bytes_the_long_way(monkeypatch, name):
     scene, start, _ = SCENES[name]()
     motion = vi.simulate(scene, **start, duration=5.0, tol=1e-7)
     found, steps = [], motion.stats["steps"]
-    monkeypatch.setattr(tolerance, "by_short_refinement", lambda *_: None)
+    monkeypatch.setattr(short_call, "two_short_runs", lambda *_: NOT_PROVED)
+    monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_PROVED)
 
     def watched(*given):
         found.append(short_run(*given))
@@ -101,10 +107,81 @@ def test_so_many_steps_give_the_same_bytes_the_long_way(monkeypatch, name):
         assert getattr(motion, each).tobytes() == getattr(long, each).tobytes()
 
 
+def swung() -> tuple[vi.System, dict, object]:
+    """A pendulum with friction on a support that shakes, and two springs side by side."""
+    q, v = vi.coordinates("theta", "x", "y")
+    t = vi.time()
+    energy = v[0] ** 2 / 2 + ca.sumsqr(v[1:]) + (3 + ca.cos(4 * t)) * ca.cos(q[0])
+    force = ca.vertcat(-0.1 * v[0], -0.3 * v[1] * ca.norm_2(v[1:]) + ca.sin(2 * t), 0.2 * q[0])
+    scene = vi.System(q, v, energy - 4 * ca.sumsqr(q[1:]) ** 2, force=force, t=t)
+    return scene, {"q0": [2.0, 0.5, 0.1], "v0": [0.0, 0.3, -0.2]}, None
+
+
+@pytest.mark.parametrize("tol", (1e-4, 1e-9, 1e-12))
+@pytest.mark.parametrize("duration", (-3.0, 0.2, 20.0))
+@pytest.mark.parametrize("name", ("dragged", "growing", "swung"))
+def test_the_core_decides_as_python_does(name, duration, tol):
+    scene, start, _ = (SCENES | {"swung": swung})[name]()
+    asked = Start(np.atleast_1d(start["q0"]), np.atleast_1d(start["v0"]), t0=0.5)
+    options, rule, radians = RunOptions(steps=1, duration=duration), vi.gauss(8), 2 * abs(duration)
+    problem = initial_value_problem(scene, rule, asked, options)
+    mass = small_motions_at_start(scene, problem.q0, problem.p0, problem.t0, problem.c)[1]
+    how = tol, radians
+    one = by_short_trials(scene, rule, problem, mass, *how, "auto", 0.0)
+    other = by_short_refinement(scene, rule, problem, *how, None, "auto")
+    if other is None:
+        assert one == NOT_PROVED
+        return
+    assert (one.steps, one.runs, one.reached) == (other.steps, other.runs, other.reached)
+    assert one.estimate == pytest.approx(other.estimate, rel=1e-9)
+    for each in "tqpk":
+        assert getattr(one.motion, each).tobytes() == getattr(other.motion, each).tobytes()
+
+
+@pytest.mark.parametrize("when", (3.3, 7.05))
+def test_what_the_core_doubts_is_looked_at_closely(monkeypatch, when):
+    """A pulse that all runs step over: bounds of the force tell the core that it may be there."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    push = 0.1 * ca.exp(-(((t - when) / 1e-3) ** 2))
+    scene = vi.System(q, v, v**2 / 2 - q**4 / 4, force=push, t=t)
+    looked = []
+
+    def closely(*given):
+        looked.append(looked_at_closely(*given))
+        return looked[-1]
+
+    monkeypatch.setattr(short_call, "looked_at_closely", closely)
+    tol = 1e-6
+    motion = vi.simulate(scene, q0=1.0, v0=0.0, duration=10.0, tol=tol)
+    assert looked and looked[0] > tol
+    monkeypatch.setattr(short_call, "two_short_runs", lambda *_: NOT_PROVED)
+    long = vi.simulate(scene, q0=1.0, v0=0.0, duration=10.0, tol=1e-9)
+    assert abs(motion.q[-1] - long.q[-1]) <= 2 * tol * np.ptp(long.q)
+
+
+@pytest.mark.parametrize("mu", (0.1, 0.2, 0.3, 0.5))
+def test_estimates_stay_above_errors_where_orders_have_not_settled(mu):
+    """Friction that bends sharply at v = 0: how runs come together changes from one to the next."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    w = ca.SX.sym("w")
+    force = -mu * v * ca.sqrt(v**2 + 0.01) + ca.cos(w * t)
+    scene = vi.System(q, v, v**2 / 2 - q**2 / 2, force=force, t=t, params={w: 2.0})
+    for frequency in (0.7, 1.7, 2.3, 3.1):
+        for duration in (2.0, 4.5, 7.0, 11.0):
+            asked = {"q0": 1.0, "v0": 0.2, "duration": duration, "params": {"w": frequency}}
+            motion = vi.simulate(scene, **asked)
+            steps = motion.stats["steps"]
+            finer = -(-2000 // steps)
+            fine = vi.simulate(scene, vi.gauss(8), **asked, steps=steps * finer)
+            error = np.abs(motion.q - fine.q[::finer]).max() / np.ptp(fine.q)
+            assert error <= motion.stats["error_estimate"] + 1e-14 <= 1.1e-9
+
+
 def test_what_short_runs_do_not_settle_goes_the_long_way(monkeypatch):
-    scene, start, exact = driven()
+    scene, start, exact = driven()  # a linear one, whose runs are no part of a `short_call`
     asked = start | {"duration": 5.0, "tol": 1e-8}
     taken = []
+    monkeypatch.setattr(tolerance, "by_short_trials", lambda *_: NOT_SHORT)
     monkeypatch.setattr(tolerance, "by_short_refinement", lambda *_: taken.append(1))
     motion = vi.simulate(scene, **asked)
     assert taken and np.abs(motion.q - exact(motion.t)).max() < 1e-7

@@ -148,6 +148,14 @@ def two_runs_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
     return entries[0], entries[1]
 
 
+@cache
+def refined_entry() -> Callable[[bytes], int]:
+    """c/refined_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("refined_core.c", ("refined",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
 @lru_cache(maxsize=32)
 def stage_sweep_entries(lanes: int, vectors: int) -> tuple[Callable, ...]:
     """Tangents and adjoints of c/sweep_gauss.c for vectors of so many lanes, so many of them for

@@ -115,6 +115,12 @@ def row_function_or_none(
     return RowFunction(tuple(x.numel() for x in results), entry, block, start_of(block))
 
 
+def as_data(rows: Callable[..., list[np.ndarray]]) -> RowFunction | None:
+    """The operations of a function of `at_many_points`, where they are data."""
+    function = getattr(rows, "__self__", None)
+    return function if isinstance(function, RowFunction) else None
+
+
 def at_many_points(
     name: str, arguments: list[Any], constants: Any, results: list[Any]
 ) -> Callable[..., list[np.ndarray]]:
@@ -122,8 +128,8 @@ def at_many_points(
     results, columns of SX or MX, are rows.
     """
     if all(isinstance(x, ca.SX) for x in results):
-        as_data = row_function_or_none(name, arguments, constants, results)
-        if as_data is not None:
-            return as_data.values
+        found = row_function_or_none(name, arguments, constants, results)
+        if found is not None:
+            return found.values
     function = ca.Function(name, [*arguments, constants], results, {"cse": True})
     return lambda c, *points: over_columns(function, *points, c)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +21,15 @@ _FOUND = struct.Struct("qq3dP")  # Proved
 _COURSE, _MASS, _ASKED = struct.Struct("7P7q"), struct.Struct("Pq"), struct.Struct("q4d")
 _TAKEN = struct.Struct("2P2q2d")  # Taken
 assert _FOUND.size == 8 * TOLD
-PROVED, NOT_PROVED, NOT_SHORT = range(3)
+PROVED, NOT_PROVED, NOT_SHORT, DOUBTED = range(4)
 
 
 class Course(NamedTuple):
-    """What runs, how its errors are measured, and what lies at its addresses; see `course_of`."""
+    """The entry of the core, what runs, how its errors are measured, and what lies at its
+    addresses; see `course_of`.
+    """
 
+    entry: Callable[[bytes], int]
     n: int
     head: bytes
     held: tuple
@@ -65,13 +69,13 @@ def course_of(
     CompileError
         If the loop was not built with the package and cannot be compiled.
     """
-    two_runs_entries()
+    entry = two_runs_entries()[0]
     on = entries_of(kernel, energy)
     arrays = limits, body, turns
     numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces
     calls = on.run, on.scene, on.rows, on.energy
     head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers)
-    return Course(on.n, head, (on, *arrays))
+    return Course(entry, on.n, head, (on, *arrays))
 
 
 class Places(NamedTuple):
@@ -86,8 +90,18 @@ def places_of(start: Place, mass: int, apart: int) -> Places:
     return Places(start.head + _MASS.pack(mass, apart), start.told)
 
 
-# steps of a run, runs that were made, its estimated error, iterations, residual, and its nodes
-Found = tuple[int, int, float, int, float, Nodes]
+class Found(NamedTuple):
+    """Steps of a run, runs that were made, its estimated error, iterations, residual, its nodes,
+    and whether more is to be looked at before it is proved.
+    """
+
+    steps: int
+    runs: int
+    estimate: float
+    iterations: int
+    residual: float
+    nodes: Nodes
+    doubted: bool
 
 
 def two_runs(
@@ -114,13 +128,12 @@ def two_runs(
         How far the fastest small motions turn.
     tol : float
     """
-    many, take = two_runs_entries()
     asked = _ASKED.pack(first, t0, duration, radians, tol)
-    status = many(course.head + places.head + asked)
-    if status != PROVED:
+    status = course.entry(course.head + places.head + asked)
+    if status not in (PROVED, DOUBTED):
         return status
     steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told)
     at, nodes = nodes_of(course.n, steps + 1)
-    done = take(_TAKEN.pack(rows, at, course.n, steps, t0, duration / steps))
+    done = two_runs_entries()[1](_TAKEN.pack(rows, at, course.n, steps, t0, duration / steps))
     assert done == DONE
-    return steps, runs, estimate, int(iterations), residual, nodes
+    return Found(steps, runs, estimate, int(iterations), residual, nodes, status == DOUBTED)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from varint.codegen.rows import at_many_points
+from varint.codegen.rows import RowFunction, as_data, at_many_points
 from varint.integration.events.intervals import ZERO, Interval, point
 from varint.integration.events.jets import Jet, enclosures
 from varint.results.trajectory import Trajectory
@@ -67,7 +67,7 @@ def missed_impulse(
     error = left / mass / scales  # of an impulse in a step
     nothing = NOTHING * tol / (error * abs(motion.t[-1] - motion.t[0]))
     nodes, weights = np.array(rule.nodes), np.array(rule.weights)
-    few = slice(None, None, max(len(nodes) // LOOKS, 1))
+    few = _few(nodes)
     size, _ = _impulses(system, motion, every, nodes[few], weights[few])
     if not _may_hide(system, motion, every, BENDS * size, nothing).any():
         return 0.0  # less than what all looks would show
@@ -83,6 +83,27 @@ def missed_impulse(
         np.add.at(true, some.step, part)
     missed = np.abs(true - seen)[doubtful]
     return float((missed * error[doubtful]).sum(axis=0).max())
+
+
+def looks_in_order(rule: Rule) -> tuple[np.ndarray, int]:
+    """Parts of a step at which `missed_impulse` looks, and at how many of them first."""
+    nodes = np.array(rule.nodes)
+    first = nodes[_few(nodes)]
+    return np.concatenate([first, np.setdiff1d(nodes, first)]), len(first)
+
+
+def _few(nodes: np.ndarray) -> slice:
+    return slice(None, None, max(len(nodes) // LOOKS, 1))
+
+
+def forces_as_data(system: System) -> tuple[RowFunction | None, RowFunction | None] | None:
+    """What the first look of `missed_impulse` asks for, where it is data: (q, v, t) → forces and
+    the diagonal of M; both ends of a part → bounds. None of scenes without explicit time.
+    """
+    if system.structure.autonomous:
+        return None
+    bounds = _bounds(system)
+    return as_data(_push(system)), bounds and as_data(bounds)
 
 
 def _shown(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from varint.codegen.kernel import Kernel
-from varint.codegen.two_runs import Course
+from varint.codegen.two_runs import NOT_PROVED, Course
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.energy_check import energy_rows
@@ -33,17 +33,18 @@ from varint.integration.rule_choice import (
     candidates,
     changes,
     cheapest,
-    first_steps,
     priced,
 )
 from varint.integration.second_looks import has_switches
-from varint.integration.short_trials import course_by, two_short_runs
+from varint.integration.short_refinement import looked_at_closely
+from varint.integration.short_trials import course_by, steps_to_begin, two_short_runs
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
 from varint.integration.time_transformation.variable_course import may_vary, worthwhile_pilot
 from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
-from varint.integration.trajectories import plain_motion_of
+from varint.integration.trajectories import plain_motion_of, with_stats
 from varint.integration.two_runs import shows_its_error
+from varint.integration.work_bound import balance_rows
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
@@ -59,8 +60,9 @@ def short_call(
     duration: Any,
     tol: float | None,
 ) -> Trajectory | int | None:
-    """The motion from a start (q0, v0, t0, params), if two short runs prove its error; what
-    `by_short_trials` says if not; None where another way is to be taken.
+    """The motion from a start (q0, v0, t0, params), if two short runs prove its error, or some more
+    of a scene with forces; what `by_short_trials` says if not; None where another way is to be
+    taken.
     """
     began, t0, tol = perf_counter(), start[2], DEFAULT_TOL if tol is None else tol
     if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
@@ -112,25 +114,32 @@ def _by_the_core(
     course = loop.last[1]
     if course is None:
         return None
-    first = first_steps(price, radians, tol)
+    first = steps_to_begin(system, price, radians, tol)
     how = system, rule, kernel, course
     found = two_short_runs(how, room.places, t0, duration, first, radians, tol)
     if isinstance(found, int):
         return found
-    steps, runs, estimate, iterations, residual, nodes = found
-    return plain_motion_of(
+    steps = found.steps
+    motion = plain_motion_of(
         system,
         loop.plan,
         kernel,
-        nodes,
+        found.nodes,
         (duration / steps, t0, np.empty((steps, 1, 0)), c),
-        (iterations, residual),
+        (found.iterations, found.residual),
         seconds=perf_counter() - began,
         tol=tol,
-        error_estimate=estimate,
+        error_estimate=found.estimate,
         rule=rule.name,
-        runs=runs,
+        runs=found.runs,
     )
+    return looked_at(rule, motion, found.estimate, tol) if found.doubted else motion
+
+
+def looked_at(rule: Rule, motion: Trajectory, estimate: float, tol: float) -> Trajectory | int:
+    """The motion with what a closer look says of its error; NOT_PROVED where that is too much."""
+    estimate = max(estimate, looked_at_closely(rule, motion, None, tol))
+    return NOT_PROVED if estimate > tol else with_stats(motion, error_estimate=estimate)
 
 
 @dataclass(eq=False)
@@ -162,9 +171,9 @@ class _Known:
 def _known(system: System, rule: Rule | None) -> _Known | None:
     """None where another way is to be taken, whatever the start."""
     n, own = system.structure.n, plan(system, rule).rule
-    if not (is_plain(system) and shows_its_error(system) and n <= MOST_COORDINATES):
+    if not (is_plain(system) and n <= MOST_COORDINATES) or has_switches(system):
         return None
-    if has_switches(system) or energy_rows(system) is None:
+    if (energy_rows(system) if shows_its_error(system) else balance_rows(system)) is None:
         return None
     if rule is None and not runs_by_stages(system, gauss(8), "auto"):
         return None

@@ -7,7 +7,6 @@ steps as a small oscillation takes, and what is not clear after a few of them is
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -22,17 +21,27 @@ from varint.integration.plain_trials import PlainTrial, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.round_off import rounding
-from varint.integration.rule_choice import first_steps, iteration_level, priced
+from varint.integration.rule_choice import (
+    ROUGH,
+    Priced,
+    first_steps,
+    iteration_level,
+    priced,
+)
 from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
 from varint.integration.two_runs import FLOOR, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
+from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
 RUNS = 8  # after which it is given up
+PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of a drive's period
 LEAST_ORDER = 0.5  # is counted on where two runs are all that there is
 TELLS = 0.1  # difference of two runs that tells of an order
+SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
+FEW = 3  # first steps are no more than a third of a run
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
 
@@ -60,8 +69,7 @@ def by_short_refinement(
     still, time = np.zeros(system.structure.n), np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
 
-    def run(steps: int, part: int = 1) -> PlainTrial | None:
-        count = max(steps // part, 1)
+    def run(steps: int, count: int) -> PlainTrial | None:
         problem = start._replace(
             h=start.h / steps,
             steps=count,
@@ -89,14 +97,15 @@ def by_short_refinement(
         count = min(len(a), len(b))
         return np.abs(a[:count] - b[:count]).max(axis=0)
 
-    price = priced({rule: 1.0})[0]
-    first = first_steps(price, radians, tol * 2.0 ** (CAUTION * rule.order))
+    first = refined_first(system, priced({rule: 1.0})[0], radians, tol)
     before: tuple[int, PlainTrial] | None = None
     steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
+    stalls, shown = 0, math.inf
     while runs < RUNS:
-        motion, runs = run(steps), runs + 1
+        motion, runs = run(steps, steps), runs + 1
         if motion is None:
-            before, steps, ratio, last = None, 2 * steps, RATIOS[0], math.inf
+            before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
+            last = shown = math.inf
             continue
         if before is None:
             before, steps = (steps, motion), round(ratio * steps)
@@ -105,49 +114,84 @@ def by_short_refinement(
         seen = float((apart(before[1], before[0], motion, steps) / scales).max())
         # no smooth motion comes together faster than by the rule's order: less is luck
         off = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
-        if not off <= STALLED * last:
+        stalls = 0 if off <= STALLED * last else stalls + 1
+        rounded = rounding(off, radians, steps)
+        if math.isnan(seen) or stalls > PATIENCE or (stalls and rounded == off):
             return None
         order = LEAST_ORDER
         if last < TELLS:  # or more, where the ratio was smaller before
-            shown = math.log(max(last, FLOOR) / max(off, FLOOR)) / math.log(slower)
-            order = min(max(shown, order), rule.order)
+            drop = math.log(max(last, FLOOR) / max(off, FLOOR)) / math.log(slower)
+            if math.gcd(before[0], steps) >= SHARED:
+                order = min(max(min(drop, shown), order), rule.order)
+            shown = drop
         size = np.abs(motion.found.rows[:, 0]).max(axis=0)
         floor = FLOOR * float((size / scales).max(initial=1.0))
-        estimate = max(_left(off, ratio, order), rounding(off, radians, steps), floor)
+        estimate = max(_left(off, ratio, order, rule.order), rounded, floor)
         if off < NO_DIGITS and estimate <= tol:
-            few = min(TRANSIENT_STEPS, steps)
-            fine = run(steps * TRANSIENT_PARTS, steps // few)
+            few = max(min(TRANSIENT_STEPS, steps // FEW), 1)
+            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS)
             if fine is None:
                 return None
-            early = float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
-            found = Choice(rule, steps, plain_motion(system, rule, motion, began), 0.0, runs, True)
-            found = replace(found, estimate=max(estimate, early), level=True)
-            if not _balanced(system, motion) and energy_alarm(found.motion):
-                return None  # few nodes bound the work of forces poorly
-            hides = missed_impulse(system, rule, found.motion, scales, tol)
-            return found if max(found.estimate, hides) <= tol else None
+            estimate = max(
+                estimate, float((apart(motion, 1, fine, TRANSIENT_PARTS) / scales).max())
+            )
+            whole = plain_motion(system, rule, motion, began)
+            estimate = max(estimate, looked_at_closely(rule, whole, scales, tol))
+            found = Choice(rule, steps, whole, estimate, runs, True, True)
+            return found if estimate <= tol else None
         expected = off * ratio ** (-CAUTION * rule.order)
-        closer = ratio < RATIOS[1] and _left(expected, ratio, rule.order) <= tol
+        closer = (
+            not stalls
+            and ratio < RATIOS[1]
+            and _left(expected, ratio, rule.order, rule.order) <= tol
+        )
         before, last, slower = (steps, motion), off, ratio
         ratio = ratio if closer and steps % 2 == 0 else RATIOS[1]
         steps = round(ratio * steps)
     return None
 
 
-def _left(apart: float, ratio: float, order: float) -> float:
-    """Error of the finer of two runs."""
-    counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * order)
+def refined_first(system: System, rule: Priced, radians: float, tol: float) -> int:
+    """Steps of the first run: those of a small oscillation, which is all that a linear scene has,
+    and whose steps are solved for however long they are.
+    """
+    if system.structure.linear and rule.rule.points:
+        turned = max(radians, 1.0)
+        return math.ceil(turned * (turned * rule.error / ROUGH) ** rule.root)
+    return first_steps(rule, radians, tol * 2.0 ** (CAUTION / rule.root))
+
+
+def _left(apart: float, ratio: float, order: float, best: int) -> float:
+    """Error of the finer of two runs that are so far apart, by the order that runs have shown.
+
+    An order far below the `best`, the rule's, is that of steps that do not resolve the motion yet,
+    and the next one may be another: the lower, the less of it is counted on.
+    """
+    sure = max(order * (order / best), LEAST_ORDER)
+    counted = ratio ** (-(CAUTION if ratio >= RATIOS[1] else LESS) * sure)
     return apart * counted / (1 - counted)
 
 
-def _balanced(system: System, run: PlainTrial) -> bool:
+def looked_at_closely(
+    rule: Rule, motion: Trajectory, scales: np.ndarray | None, tol: float
+) -> float:
+    """What the nodes of a run say of its error beside the differences to others: what forces did
+    between them, and infinitely much where the energy is astray.
+    """
+    system = motion.system
+    if not _balanced(motion) and energy_alarm(motion):
+        return math.inf  # few nodes bound the work of forces poorly
+    scales = error_scales(system, motion) if scales is None else scales
+    return missed_impulse(system, rule, motion, scales, tol)
+
+
+def _balanced(motion: Trajectory) -> bool:
     """Whether the energy clearly is that of the start and the work of forces."""
-    f = balance_rows(system)
+    f = balance_rows(motion.system)
     if f is None:
         return False
-    rows, problem = run.found.rows, run.problem
-    t = problem.t0 + problem.h * np.arange(len(rows))
-    energy, power = (x[:, 0] for x in f.values(problem.c, rows[:, 0], rows[:, 1], t[:, None]))
+    t = motion.t
+    energy, power = (x[:, 0] for x in f.values(motion.c, motion.q, motion.p, t[:, None]))
     given = summed_work(np.abs(power), t)
     given += NOTHING * np.abs(energy).max()
     return bool((np.abs(energy - energy[0]) <= given).all())

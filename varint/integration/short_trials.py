@@ -8,12 +8,18 @@ from time import perf_counter
 
 import numpy as np
 
+import varint.integration.hidden as hidden
+import varint.integration.refinement as searched
 import varint.integration.round_off as limited
+import varint.integration.second_looks as seconds
+import varint.integration.short_refinement as refined
 import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
 from varint.codegen.few_steps import TOLD, place_of
 from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.refined_runs import refined_course
 from varint.codegen.two_runs import (
+    NOT_PROVED,
     NOT_SHORT,
     Course,
     Found,
@@ -25,13 +31,14 @@ from varint.codegen.two_runs import (
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
-from varint.integration.energy_check import energy_rows
+from varint.integration.energy_check import NOTHING, energy_rows
 from varint.integration.error_scale import angles, bodies
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
-from varint.integration.rule_choice import SECULAR, steps_for
+from varint.integration.rule_choice import SECULAR, Priced, first_steps, priced
 from varint.integration.trajectories import Run, motion_of
+from varint.integration.work_bound import MISSED, balance_rows
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -52,6 +59,17 @@ _LIMITS = np.array(
     ]
 )
 
+# in the order of c/refined_core.c
+_REFINED = np.array(
+    [
+        *(searched.CAUTION, refined.LESS, refined.LEAST_ORDER, refined.TELLS),
+        *(refined.SHARED, decided.STALLED, refined.PATIENCE),
+        *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS, refined.FEW),
+        *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
+        *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING),
+    ]
+)
+
 # times as many steps as of any loop are over in the same time, where it is compiled: operations
 # take a twentieth of what is counted on for the first block of a loop that nobody has seen run
 COMPILED = 8
@@ -67,8 +85,9 @@ def by_short_trials(
     backend: str,
     began: float,
 ) -> Choice | int:
-    """The choice that two runs and their energies prove; NOT_PROVED where they do not, NOT_SHORT
-    where a run is long, or of another kind. `mass` is the diagonal of the mass matrix at the start.
+    """The choice that two runs and their energies prove, or more of them over forces; NOT_PROVED
+    where they do not, NOT_SHORT where a run is long, or of another kind. `mass` is the diagonal of
+    the mass matrix at the start.
     """
     kernel = kernel_for(system, rule, start, backend)
     course = None if kernel is None else course_by(system, rule, kernel)
@@ -79,17 +98,30 @@ def by_short_trials(
     at, told = address_of(room), 3 * n + start.c.size
     place = place_of(at, at + 24 * n, at + 8 * told, room[told:].data)
     places = places_of(place, at + 16 * n, 1)
-    asked = start.t0, start.h, steps_for(rule, radians, tol), radians, tol
+    first = steps_to_begin(system, priced({rule: 1.0})[0], radians, tol)
+    asked = start.t0, start.h, first, radians, tol
     found = two_short_runs((system, rule, kernel, course), places, *asked)
     if isinstance(found, int):
         return found
-    steps, runs, estimate, iterations, residual, nodes = found
+    steps = found.steps
     problem = start._replace(
         h=start.h / steps, steps=steps, u=np.empty((steps, 1, 0)), nodes=len(rule.nodes)
     )
     run = Run(system, plan(system, rule), problem, [], iter(()), kernel, began)
-    motion = motion_of(run, nodes, (iterations, residual))
-    return Choice(rule, steps, motion, estimate, runs, True, True)
+    motion = motion_of(run, found.nodes, (found.iterations, found.residual))
+    estimate = found.estimate
+    if found.doubted:
+        estimate = max(estimate, refined.looked_at_closely(rule, motion, None, tol))
+    if estimate > tol:
+        return NOT_PROVED
+    return Choice(rule, steps, motion, estimate, found.runs, True, True)
+
+
+def steps_to_begin(system: System, rule: Priced, radians: float, tol: float) -> int:
+    """Those of the first run."""
+    if decided.shows_its_error(system):
+        return first_steps(rule, radians, tol)
+    return refined.refined_first(system, rule, radians, tol)
 
 
 def two_short_runs(
@@ -116,8 +148,11 @@ def two_short_runs(
 @per_scene
 def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     """How the runs are made; None where the core cannot make them."""
-    s, energy = system.structure, energy_rows(system)
+    s, kept = system.structure, decided.shows_its_error(system)
+    energy = energy_rows(system) if kept else balance_rows(system)
     if kernel.opening or kernel.note[0] or energy is None or not s.quadratic_kinetic:
+        return None
+    if not kept and (seconds.has_steps(system) or not rule.nodes):
         return None
     body = np.arange(s.n)
     for members in bodies(system.names):
@@ -127,6 +162,10 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     longest = first_piece(kernel, False) * (1 if kernel.is_native else COMPILED)
     pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
+        if not kept:
+            forces, looks = hidden.forces_as_data(system), hidden.looks_in_order(rule)
+            how = kernel, energy, forces, looks, rule.order, pieces
+            return refined_course(*how, body, turns, _REFINED)
         return course_of(kernel, energy, rule.order, pieces, s.linear, body, turns, _LIMITS)
     except CompileError:
         return None

@@ -137,10 +137,11 @@ def choose_steps(
         )
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
 
+    found: Choice | int | None
     by_two_runs = start.steps == 1 and shows_its_error(system)
     plain = by_two_runs and stop is None and has_plain_trials(system, start)
     if plain and scale is None and mass is not None:
-        found: Choice | int | None = tried
+        found = tried
         if tried is None:
             found = by_short_trials(system, own, start, mass, tol, radians, backend, began)
         if isinstance(found, Choice):
@@ -155,12 +156,15 @@ def choose_steps(
                 return Choice(own, shown.steps, motion, shown.estimate, shown.runs, reached, True)
             by_two_runs = False
 
-    if not shows_its_error(system) and stop is None and has_plain_trials(system, start):
-        refined = None
-        if not has_steps(system):
-            refined = by_short_refinement(system, own, start, tol, radians, scale, backend, began)
-        if refined is not None:
-            return refined
+    forced = not shows_its_error(system) and not has_steps(system)
+    if forced and stop is None and has_plain_trials(system, start):
+        found = tried
+        if tried is None and scale is None and mass is not None:
+            found = by_short_trials(system, own, start, mass, tol, radians, backend, began)
+        if found is None or found == NOT_SHORT:
+            found = by_short_refinement(system, own, start, tol, radians, scale, backend, began)
+        if isinstance(found, Choice):
+            return found
 
     failures: list[Failure] = []  # since the last run that ended well
     smooth = shows_its_error(system) and not has_steps(system)

@@ -10,13 +10,13 @@
 #include "lanes.h"
 #include "run.h"
 #include "rows.h"
+#include "scales.h"
+#include "order.h"
 
 double rint(double), nextafter(double, double);
 #define NO_NUMBER (0 * INFINITY)
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
 #define QUANTILES 5
-#define RESTS 1e-12 /* those of varint/integration/error_scale.py */
-#define HARDLY 1e-3
 
 typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
@@ -53,28 +53,6 @@ typedef struct {
     int64_t steps;
     int lost;
 } Attempt;
-
-static void swap(double *x, double *y) { const double z = *x; *x = *y, *y = z; }
-
-/* x[k] is where it stands in order, smaller ones before it and larger ones behind it (Hoare). */
-static void place(double *x, int64_t low, int64_t high, int64_t k) {
-    while (low < high) {
-        const int64_t middle = low + (high - low) / 2;
-        if (x[middle] < x[low]) swap(x + middle, x + low);
-        if (x[high] < x[low]) swap(x + high, x + low);
-        if (x[high] < x[middle]) swap(x + high, x + middle);
-        const double pivot = x[middle];
-        int64_t i = low, j = high;
-        while (i <= j) {
-            while (x[i] < pivot) i++;
-            while (pivot < x[j]) j--;
-            if (i <= j) swap(x + i++, x + j--);
-        }
-        if (k <= j) high = j;
-        else if (k >= i) low = i;
-        else return;
-    }
-}
 
 /* Quantiles of |H - H0| over the middle one of |p v|; infinite where the motion is lost. */
 static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, double *swing, double *room) {
@@ -163,51 +141,6 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     return 1;
 }
 
-/* What errors of each coordinate are divided by. */
-static void set_scales(const TwoRuns *a, const Attempt *run, double *scales) {
-    const int64_t n = a->n;
-    double range[n], square[n], moved = 0, some = INFINITY;
-    for (int64_t d = 0; d < n; d++) {
-        double high = run->rows[d], low = high;
-        for (int64_t k = 1; k <= run->steps; k++) {
-            const double x = run->rows[3 * n * k + d];
-            high = x > high ? x : high, low = x < low ? x : low;
-        }
-        const double least = RESTS * (fabs(high) > fabs(low) ? fabs(high) : fabs(low));
-        range[d] = high - low <= least ? 0 : high - low;
-        square[d] = 0;
-    }
-    for (int64_t d = 0; d < n; d++) square[a->body[d]] += range[d] * range[d];
-    for (int64_t d = 0; d < n; d++) {
-        int64_t members = 0;
-        for (int64_t i = 0; i < n; i++) members += a->body[i] == a->body[d];
-        scales[d] = members > 1 ? sqrt(square[a->body[d]]) : range[d];
-        if (a->turns[d] && scales[d] > 1) scales[d] = 1;
-        const double mass = n > 1 ? fabs(a->mass[a->apart * d]) : 1;
-        if (mass > 0 && !(some < INFINITY)) some = mass;
-        else if (mass > some) some = mass;
-    }
-    if (!(some < INFINITY)) some = 1;
-    for (int pass = 0; pass < 2; pass++)
-        for (int64_t d = 0; d < n; d++) {
-            double mass = n > 1 ? fabs(a->mass[a->apart * d]) : 1;
-            mass = mass > 0 ? mass : some;
-            if (!pass) {
-                const double each = mass * (scales[d] * scales[d]);
-                moved = each > moved ? each : moved;
-                continue;
-            }
-            const double least = HARDLY * sqrt(moved / mass), here = fabs(run->rows[d]);
-            scales[d] = scales[d] > least ? scales[d] : least;
-            if (!scales[d]) scales[d] = here > 1 ? here : 1;
-        }
-}
-
-static int64_t common_divisor(int64_t x, int64_t y) {
-    while (y) { const int64_t rest = x % y; x = y, y = rest; }
-    return x;
-}
-
 /* The largest difference of two runs at the nodes that they share, no number where one of them is none, and the least that an
    early one lets expect in the middle: those of regular motions grow with the square of time at most. */
 #define EARLIEST 8 /* of varint/integration/run_distance.py */
@@ -215,7 +148,7 @@ static double apart_from(const TwoRuns *a, const Attempt *one, const Attempt *ot
     const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit;
     const int64_t middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
     double scales[n], largest = 0, zero = 0, least = INFINITY;
-    set_scales(a, other, scales);
+    set_scales(&(Measures){n, a->apart, a->body, a->turns, a->mass}, other->rows, other->steps, scales);
     for (int64_t k = 0; k <= unit; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];

@@ -1,0 +1,278 @@
+/* Runs with more and more steps until they prove an error, of scenes with forces or explicit time, in one call. The name
+   ends in LEVEL, the instructions that are used.
+
+   varint/integration/short_refinement.py says why, and decides alike where runs are of another kind; its numbers are
+   `limits`. */
+#define NAMED(name, level) name##_##level
+#define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
+#define refined WITH_ALL(refined, LEVEL)
+#define LANES 1
+#include "lanes.h"
+#include "run.h"
+#include "rows.h"
+#include "scales.h"
+#include "order.h"
+
+double rint(double);
+/* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
+enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
+
+typedef struct {
+    double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing;
+} Limits;
+
+/* That of two_runs_core.c, whose `take_run` takes the run. */
+typedef struct {
+    int64_t steps, runs;
+    double estimate, iterations, residual;
+    double *run;
+} Proved;
+
+typedef struct {
+    int (*run)(const RunArguments *);
+    const void *scene;
+    int (*rows)(const RowsArguments *);
+    const void *balance;       /* (q, p, t) to the energy and the power of forces and explicit time */
+    const void *push, *bounds; /* those of varint/integration/hidden.py; 0: closer looks are taken elsewhere */
+    const Limits *limits;
+    const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
+    const double *looks;         /* parts of a step at which forces are looked at, a few of them first */
+    int64_t n, carry, order, timed, few, looked, most, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
+    const double *start, *c; /* q and p; parameters */
+    Proved *found;
+    const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
+    int64_t apart, first;
+    double t0, duration, radians, tol;
+} Refined;
+
+typedef struct {
+    double *rows, iterations, residual;
+    int64_t steps, count; /* of the whole duration, and those that were made */
+    int lost;
+} Attempt;
+
+/* The first `count` of so many steps; false where there was no memory, or they are too many. */
+static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
+    const Limits *const l = a->limits;
+    const int64_t n = a->n;
+    if (count > a->longest) return 0;
+    free(to->rows);
+    to->rows = malloc((3 * n * (count + 1) + a->carry + 3 * n + sizeof(RunStats) / sizeof(double)) * sizeof(double));
+    if (!to->rows) return 0;
+    double *const carry = to->rows + 3 * n * (count + 1), often = l->secular / ((double)steps * (double)steps);
+    RunStats *const stats = (RunStats *)(carry + a->carry);
+    carry[0] = 0;
+    to->steps = steps, to->count = count, to->lost = 0, to->iterations = to->residual = 0;
+    for (int64_t k = 0, end; k < count && !to->lost; k = end) {
+        end = k < a->pilot && a->pilot < count ? a->pilot : count;
+        const int status = a->run(&(RunArguments){
+            .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
+            .level = a->tol * (l->level < often ? l->level : often), .start = a->start, .c = a->c,
+            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
+        to->iterations += stats->iterations;
+        if (stats->residual > to->residual) to->residual = stats->residual;
+        to->lost = status != DONE || (!k && a->pilot && to->iterations > l->poor * end);
+    }
+    if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
+    return 1;
+}
+
+/* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
+static double apart_from(const Refined *a, const Attempt *one, int64_t few, const Attempt *other, int64_t many,
+                         const double *scales) {
+    const int64_t n = a->n;
+    double largest = 0, zero = 0;
+    for (int64_t k = 0; few * k <= one->count && many * k <= other->count; k++)
+        for (int64_t d = 0; d < n; d++) {
+            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
+            zero += off * 0, largest = off > largest ? off : largest;
+        }
+    return zero == 0 ? largest : zero;
+}
+
+/* Error of the finer one of two runs that are so far apart. */
+static double left_of(const Refined *a, double apart, double ratio, double order) {
+    const double sure = order * (order / (double)a->order), least = a->limits->least_order,
+                 counted = pow(ratio, -(ratio >= a->limits->far ? a->limits->caution : a->limits->less) * (sure > least ? sure : least));
+    return apart * counted / (1 - counted);
+}
+
+/* The largest coordinate over its scale, one at least. */
+static double size_of(const Refined *a, const Attempt *run, const double *scales) {
+    const int64_t n = a->n;
+    double size = 1;
+    for (int64_t k = 0; k <= run->count; k++)
+        for (int64_t d = 0; d < n; d++) {
+            const double x = fabs(run->rows[3 * n * k + d]) / scales[d];
+            size = x > size ? x : size;
+        }
+    return size;
+}
+
+static double power_of(double x) { return x - x == 0 ? fabs(x) : 0; }
+
+/* Whether the energy is clearly that of the start and the work of forces. */
+static int balanced(const Refined *a, const Attempt *run, const double *t, double *room) {
+    const int64_t n = a->n, nodes = run->count + 1;
+    double *const energy = room, *const power = room + nodes, largest = 0, given = 0;
+    const RowsArguments asked = {.count = nodes, .c = a->c, .scene = a->balance, .arguments = {run->rows, run->rows + n, t},
+                                 .apart = {3 * n, 3 * n, 1}, .results = {energy, power}, .widths = {1, 1}};
+    if (a->rows(&asked) != DONE) return 0;
+    for (int64_t k = 0; k < nodes; k++) largest = fabs(energy[k]) > largest ? fabs(energy[k]) : largest;
+    for (int64_t k = 0; k < nodes; k++) {
+        if (k) {
+            const double before = power_of(power[k - 1]), after = power_of(power[k]);
+            given += a->limits->missed * (before > after ? before : after) * fabs(t[k] - t[k - 1]);
+        }
+        if (!(fabs(energy[k] - energy[0]) <= given + a->limits->given * largest)) return 0;
+    }
+    return 1;
+}
+
+/* Largest forces in every step, on the straight line between its nodes, at more of the places of the rule: `largest`. */
+static int look_at_forces(const Refined *a, const Attempt *run, const double *t, int64_t first, int64_t last, double *largest,
+                          double *room) {
+    const int64_t n = a->n, steps = run->count;
+    double *const q = room, *const v = q + n * steps, *const at = v + n * steps, *const force = at + steps, *const mass = force + n * steps;
+    for (int64_t i = first; i < last; i++) {
+        for (int64_t k = 0; k < steps; k++) {
+            const double *const here = run->rows + 3 * n * k, h = t[k + 1] - t[k];
+            at[k] = t[k] + a->looks[i] * h;
+            for (int64_t d = 0; d < n; d++) {
+                const double way = here[3 * n + d] - here[d];
+                q[n * k + d] = here[d] + a->looks[i] * way, v[n * k + d] = way / h;
+            }
+        }
+        const RowsArguments asked = {.count = steps, .c = a->c, .scene = a->push, .arguments = {q, v, at}, .apart = {n, n, 1},
+                                     .results = {force, mass}, .widths = {n, n}};
+        if (a->rows(&asked) != DONE) return 0;
+        for (int64_t k = 0; k < n * steps; k++) largest[k] = fabs(force[k]) > largest[k] ? fabs(force[k]) : largest[k];
+    }
+    return 1;
+}
+
+/* Each one's largest neighbour, and the middle of all steps at least. */
+static void set_usual(int64_t n, int64_t steps, const double *largest, double *usual, double *room) {
+    for (int64_t d = 0; d < n; d++) {
+        for (int64_t k = 0; k < steps; k++) room[k] = largest[n * k + d];
+        place(room, 0, steps - 1, steps / 2);
+        double middle = room[steps / 2];
+        if (steps % 2 == 0) place(room, 0, steps - 1, steps / 2 - 1), middle = (middle + room[steps / 2 - 1]) / 2;
+        for (int64_t k = 0; k < steps; k++) {
+            const double here = largest[n * k + d], before = largest[n * ((k + steps - 1) % steps) + d],
+                         behind = largest[n * ((k + 1) % steps) + d], beside = before > behind ? before : behind,
+                         around = here > beside ? here : beside;
+            usual[n * k + d] = around > middle ? around : middle;
+        }
+    }
+}
+
+/* Whether bounds rule out that forces bend sharply within a step, as `missed_impulse` asks at a few places and then at all. */
+static int shows_forces(const Refined *a, const Attempt *run, const double *t, const double *scales, double *room) {
+    const int64_t n = a->n, steps = run->count;
+    double *const largest = room, *const bound = largest + n * steps, *const usual = bound + 4 * n * steps, *const rest = usual + n * steps;
+    double *const low = bound, *const high = low + n * steps, *const down = high + n * steps, *const up = down + n * steps;
+    const double total = fabs(t[steps] - t[0]);
+    double most = 0;
+    for (int64_t d = 0; d < n; d++) {
+        const double m = fabs(a->mass[a->apart * d]);
+        most = m > most ? m : most;
+    }
+    if (!(most > 0)) most = 1;
+    const RowsArguments asked = {.count = steps, .c = a->c, .scene = a->bounds,
+                                 .arguments = {run->rows, run->rows + 3 * n, t, t + 1}, .apart = {3 * n, 3 * n, 1, 1},
+                                 .results = {low, high, down, up}, .widths = {n, n, n, n}};
+    if (a->rows(&asked) != DONE) return 0;
+    memset(largest, 0, n * steps * sizeof(double));
+    for (int pass = 0; pass < 2; pass++) {
+        const int64_t first = pass ? a->few : 0, last = pass ? a->looked : a->few;
+        int hides = 0;
+        if (!look_at_forces(a, run, t, first, last, largest, rest)) return 0;
+        if (pass) set_usual(n, steps, largest, usual, rest);
+        const double *const size = pass ? usual : largest;
+        for (int64_t k = 0; k < steps && !hides; k++) {
+            const double h = t[k + 1] - t[k], left = fabs(t[steps] - t[k]);
+            for (int64_t d = 0; d < n; d++) {
+                const double m = fabs(a->mass[a->apart * d]), error = left / (m > 0 ? m : most) / scales[d];
+                const double nothing = a->limits->nothing * a->tol / (error * total), smooth = a->limits->bends * size[n * k + d];
+                const int64_t i = n * k + d;
+                if (-down[i] * (h * h) <= smooth && up[i] * (h * h) <= smooth) continue;
+                if (!(-low[i] <= nothing && high[i] <= nothing)) hides = 1;
+            }
+        }
+        if (!hides) return 1;
+    }
+    return 0;
+}
+
+/* What nodes do not tell by their differences alone. */
+static int doubted(const Refined *a, const Attempt *run, const double *scales) {
+    const int64_t n = a->n, steps = run->count;
+    if (a->timed && !(a->push && a->bounds)) return 1;
+    double *const t = malloc((steps + 1 + (a->timed ? (10 * n + 1) * steps : 2 * (steps + 1))) * sizeof(double));
+    if (!t) return 1;
+    double *const room = t + steps + 1;
+    for (int64_t k = 0; k <= steps; k++) t[k] = a->duration / steps * (double)k + a->t0;
+    const int sure = balanced(a, run, t, room) && (!a->timed || shows_forces(a, run, t, scales, room));
+    free(t);
+    return !sure;
+}
+
+int refined(const Refined *a) {
+    const Limits *const l = a->limits;
+    Attempt before = {0}, now = {0};
+    int result = NOT_SHORT, two = 0, stalls = 0;
+    double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, scales[a->n];
+    const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
+    int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
+    while (runs < (int64_t)l->runs) {
+        if (!try_run(a, steps, steps, &now)) goto end;
+        runs++;
+        if (now.lost) {
+            two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
+            continue;
+        }
+        if (two) {
+            const int64_t unit = common_divisor(before.steps, steps);
+            set_scales(&measures, now.rows, steps, scales);
+            const double seen = apart_from(a, &before, before.steps / unit, &now, steps / unit, scales);
+            const double expected = last < INFINITY ? last * pow(ratio, -(double)a->order) : 0, off = seen > expected ? seen : expected;
+            stalls = off <= l->stalled * last ? 0 : stalls + 1;
+            if (seen != seen || stalls > (int)l->patience) break;
+            double order = l->least_order;
+            if (last < l->tells) {
+                const double drop = log((last > l->floor ? last : l->floor) / (off > l->floor ? off : l->floor)) / log(slower);
+                if (unit >= (int64_t)l->shared) order = drop < shown ? drop : shown;
+                shown = drop;
+                order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
+            }
+            const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
+                         floor = l->floor * size_of(a, &now, scales);
+            if (stalls && rounded == off) break;
+            double estimate = left_of(a, off, ratio, order);
+            estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
+            if (off < l->no_digits && estimate <= a->tol) {
+                const int64_t third = steps / (int64_t)l->few > 1 ? steps / (int64_t)l->few : 1, most = (int64_t)l->transient_steps,
+                              few = third < most ? third : most, parts = (int64_t)l->transient_parts;
+                if (!try_run(a, parts * steps, parts * few, &before)) goto end;
+                if (before.lost) break;
+                const double early = apart_from(a, &now, 1, &before, parts, scales);
+                if (!(early <= a->tol)) break;
+                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, now.rows};
+                result = doubted(a, &now, scales) ? DOUBTED : PROVED, now.rows = 0;
+                goto end;
+            }
+            const double next = off * pow(ratio, -l->caution * (double)a->order);
+            const int closer = !stalls && ratio < l->far && left_of(a, next, ratio, (double)a->order) <= a->tol;
+            last = off, slower = ratio, ratio = closer && steps % 2 == 0 ? ratio : l->far;
+        }
+        const Attempt older = before;
+        before = now, now = older, two = 1;
+        steps = (int64_t)rint(ratio * (double)steps);
+    }
+    result = NOT_PROVED;
+end:
+    free(before.rows), free(now.rows);
+    return result;
+}

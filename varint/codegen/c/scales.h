@@ -1,0 +1,54 @@
+/* What errors of each coordinate are divided by, as varint/integration/error_scale.py says. */
+#define RESTS 1e-12
+#define HARDLY 1e-3
+
+typedef struct {
+    int64_t n, apart;            /* coordinates; numbers of the mass matrix' diagonal are so far apart */
+    const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
+    const double *mass;
+} Measures;
+
+/* Of a run's rows (q, p, v), one a step and one at the start. */
+static void set_scales(const Measures *a, const double *rows, int64_t steps, double *scales) {
+    const int64_t n = a->n;
+    double range[n], square[n], moved = 0, some = INFINITY;
+    for (int64_t d = 0; d < n; d++) {
+        double high = rows[d], low = high;
+        for (int64_t k = 1; k <= steps; k++) {
+            const double x = rows[3 * n * k + d];
+            high = x > high ? x : high, low = x < low ? x : low;
+        }
+        const double least = RESTS * (fabs(high) > fabs(low) ? fabs(high) : fabs(low));
+        range[d] = high - low <= least ? 0 : high - low;
+        square[d] = 0;
+    }
+    for (int64_t d = 0; d < n; d++) square[a->body[d]] += range[d] * range[d];
+    for (int64_t d = 0; d < n; d++) {
+        int64_t members = 0;
+        for (int64_t i = 0; i < n; i++) members += a->body[i] == a->body[d];
+        scales[d] = members > 1 ? sqrt(square[a->body[d]]) : range[d];
+        if (a->turns[d] && scales[d] > 1) scales[d] = 1;
+        const double mass = n > 1 ? fabs(a->mass[a->apart * d]) : 1;
+        if (mass > 0 && !(some < INFINITY)) some = mass;
+        else if (mass > some) some = mass;
+    }
+    if (!(some < INFINITY)) some = 1;
+    for (int pass = 0; pass < 2; pass++)
+        for (int64_t d = 0; d < n; d++) {
+            double mass = n > 1 ? fabs(a->mass[a->apart * d]) : 1;
+            mass = mass > 0 ? mass : some;
+            if (!pass) {
+                const double each = mass * (scales[d] * scales[d]);
+                moved = each > moved ? each : moved;
+                continue;
+            }
+            const double least = HARDLY * sqrt(moved / mass), here = fabs(rows[d]);
+            scales[d] = scales[d] > least ? scales[d] : least;
+            if (!scales[d]) scales[d] = here > 1 ? here : 1;
+        }
+}
+
+static int64_t common_divisor(int64_t x, int64_t y) {
+    while (y) { const int64_t rest = x % y; x = y, y = rest; }
+    return x;
+}

@@ -1,0 +1,59 @@
+"""Runs with more and more steps, and their differences, in one call of c/refined_core.c."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from varint.codegen.core import refined_entry
+from varint.codegen.few_steps import entries_of
+from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.rows import RowFunction
+from varint.codegen.two_runs import Course
+from varint.numerics.limits import FIXED_POINT_ITERATIONS
+
+_COURSE = struct.Struct("10P9q")  # Refined, what belongs to the course
+
+
+def refined_course(
+    kernel: Kernel,
+    balance: RowFunction,
+    forces: tuple[RowFunction | None, RowFunction | None] | None,
+    looks: tuple[np.ndarray, int],
+    order: int,
+    pieces: tuple[int, int],
+    body: np.ndarray,
+    turns: np.ndarray,
+    limits: np.ndarray,
+) -> Course:
+    """How a motion with forces or explicit time is run; `two_runs` runs it.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    balance : RowFunction
+        (q, p, t) → energy and the power of what changes it.
+    forces : tuple, optional
+        (q, v, t) → forces and the mass matrix' diagonal, and bounds of forces on the straight way
+        between two nodes, where they are data; None of scenes without explicit time.
+    looks : tuple
+        Parts of a step at which forces are looked at, and how many of them before all others.
+    order, pieces, body, turns
+        As in `course_of`.
+    limits : array
+        Limits in c/refined_core.c.
+
+    Raises
+    ------
+    CompileError
+        If the loop was not built with the package and cannot be compiled.
+    """
+    entry, on = refined_entry(), entries_of(kernel, balance)
+    push, bounds = (x.at if x else 0 for x in forces or (None, None))
+    places, few = looks
+    arrays = limits, body, turns, places
+    calls = on.run, on.scene, on.rows, on.energy, push, bounds, *map(address_of, arrays)
+    counts = on.n, on.carry, order, int(forces is not None), few, len(places)
+    head = _COURSE.pack(*calls, *counts, FIXED_POINT_ITERATIONS, *pieces)
+    return Course(entry, on.n, head, (on, forces, *arrays))
