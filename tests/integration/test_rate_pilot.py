@@ -9,6 +9,7 @@ import pytest
 import varint as vi
 from varint.codegen.look_ahead import look_ahead
 from varint.integration.time_transformation import rate_pilot as pilots
+from varint.integration.time_transformation.variable_course import kinds_of
 
 q1, v1 = vi.coordinates("x")
 q2, v2 = vi.coordinates("x", "y")
@@ -19,19 +20,21 @@ SCENES = {
     "fall into the centre, astray": (KEPLER, [1.0, 0.0], [0.0, 1e-3]),
     "nothing pulls at the start": (vi.System(q1, v1, v1**2 / 2 - q1**4), [0.0], [1.0]),
     "escape": (KEPLER, [0.1, 0.0], [0.0, 6.0]),
+    "from afar": (KEPLER, [-20.0, 0.5], [2.0, 0.0]),
 }
+BOTH = [(name, flight) for name, (scene, *_) in SCENES.items() for flight in kinds_of(scene)]
 
 
 @pytest.mark.parametrize("total", [0.3, -2.0, 50.0])
-@pytest.mark.parametrize("scene", SCENES)
-def test_the_core_sees_the_rates_that_the_pilot_sees(scene, total):
+@pytest.mark.parametrize(("scene", "flight"), BOTH)
+def test_the_core_sees_the_rates_that_the_pilot_sees(scene, flight, total):
     system, *start = SCENES[scene]
     q, v = np.array(start)
     c = system.default_vector
-    pilot = pilots.rate_pilot(system, q, v, c, total, total < 0)
-    rough = pilots._without_core(system, q, v, c, abs(total), total < 0)
+    pilot = pilots.rate_pilot(system, q, v, c, total, total < 0, flight)
+    rough = pilots._without_core(system, q, v, c, abs(total), total < 0, flight)
     seen = look_ahead(
-        pilots._look(system),
+        pilots._look(system, flight),
         np.concatenate((q, v)),
         c,
         steps=pilots.STEPS,
@@ -44,8 +47,10 @@ def test_the_core_sees_the_rates_that_the_pilot_sees(scene, total):
         assert seen is rough is None
         return
     assert np.allclose(seen, rough, rtol=1e-9)
-    assert pilot == tuple(map(pilots._roughly, rough))
-    assert np.allclose(pilot, rough, rtol=2.0**-pilots.BITS)
+    assert pilot == (*map(pilots._roughly, rough), flight)
+    assert np.allclose(pilot[:3], rough, rtol=2.0**-pilots.BITS)
+    if flight:
+        return
     ratio = pilot.largest / pilot.mean
     both = np.concatenate((q, v))
     assert pilots.varies_little(system, both, c, total, 1.3 * ratio)

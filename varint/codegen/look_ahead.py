@@ -28,20 +28,20 @@ class Look(NamedTuple):
 
 
 def look_of(
-    rate: tuple[ca.SX, ca.SX], step: tuple[list[ca.SX], list[ca.SX]], constants: ca.SX
+    n: int, rate: tuple[ca.SX, ca.SX], step: tuple[list[ca.SX], list[ca.SX]], constants: ca.SX
 ) -> Look | None:
-    """A look by (q, ω) and by ((q, v, dt), sign) → ((q, v, dt) after it; dt, ω there, energy and
-    p·v before it); None where they have no form as data, or the loop was not built with the package
-    and cannot be compiled.
+    """A look at n coordinates by ((q, v), ω) and by ((q, v, dt), sign) → ((q, v, dt) after it; dt,
+    ω there, energy and p·v before it); None where they have no form as data, or the loop was not
+    built with the package and cannot be compiled.
     """
     try:
         look_ahead_entry()
-        q, omega = rate
-        tapes = tapes_of(routines(constants, {"rate": ([q], [omega]), "step": step}))
+        at, omega = rate
+        tapes = tapes_of(routines(constants, {"rate": ([at], [omega]), "step": step}))
     except (NotCompilable, CompileError):
         return None
     block = block_of([tapes["rate"], tapes["step"]])
-    return Look(q.numel(), block, start_of(block))
+    return Look(n, block, start_of(block))
 
 
 def look_ahead(

@@ -11,7 +11,7 @@ from varint.rules.rule import Rule
 @dataclass(frozen=True, eq=False)
 class Choice:
     """A rule and a number of steps, the run that they make, and its estimated error; whether its
-    energy has been looked at and stays.
+    energy has been looked at and stays; by which of a scene's own time scales its steps vary.
     """
 
     rule: Rule
@@ -21,3 +21,4 @@ class Choice:
     runs: int
     reached: bool
     level: bool = False
+    time_scale: str = ""

@@ -12,15 +12,24 @@ import numpy as np
 from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.energy_check import energies_along, energies_by_velocity
 from varint.integration.error_scale import error_scales, scales_of_nodes
+from varint.integration.linear_run import (
+    FAR_ABOVE,
+    MOST_STEPS,
+    ROUND_OFF,
+    TOLD,
+    is_one_map,
+    nodes_by_map,
+)
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.round_off import with_other_digits
-from varint.integration.rule_choice import iteration_level, steps_for
+from varint.integration.rule_choice import iteration_level, steps_for, steps_of_map
 from varint.integration.run import motion_at_once
 from varint.integration.run_distance import with_early
-from varint.integration.trajectories import Run
+from varint.integration.trajectories import Run, with_stats
 from varint.integration.two_runs import (
     FLOOR,
+    QUANTILES,
     SAMPLES,
     SLOW,
     WATCHED,
@@ -76,6 +85,12 @@ def by_plain_trials(
     time = np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
     still = np.zeros(system.structure.n)
+    mapped = backend == "auto" and is_one_map(system, rule)
+    first, floor = steps_for(rule, radians, tol), FLOOR
+    if mapped:
+        few = steps_of_map(rule, radians, tol)
+        mapped = few < MOST_STEPS and tol > FAR_ABOVE * ROUND_OFF * few
+        first, floor = (few, max(FLOOR, ROUND_OFF * few)) if mapped else (first, FLOOR)
 
     def trial(
         steps: int, wanted: float, part: int, start: InitialValueProblem = start
@@ -90,11 +105,15 @@ def by_plain_trials(
             level=iteration_level(wanted, steps),
         )
         kernel = kernel_for(system, rule, problem, backend)
-        found = None if kernel is None else run_at_once(system, rule, problem, kernel, short=False)
+        found = nodes_by_map(system, rule, problem) if mapped else None
+        if found is None and kernel is not None:
+            found = run_at_once(system, rule, problem, kernel, short=False)
         if kernel is None or (found is None and part == 1):
             raise NotPlain
         if found is None or not found.done or (part > 1 and found.iterations > SLOW * count):
             return None
+        if not found.carry.size:  # the map keeps energies but for round-off, whatever the steps
+            return Attempt(PlainTrial(problem, kernel, found), [0.0] * len(QUANTILES))
         some = found.rows[:: max(1, len(found.rows) // SAMPLES)]
         if quadratic:
             energy = energies_along(system, some[:, 0], some[:, 1], time, start.c)
@@ -118,11 +137,12 @@ def by_plain_trials(
         return trial(steps, wanted, 1, start._replace(q0=q0, p0=p0))
 
     linear = system.structure.linear
-    course = Course(trial, apart, radians, linear, watched=WATCHED, parted=parted)
-    return run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
+    course = Course(trial, apart, radians, linear, watched=WATCHED, parted=parted, exact=mapped)
+    return run_twice(rule, course, first, tol, floor)
 
 
 def plain_motion(system: System, rule: Rule, run: PlainTrial, began: float) -> Trajectory:
     """The motion of a run."""
     whole = Run(system, plan(system, rule), run.problem, [], iter(()), run.kernel, began)
-    return motion_at_once(whole, run.found)
+    motion = motion_at_once(whole, run.found)
+    return motion if run.found.carry.size else with_stats(motion, backend=TOLD)

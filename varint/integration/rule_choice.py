@@ -33,6 +33,7 @@ ANHARMONIC = 1.5  # more steps than a small oscillation takes
 COMPOSED = composition("suzuki4"), composition("kahan-li6"), composition("kahan-li8")
 COMPOSED_WORK = 1.5
 ROUGH = 0.01  # error of a run that says something
+BY_FEW_MORE = 10.0  # times the wanted error: what a few more steps mend
 MOST_LOGARITHM = 300.0  # of radians over a wanted error: more than anyone asks for
 
 
@@ -156,3 +157,12 @@ def first_steps(rule: Priced, radians: float, tol: float) -> int:
     turned, rough = max(radians, 1.0), min(ROUGH, tol * rule.more)
     each = (turned * rule.error / rough) ** rule.root
     return math.ceil(ANHARMONIC * turned * max(each, 1 / RADIANS))
+
+
+def steps_of_map(rule: Rule, radians: float, tol: float) -> int:
+    """Steps of a run of a linear scene whose error is ten times as large as wanted, where a few
+    more steps show it: that of its phase is known.
+    """
+    turned = max(radians, 1.0)
+    each = (turned * phase_error(rule) / (BY_FEW_MORE * tol)) ** (1 / rule.order)
+    return math.ceil(turned * max(each, 1 / RADIANS))

@@ -23,7 +23,6 @@ from varint.integration.problem import (
 )
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
-from varint.integration.time_transformation.time_scale import AUTO
 from varint.integration.time_transformation.transformed_run import simulate_transformed
 from varint.integration.time_transformation.variable_course import choose_varying_steps
 from varint.integration.time_transformation.varying_call import NOT_VARYING
@@ -100,7 +99,7 @@ def simulate_to_tolerance(
         h = choice.motion.fictitious.h
         level = iteration_level(tol, choice.steps) / LEVEL
         asked = options._replace(h=h, steps=None, tol=None, iteration_tol=level)
-        motion = simulate_transformed(system, choice.rule, AUTO, start, asked)
+        motion = simulate_transformed(system, choice.rule, choice.time_scale, start, asked)
     else:
         u = problem_with_steps(choice.rule, problem, choice.steps).u if rows > 1 else start.u
         motion = simulate_steps(

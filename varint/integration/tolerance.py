@@ -29,6 +29,7 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
+from varint.integration.linear_run import MAPPED, TURNS, is_one_map
 from varint.integration.plain_trials import (
     NotPlain,
     by_plain_trials,
@@ -136,11 +137,13 @@ def choose_steps(
             backend == "auto" and not by_stages and repays(system, own, max(int(radians), 64))
         )
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
+        own = MAPPED if radians > TURNS and is_one_map(system, MAPPED) else own
+    mapped = backend == "auto" and radians > TURNS and is_one_map(system, own)
 
     found: Choice | int | None
     by_two_runs = start.steps == 1 and shows_its_error(system)
     plain = by_two_runs and stop is None and has_plain_trials(system, start)
-    if plain and scale is None and mass is not None:
+    if plain and scale is None and mass is not None and not mapped:
         found = tried
         if tried is None:
             found = by_short_trials(system, own, start, mass, tol, radians, backend, began)

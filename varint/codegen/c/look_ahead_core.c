@@ -11,7 +11,7 @@
 #include "tape.h"
 
 typedef struct {
-    Tape rate, step; /* q to w; (q, v, dt) and the sign to (q, v, dt) after dt, and to dt, w there, energy and p v here */
+    Tape rate, step; /* (q, v) to w; (q, v, dt) and the sign to (q, v, dt) after dt, and to dt, w there, energy and p v here */
 } Scene;
 
 /* varint/codegen/look_ahead.py has the same layout */

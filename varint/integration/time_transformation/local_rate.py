@@ -68,11 +68,7 @@ def local_rate(system: System) -> LocalRate:
     turn = ca.jacobian(system.momentum, system.q)
     if ca.depends_on(turn, ca.vertcat(system.q, system.v)):
         return LocalRate(None, "∂a/∂q depends on velocities (a magnetic field that varies)")
-    inverse = mass_solve(system.mass_matrix, ca.SX.eye(s.n))
-    spin = inverse @ (turn - turn.T)
-    gyration = -ca.trace(spin @ spin) / 2
-    potential = ca.substitute(system.lagrangian, system.v, ca.SX.zeros(s.n))
-    total = _of_potential(system, potential, inverse) + gyration
+    total = rate_of_potential(system) + gyration(system)
     if not ca.depends_on(total, system.q):
         return LocalRate(total, "∂a/∂q is constant: variable steps would change nothing")
     return LocalRate(total)
@@ -88,31 +84,53 @@ class _Graph:
     used: list[int]
 
 
-def _of_potential(system: System, potential: ca.SX, inverse: ca.SX) -> ca.SX:
+def gyration(system: System) -> ca.SX:
+    """−½ tr B², by which charges go round, where the mass is constant."""
+    turn = ca.jacobian(system.momentum, system.q)
+    spin = _inverse(system) @ (turn - turn.T)
+    return -ca.trace(spin @ spin) / 2
+
+
+@per_system
+def rate_of_potential(system: System) -> ca.SX:
     """Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½, or of the whole where a term is no function of one form."""
-    found = ca.SX(0)
-    try:
-        operations = operations_of(ca.Function("V", [system.q, system.c], [ca.densify(potential)]))
-    except VarintError:
-        return _whole(system, potential, inverse)
-    nodes = operations.nodes
-    graph = _Graph(system, nodes, values_of(nodes, [system.q, system.c]), _coordinates(nodes))
-    terms = []
-    for factor, root in _terms(graph, operations.outputs[0].nodes[0]):
-        term = _term(graph, root, inverse, factor)
-        if term is None:
-            return _whole(system, potential, inverse)
-        terms.append(term)
-    of_distance = _like_distances(system, terms)
+    terms = potential_terms(system)
+    if terms is None:
+        a = _inverse(system) @ ca.hessian(potential_of(system), system.q)[0]
+        return _root(ca.sum1(ca.vec(a * a.T)), system)
+    found, of_distance = ca.SX(0), _like_distances(system, terms)
     powers = _powers(system, [x for x, like in zip(terms, of_distance, strict=True) if like])
     for term, like in zip(terms, of_distance, strict=True):
         found += _of_distance(system, term, *next(powers)) if like else _of_form(system, term)
     return found
 
 
-def _whole(system: System, potential: ca.SX, inverse: ca.SX) -> ca.SX:
-    a = inverse @ ca.hessian(potential, system.q)[0]
-    return _root(ca.sum1(ca.vec(a * a.T)), system)
+@per_system
+def potential_terms(system: System) -> list[Term] | None:
+    """The terms of the potential; None where one of them is no function of one form."""
+    try:
+        potential = ca.densify(potential_of(system))
+        operations = operations_of(ca.Function("V", [system.q, system.c], [potential]))
+    except VarintError:
+        return None
+    nodes, inverse = operations.nodes, _inverse(system)
+    graph = _Graph(system, nodes, values_of(nodes, [system.q, system.c]), _coordinates(nodes))
+    found = []
+    for factor, root in _terms(graph, operations.outputs[0].nodes[0]):
+        term = _term(graph, root, inverse, factor)
+        if term is None:
+            return None
+        found.append(term)
+    return found
+
+
+def potential_of(system: System) -> ca.SX:
+    """−V: what the Lagrangian is at rest."""
+    return ca.substitute(system.lagrangian, system.v, ca.SX.zeros(system.structure.n))
+
+
+def _inverse(system: System) -> ca.SX:
+    return mass_solve(system.mass_matrix, ca.SX.eye(system.structure.n))
 
 
 def _root(fourth: ca.SX, system: System, power: int = 2) -> ca.SX:
@@ -201,14 +219,15 @@ def _in_form(graph: _Graph, root: int, form: int, s: ca.SX) -> ca.SX:
     return values_of(nodes, [ca.vertcat(*known.values())])[place[root]]
 
 
-class _Term(NamedTuple):
-    """V(s) of a linear or quadratic form s: the term and the form as expressions, the factor of the
-    term, a symbol s and in it V, V', V''; |∇s|², tr a² and tr a of a = M⁻¹ ∂²s/∂q², a ∇s·M⁻¹∇s, and
-    whether the form is linear.
+class Term(NamedTuple):
+    """V(s) of a linear or quadratic form s: the term and the form as expressions, which operation
+    the form is, the factor of the term, a symbol s and in it V, V', V''; |∇s|², tr a² and tr a of
+    a = M⁻¹ ∂²s/∂q², a ∇s·M⁻¹∇s, and whether the form is linear.
     """
 
     term: ca.SX
     form: ca.SX
+    operation: int
     factor: ca.SX
     s: ca.SX
     value: ca.SX
@@ -224,7 +243,7 @@ class _Term(NamedTuple):
         return ca.substitute(x, self.s, self.form)
 
 
-def _term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> _Term | None:
+def _term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> Term | None:
     """What the rate of a term is made of; None where it is a function of no single form."""
     system = graph.system
     for i in _forms(graph, root):
@@ -245,10 +264,10 @@ def _term(graph: _Graph, root: int, inverse: ca.SX, factor: ca.SX) -> _Term | No
     a = inverse @ curvature
     size, trace = ca.sum1(ca.vec(a * a.T)), ca.trace(a)
     about = size, trace, ca.dot(slope, a @ inverse @ slope), curvature.is_zero()
-    return _Term(graph.expressions[root], form, factor, s, value, first, second, speed, *about)
+    return Term(graph.expressions[root], form, i, factor, s, value, first, second, speed, *about)
 
 
-def _of_form(system: System, x: _Term) -> ca.SX:
+def _of_form(system: System, x: Term) -> ca.SX:
     """tr((M⁻¹ ∂²V/∂q²)²)^½ of any linear or quadratic form."""
     if x.linear:
         beside = x.first * ca.gradient(x.second, x.s)
@@ -260,7 +279,7 @@ def _of_form(system: System, x: _Term) -> ca.SX:
     return _root(one**2 * x.size + 2 * one * two * x.gap + (two * x.speed) ** 2, system)
 
 
-def _of_distance(system: System, x: _Term, rank: int, power: float | None) -> ca.SX:
+def _of_distance(system: System, x: Term, rank: int, power: float | None) -> ca.SX:
     """The same where s = ½ (q − c)ᵀS(q − c) with S M⁻¹ S = share · S."""
     share = x.size / x.trace
     if power is not None:
@@ -277,7 +296,7 @@ def _parameters(system: System, random: Random) -> np.ndarray:
     return np.where(c == 0, 1.0, c) * uniform_numbers(random, 0.8, 1.25, len(c))
 
 
-def _powers(system: System, terms: list[_Term]) -> Iterator[tuple[int, float | None]]:
+def _powers(system: System, terms: list[Term]) -> Iterator[tuple[int, float | None]]:
     """Of each term the rank of S, and p where V = A sᵖ; None where it is no power."""
     if not terms:
         return
@@ -311,7 +330,7 @@ def _whole_number(x: float) -> bool:
     return abs(x - round(x)) <= SAME * max(abs(x), 1.0)
 
 
-def _like_distances(system: System, terms: list[_Term]) -> list[bool]:
+def _like_distances(system: System, terms: list[Term]) -> list[bool]:
     """Which forms are ½ (q − c)ᵀS(q − c) with S M⁻¹ S = share · S, as of every distance: where
     |∇s|² = 2 share s wherever it is looked at.
     """

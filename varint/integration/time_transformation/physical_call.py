@@ -20,9 +20,11 @@ import numpy as np
 
 from varint.codegen.kernel import Kernel, new_address
 from varint.codegen.until import Until, physical_nodes
+from varint.discrete.legendre import velocity_function
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.plain_start import LARGE, Room, begin_at, is_plain, is_plain_number, room_of
 from varint.integration.problem import LEVEL, Grid
+from varint.integration.round_off import with_other_digits
 from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
@@ -31,12 +33,16 @@ from varint.integration.time_transformation.inner_run import (
     inner_motion,
     until_end,
 )
-from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_time import at_times
 from varint.integration.time_transformation.rate_pilot import rate_pilot
-from varint.integration.time_transformation.time_scale import TransformedScene, transformed_scene
+from varint.integration.time_transformation.time_scale import (
+    FLIGHT,
+    TransformedScene,
+    rate_of,
+    transformed_scene,
+)
 from varint.integration.trajectories import plain_motion_of
-from varint.numerics.arrays import hand_over
+from varint.numerics.arrays import call, hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -87,7 +93,7 @@ def physical_call(
         if c is None:
             return None
         if room.known is None or begun.known is not room.known or begun.total != total:
-            begin_start(begun, system, c, total, isinstance(sigma, str))
+            begin_start(begun, system, c, total, sigma if isinstance(sigma, str) else None)
         constants, energy, pace = begun.constants, begun.energy, begun.pace
         if h != begun.h:
             if not 0 < pace < math.inf:
@@ -157,7 +163,7 @@ class Ready:
 def ready_for(system: System, rule: Rule | None, scale: str | TransformedScene) -> Ready | None:
     """None where the scene needs another way."""
     scene = transformed_scene(system, scale) if isinstance(scale, str) else scale
-    if not is_plain(system) or (isinstance(scale, str) and local_rate(system).reason):
+    if not is_plain(system) or (isinstance(scale, str) and rate_of(system, scale).reason):
         return None
     called = called_on(scene.system, scene, rule)
     return Ready(scene, scene.system, called, [])
@@ -202,16 +208,33 @@ class BegunStart:
     pace: float = 0.0
 
 
-def begin_start(begun: BegunStart, system: System, c: np.ndarray, total: float, own: bool) -> None:
-    """From the start in its room."""
+def begin_start(
+    begun: BegunStart, system: System, c: np.ndarray, total: float, word: str | None
+) -> None:
+    """From the start in its room, with one of the scene's own time scales or another one."""
     room, begun.known, begun.h = begun.room, None, 0.0
-    if own:
-        pilot = rate_pilot(system, room.q, room.v, c, total, total < 0)
+    if word:
+        pilot = rate_pilot(system, room.q, room.v, c, total, total < 0, word == FLIGHT)
         begun.slowest[0] = slowest_rate(pilot, total)
     begun.begin()
     begun.constants = begun.inner.copy()
     _, begun.energy, begun.pace = begun.constants[-3:].tolist()
     begun.known, begun.total = room.known, total
+
+
+def with_other_digits_of(other: BegunStart, system: System, begun: BegunStart, way: int) -> None:
+    """Another start's `with_other_digits`, at an energy and a time scale of its own."""
+    here, there = begun.room, other.room
+    n = here.n
+    q, p = with_other_digits(here.q, here.values[:n], way)
+    v = call(velocity_function(system), q, p, here.t, here.c)[0]
+    there.known, there.given, other.known, other.h = None, None, None, 0.0
+    parts = there.q, there.v, there.t, there.c, there.values[:n], other.slowest
+    for place, x in zip(parts, (q, v, here.t, here.c, p, begun.slowest), strict=True):
+        place[:] = x
+    other.begin()
+    other.constants = other.inner.copy()
+    _, other.energy, other.pace = other.constants[-3:].tolist()
 
 
 def start_of(system: System, scene: TransformedScene) -> BegunStart:

@@ -10,6 +10,7 @@ import numpy as np
 
 from varint.codegen.look_ahead import Look, look_ahead, look_of
 from varint.discrete.legendre import mass_solve
+from varint.integration.time_transformation.flight_rate import TWICE_KINETIC, flight_rate
 from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
 from varint.numerics.arrays import call, over_columns
 from varint.results.trajectory import Trajectory
@@ -23,15 +24,21 @@ REMEMBERED = 16
 LOOKS = 400  # nodes of a run at which ω is looked at
 BITS = 24  # of what was seen: the way that it is seen by shows in none of them
 GROWTH = 1.5  # of steps at most, where the rate vanishes
+# the rate in flight over the other one: at most 1.5 in a bound orbit about a centre, and a flyby
+# that is not twice as fast as the escape from there is well seen by the other one
+AFAR = 2.0
 FAR_BELOW = 0.9  # further off a bound than two ways to compute the same can be
 
 
 class RatePilot(NamedTuple):
-    """Mean of ω over time, and its largest value, as far as was looked: so many time units."""
+    """Mean of ω over time, and its largest value, as far as was looked: so many time units; whether
+    ω is the rate in flight.
+    """
 
     mean: float
     largest: float
     duration: float
+    flight: bool
 
 
 def rate_pilot(
@@ -41,16 +48,18 @@ def rate_pilot(
     c: np.ndarray,
     total: float | None,
     backwards: bool = False,
+    flight: bool = False,
 ) -> RatePilot | None:
-    """A look at ω along the first steps of the motion, within the duration; None where nothing
-    pulls at the start, or all goes astray at once. The last ones are remembered.
+    """A look at ω, or at the rate in flight, along the first steps of the motion, within the
+    duration; None where nothing pulls at the start, or all goes astray at once. The last ones are
+    remembered.
     """
     known = _seen(system)
-    key = (q.tobytes(), v.tobytes(), c.tobytes(), total, backwards)
+    key = (q.tobytes(), v.tobytes(), c.tobytes(), total, backwards, flight)
     if key not in known:
         if len(known) >= REMEMBERED:
             known.clear()
-        known[key] = _looked_at(system, q, v, c, total, backwards)
+        known[key] = _looked_at(system, q, v, c, total, backwards, flight)
     return known[key]
 
 
@@ -67,14 +76,18 @@ def _looked_at(
     c: np.ndarray,
     total: float | None,
     backwards: bool,
+    flight: bool,
 ) -> RatePilot | None:
     """In the core, where the scene has a form as data."""
-    end, look = math.inf if total is None else abs(total), _look(system)
+    end, look = math.inf if total is None else abs(total), _look(system, flight)
     if look is None:
-        seen = _without_core(system, q, v, c, end, backwards)
+        seen = _without_core(system, q, v, c, end, backwards, flight)
     else:
         seen = _by_core(look, np.concatenate([q, v]), c, end, backwards)
-    return None if seen is None else RatePilot(*map(_roughly, seen))
+    if seen is None:
+        return None
+    mean, largest, duration = map(_roughly, seen)
+    return RatePilot(mean, largest, duration, flight)
 
 
 def _roughly(x: float) -> float:
@@ -90,14 +103,22 @@ def _by_core(
 
 
 def _without_core(
-    system: System, q: np.ndarray, v: np.ndarray, c: np.ndarray, end: float, backwards: bool
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    c: np.ndarray,
+    end: float,
+    backwards: bool,
+    flight: bool,
 ) -> tuple[float, float, float] | None:
     sign = np.array([-1.0 if backwards else 1.0])
-    start = call(_rate_function(system), q, c)[0]
+    start = call(_rate_function(system, flight), np.concatenate([q, v]), c)[0]
     if not (np.isfinite(start).all() and start[0] > 0):
         return None
     with np.errstate(all="ignore"):
-        passed, rates, energy, size = call(_look_ahead(system), q, v, ANGLE / start, c, sign)
+        passed, rates, energy, size = call(
+            _look_ahead(system, flight), q, v, ANGLE / start, c, sign
+        )
         astray = np.abs(energy - energy[0]) > ASTRAY * np.maximum.accumulate(np.abs(size))
     rates = np.concatenate([start, rates])
     times = np.concatenate([[0.0], np.cumsum(passed)])
@@ -111,10 +132,11 @@ def _without_core(
     return turned / times[-1], rates.max(), times[-1]
 
 
-def rate_varies(system: System, motion: Trajectory, factor: float) -> bool:
+def rate_varies(system: System, motion: Trajectory, factor: float, flight: bool) -> bool:
     """Whether the largest ω at nodes of a run is so many times the mean one."""
     some = np.unique(np.linspace(0, len(motion) - 1, LOOKS).astype(int))
-    rates = over_columns(_rate_function(system), motion.q[some], motion.c)[0]
+    at = np.concatenate((motion.q[some], motion.v[some]), axis=1)
+    rates = over_columns(_rate_function(system, flight), at, motion.c)[0]
     rates = rates[np.isfinite(rates)]
     return bool(rates.size and rates.max() >= factor * rates.mean())
 
@@ -143,37 +165,60 @@ def _seen_little(system: System) -> dict[tuple, bool]:
 def _varies_little(
     system: System, start: np.ndarray, c: np.ndarray, total: float, factor: float
 ) -> bool:
-    look = _look(system)
+    look = _look(system, False)
     if look is None:
         return False
     seen = _by_core(look, start, c, abs(total), total < 0)
     return seen is None or seen[1] < FAR_BELOW * factor * seen[0]
 
 
+def comes_from_afar(system: System, start: np.ndarray, c: np.ndarray) -> bool:
+    """Whether the way from coordinates and velocities `start` may lead so fast to where the rate is
+    another one that ω tells too little: in magnetic fields that vary, which have none, always.
+    """
+    if local_rate(system).reason:
+        return True
+    calm, flight = call(_both_rates(system), start, c)[0].tolist()
+    return flight > AFAR * calm
+
+
 @per_system
-def _look(system: System) -> Look | None:
+def _both_rates(system: System) -> ca.Function:
+    """(q, v), c → ω and the rate in flight."""
+    at, both = ca.vertcat(system.q, system.v), [_rate(system, flight) for flight in (False, True)]
+    return ca.Function("rates", [at, system.c], [ca.vertcat(*both)], {"cse": True})
+
+
+@per_system
+def _look(system: System, flight: bool) -> Look | None:
     """The pilot's operations as data."""
-    inputs, (after, *each) = _step(system)
-    return look_of((system.q, _rate(system)), (inputs, [after, ca.vertcat(*each)]), system.c)
+    inputs, (after, *each) = _step(system, flight)
+    at = ca.vertcat(system.q, system.v)
+    rate = at, _rate(system, flight)
+    return look_of(system.structure.n, rate, (inputs, [after, ca.vertcat(*each)]), system.c)
 
 
 @per_system
-def _rate_function(system: System) -> ca.Function:
-    """(q, c) → ω."""
-    return ca.Function("rate", [system.q, system.c], [_rate(system)], {"cse": True})
+def _rate_function(system: System, flight: bool) -> ca.Function:
+    """(q, v), c → ω."""
+    at = ca.vertcat(system.q, system.v)
+    return ca.Function("rate", [at, system.c], [_rate(system, flight)], {"cse": True})
 
 
-def _rate(system: System) -> ca.SX:
-    square = local_rate(system).square
+def _rate(system: System, flight: bool) -> ca.SX:
+    square = flight_rate(system).square if flight else local_rate(system).square
     assert square is not None
+    if flight:
+        moving = ca.dot(system.v, system.mass_matrix @ system.v)
+        square = ca.substitute(square, TWICE_KINETIC, moving)
     return ca.sqrt(ca.substitute(square, SLOWEST_RATE, 0.0))
 
 
 @per_system
-def _look_ahead(system: System) -> ca.Function:
+def _look_ahead(system: System, flight: bool) -> ca.Function:
     """(q, v, dt, c, sign) → steps dt, the rates ω after each, energy and p·v before each."""
     n, c = system.structure.n, system.c
-    (before, sign), found = _step(system)
+    (before, sign), found = _step(system, flight)
     step = ca.Function("step", [before, c, sign], found, {"cse": True})
     y, c, sign = ca.MX.sym("y", 2 * n + 1), ca.MX.sym("c", c.numel()), ca.MX.sym("sign")
     walk = step.mapaccum(STEPS)
@@ -183,14 +228,14 @@ def _look_ahead(system: System) -> ca.Function:
     return ca.Function("look_ahead", [*start, c, sign], ahead(ca.vertcat(*start), c, sign))
 
 
-def _step(system: System) -> tuple[list[ca.SX], list[ca.SX]]:
+def _step(system: System, flight: bool) -> tuple[list[ca.SX], list[ca.SX]]:
     """((q, v, dt), sign) → ((q, v, dt) after it, dt, ω there, energy and p·v before)."""
     s = system
     q, v, c = s.q, s.v, s.c
     dt, sign = ca.SX.sym("dt"), ca.SX.sym("sign")
     push = ca.gradient(s.lagrangian, q) - ca.jtimes(s.momentum, q, v)
     slope = ca.Function("slope", [q, v, c], [mass_solve(s.mass_matrix, push)])
-    rate = ca.Function("rate", [q, c], [_rate(s)])
+    rate = ca.Function("rate", [q, v, c], [_rate(s, flight)])
     h = sign * dt
     ways = [(v, slope(q, v, c))]  # the classical Runge–Kutta method
     for part in (0.5, 0.5, 1.0):
@@ -200,6 +245,6 @@ def _step(system: System) -> tuple[list[ca.SX], list[ca.SX]]:
         x + h / 6 * (a + 2 * b + 2 * d + e)
         for x, (a, b, d, e) in zip((q, v), zip(*ways, strict=True), strict=True)
     )
-    omega = rate(new_q, c)
+    omega = rate(new_q, new_v, c)
     after = ca.vertcat(new_q, new_v, ca.fmin(ANGLE / omega, GROWTH * dt))
     return [ca.vertcat(q, v, dt), sign], [after, dt, omega, s.energy, ca.dot(s.momentum, v)]

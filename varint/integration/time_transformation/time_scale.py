@@ -16,7 +16,13 @@ from typing import Any
 import casadi as ca
 
 from varint.errors import InputError
-from varint.integration.time_transformation.local_rate import SLOWEST_RATE, local_rate
+from varint.integration.time_transformation.flight_rate import (
+    INITIAL_ENERGY,
+    TWICE_KINETIC,
+    flight_rate,
+    kinetic_at,
+)
+from varint.integration.time_transformation.local_rate import SLOWEST_RATE, LocalRate, local_rate
 from varint.scene.expressions import in_own_symbols
 from varint.scene.memory import per_system
 from varint.scene.parameters import Parameters
@@ -27,6 +33,7 @@ from varint.scene.system import System, coordinates
 TIME, SLOWEST = "physical time", SLOWEST_RATE.name()
 ENERGY, START = "initial energy", "initial time scale"
 AUTO = "auto"  # the time scale that the scene itself has
+FLIGHT = "auto, in flight"  # the one that it has where its motion comes from afar
 MOST_SCALES = 32  # rescaled scenes remembered for one system
 
 
@@ -95,21 +102,30 @@ def close_encounters(distances: Any, power: float = 1.5) -> ca.SX:
     return ca.sum1(ca.densify(r) ** -2.0) ** (-power / 2) if r.numel() > 1 else r**power
 
 
-def natural_time_scale(system: System) -> ca.SX:
+def rate_of(system: System, word: str) -> LocalRate:
+    """The rate behind AUTO, or behind FLIGHT, which is of `TWICE_KINETIC`, too."""
+    return local_rate(system) if word == AUTO else flight_rate(system)
+
+
+def natural_time_scale(system: System, word: str = AUTO) -> ca.SX:
     """σ(q) = (ω(q)² + ω₀²)^(−1/2), the inverse of the scene's local rate; ω₀ is `SLOWEST_RATE`.
+    In FLIGHT it is of `INITIAL_ENERGY`, too.
 
     Raises
     ------
     InputError
         If the scene has no such rate.
     """
-    rate = local_rate(system)
+    rate = rate_of(system, word)
     if rate.square is None:
         raise InputError(
             f"time_scale='auto' takes the rate of the scene from ∂a/∂q as a function of q, but "
             f"{rate.reason}; give a time scale of your own, or leave it out and choose a smaller h"
         )
-    return 1 / ca.sqrt(rate.square + SLOWEST_RATE**2)
+    square = rate.square
+    if word == FLIGHT:
+        square = ca.substitute(square, TWICE_KINETIC, kinetic_at(system))
+    return 1 / ca.sqrt(square + SLOWEST_RATE**2)
 
 
 def transformed_scene(system: System, sigma: Any) -> TransformedScene:
@@ -131,10 +147,10 @@ def transformed_scene(system: System, sigma: Any) -> TransformedScene:
 
 @per_system
 def _natural(system: System, word: str) -> TransformedScene:
-    if word != AUTO:
+    if word not in (AUTO, FLIGHT):
         raise InputError(f"time_scale must be an SX expression of q or {AUTO!r}, got {word!r}")
     _require_energy(system)
-    return _built(system, natural_time_scale(system))
+    return _built(system, natural_time_scale(system, word))
 
 
 def _by_meaning(system: System, sigma: ca.SX) -> TransformedScene:
@@ -183,9 +199,10 @@ def _built(system: System, sigma: ca.SX) -> TransformedScene:
     params = Parameters(**system.defaults, **{SLOWEST: 0.0, ENERGY: 0.0, START: 1.0})
     q, v = coordinates(*system.names, TIME)
     n = system.q.numel()
-    symbols = [system.q, system.c, SLOWEST_RATE]
+    symbols = [system.q, system.c, SLOWEST_RATE, INITIAL_ENERGY]
     constants = (ca.vec(getattr(params, name)) for name in system.defaults)
-    own = [q[:n], ca.vertcat(ca.SX(0, 1), *constants), getattr(params, SLOWEST)]
+    own = [q[:n], ca.vertcat(ca.SX(0, 1), *constants)]
+    own += [getattr(params, SLOWEST), getattr(params, ENERGY)]
     (scale,) = ca.substitute([sigma], symbols, own)
     before, after = [*symbols, system.v, system.t], [*own, v[:n] / scale, q[n]]
 
@@ -200,5 +217,6 @@ def _built(system: System, sigma: ca.SX) -> TransformedScene:
         q, v, lagrangian, constraint=translate(system.constraint), nonholonomic=rows, params=params
     )
     inputs = [system.q, system.v, system.t, system.c, SLOWEST_RATE]
-    energy = ca.Function("start_energy", inputs, [system.energy, sigma])
+    (scale,) = ca.substitute([sigma], [INITIAL_ENERGY], [system.energy])
+    energy = ca.Function("start_energy", inputs, [system.energy, scale])
     return TransformedScene(new, translate, energy)

@@ -34,7 +34,6 @@ from varint.integration.time_transformation.fictitious_start import (
     slowest_rate,
     start_velocity,
 )
-from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.physical_end import (
     blocks_until,
     end_at_duration,
@@ -47,7 +46,9 @@ from varint.integration.time_transformation.physical_time import (
 from varint.integration.time_transformation.rate_pilot import RatePilot, rate_pilot
 from varint.integration.time_transformation.time_scale import (
     AUTO,
+    FLIGHT,
     TransformedScene,
+    rate_of,
     transformed_scene,
 )
 from varint.results.trajectory import Trajectory
@@ -74,7 +75,7 @@ def simulate_transformed(
         raise InputError(f"h={h} and duration={duration} must have the same sign and not be zero")
     if isinstance(sigma, str):
         transformed_scene(system, sigma)
-        if reason := local_rate(system).reason:
+        if reason := rate_of(system, sigma).reason:
             return _equal_steps(system, rule, reason, start, options)
     prepared = prepare(system, rule, sigma, start, options)
     motion = run_prepared(prepared, prepared.problem)
@@ -131,7 +132,8 @@ def prepare(
     rate, pilot = 0.0, None
     if isinstance(sigma, str):
         v = start_velocity(system, problem, start.v0)
-        pilot = rate_pilot(system, problem.q0, v, problem.c, total, problem.h < 0)
+        flies = sigma == FLIGHT
+        pilot = rate_pilot(system, problem.q0, v, problem.c, total, problem.h < 0, flies)
         rate = slowest_rate(pilot, total)
     inner = in_fictitious_time(system, scene, problem, start.v0, rate, total)
     return Prepared(system, scene, chosen, inner, problem.t0, total, stop, watches, options, pilot)

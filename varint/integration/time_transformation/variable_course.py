@@ -24,6 +24,7 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run_distance import TELLING, with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
+from varint.integration.time_transformation.flight_rate import flight_rate
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.plain_course import (
     PhysicalRun,
@@ -32,11 +33,12 @@ from varint.integration.time_transformation.plain_course import (
 )
 from varint.integration.time_transformation.rate_pilot import (
     RatePilot,
+    comes_from_afar,
     rate_pilot,
     rate_varies,
     varies_little,
 )
-from varint.integration.time_transformation.time_scale import AUTO
+from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
 from varint.integration.time_transformation.transformed_run import (
     Prepared,
     prepare,
@@ -89,12 +91,13 @@ def choose_varying_steps(
     total, v = problem.h, start_velocity(system, problem, start.v0)
     if astray is None:
         pilot = worthwhile_pilot(system, np.concatenate((problem.q0, v)), problem.c, total)
-    elif rate_varies(system, astray, WORTH):
-        pilot = rate_pilot(system, problem.q0, v, problem.c, total, total < 0)
     else:
-        pilot = None
+        kinds = (x for x in kinds_of(system) if rate_varies(system, astray, WORTH, x))
+        looks = (rate_pilot(system, problem.q0, v, problem.c, total, total < 0, x) for x in kinds)
+        pilot = next((look for look in looks if look is not None), None)
     if pilot is None:
         return None
+    word = FLIGHT if pilot.flight else AUTO
     span = pilot.mean * total
     asked = options._replace(h=span, tol=None, scale=None, save_every=1, progress=False)
     asked = asked._replace(steps=None, events=None)
@@ -102,14 +105,14 @@ def choose_varying_steps(
     own, first = price.rule, first_steps(price, abs(span), tol)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
-        prepared = prepare(system, own, AUTO, start, asked, problem)
+        prepared = prepare(system, own, word, start, asked, problem)
         course = _course(prepared, span, total, options.scale, prepared.stop is not None)
         found = run_twice(own, course, first, tol, FLOOR)
     if found is None:
         return None
     motion = found.run.motion()
     reached = found.estimate <= tol
-    return Choice(own, found.steps, motion, found.estimate, found.runs, reached, True)
+    return Choice(own, found.steps, motion, found.estimate, found.runs, reached, True, word)
 
 
 @per_scene
@@ -126,11 +129,16 @@ def worthwhile_pilot(
     """The pilot of a motion, from coordinates and velocities, whose rate varies so much that equal
     steps would be too many.
     """
-    if varies_little(system, start, c, total, WORTH):
-        return None
     n = len(start) // 2
-    pilot = rate_pilot(system, start[:n], start[n:], c, total, total < 0)
-    return pilot if pilot is not None and pilot.largest >= WORTH * pilot.mean else None
+    for flight in kinds_of(system):
+        if not flight and varies_little(system, start, c, total, WORTH):
+            continue
+        if flight and not comes_from_afar(system, start, c):
+            continue
+        pilot = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
+        if pilot is not None and pilot.largest >= WORTH * pilot.mean:
+            return pilot
+    return None
 
 
 def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
@@ -147,8 +155,15 @@ def may_vary(system: System, rule: Rule | None) -> bool:
         and s.constant_mass
         and not (s.controls or s.constraints or s.linear)
         and shows_its_error(system)
-        and not local_rate(system).reason
+        and bool(kinds_of(system))
     )
+
+
+@per_scene
+def kinds_of(system: System) -> tuple[bool, ...]:
+    """Which rates the scene has that vary: its own (False), that in flight (True)."""
+    both = local_rate(system), flight_rate(system)
+    return tuple(bool(i) for i, rate in enumerate(both) if not rate.reason)
 
 
 def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_early: bool) -> Course:

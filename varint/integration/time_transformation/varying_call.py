@@ -25,10 +25,11 @@ from varint.integration.time_transformation.physical_call import (
     physical_motion,
     ready_for,
     start_of,
+    with_other_digits_of,
 )
 from varint.integration.time_transformation.plain_course import PhysicalRun
 from varint.integration.time_transformation.rate_pilot import RatePilot
-from varint.integration.time_transformation.time_scale import AUTO
+from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
 from varint.integration.time_transformation.variable_course import (
     ATTEMPTS,
     CLOSER,
@@ -51,11 +52,6 @@ class _NotPlain(Exception):
     """A run that one call of the core does not make."""
 
 
-def _of_chaos(*_: Any) -> None:
-    """Runs from other last digits are the business of `variable_course`."""
-    raise _NotPlain
-
-
 def varying_call(
     system: System,
     rule: Rule | None,
@@ -70,7 +66,8 @@ def varying_call(
     """
     span = pilot.mean * duration
     price = cheapest_of(prices_for(system, rule), abs(span), tol)
-    ready = ready_for(system, price.rule, AUTO)
+    word = FLIGHT if pilot.flight else AUTO
+    ready = ready_for(system, price.rule, word)
     if ready is None or not system.structure.quadratic_kinetic:
         return None
     begun = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
@@ -80,14 +77,16 @@ def varying_call(
             return None
         known = begun.room.known
         if known is None or begun.known is not known or begun.total != duration:
-            begin_start(begun, system, c, duration, True)
+            begin_start(begun, system, c, duration, word)
         h = span * begun.pace
         if not (0 < begun.pace < math.inf and duration / h <= MOST_STEPS):
             return None
         check_steps(start[2], h, 1)
-        trial = partial(_trial, system, ready, begun, c, (float(start[2]), duration), span)
+        asked = c, (float(start[2]), duration), span
+        trial = partial(_trial, system, ready, begun, *asked)
+        parted = partial(_parted, system, ready, begun, *asked)
         apart = partial(apart_by, system, c, None, False)
-        course = Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=_of_chaos)
+        course = Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted)
         with np.errstate(all="ignore"):  # of steps that are too large
             found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
     except _NotPlain:
@@ -141,3 +140,23 @@ def _trial(
     how = h, begun.constants, until, kernel, perf_counter() - began
     motion = partial(physical_motion, system, ready.called, ready.moving, c, how)
     return attempt_of(system, PhysicalRun(*nodes[1:], motion), c)
+
+
+def _parted(
+    system: System,
+    ready: Ready,
+    begun: BegunStart,
+    c: np.ndarray,
+    times: tuple[float, float],
+    span: float,
+    steps: int,
+    wanted: float,
+    way: int,
+) -> Attempt:
+    """The whole run from a start with other last digits, in one of `WAYS`."""
+    other = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
+    try:
+        with_other_digits_of(other, system, begun, way)
+        return _trial(system, ready, other, c, times, span, steps, wanted, 1)
+    finally:
+        ready.starts.append(other)

@@ -1,0 +1,85 @@
+"""Runs of scenes whose motion is linear, x' = A x + b with constant A and b, by Gauss rules: a step
+is one map, which is made once, and all nodes are its powers.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+
+from varint.codegen.arguments import DONE
+from varint.codegen.kernel import LoopResult
+from varint.discrete.legendre import velocity_function
+from varint.integration.problem import InitialValueProblem
+from varint.numerics.arrays import call
+from varint.numerics.linear_maps import gauss_change, orbit
+from varint.rules.rule import Rule, gauss
+from varint.scene.memory import per_scene
+from varint.scene.system import System
+
+MOST_COORDINATES = 12  # beyond, a sparse solve in every step is cheaper than a full map
+MOST_STEPS = 2**17  # beyond, loops that watch the run on its way
+# of a motion in a step, for the round-off of the map is the same in all of them; the wanted error
+# is so many times as large as that, or steps are solved one by one
+ROUND_OFF, FAR_ABOVE = 2e-15, 4.0
+# the rule of such runs, whose order costs nothing, and radians from which they take less time than
+# steps that are solved one by one
+MAPPED, TURNS = gauss(8), 60.0
+TOLD = "powers of one linear map a step"
+
+
+@per_scene
+def is_one_map(system: System, rule: Rule) -> bool:
+    """Whether steps of the rule are the same linear map, all along."""
+    s = system.structure
+    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate or s.controls
+    if held or system.rays or s.forced or not (s.linear and s.autonomous and s.quadratic_kinetic):
+        return False
+    order = 2 * len(rule.nodes)
+    return s.n <= MOST_COORDINATES and bool(rule.points) and rule.order == order == 2 * rule.degree
+
+
+def nodes_by_map(system: System, rule: Rule, problem: InitialValueProblem) -> LoopResult | None:
+    """The run as a loop would find it, which carries nothing along and looks for no velocities;
+    None where it is not finite.
+    """
+    began, n, steps, h = perf_counter(), len(problem.q0), problem.steps, problem.h
+    slopes, rates, mass = (
+        x.reshape(shape, order="F")
+        for x, shape in zip(
+            call(_flow(system), problem.c), ((2 * n, 2 * n), (2 * n,), (n,)), strict=True
+        )
+    )
+    # momenta in the unit of coordinates: h p/m, and the constant rates times one
+    unit = np.concatenate((np.ones(n), np.abs(mass) / abs(h), [1.0]))
+    a = np.zeros((2 * n + 1, 2 * n + 1))
+    a[:-1, :-1], a[:-1, -1] = h * slopes, h * rates
+    x = np.concatenate((problem.q0, problem.p0, [1.0]))
+    try:
+        change = gauss_change(a * unit / unit[:, None], len(rule.nodes))
+    except np.linalg.LinAlgError:
+        return None
+    found = orbit(change, x / unit, steps)[:, :-1] * unit[:-1]
+    found[0] = x[:-1]
+    if not np.isfinite(found[-1]).all():
+        return None
+    rows, none = np.full((steps + 1, 3, n), np.nan), np.empty(0)
+    rows[:, :2] = found.reshape(-1, 2, n)
+    told = DONE, steps, 0, 0, 0.0, 0.0, 0.0
+    return LoopResult(rows, *told, none, rows[-1].ravel(), none, perf_counter() - began)
+
+
+@per_scene
+def _flow(system: System) -> ca.Function:
+    """c → A, b and the diagonal of the mass matrix, of q' and p' by x = (q, p)."""
+    s, n = system, system.structure.n
+    x, c = ca.SX.sym("x", 2 * n), ca.SX.sym("c", s.c.numel())
+    v = velocity_function(s)(x[:n], x[n:], ca.SX.zeros(1), c)
+    push = ca.Function("push", [s.q, s.v, s.c], [ca.gradient(s.lagrangian, s.q)])
+    rate = ca.vertcat(v, push(x[:n], v, c))
+    a = ca.jacobian(rate, x)
+    b = ca.substitute(rate, x, ca.SX.zeros(2 * n))
+    mass = ca.substitute(ca.diag(s.mass_matrix), s.c, c)
+    return ca.Function("flow", [c], [ca.densify(a), ca.densify(b), ca.densify(mass)])
