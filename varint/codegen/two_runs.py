@@ -9,7 +9,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import two_runs_entries
-from varint.codegen.few_steps import TOLD, Nodes, Place, entries_of, nodes_of
+from varint.codegen.few_steps import TOLD, Place, entries_of, nodes_of
 from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
@@ -17,8 +17,8 @@ from varint.numerics.limits import FIXED_POINT_ITERATIONS
 _FOUND = struct.Struct("qq3dP")  # Proved
 # TwoRuns, what belongs to the course, to the mass matrix, and to what is asked; the place of the
 # start stands behind the first
-_COURSE, _MASS, _ASKED = struct.Struct("7P7q"), struct.Struct("Pq"), struct.Struct("q4d")
-_TAKEN = struct.Struct("2P2q2d")  # Taken
+_COURSE, _MASS, _ASKED = struct.Struct("7P8q"), struct.Struct("Pq"), struct.Struct("q4d")
+_TAKEN = struct.Struct("2P3q2d")  # Taken
 assert _FOUND.size == 8 * TOLD
 PROVED, NOT_PROVED, NOT_SHORT = range(3)
 
@@ -27,6 +27,7 @@ class Course(NamedTuple):
     """What runs, how its errors are measured, and what lies at its addresses; see `course_of`."""
 
     n: int
+    by_velocity: bool
     head: bytes
     held: tuple
 
@@ -37,6 +38,7 @@ def course_of(
     order: int,
     pieces: tuple[int, int],
     linear: bool,
+    by_velocity: bool,
     body: np.ndarray,
     turns: np.ndarray,
     limits: np.ndarray,
@@ -47,7 +49,7 @@ def course_of(
     ----------
     kernel : Kernel
     energy : RowFunction
-        (q, p, t) → energy and |p·v|.
+        (q, p, t) → energy and |p·v|; by velocity (q, v, t).
     order : int
         Of the rule.
     pieces : tuple of int
@@ -55,6 +57,8 @@ def course_of(
         need not); most steps of a run.
     linear : bool
         Whether the order is sure.
+    by_velocity : bool
+        Whether velocities, which have no formula, are made by the runs.
     body, turns : array (n,) of int64
         The first coordinate of each one's body; whether it is an angle.
     limits : array
@@ -68,10 +72,10 @@ def course_of(
     two_runs_entries()
     on = entries_of(kernel, energy)
     arrays = limits, body, turns
-    numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces
+    numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces, int(by_velocity)
     calls = on.run, on.scene, on.rows, on.energy
     head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers)
-    return Course(on.n, head, (on, *arrays))
+    return Course(on.n, by_velocity, head, (on, *arrays))
 
 
 class Places(NamedTuple):
@@ -86,8 +90,9 @@ def places_of(start: Place, mass: int, apart: int) -> Places:
     return Places(start.head + _MASS.pack(mass, apart), start.told)
 
 
-# steps of a run, runs that were made, its estimated error, iterations, residual, and its nodes
-Found = tuple[int, int, float, int, float, Nodes]
+# steps of a run, runs that were made, its estimated error, iterations, residual, and its nodes,
+# with velocities where these have no formula
+Found = tuple[int, int, float, int, float, tuple[np.ndarray, ...]]
 
 
 def two_runs(
@@ -120,7 +125,11 @@ def two_runs(
     if status != PROVED:
         return status
     steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told)
-    at, nodes = nodes_of(course.n, steps + 1)
-    done = take(_TAKEN.pack(rows, at, course.n, steps, t0, duration / steps))
+    many_more = (steps + 1) * course.n if course.by_velocity else 0
+    at, nodes = nodes_of(course.n, steps + 1, many_more)
+    done = take(_TAKEN.pack(rows, at, course.n, steps, course.by_velocity, t0, duration / steps))
     assert done == DONE
-    return steps, runs, estimate, int(iterations), residual, nodes
+    if not many_more:
+        return steps, runs, estimate, int(iterations), residual, nodes
+    v = np.ndarray(nodes[2].shape, float, nodes[2].base, 2 * 8 * (steps + 1) * (course.n + 1))  # type: ignore[arg-type]
+    return steps, runs, estimate, int(iterations), residual, (*nodes, v)

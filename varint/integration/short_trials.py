@@ -13,6 +13,7 @@ import varint.integration.two_runs as decided
 from varint.codegen.cache import CompileError
 from varint.codegen.few_steps import TOLD, place_of
 from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import (
     NOT_SHORT,
     Course,
@@ -25,7 +26,7 @@ from varint.codegen.two_runs import (
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
-from varint.integration.energy_check import energy_rows
+from varint.integration.energy_check import energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.plan import plan
@@ -113,11 +114,19 @@ def two_short_runs(
     return found
 
 
+def energy_known(system: System) -> RowFunction | None:
+    """The energy of a node as the core looks at it: by its momentum, or by its velocity where that
+    has no formula.
+    """
+    quadratic = system.structure.quadratic_kinetic
+    return energy_rows(system) if quadratic else energy_rows_by_velocity(system)
+
+
 @per_scene
 def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     """How the runs are made; None where the core cannot make them."""
-    s, energy = system.structure, energy_rows(system)
-    if kernel.opening or kernel.note[0] or energy is None or not s.quadratic_kinetic:
+    s, energy = system.structure, energy_known(system)
+    if kernel.opening or kernel.note[0] or energy is None:
         return None
     body = np.arange(s.n)
     for members in bodies(system.names):
@@ -127,6 +136,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     longest = first_piece(kernel, False) * (1 if kernel.is_native else COMPILED)
     pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
-        return course_of(kernel, energy, rule.order, pieces, s.linear, body, turns, _LIMITS)
+        kind = s.linear, not s.quadratic_kinetic, body, turns
+        return course_of(kernel, energy, rule.order, pieces, *kind, _LIMITS)
     except CompileError:
         return None
