@@ -1,4 +1,4 @@
-"""Lagrangians that are not quadratic in v in the loops of Newton's method."""
+"""Lagrangians that are not quadratic in v in the compiled loops."""
 
 import casadi as ca
 import numpy as np
@@ -45,7 +45,8 @@ def test_native_steps_are_the_interpreted_ones(scene, rule):
     native, interpreted = (
         vi.simulate(make(), rule, **run, backend=backend) for backend in ("native", "interpreted")
     )
-    assert native.stats["backend"].startswith("native: Newton")
+    method = "Gauss" if rule == vi.gauss(3) else "Newton"
+    assert native.stats["backend"].startswith(f"native: {method}")
     for name in ("q", "p", "v"):
         one, other = getattr(native, name), getattr(interpreted, name)
         assert np.abs(one - other).max() < 1e-13 * max(np.abs(other).max(), 1)
@@ -95,3 +96,34 @@ def test_constraints_on_such_a_scene_stay_interpreted():
     motion = vi.simulate(held, vi.lobatto(3), q0=[1, 0], v0=[0, 0.5], h=0.05, steps=10)
     assert motion.stats["backend"] == "interpreted"
     assert np.abs((motion.q**2).sum(1) - 1).max() < 1e-14
+
+
+@pytest.mark.parametrize("tol", (1e-6, 1e-9, 1e-11))
+def test_a_call_with_a_duration_alone_proves_its_error_in_the_core(tol, monkeypatch):
+    """The circle in closed form; no run of Python's is asked for, and velocities come with it."""
+
+    def refused(*_):
+        raise AssertionError("the core did not prove it")
+
+    monkeypatch.setattr("varint.integration.tolerance.by_plain_trials", refused)
+    speed = 0.8
+    gamma = 1 / np.sqrt(1 - speed**2)
+    start = {"q0": [0.0, 0, 0], "v0": [speed, 0, 0.0]}
+    motion = vi.simulate(gyrating(), **start, duration=40.0, tol=tol)
+    angle, radius = 2 / gamma * motion.t, gamma * speed / 2
+    exact = radius * np.stack([np.sin(angle), np.cos(angle) - 1, 0 * angle], axis=1)
+    error = np.abs(motion.q - exact).max() / (2 * radius)
+    assert error < motion.stats["error_estimate"] <= tol
+    moving = speed * np.stack([np.cos(angle), -np.sin(angle), 0 * angle], axis=1)
+    assert np.abs(motion.__dict__["v"] - moving).max() < 10 * tol
+
+
+def test_the_stages_go_over_to_newtons_method_where_inertia_magnifies_round_off():
+    """p = r v/√(1 + v²) hardly depends on v = 40: r = cosh to the round-off of the start."""
+    q, v = vi.coordinates("r")
+    film, slope = vi.System(q, v, q * ca.sqrt(1 + v**2)), 40.0
+    run = {"q0": np.sqrt(1 + slope**2), "v0": slope, "h": 0.01, "steps": 50}
+    motion = vi.simulate(film, vi.gauss(8), **run, backend="native")
+    exact = np.cosh(np.arcsinh(slope) + motion.t)
+    assert np.abs(motion.q[:, 0] / exact - 1).max() < 1e-11
+    assert motion.stats["residual"] < 1e-14

@@ -68,11 +68,11 @@ def place_of(start: int, c: int, told_at: int, told: memoryview) -> Place:
 Nodes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def nodes_of(n: int, nodes: int) -> tuple[int, Nodes]:
+def nodes_of(n: int, nodes: int, room: int = 0) -> tuple[int, Nodes]:
     """Memory in one piece for a run as the core writes it: its address; numbers, times, coordinates
-    and momenta of the nodes.
+    and momenta of the nodes, and room for so many more numbers behind.
     """
-    block, size, both = np.empty(2 * nodes * (n + 1)), 8 * nodes, (nodes, n)
+    block, size, both = np.empty(2 * nodes * (n + 1) + room), 8 * nodes, (nodes, n)
     array = np.ndarray  # half the time of slices
     return new_address(block), (
         array(nodes, _WHOLE, block, (2 * n + 1) * size),

@@ -14,9 +14,17 @@ from varint.codegen.mechanics import acceleration, dense, force, momentum, veloc
 from varint.codegen.routines import Routine, halved, routines
 from varint.codegen.source import Source, c_head, compiled, emitted, source_of
 from varint.codegen.tableau import tableau_source
-from varint.discrete.legendre import full_inertia, known_velocity
+from varint.discrete.legendre import (
+    HALVINGS,
+    full_inertia,
+    known_velocity,
+    legendre_expressions,
+    mass_solve,
+)
+from varint.numerics.limits import LEGENDRE_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
+from varint.scene.structure import jumps
 from varint.scene.system import System
 
 FEW = 6  # so many coordinates stay in registers
@@ -35,12 +43,15 @@ def lanes_for(stages: int) -> tuple[int, int]:
     return lanes, -(-stages // lanes) * lanes
 
 
+@per_scene
 def gauss_form(system: System) -> int:
     """2: unknown accelerations (separable, constant mass); 1: unknown velocities and forces; 0:
     not possible.
     """
     s = system.structure
-    if s.constraints or s.nonholonomic or s.contacts or s.degenerate or not s.quadratic_kinetic:
+    if s.constraints or s.nonholonomic or s.contacts or s.degenerate:
+        return 0
+    if not s.quadratic_kinetic and (jumps(system.momentum, system.v) or full_inertia(system)):
         return 0
     return 2 if s.separable and s.constant_mass else 1
 
@@ -57,7 +68,7 @@ class Scheme:
         Length of a vector; lanes of all vectors of a coordinate's stages.
     functions : dict of Routine
         The right-hand side first: "rhs"; or "kick" and "drift", and "inertia" where velocities are
-        improved; or those of c/dense.c; then "velocity" and "momentum".
+        improved; or those of c/dense.c; then "velocity" or "legendre", and "momentum".
     needs : dict
         NEEDS_Q and NEEDS_P: does the right-hand side depend on q_i, does the momentum p_i change?
     geometry : int
@@ -67,6 +78,10 @@ class Scheme:
     diagonals, on_velocity, ahead : bool
         How products with the tableau are arranged; whether forces depend on v; whether the next
         step is begun while this one is iterated.
+    by_defect : bool
+        Whether velocities are improved by what their momenta miss.
+    legendre_iterations : int
+        Of Newton's method for velocities at a node; 0 where they have a formula.
     """
 
     form: int
@@ -81,6 +96,7 @@ class Scheme:
     on_velocity: bool
     ahead: bool
     by_defect: bool
+    legendre_iterations: int
 
     @property
     def vectors(self) -> int:
@@ -135,10 +151,11 @@ def gauss_source(system: System, rule: Rule, form: int | None = None) -> Source:
         "STRIDE": scheme.vectors,
         "AHEAD": int(scheme.ahead),
         "BY_DEFECT": int(scheme.by_defect),
+        "LEGENDRE_ITERATIONS": scheme.legendre_iterations,
         "DENSE": int(scheme.geometry > 0),
     }
     # the loop is that of all scenes of a size, compiled once; these are the scene's own
-    own = {"TAKEN": numbers_taken(scheme), "GEOMETRY": scheme.geometry}
+    own = {"HALVINGS": HALVINGS, "TAKEN": numbers_taken(scheme), "GEOMETRY": scheme.geometry}
     tableau = tableau_source(scheme.stages, scheme.lanes, scheme.diagonals)
     needs = "".join(c_table("char", x, map(str, map(int, y))) for x, y in scheme.needs.items())
     loops = ("dense.c", "gauss_scene.c") if scheme.geometry else ("gauss_scene.c",)
@@ -169,12 +186,13 @@ def gauss_scheme(system: System, stages: int, form: int | None = None) -> Scheme
 def _scheme_of(system: System, stages: int, form: int) -> Scheme:
     if not form:
         raise NotCompilable(
-            "the compiled Gauss method needs a regular scene without constraints, quadratic in "
-            "velocities"
+            "the compiled Gauss method needs a regular scene without constraints, whose momentum "
+            "has no jumps"
         )
     lanes, padded = lanes_for(stages)
     full = form == 1 and full_inertia(system)
-    by_defect = form == 1 and known_velocity(system, system.v) is not None
+    quadratic = system.structure.quadratic_kinetic
+    by_defect = form == 1 and (not quadratic or known_velocity(system, system.v) is not None)
     make = (
         _accelerations
         if form == 2
@@ -205,6 +223,7 @@ def _scheme_of(system: System, stages: int, form: int) -> Scheme:
         form == 2 and system.structure.force_on_velocity,
         ahead,
         by_defect,
+        0 if quadratic else LEGENDRE_ITERATIONS,
     )
 
 
@@ -248,16 +267,21 @@ def _kick_and_drift(system: System) -> Functions:
 def _push_and_defect(system: System) -> Functions:
     """The right-hand side for velocities that are improved: "kick", forces and momenta of given
     velocities; "drift", the velocities that belong to momenta that are missed, of what "inertia"
-    says of a place.
+    says of a place and of velocities there, on which it depends where L is not quadratic in them.
     """
     q, v, t, p = system.q, system.v, system.t, ca.SX.sym("p", system.q.numel())
-    missed, speed = ca.SX.sym("missed", p.numel()), velocity(system, p)
+    missed, quadratic = ca.SX.sym("missed", p.numel()), system.structure.quadratic_kinetic
     outputs = [force(system), momentum(system)]
-    gained = ca.jtimes(speed, p, missed)
+    if quadratic:
+        speed = velocity(system, p)
+        gained, at_nodes = ca.jtimes(speed, p, missed), {"velocity": ([q, p, t], [speed])}
+    else:
+        gained = mass_solve(system.mass_matrix, missed)
+        at_nodes = {"legendre": legendre_expressions(system)}
     functions = routines(system.c, {"kick": ([q, v, t, system.control], outputs)})
-    placed = halved(system.c, ("inertia", "drift"), [q, t], missed, [gained])
+    placed = halved(system.c, ("inertia", "drift"), [q, v, t], missed, [gained])
     functions |= {name: placed[name] for name in ("drift", "inertia")}
-    functions |= routines(system.c, {"velocity": ([q, p, t], [speed])})
+    functions |= routines(system.c, at_nodes)
     return functions, [gained, *outputs[::-1]]
 
 
@@ -280,5 +304,5 @@ def _work(functions: dict[str, Routine], needs: dict[str, list[bool]]) -> int:
     """Roughly the vector operations of an evaluation at the stages."""
     products = sum(needs["NEEDS_Q"]) + ("rhs" not in functions) * sum(needs["NEEDS_P"])
     return PRODUCT * products + sum(
-        f.sizes.operations for name, f in functions.items() if name != "velocity"
+        f.sizes.operations for name, f in functions.items() if name not in ("velocity", "legendre")
     )

@@ -46,7 +46,8 @@ def members_kernel(system: System, rule: Rule) -> Callable[[bytes], int]:
     """
     if rule.kicks and system.structure.explicit:
         return _build(system, len(rule.kicks), *_explicit(system, rule))
-    if rule == gauss(min(len(rule.nodes), MOST_STAGES)) and gauss_form(system):
+    by_stages = rule == gauss(min(len(rule.nodes), MOST_STAGES)) and gauss_form(system)
+    if by_stages and system.structure.quadratic_kinetic:
         return _build(system, len(rule.nodes), *_gauss(system, len(rule.nodes)))
     raise NotCompilable(
         "members are compiled together for compositions of separable scenes with constant mass, "

@@ -23,13 +23,13 @@ from varint.codegen.routines import Routine
 from varint.codegen.source import FEW_ROOTS
 from varint.codegen.tableau import tableau_arrays
 from varint.codegen.tape import NOTHING_TO_DO, Tape
+from varint.discrete.legendre import HALVINGS
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
 MOST_COORDINATES, MOST_CONTROLS = 256, 64  # MOST_N and MOST_NU of c/scene.h
 MOST_OPERATIONS = 60_000  # of a scene: more are worth the compiler's time
 MOST_OF_MACHINES = 250_000  # of a machine of many links, which takes the compiler minutes
-LAST = ("velocity", "momentum")  # at a single point
 TOO_LARGE = "the scene is too large to be run as data; use backend='compiled'"
 
 
@@ -50,7 +50,8 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
         raise NotCompilable(TOO_LARGE)
     tapes = tapes_of(x.functions, MOST_OF_MACHINES if x.by_defect else MOST_OPERATIONS)
     names = ("rhs", "drift") if x.form == 2 else ("kick", "drift")
-    ordered = [tapes.get(name, NOTHING_TO_DO) for name in (*names, "inertia", *LAST)]
+    at_nodes = "legendre" if x.legendre_iterations else "velocity", "momentum"
+    ordered = [tapes.get(name, NOTHING_TO_DO) for name in (*names, "inertia", *at_nodes)]
     tables = list(tableau_arrays(x.stages, x.lanes, x.diagonals).values())
     needs = (np.array(needed, np.int8) for needed in x.needs.values())
     counts = (
@@ -61,6 +62,8 @@ def native_gauss(system: System, rule: Rule) -> Kernel:
         int(x.on_velocity),
         int(x.ahead),
         int(x.by_defect),
+        x.legendre_iterations,
+        HALVINGS,
     )
     block = block_of([*counts, *needs, tables, *ordered])
     first = next(iter(x.functions.values()))

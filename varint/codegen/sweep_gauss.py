@@ -43,6 +43,7 @@ def has_stage_sweep(system: System, rule: Rule) -> bool:
     return (
         rule == gauss(min(stages, MOST_STAGES))
         and bool(gauss_form(system))
+        and system.structure.quadratic_kinetic
         and not system.structure.linear
         and not full_inertia(system)
         and stages * system.structure.n >= FEWEST

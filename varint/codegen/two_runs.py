@@ -10,7 +10,7 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import two_runs_entries
-from varint.codegen.few_steps import TOLD, Nodes, Place, entries_of, nodes_of
+from varint.codegen.few_steps import TOLD, Place, entries_of, nodes_of
 from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
@@ -18,8 +18,8 @@ from varint.numerics.limits import FIXED_POINT_ITERATIONS
 _FOUND = struct.Struct("qq3dP")  # Proved
 # TwoRuns, what belongs to the course, to the mass matrix, and to what is asked; the place of the
 # start stands behind the first
-_COURSE, _MASS, _ASKED = struct.Struct("7P7q"), struct.Struct("Pq"), struct.Struct("q4d")
-_TAKEN = struct.Struct("2P2q2d")  # Taken
+_COURSE, _MASS, _ASKED = struct.Struct("7P8q"), struct.Struct("Pq"), struct.Struct("q4d")
+_TAKEN = struct.Struct("2P3q2d")  # Taken
 assert _FOUND.size == 8 * TOLD
 PROVED, NOT_PROVED, NOT_SHORT, DOUBTED = range(4)
 
@@ -31,6 +31,7 @@ class Course(NamedTuple):
 
     entry: Callable[[bytes], int]
     n: int
+    by_velocity: bool
     head: bytes
     held: tuple
 
@@ -41,6 +42,7 @@ def course_of(
     order: int,
     pieces: tuple[int, int],
     linear: bool,
+    by_velocity: bool,
     body: np.ndarray,
     turns: np.ndarray,
     limits: np.ndarray,
@@ -51,7 +53,7 @@ def course_of(
     ----------
     kernel : Kernel
     energy : RowFunction
-        (q, p, t) → energy and |p·v|.
+        (q, p, t) → energy and |p·v|; by velocity (q, v, t).
     order : int
         Of the rule.
     pieces : tuple of int
@@ -59,6 +61,8 @@ def course_of(
         need not); most steps of a run.
     linear : bool
         Whether the order is sure.
+    by_velocity : bool
+        Whether velocities, which have no formula, are made by the runs.
     body, turns : array (n,) of int64
         The first coordinate of each one's body; whether it is an angle.
     limits : array
@@ -72,10 +76,10 @@ def course_of(
     entry = two_runs_entries()[0]
     on = entries_of(kernel, energy)
     arrays = limits, body, turns
-    numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces
+    numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces, int(by_velocity)
     calls = on.run, on.scene, on.rows, on.energy
     head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers)
-    return Course(entry, on.n, head, (on, *arrays))
+    return Course(entry, on.n, by_velocity, head, (on, *arrays))
 
 
 class Places(NamedTuple):
@@ -92,7 +96,8 @@ def places_of(start: Place, mass: int, apart: int) -> Places:
 
 class Found(NamedTuple):
     """Steps of a run, runs that were made, its estimated error, iterations, residual, its nodes,
-    and whether more is to be looked at before it is proved.
+    with velocities where these have no formula, and whether more is to be looked at before it is
+    proved.
     """
 
     steps: int
@@ -100,7 +105,7 @@ class Found(NamedTuple):
     estimate: float
     iterations: int
     residual: float
-    nodes: Nodes
+    nodes: tuple[np.ndarray, ...]
     doubted: bool
 
 
@@ -133,7 +138,13 @@ def two_runs(
     if status not in (PROVED, DOUBTED):
         return status
     steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told)
-    at, nodes = nodes_of(course.n, steps + 1)
-    done = two_runs_entries()[1](_TAKEN.pack(rows, at, course.n, steps, t0, duration / steps))
+    more = (steps + 1) * course.n if course.by_velocity else 0
+    at, nodes = nodes_of(course.n, steps + 1, more)
+    how = course.n, steps, course.by_velocity, t0, duration / steps
+    done = two_runs_entries()[1](_TAKEN.pack(rows, at, *how))
     assert done == DONE
+    if more:
+        behind = 2 * 8 * (steps + 1) * (course.n + 1)
+        v = np.ndarray(nodes[2].shape, float, nodes[2].base, behind)  # type: ignore[arg-type]
+        nodes = *nodes, v  # type: ignore[assignment]
     return Found(steps, runs, estimate, int(iterations), residual, nodes, status == DOUBTED)

@@ -132,7 +132,7 @@ def energies_by_velocity(
     """`energies_along` of nodes (N, 3, n) whose q, p and v are known: without the equations of the
     velocities, which take Newton's method where L is not quadratic in them.
     """
-    f = _velocity_rows(system)
+    f = energy_rows_by_velocity(system)
     if f is None:
         return energies_along(system, rows[:, 0], rows[:, 1], t, c)
     found = f.values(c, rows[:, 0], rows[:, 2], t[:, None])
@@ -285,7 +285,7 @@ def energy_rows(system: System) -> RowFunction | None:
 
 
 @per_scene
-def _velocity_rows(system: System) -> RowFunction | None:
+def energy_rows_by_velocity(system: System) -> RowFunction | None:
     """(q, v, t) → H, p·v as data; None where they have no such form."""
     from varint.codegen.rows import row_function_or_none
 

@@ -17,7 +17,7 @@ from varint.codegen.few_steps import TOLD, Place, place_of
 from varint.codegen.kernel import address_of
 from varint.codegen.two_runs import Places, places_of
 from varint.discrete.legendre import velocity_function
-from varint.integration.small_motions import local_function_of_momentum
+from varint.integration.small_motions import local_function, local_function_of_momentum
 from varint.integration.start import check_mass, regular_at, start_function
 from varint.numerics.arrays import hand_over, is_clearly_definite
 from varint.scene.inputs import vector
@@ -100,15 +100,17 @@ def is_plain_number(x: Any) -> bool:
 
 
 @per_scene
-def is_plain(system: System) -> bool:
-    """Whether nothing but coordinates and momenta at nodes makes the motion, and a start is
-    functions of symbols.
-    """
+def has_plain_nodes(system: System) -> bool:
+    """Whether nothing but coordinates and momenta at nodes makes the motion."""
     s = system.structure
     held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
-    if held or s.controls or system.rays:
-        return False
-    return velocity_function(system).is_a("SXFunction")
+    return not (held or s.controls or system.rays)
+
+
+@per_scene
+def is_plain(system: System) -> bool:
+    """Whether the same, and velocities are functions of symbols."""
+    return has_plain_nodes(system) and velocity_function(system).is_a("SXFunction")
 
 
 @per_scene
@@ -128,8 +130,11 @@ def room_of(system: System, looks: bool) -> Room:
     begin, one = _on(start_function(system), (q, v, np.empty(0), t, c), (values,))
     look, other, half = None, (), n * n
     if looks:
-        inputs = q, values[:n], t, c
-        look, other = _on(local_function_of_momentum(system), inputs, (local[:half], local[half:]))
+        if system.structure.quadratic_kinetic:
+            of, at_start = local_function_of_momentum(system), values[:n]
+        else:
+            of, at_start = local_function(system), v
+        look, other = _on(of, (q, at_start, t, c), (local[:half], local[half:]))
     parts = n, q, v, t, c, block[: 2 * n], values, local, block.data
     pack, begun = (struct.Struct(f"{count}d") for count in (ends[3], ends[4]))
     put = block.data.cast("B")[: pack.size]

@@ -17,11 +17,11 @@ from varint.codegen.kernel import Kernel
 from varint.codegen.two_runs import NOT_PROVED, Course
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
-from varint.integration.energy_check import energy_rows
 from varint.integration.gears import Gears, gears_of, kernel_now
 from varint.integration.plain_start import (
     Room,
     begin_at,
+    has_plain_nodes,
     is_plain,
     is_plain_number,
     room_of,
@@ -37,7 +37,12 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.second_looks import has_switches
 from varint.integration.short_refinement import looked_at_closely
-from varint.integration.short_trials import course_by, steps_to_begin, two_short_runs
+from varint.integration.short_trials import (
+    course_by,
+    energy_known,
+    steps_to_begin,
+    two_short_runs,
+)
 from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
 from varint.integration.time_transformation.variable_course import may_vary, worthwhile_pilot
 from varint.integration.time_transformation.varying_call import varying_call
@@ -171,9 +176,9 @@ class _Known:
 def _known(system: System, rule: Rule | None) -> _Known | None:
     """None where another way is to be taken, whatever the start."""
     n, own = system.structure.n, plan(system, rule).rule
-    if not (is_plain(system) and n <= MOST_COORDINATES) or has_switches(system):
+    if not (_begins_by_symbols(system) and n <= MOST_COORDINATES) or has_switches(system):
         return None
-    if (energy_rows(system) if shows_its_error(system) else balance_rows(system)) is None:
+    if (energy_known(system) if shows_its_error(system) else balance_rows(system)) is None:
         return None
     if rule is None and not runs_by_stages(system, gauss(8), "auto"):
         return None
@@ -181,6 +186,13 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
     prices = priced(rules)
     varies = may_vary(system, rule)
     return _Known(n, rooms(system, True), prices, changes(prices), [None] * len(prices), varies)
+
+
+def _begins_by_symbols(system: System) -> bool:
+    """Whether a start is functions of symbols: those of velocities alone where these have no
+    formula.
+    """
+    return is_plain(system) or (has_plain_nodes(system) and not system.structure.quadratic_kinetic)
 
 
 @per_scene

@@ -18,6 +18,7 @@ from varint.codegen.cache import CompileError
 from varint.codegen.few_steps import TOLD, place_of
 from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.refined_runs import refined_course
+from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import (
     NOT_PROVED,
     NOT_SHORT,
@@ -31,7 +32,7 @@ from varint.codegen.two_runs import (
 from varint.integration.backend import kernel_for
 from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
-from varint.integration.energy_check import NOTHING, energy_rows
+from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.plan import plan
@@ -145,12 +146,22 @@ def two_short_runs(
     return found
 
 
+def energy_known(system: System) -> RowFunction | None:
+    """The energy of a node as the core looks at it: by its momentum, or by its velocity where that
+    has no formula.
+    """
+    quadratic = system.structure.quadratic_kinetic
+    return energy_rows(system) if quadratic else energy_rows_by_velocity(system)
+
+
 @per_scene
 def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     """How the runs are made; None where the core cannot make them."""
     s, kept = system.structure, decided.shows_its_error(system)
-    energy = energy_rows(system) if kept else balance_rows(system)
-    if kernel.opening or kernel.note[0] or energy is None or not s.quadratic_kinetic:
+    energy = energy_known(system) if kept else balance_rows(system)
+    if kernel.opening or kernel.note[0] or energy is None:
+        return None
+    if not (kept or s.quadratic_kinetic):
         return None
     if not kept and (seconds.has_steps(system) or not rule.nodes):
         return None
@@ -166,6 +177,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
             forces, looks = hidden.forces_as_data(system), hidden.looks_in_order(rule)
             how = kernel, energy, forces, looks, rule.order, pieces
             return refined_course(*how, body, turns, _REFINED)
-        return course_of(kernel, energy, rule.order, pieces, s.linear, body, turns, _LIMITS)
+        kind = s.linear, not s.quadratic_kinetic, body, turns
+        return course_of(kernel, energy, rule.order, pieces, *kind, _LIMITS)
     except CompileError:
         return None

@@ -108,7 +108,7 @@ def frequency_at_start(
     system: System, q: np.ndarray, v: np.ndarray, t: float, c: np.ndarray
 ) -> float | None:
     """`frequency` at one state."""
-    mass, stiffness = call(_local_function(system), q, v, np.array((t,)), c)
+    mass, stiffness = call(local_function(system), q, v, np.array((t,)), c)
     n = system.structure.n
     return frequency(mass.reshape(n, n).T, stiffness.reshape(n, n).T)
 
@@ -141,14 +141,15 @@ def local_matrices(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """M and ∂(∂L/∂q + F)/∂q, with `turning`, at every node, (N + 1, n, n)."""
     n = motion.system.structure.n
     found = over_columns(
-        _local_function(motion.system), motion.q, motion.v, motion.t[:, None], motion.c
+        local_function(motion.system), motion.q, motion.v, motion.t[:, None], motion.c
     )
     mass, stiffness = (x.reshape(-1, n, n).transpose(0, 2, 1) for x in found)
     return mass, stiffness
 
 
 @per_scene
-def _local_function(system: System) -> ca.Function:
+def local_function(system: System) -> ca.Function:
+    """(q, v, t, c) → M and ∂(∂L/∂q + F)/∂q with `turning`."""
     s = system
     generalised_force = ca.gradient(s.lagrangian, s.q) + ca.substitute(
         s.force, s.control, 0 * s.control
@@ -178,5 +179,5 @@ def local_function_of_momentum(system: System) -> ca.Function:
     symbol = ca.SX.sym if velocity.is_a("SXFunction") else ca.MX.sym
     sizes = (n, n, 1, system.c.numel())
     q, p, t, c = (symbol(x, k) for x, k in zip("qptc", sizes, strict=True))
-    found = _local_function(system)(q, velocity(q, p, t, c), t, c)
+    found = local_function(system)(q, velocity(q, p, t, c), t, c)
     return ca.Function("local", [q, p, t, c], found)

@@ -117,8 +117,8 @@ def motion_of(
     events: tuple[Event, ...] = (),
     interrupted: bool = False,
 ) -> Trajectory:
-    """The motion with these nodes, (k, t, q, p), found by so many iterations with such a residual;
-    what holds at each node, and what happened.
+    """The motion with these nodes, (k, t, q, p) and perhaps v, found by so many iterations with
+    such a residual; what holds at each node, and what happened.
     """
     system, chosen, problem, _, _, kernel, began, _ = run
     grid = problem.h, problem.t0, problem.u, problem.c
@@ -147,8 +147,8 @@ def plain_motion_of(
     work: tuple[int, float],
     **more: Any,
 ) -> Trajectory:
-    """`motion_of` one that nothing held or turned into another: (k, t, q, p), (h, t0, u, c) and
-    what is told besides.
+    """`motion_of` one that nothing held or turned into another: (k, t, q, p) and perhaps v,
+    (h, t0, u, c) and what is told besides.
     """
     stats = {
         "plan": chosen,
@@ -171,7 +171,7 @@ def _motion(
     stats: dict[str, Any],
 ) -> Trajectory:
     """In half the time of its constructor, which short runs notice."""
-    (k, t, q, p), (h, t0, u, c) = nodes, grid
+    (k, t, q, p, *v), (h, t0, u, c) = nodes, grid
     motion, rule = object.__new__(Trajectory), chosen.rule
     known = {
         "system": system,
@@ -187,6 +187,8 @@ def _motion(
         "origin": t0,
         "stats": MappingProxyType(stats),
     }
+    if v:
+        (known["v"],) = v
     object.__setattr__(motion, "__dict__", known)
     return motion
 

@@ -9,8 +9,10 @@
    FORM 1: unknown (h b_i V_i, h b_i F_i) with V, F from (Q, P, t, u); Q_i = q + sum_j m_ij h b_j V_j, P_i alike. Where
            the right-hand side has two halves, V may come from the momenta that the new F make (Gauss-Seidel order).
            BY_DEFECT: V is improved by what its momenta miss, V += A M^-1 A^-1 (P - p(Q, V)), M^-1 at the stage where the
-           rate A^-1 (P - p)/h is missed, taken once a step where its first evaluation puts the stages. The iteration contracts as accelerations depend on the motion, h da/dv + h^2 da/dq,
-           where V from P contracts as M^-1 dp/dq does, which in long chains of links is hundreds of times more.
+           rate A^-1 (P - p)/h is missed, taken once a step where its first evaluation puts the stages. The iteration contracts
+           as accelerations depend on the motion, h da/dv + h^2 da/dq, where V from P contracts as M^-1 dp/dq does, which in long
+           chains of links is hundreds of times more. It needs no inverse of p(q, v), which may depend on v in any way: M is its
+           slope dp/dv, and LEGENDRE_ITERATIONS of Newton's method find velocities at single points from a first guess.
    m_ij = a_ij / b_j and M_ij = (A A)_ij / b_j are rounded so that the conditions of symplecticity and symmetry hold without
    rounding error (tableau.py): no drift comes from the coefficients however long the run.
 
@@ -34,8 +36,16 @@
 #define DENSE 0
 #endif
 #define ALWAYS_LOOK DENSE /* it costs nothing beside an evaluation */
-#if !defined(SCENE_AS_DATA) && !defined(BY_DEFECT)
+#ifndef SCENE_AS_DATA
+#ifndef BY_DEFECT
 #define BY_DEFECT 0
+#endif
+#if LEGENDRE_ITERATIONS && !defined(SCENE_APART) /* else 0, or not defined */
+#include "legendre.h"
+#define VELOCITY_W LEGENDRE_W
+#define velocity_prepare legendre_prepare
+INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) { inverted(q, p, t, w, v); }
+#endif
 #endif
 #if FORM == 1 && !DENSE
 #define HALVES 1
@@ -49,7 +59,7 @@
 #ifndef SCENE_APART
 #ifndef INERTIA_W
 #define INERTIA_W 0
-#define inertia(q, t, w, taken) ((void)0)
+#define inertia(q, v, t, w, taken) ((void)0)
 #define inertia_prepare(c, w) ((void)0)
 #endif
 #ifndef RHS_W
@@ -61,10 +71,13 @@
 #endif
 #define UNROLL _Pragma("GCC unroll 16")
 #define EPS 0x1p-53
-#define NEAR 0x1p-44 /* round-off is near: a change that has not halved once is taken for it */
+/* Round-off is near: a change that has not halved once is taken for it. Where the inertia vanishes as the motion is fast, it
+   magnifies round-off of momenta, which adds up from step to step; Newton's method does better. */
+#define NEAR (LEGENDRE_ITERATIONS ? 0x1p-49 : 0x1p-44)
 #define WANDERS 1e-12 /* round-off that wanders from row to row of long chains, up to the last iteration */
 #define LOOSE (FORM == 1 ? 1e-8 : INFINITY) /* errors of the stages of this size a start of high degree amplifies too much */
 #define CAREFUL 200 /* steps that start from a low degree after a start of high degree has failed */
+#define ALWAYS 0x7fffffff
 #define DIVERGED 2 /* times the first change: the start was too far off */
 #define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
 #define LATELY 8 /* steps that count in a mean that fades */
@@ -355,6 +368,12 @@ typedef struct Run {
     int seidel;
 } Run;
 
+/* Those of the last stage of the last step, in all lanes: nearly those where it ends. None yet: zero. */
+INLINE void last_speeds(const Run *r, V *v) {
+    const int k = (STAGES - 1) / LANES, i = (STAGES - 1) % LANES;
+    for (int d = 0; d < N; d++) v[d] = splat(lane(r->last[d][k], i) / lane(r->at.b[k], i));
+}
+
 #ifdef START
 /* Where the stages of a step are first: on the polynomial of the last two steps or the last one, or of a constant right-hand
    side. */
@@ -369,8 +388,18 @@ START void place_start(const Run *r, Step *s, int64_t known, const Unknowns last
     const double *const m0_older = low ? LOW_OLDER_M0 : START_OLDER_M0;
     if (!BY_DEFECT) set_momenta(s, m1, x, m1_older, x_older);
     place(s, &r->at, r->h, m2, m1, m0, x, m2_older, m1_older, m0_older, x_older, s->start, s->start + N);
+#if HALVES
+    if (LEGENDRE_ITERATIONS && !known) { /* inertia depends on the velocity, and may not be there at rest */
+        V v[MOST_N], q[MOST_N], p[MOST_N], time = splat(lane(s->t[0], 0) - lane(r->at.c[0], 0));
+        for (int d = 0; d < N; d++) q[d] = s->base[d][0], p[d] = s->base[N + d][0];
+        last_speeds(r, v), velocity(q, p, &time, r->w + RHS_W, v);
+        for (int d = 0; d < N; d++)
+            for (int k = 0; k < VECTORS; k++) s->start[N + d][k] = v[d];
+    }
+#endif
     if (DENSE) memcpy(s->x, x, UNKNOWNS_SIZE); /* the speeds that are improved */
-    s->renewals = known > !DENSE ? 1 : 2;
+    /* from a velocity that is the same all along the step inertia may be far off where it depends on velocities */
+    s->renewals = known > !DENSE ? 1 : LEGENDRE_ITERATIONS && !known ? ALWAYS : 2;
 }
 #endif
 

@@ -44,10 +44,10 @@ APART int stagnates(const Step *s, const Unknowns fresh, Change *c, double level
         else c->idle[r] += 1;
         for (int i = r / N * N; i < r / N * N + N; i++) most = c->scale[i] > most ? c->scale[i] : most;
         int settled = now <= EPS * size || now <= level * size || (c->idle[r] >= 1 && now <= NEAR * size) ||
-                      (c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most || now <= unseen(s, r)));
+                      (!LEGENDRE_ITERATIONS && c->idle[r] >= 4 && (now <= 1e-9 * size || now <= 1e-13 * most || now <= unseen(s, r)));
         all &= settled;
     }
-    if (BY_DEFECT && !all && c->stalled > 1) {
+    if (BY_DEFECT && !LEGENDRE_ITERATIONS && !all && c->stalled > 1) {
         const double work = work_of(s, fresh);
         if (work <= SMALL_WORK) all = 1, c->work = work > c->work ? work : c->work;
     }
@@ -89,7 +89,7 @@ APART void save(const Run *r, double *row, double t, int64_t without_velocities)
 #else
     COPY(row, y, 2 * N);
     if (without_velocities) return;
-    velocity(q, z, &time, w + RHS_W, out);
+    last_speeds(r, out), velocity(q, z, &time, w + RHS_W, out);
     for (int d = 0; d < N; d++) row[2 * N + d] = lane(out[d], 0);
 #endif
 }
@@ -162,7 +162,7 @@ INLINE int solve(Run *r, int64_t k) {
         const int end = iterated(r, k, begun);
         r->iterations += r->now.count;
         if (end) return 1;
-        if (!r->known) return BY_DEFECT && c->now <= WANDERS;
+        if (!r->known) return BY_DEFECT && !LEGENDRE_ITERATIONS && c->now <= WANDERS;
         r->known = r->expected = r->now.count = r->next.count = 0, r->low = r->low > CAREFUL ? r->low : CAREFUL;
     }
 }

@@ -41,7 +41,7 @@ INLINE void respond(Step *s, const Nodes *at, double h, const double *w, V first
     V(*const taken)[VECTORS] = s->taken;
 #endif
     if (BY_DEFECT && s->renewals-- > 0)
-        for (int k = 0; k < VECTORS; k++) inertia(&first[0][k], &s->t[k], w + KICK_W + DRIFT_W, &taken[0][k]);
+        for (int k = 0; k < VECTORS; k++) inertia(&first[0][k], &second[0][k], &s->t[k], w + KICK_W + DRIFT_W, &taken[0][k]);
     for (int k = 0; k < VECTORS; k++) {
         KICK(&first[0][k], BY_DEFECT ? &second[0][k] : &s->p[0][k], &s->t[k], &at->u[0][k], w, &fresh[N][k], &had[0][k],
              &taken[0][k]);
@@ -140,7 +140,7 @@ INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
         }
     }
     if (r->now.count + 1 >= r->expected || ALWAYS_LOOK) { /* before, the last step needed more: no look at the change */
-        if (!r->known) set_first_scale(r, fresh);
+        if (!r->known && !(LEGENDRE_ITERATIONS && r->change.checks)) set_first_scale(r, fresh);
         end = settled(&r->now, fresh, &r->change, r->level, r->now.count == first_count);
     }
     copy_unknowns(r->now.x, fresh);
@@ -158,7 +158,7 @@ int iterated(Run *r, int64_t k, int begun) {
     const double t_next = r->t0 + r->h * (double)(k + 1);
     const int64_t first_count = begun ? r->now.count + 1 : 0; /* its change is that of the start of the step, too */
     int end = 0;
-    while (r->now.count < r->most && !end && !(r->known && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
+    while (r->now.count < r->most && !end && !((r->known || LEGENDRE_ITERATIONS) && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
         end = improve_step(r, t_next, first_count);
     return end;
 }

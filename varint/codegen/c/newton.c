@@ -251,7 +251,7 @@ LARGE void save(double *row, const double *q, const double *p, double t, const d
         double x[H + 1];
         project(q, p, t, w, matrix, x);
         speed_of(x, q, &t, w + SPEED_AT, row + 2 * N);
-    } else if (INVERTED) inverted(q, p, t, w + LEGENDRE_AT, row + 2 * N);
+    } else if (INVERTED) inverted(q, p, &t, w + LEGENDRE_AT, row + 2 * N);
     else speed_of(q, p, &t, w + SPEED_AT, row + 2 * N);
 }
 

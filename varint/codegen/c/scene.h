@@ -6,10 +6,11 @@
 #define MOST_NU 64
 
 typedef struct {
-    int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect;
+    int64_t n, controls, stages, diagonals, on_velocity, ahead, by_defect, legendre_iterations, halvings;
     const char *needs_q, *needs_p;
     const double *const *tables;
-    /* accelerations; or forces, and velocities made of new momenta, and inertias where these are of momenta that are missed */
+    /* accelerations; or forces, and velocities made of new momenta, and inertias where these are of momenta that are missed;
+       velocities of momenta, or where they are found by Newton's method what is missing and its correction (legendre.h) */
     Tape rhs[2], inertia, velocity, momentum;
 } Scene;
 static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec"))); /* of the run that is going on */
@@ -21,6 +22,8 @@ static _Thread_local const Scene *scene __attribute__((tls_model("initial-exec")
 #define ON_VELOCITY scene->on_velocity
 #define AHEAD scene->ahead
 #define BY_DEFECT scene->by_defect
+#define LEGENDRE_ITERATIONS scene->legendre_iterations
+#define HALVINGS scene->halvings
 #define NEEDS_Q scene->needs_q
 #define NEEDS_P scene->needs_p
 /* the tableau, in the order of varint/codegen/tableau.py */
@@ -78,15 +81,20 @@ INLINE void rhs(const V *q, const V *v, const V *t, const V *u, const double *w,
 INLINE void kick(const V *q, const V *p, const V *t, const V *u, const double *w, V *f, V *had, V *taken) {
     evaluate_tape(&scene->rhs[0], (const V *const[]){q, p, t, u}, (V *const[]){f, BY_DEFECT ? had : taken}, VECTORS, w);
 }
-INLINE void inertia(const V *q, const V *t, const double *w, V *taken) {
-    evaluate_tape(&scene->inertia, (const V *const[]){q, t}, (V *const[]){taken}, VECTORS, w);
+INLINE void inertia(const V *q, const V *v, const V *t, const double *w, V *taken) {
+    evaluate_tape(&scene->inertia, (const V *const[]){q, v, t}, (V *const[]){taken}, VECTORS, w);
 }
 INLINE void drift(const V *p, const V *taken, const double *w, V *v) {
     evaluate_tape(&scene->rhs[1], (const V *const[]){p, taken}, (V *const[]){v}, VECTORS, w);
 }
 #endif
+INLINE void legendre(const V *v, const V *q, const V *p, const V *t, const double *w, V *missing, V *correction) {
+    evaluate_tape(&scene->velocity, (const V *const[]){v, q, p, t}, (V *const[]){missing, correction}, 1, w);
+}
+#include "legendre.h"
 INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) {
-    evaluate_tape(&scene->velocity, (const V *const[]){q, p, t}, (V *const[]){v}, 1, w);
+    if (LEGENDRE_ITERATIONS) inverted(q, p, t, w, v);
+    else evaluate_tape(&scene->velocity, (const V *const[]){q, p, t}, (V *const[]){v}, 1, w);
 }
 INLINE void momentum(const V *q, const V *v, const V *t, const double *w, V *p) {
     evaluate_tape(&scene->momentum, (const V *const[]){q, v, t}, (V *const[]){p}, 1, w);

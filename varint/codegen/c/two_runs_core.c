@@ -37,10 +37,11 @@ typedef struct {
     int (*run)(const RunArguments *);
     const void *scene;
     int (*rows)(const RowsArguments *);
-    const void *energy; /* (q, p, t) to the energy and |p v| */
+    const void *energy; /* (q, p, t) to the energy and |p v|; (q, v, t) by velocity */
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
     int64_t n, carry, order, linear, most, pilot, longest; /* steps of a first piece, and of a run that is short */
+    int64_t by_velocity; /* velocities are made by the runs, for they have no formula */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
@@ -59,7 +60,7 @@ static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, d
     const int64_t n = a->n, samples = (int64_t)a->limits->samples, every = count / samples > 1 ? count / samples : 1,
                   many = (count + every - 1) / every;
     double *const energy = room, *const moving = room + many;
-    const RowsArguments asked = {.count = many, .c = a->c, .scene = a->energy, .arguments = {rows, rows + n, &a->t0},
+    const RowsArguments asked = {.count = many, .c = a->c, .scene = a->energy, .arguments = {rows, rows + (a->by_velocity ? 2 * n : n), &a->t0},
                                  .apart = {3 * n * every, 3 * n * every, 0}, .results = {energy, moving}, .widths = {1, 1}};
     if (a->rows(&asked) != DONE) energy[0] = INFINITY; /* no memory */
     const double start = energy[0];
@@ -101,7 +102,8 @@ static int64_t watched_parts(const TwoRuns *a, int64_t steps) {
 }
 
 /* A run of one of so many parts of the steps; `rows` are 0 where there was no memory. One of `watched` parts, more than one,
-   ends with the first of them where that is none. A part whose iteration contracts poorly is none, either. */
+   ends with the first of them where that is none. A part whose iteration contracts poorly is none, either, nor is a run that
+   is no longer than the first part of one which is watched. */
 static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to, Proved *found) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
@@ -123,10 +125,10 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
         status = a->run(&(RunArguments){
             .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
             .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
-            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
+            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = !a->by_velocity});
         to->iterations += stats->iterations;
         if (a->pilot && end == first && to->iterations > l->poor * end) {
-            if (part == 1 && end > seen) return 0;
+            if (part == 1 && end > seen && count >= l->first_part * l->fewest) return 0;
             slow = 1;
         }
         if ((end == seen || (part > 1 && end == count)) && to->iterations > l->slow * end) slow = 1;
@@ -299,10 +301,11 @@ end:
     return result;
 }
 
-/* Coordinates and momenta at the nodes of the run that was found, times and numbers of the nodes. */
+/* Coordinates and momenta at the nodes of the run that was found, times and numbers of the nodes, and velocities where they
+   are there. */
 typedef struct {
     double *run, *nodes;
-    int64_t n, steps;
+    int64_t n, steps, by_velocity;
     double t0, h;
 } Taken;
 
@@ -310,8 +313,10 @@ int take_run(const Taken *a) {
     const int64_t n = a->n, nodes = a->steps + 1;
     double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
     int64_t *const numbers = (int64_t *)(t + nodes);
+    double *const v = (double *)(numbers + nodes);
     for (int64_t k = 0; k < nodes; k++) {
         const double *const row = a->run + 3 * n * k;
+        if (a->by_velocity) memcpy(v + n * k, row + 2 * n, n * sizeof(double));
         for (int64_t d = 0; d < n; d++) q[n * k + d] = row[d], p[n * k + d] = row[n + d];
         numbers[k] = k, t[k] = a->h * (double)k + a->t0;
     }
