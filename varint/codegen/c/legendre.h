@@ -1,5 +1,6 @@
 /* v(q, p, t) where the momentum dL/dv is not linear in v, by Newton's method
-   from the v given, or from rest where that is outside of what L is defined for.
+   from the v given, or from rest where that is outside of what L is defined for; where there is no inertia, as with v^4 at
+   rest, from the multiple of p by a power of 4 whose momentum is nearest to p (varint/discrete/legendre.py).
 
    `legendre` gives what is missing, dL/dv - p, and the correction that a linear dL/dv would need. Where L is defined for some
    v only (relativity) a full correction may leave them; comparisons with what is not a number are false, so it is halved, too.
@@ -10,12 +11,27 @@ INLINE double square_of(const V *x) {
     return lane(sum, 0);
 }
 
+static __attribute__((noinline)) void begin_along(const V *q, const V *p, const V *t, const double *w, V *v) {
+    V missing[N], correction[N], trial[N];
+    double best = INFINITY;
+    for (int power = -20; power <= 20; power++) {
+        for (int i = 0; i < N; i++) trial[i] = splat(ldexp(1.0, 2 * power)) * p[i];
+        legendre(trial, q, p, t, w, missing, correction);
+        const double size = square_of(missing);
+        if (size < best) best = size, memcpy(v, trial, sizeof trial);
+    }
+}
+
 static __attribute__((noinline)) void inverted(const V *q, const V *p, const V *t, const double *w, V *v) {
     V missing[N], correction[N], trial[N], next[N];
     legendre(v, q, p, t, w, missing, correction);
     double size = square_of(missing);
     if (!(size < INFINITY)) {
         for (int i = 0; i < N; i++) v[i] = splat(0.0);
+        legendre(v, q, p, t, w, missing, correction), size = square_of(missing);
+    }
+    if (!(square_of(correction) < INFINITY)) {
+        begin_along(q, p, t, w, v);
         legendre(v, q, p, t, w, missing, correction), size = square_of(missing);
     }
     for (int count = 0; count < LEGENDRE_ITERATIONS; count++) {
