@@ -126,8 +126,8 @@ def _refuse_lost_symbols(system: System) -> None:
         numbers = [f.instruction_constant(i) for i, kind in enumerate(kinds) if kind]
         if np.isnan(numbers).any():
             raise InputError(
-                f"the {what} contains nan: math.cos(q), float(q) and the like make a number of a "
-                "symbol; take CasADi's own, ca.cos(q)"
+                f"the {what} holds what is no number: math.cos(q), float(q) and the like lose the "
+                "symbol; take ca.cos(q). A constant such as 0 / 0 is none either"
             )
 
 
