@@ -71,6 +71,17 @@ def test_the_core_and_arrays_tell_the_same_of_runs(monkeypatch, tol, duration):
     assert told(short) == told(long)
 
 
+@pytest.mark.parametrize("e", (0.99, 0.999))
+def test_growth_beside_a_centre_is_foreseen(e):
+    """Differences grow there by so much that what iterations leave would ask for more runs."""
+    kepler = scene()
+    asked = {"q0": [1 + e, 0.0], "v0": [0.0, np.sqrt((1 - e) / (1 + e))], "duration": 10.0}
+    motion, sharp = (vi.simulate(kepler, **asked, tol=tol) for tol in (1e-9, 1e-12))
+    assert motion.fictitious is not None and motion.stats["runs"] == 2
+    error = np.abs(motion.q[-1] - sharp.q[-1]).max() / 2
+    assert error < motion.stats["error_estimate"] < 1e-9
+
+
 def test_what_one_call_of_the_core_does_not_make_goes_the_long_way(monkeypatch):
     kepler, asked = scene(), start(0.9) | {"duration": 1.0, "tol": 1e-6}
     whole = vi.simulate(kepler, **asked)

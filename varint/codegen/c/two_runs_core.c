@@ -261,7 +261,7 @@ int two_runs(const TwoRuns *a) {
         if (shrinks && near && estimate <= a->tol) {
             const double turns = a->radians > (double)more ? a->radians : (double)more;
             const double likely = l->chance * l->rounding * turns * sqrt((double)more) * growth;
-            const double rounded_to = growth < l->grows || likely < estimate ? 0 : by_round_off(a, &fine, wanted, estimate, a->found);
+            const double rounded_to = growth < l->grows ? 0 : likely <= a->tol ? likely : by_round_off(a, &fine, wanted, estimate, a->found);
             if (rounded_to < 0 || rounded_to > a->tol) goto end;
             if (rounded_to > estimate) estimate = rounded_to;
             *a->found = (Proved){more, a->found->runs, estimate, fine.iterations, fine.residual, fine.rows};

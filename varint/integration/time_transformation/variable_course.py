@@ -67,6 +67,9 @@ ATTEMPTS = 16  # equal steps, which are left else, would be far more
 # encounters magnify what iterations leave, which no number of steps mends: a coarse run may be lost
 # by that alone, and the next one's leave less
 CLOSER = 0.1
+# growth of what iterations leave where two bodies meet: an iteration more in each step, where
+# one that was expected too late costs another run
+FORESEEN = 1e5
 MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
 MOST_COORDINATES = 24  # beyond, finding the rate takes seconds
 
@@ -196,7 +199,9 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         return trial(steps, wanted, 1, with_other_digits_at_start(prepared, way))
 
     apart = partial(apart_by, system, c, scale, ends_early)
-    return Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted)
+    return Course(
+        trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted, foreseen=FORESEEN
+    )
 
 
 def attempt_of(system: System, run: PhysicalRun, c: np.ndarray) -> Attempt:

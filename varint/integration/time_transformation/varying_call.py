@@ -41,6 +41,7 @@ from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
 from varint.integration.time_transformation.variable_course import (
     ATTEMPTS,
     CLOSER,
+    FORESEEN,
     MOST_COMPARED,
     prices_for,
 )
@@ -99,7 +100,15 @@ def varying_call(
         trial = partial(_trial, ready, begun, *asked)
         parted = partial(_parted, system, ready, begun, *asked)
         apart = partial(_apart, looks, begun.places)
-        course = Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted)
+        course = Course(
+            trial,
+            apart,
+            abs(span),
+            attempts=ATTEMPTS,
+            closer=CLOSER,
+            parted=parted,
+            foreseen=FORESEEN,
+        )
         with np.errstate(all="ignore"):  # of steps that are too large
             found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
     except _NotPlain:
