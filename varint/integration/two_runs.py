@@ -191,10 +191,13 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             found = Proved(more, fine.run, max(shown, left), runs)
             likely = CHANCE * rounding(math.inf, max(course.radians, more), more, growth)
-            if growth < GROWS:
+            regular = growth < GROWS
+            if regular and course.foreseen <= 1:
                 return found
             if likely <= tol:  # a run that shows less would only be made for that
                 return found._replace(estimate=max(found.estimate, likely))
+            if regular:
+                return found
             grown, made = _by_round_off(course, found, wanted, tol)
             return found._replace(estimate=max(found.estimate, grown), runs=runs + made)
         coarse, steps, before = fine, more, apart

@@ -32,6 +32,7 @@ from varint.integration.time_transformation.plain_course import (
     velocities,
 )
 from varint.integration.time_transformation.rate_pilot import (
+    REMEMBERED,
     RatePilot,
     comes_from_afar,
     rate_pilot,
@@ -57,7 +58,7 @@ from varint.integration.two_runs import (
 from varint.integration.walls import Failure, require_way_on
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.memory import per_scene
+from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
 # largest rate over the mean one: equal steps would be as many times as many, less what a step of
@@ -130,8 +131,28 @@ def worthwhile_pilot(
     system: System, start: np.ndarray, c: np.ndarray, total: float
 ) -> RatePilot | None:
     """The pilot of a motion, from coordinates and velocities, whose rate varies so much that equal
-    steps would be too many.
+    steps would be too many. The last ones are remembered.
     """
+    known, key = _seen_pilots(system), (start.tobytes(), c.tobytes(), total)
+    try:
+        return known[key]
+    except KeyError:
+        found = _worthwhile_pilot(system, start, c, total)
+    if len(known) >= REMEMBERED:
+        known.clear()
+    known[key] = found
+    return found
+
+
+@per_system
+def _seen_pilots(system: System) -> dict[tuple, RatePilot | None]:
+    """Worthwhile pilots of the last starts."""
+    return {}
+
+
+def _worthwhile_pilot(
+    system: System, start: np.ndarray, c: np.ndarray, total: float
+) -> RatePilot | None:
     n = len(start) // 2
     for flight in kinds_of(system):
         if not flight and varies_little(system, start, c, total, WORTH):

@@ -109,8 +109,7 @@ def varying_call(
             parted=parted,
             foreseen=FORESEEN,
         )
-        with np.errstate(all="ignore"):  # of steps that are too large
-            found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
+        found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
     except _NotPlain:
         return None
     finally:
