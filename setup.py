@@ -33,6 +33,7 @@ NAMES = (
     "refined_",
     "few_steps_",
     "until_",
+    "nearness_",
     "look_ahead_",
     "crossings_",
     "switches_",

@@ -52,6 +52,36 @@ def test_both_ways_give_the_same_bytes(monkeypatch, tol, more):
         assert short.at(times).q.tobytes() == long.at(times).q.tobytes()
 
 
+def crowd() -> vi.System:
+    """Two bodies of names of their own, one that hardly moves, an angle, and no parameters."""
+    q, v = vi.coordinates("x1", "y1", "x2", "y2", "angle")
+    heavy = 50 * ca.sumsqr(v[:2]) + ca.sumsqr(v[2:4]) / 2 + 0.05 * v[4] ** 2
+    return vi.System(q, v, heavy + 100 / ca.norm_2(q[:2] - q[2:4]) + 0.1 * ca.cos(q[4]))
+
+
+@pytest.mark.parametrize("tol", (1e-5, 1e-9))
+@pytest.mark.parametrize("duration", (0.4, 40.0))
+def test_the_core_and_arrays_tell_the_same_of_runs(monkeypatch, tol, duration):
+    """Nodes that are looked at, quantiles, scales and differences: no digit of the error hides."""
+    scene, near = crowd(), {"q0": [0, 0, 0.05, 0, 1.0], "v0": [0, 0.1, 0, 61.0, 2.0]}
+    long = vi.simulate(scene, progress=True, duration=duration, tol=tol, **near)
+    monkeypatch.setattr(to_tolerance, "simulate_to_tolerance", never)
+    short = vi.simulate(scene, duration=duration, tol=tol, **near)
+    assert short.fictitious is not None and short.q.tobytes() == long.q.tobytes()
+    assert told(short) == told(long)
+
+
+@pytest.mark.parametrize("e", (0.99, 0.999))
+def test_growth_beside_a_centre_is_foreseen(e):
+    """Differences grow there by so much that what iterations leave would ask for more runs."""
+    kepler = scene()
+    asked = {"q0": [1 + e, 0.0], "v0": [0.0, np.sqrt((1 - e) / (1 + e))], "duration": 10.0}
+    motion, sharp = (vi.simulate(kepler, **asked, tol=tol) for tol in (1e-9, 1e-12))
+    assert motion.fictitious is not None and motion.stats["runs"] == 2
+    error = np.abs(motion.q[-1] - sharp.q[-1]).max() / 2
+    assert error < motion.stats["error_estimate"] < 1e-9
+
+
 def test_what_one_call_of_the_core_does_not_make_goes_the_long_way(monkeypatch):
     kepler, asked = scene(), start(0.9) | {"duration": 1.0, "tol": 1e-6}
     whole = vi.simulate(kepler, **asked)

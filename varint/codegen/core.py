@@ -132,6 +132,15 @@ def until_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def nearness_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
+    """c/nearness_core.c; raises CompileError as `gauss_loop` does."""
+    entries = _entries("nearness_core.c", ("swing", "apart"), "{name}_{level}", {})
+    for entry in entries:
+        entry.argtypes, entry.restype = [c_char_p], c_int
+    return entries[0], entries[1]
+
+
+@cache
 def look_ahead_entry() -> Callable[[bytes], int]:
     """c/look_ahead_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("look_ahead_core.c", ("look_ahead",), "{name}_{level}", {})

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -46,11 +47,17 @@ def with_other_digits(q: np.ndarray, p: np.ndarray, way: int) -> tuple[np.ndarra
     """A start (n,), (n,) whose momenta have last digits one up or down, in one of `WAYS`; at rest
     its coordinates have.
     """
-    i, moves = np.arange(q.size), p.any()
-    signs = -((-1.0) ** i) if way else (-1.0) ** (i // 2)
+    moves = p.any()
     x = p if moves else q
-    x = np.where(x == 0, x, np.nextafter(x, signs * np.inf))
+    x = np.where(x == 0, x, np.nextafter(x, _ends(q.size, way)))
     return (q, x) if moves else (x, p)
+
+
+@lru_cache(maxsize=64)
+def _ends(n: int, way: int) -> np.ndarray:
+    """Where last digits move to."""
+    i = np.arange(n)
+    return np.inf * (-((-1.0) ** i) if way else (-1.0) ** (i // 2))
 
 
 def parted(apart: Callable[[int], float], known: float, tol: float) -> tuple[float, int]:

@@ -85,7 +85,8 @@ class Course(NamedTuple):
     how often steps are added before it is given up; into how many parts a coarse run is divided at
     most, so that one that is lost in the first of them ends there; part of `ROUGH` that iterations
     of the next one leave; a run with so many steps for a wanted error, from a start with other last
-    digits, in one of `WAYS`.
+    digits, in one of `WAYS`; whether all steps are one map; how much the first run that is compared
+    expects errors to grow beyond those of regular motions.
     """
 
     trial: Trial
@@ -97,6 +98,7 @@ class Course(NamedTuple):
     closer: float = 1.0
     parted: Callable[[int, float, int], Attempt | None] | None = None
     exact: bool = False
+    foreseen: float = 1.0
 
 
 class Proved(NamedTuple):
@@ -151,7 +153,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 continue
             coarse = tried
         more = _shared(steps * _ratio(MARGIN * expected, tol, p, FAR))
-        wanted = tol / growth
+        wanted = tol / max(growth, course.foreseen)
         fine, runs = course.trial(more, wanted, 1), runs + 1
         if fine is None:
             break
@@ -189,7 +191,12 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             found = Proved(more, fine.run, max(shown, left), runs)
             likely = CHANCE * rounding(math.inf, max(course.radians, more), more, growth)
-            if growth < GROWS or likely < found.estimate:
+            regular = growth < GROWS
+            if regular and course.foreseen <= 1:
+                return found
+            if likely <= tol:  # a run that shows less would only be made for that
+                return found._replace(estimate=max(found.estimate, likely))
+            if regular:
                 return found
             grown, made = _by_round_off(course, found, wanted, tol)
             return found._replace(estimate=max(found.estimate, grown), runs=runs + made)

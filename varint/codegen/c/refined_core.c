@@ -13,7 +13,6 @@
 #include "scales.h"
 #include "order.h"
 
-double rint(double);
 /* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
@@ -235,7 +234,7 @@ int refined(const Refined *a) {
         }
         if (two) {
             const int64_t unit = common_divisor(before.steps, steps);
-            set_scales(&measures, now.rows, steps, scales);
+            set_scales(&measures, now.rows, 3 * a->n, steps, scales);
             const double seen = apart_from(a, &before, before.steps / unit, &now, steps / unit, scales);
             const double expected = last < INFINITY ? last * pow(ratio, -(double)a->order) : 0, off = seen > expected ? seen : expected;
             stalls = off <= l->stalled * last ? 0 : stalls + 1;

@@ -8,14 +8,14 @@ typedef struct {
     const double *mass;
 } Measures;
 
-/* Of a run's rows (q, p, v), one a step and one at the start. */
-static void set_scales(const Measures *a, const double *rows, int64_t steps, double *scales) {
+/* Of a run's rows, one a step and one at the start, which begin with q and are so many numbers apart. */
+static void set_scales(const Measures *a, const double *rows, int64_t width, int64_t steps, double *scales) {
     const int64_t n = a->n;
     double range[n], square[n], moved = 0, some = INFINITY;
     for (int64_t d = 0; d < n; d++) {
         double high = rows[d], low = high;
         for (int64_t k = 1; k <= steps; k++) {
-            const double x = rows[3 * n * k + d];
+            const double x = rows[width * k + d];
             high = x > high ? x : high, low = x < low ? x : low;
         }
         const double least = RESTS * (fabs(high) > fabs(low) ? fabs(high) : fabs(low));
@@ -46,6 +46,14 @@ static void set_scales(const Measures *a, const double *rows, int64_t steps, dou
             scales[d] = scales[d] > least ? scales[d] : least;
             if (!scales[d]) scales[d] = here > 1 ? here : 1;
         }
+}
+
+/* The least that the largest difference `so_far`, up to node k, lets expect in the middle: those of regular motions grow with
+   the square of time at most (varint/integration/run_distance.py). */
+#define EARLIEST 8
+static double expected_in_the_middle(double so_far, double rounded, int64_t k, int64_t middle) {
+    const double longer = (double)middle / (double)k;
+    return (so_far > rounded ? so_far : rounded) * (longer * longer);
 }
 
 static int64_t common_divisor(int64_t x, int64_t y) {

@@ -13,10 +13,9 @@
 #include "scales.h"
 #include "order.h"
 
-double rint(double), nextafter(double, double);
+double nextafter(double, double);
 #define NO_NUMBER (0 * INFINITY)
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
-#define QUANTILES 5
 
 typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
@@ -63,25 +62,7 @@ static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, d
     const RowsArguments asked = {.count = many, .c = a->c, .scene = a->energy, .arguments = {rows, rows + (a->by_velocity ? 2 * n : n), &a->t0},
                                  .apart = {3 * n * every, 3 * n * every, 0}, .results = {energy, moving}, .widths = {1, 1}};
     if (a->rows(&asked) != DONE) energy[0] = INFINITY; /* no memory */
-    const double start = energy[0];
-    double sum = 0;
-    for (int64_t k = 0; k < many; k++) {
-        energy[k] = fabs(energy[k] - start), sum += energy[k];
-        if (!(moving[k] == moving[k])) moving[k] = INFINITY;
-    }
-    const int64_t last = many - 2;
-    place(moving, 0, many - 1, many / 2);
-    const double size = moving[many / 2];
-    if (sum - sum != 0 || !(size > 0)) {
-        for (int i = 0; i < QUANTILES; i++) swing[i] = INFINITY;
-        return;
-    }
-    int64_t low = 0;
-    for (int i = 0; i < QUANTILES; i++) {
-        const int64_t k = (int64_t)rint(a->limits->quantiles[i] * last);
-        place(energy + 1, low, last, k);
-        swing[i] = energy[1 + k] / size, low = k;
-    }
+    quantiles(energy, moving, many, a->limits->quantiles, swing);
 }
 
 /* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
@@ -145,20 +126,18 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
 
 /* The largest difference of two runs at the nodes that they share, no number where one of them is none, and the least that an
    early one lets expect in the middle: those of regular motions grow with the square of time at most. */
-#define EARLIEST 8 /* of varint/integration/run_distance.py */
 static double apart_from(const TwoRuns *a, const Attempt *one, const Attempt *other, double *early) {
     const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit;
     const int64_t middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
     double scales[n], largest = 0, zero = 0, least = INFINITY;
-    set_scales(&(Measures){n, a->apart, a->body, a->turns, a->mass}, other->rows, other->steps, scales);
+    set_scales(&(Measures){n, a->apart, a->body, a->turns, a->mass}, other->rows, 3 * n, other->steps, scales);
     for (int64_t k = 0; k <= unit; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
             zero += off * 0, largest = off > largest ? off : largest;
         }
         if (first <= k && k <= middle) {
-            const double longer = (double)middle / (double)k, rounded = a->limits->rounded,
-                         expected = (largest > rounded ? largest : rounded) * (longer * longer);
+            const double expected = expected_in_the_middle(largest, a->limits->rounded, k, middle);
             least = expected < least ? expected : least;
         }
     }
@@ -282,7 +261,7 @@ int two_runs(const TwoRuns *a) {
         if (shrinks && near && estimate <= a->tol) {
             const double turns = a->radians > (double)more ? a->radians : (double)more;
             const double likely = l->chance * l->rounding * turns * sqrt((double)more) * growth;
-            const double rounded_to = growth < l->grows || likely < estimate ? 0 : by_round_off(a, &fine, wanted, estimate, a->found);
+            const double rounded_to = growth < l->grows ? 0 : likely <= a->tol ? likely : by_round_off(a, &fine, wanted, estimate, a->found);
             if (rounded_to < 0 || rounded_to > a->tol) goto end;
             if (rounded_to > estimate) estimate = rounded_to;
             *a->found = (Proved){more, a->found->runs, estimate, fine.iterations, fine.residual, fine.rows};

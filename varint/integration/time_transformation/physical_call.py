@@ -18,7 +18,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.codegen.kernel import Kernel, new_address
+from varint.codegen.kernel import Kernel, address_of, new_address
+from varint.codegen.nearness import Places, places_at
 from varint.codegen.until import Until, physical_nodes
 from varint.discrete.legendre import velocity_function
 from varint.integration.energy_leap import energy_alarm
@@ -184,6 +185,8 @@ class BegunStart:
         slowest rate, E0 and σ0.
     at : int, int
         Addresses of q and p of the rescaled scene, by `begin`, too, and of `inner`.
+    places : Places
+        Its parameters and masses, for runs to be compared.
     constants : array
         `inner` of the start that is there, not to be changed.
     known, total : bytes, float, optional
@@ -200,6 +203,7 @@ class BegunStart:
     at: tuple[int, int]
     begin: Callable[[], object]
     held: tuple
+    places: Places
     constants: np.ndarray
     known: bytes | None = None
     total: float = 0.0
@@ -245,7 +249,9 @@ def start_of(system: System, scene: TransformedScene) -> BegunStart:
     inputs = room.q, room.v, room.values[:n], room.t, room.c, slowest
     hand_over(buffer, inputs, (x, inner))
     at = new_address(x), new_address(inner)
-    return BegunStart(room, slowest, inner, at, trigger, (buffer, inputs, x), inner)
+    mass = address_of(room.values) + 8 * (2 * n + 1)
+    places = places_at(room.c.ctypes.data, mass, n + 1)  # of no parameters, too
+    return BegunStart(room, slowest, inner, at, trigger, (buffer, inputs, x), places, inner)
 
 
 @per_system

@@ -56,11 +56,11 @@ def physical_run(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRu
 
 def velocities(system: System, c: np.ndarray, nodes: PhysicalRun, some: slice) -> np.ndarray:
     """Physical ones at some nodes."""
-    return _velocity_rows(system)(c, nodes.q[some], nodes.p[some], nodes.t[some, None])[0]
+    return velocity_rows(system)(c, nodes.q[some], nodes.p[some], nodes.t[some, None])[0]
 
 
 @per_scene
-def _velocity_rows(system: System) -> Callable[..., list[np.ndarray]]:
+def velocity_rows(system: System) -> Callable[..., list[np.ndarray]]:
     """(c, q, p, t) at many nodes → v."""
     p = ca.SX.sym("p", system.structure.n)
     function = velocity_function(system)

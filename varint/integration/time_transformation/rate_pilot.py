@@ -147,24 +147,6 @@ def varies_little(
     """Whether the largest ω that `rate_pilot` sees from the coordinates and velocities `start` is
     by far below so many times the mean one: a tenth of its time, without its digits.
     """
-    key = (start.tobytes(), c.tobytes(), total, factor)
-    known = _seen_little(system)
-    if key not in known:
-        if len(known) >= REMEMBERED:
-            known.clear()
-        known[key] = _varies_little(system, start, c, total, factor)
-    return known[key]
-
-
-@per_system
-def _seen_little(system: System) -> dict[tuple, bool]:
-    """What `varies_little` said of the last starts."""
-    return {}
-
-
-def _varies_little(
-    system: System, start: np.ndarray, c: np.ndarray, total: float, factor: float
-) -> bool:
     look = _look(system, False)
     if look is None:
         return False

@@ -32,6 +32,7 @@ from varint.integration.time_transformation.plain_course import (
     velocities,
 )
 from varint.integration.time_transformation.rate_pilot import (
+    REMEMBERED,
     RatePilot,
     comes_from_afar,
     rate_pilot,
@@ -57,7 +58,7 @@ from varint.integration.two_runs import (
 from varint.integration.walls import Failure, require_way_on
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.memory import per_scene
+from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
 # largest rate over the mean one: equal steps would be as many times as many, less what a step of
@@ -67,6 +68,9 @@ ATTEMPTS = 16  # equal steps, which are left else, would be far more
 # encounters magnify what iterations leave, which no number of steps mends: a coarse run may be lost
 # by that alone, and the next one's leave less
 CLOSER = 0.1
+# growth of what iterations leave where two bodies meet: an iteration more in each step, where
+# one that was expected too late costs another run
+FORESEEN = 1e5
 MOST_COMPARED = 5000  # nodes of two runs that are compared, and up to as many more
 MOST_COORDINATES = 24  # beyond, finding the rate takes seconds
 
@@ -127,8 +131,28 @@ def worthwhile_pilot(
     system: System, start: np.ndarray, c: np.ndarray, total: float
 ) -> RatePilot | None:
     """The pilot of a motion, from coordinates and velocities, whose rate varies so much that equal
-    steps would be too many.
+    steps would be too many. The last ones are remembered.
     """
+    known, key = _seen_pilots(system), (start.tobytes(), c.tobytes(), total)
+    try:
+        return known[key]
+    except KeyError:
+        found = _worthwhile_pilot(system, start, c, total)
+    if len(known) >= REMEMBERED:
+        known.clear()
+    known[key] = found
+    return found
+
+
+@per_system
+def _seen_pilots(system: System) -> dict[tuple, RatePilot | None]:
+    """Worthwhile pilots of the last starts."""
+    return {}
+
+
+def _worthwhile_pilot(
+    system: System, start: np.ndarray, c: np.ndarray, total: float
+) -> RatePilot | None:
     n = len(start) // 2
     for flight in kinds_of(system):
         if not flight and varies_little(system, start, c, total, WORTH):
@@ -196,7 +220,9 @@ def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_earl
         return trial(steps, wanted, 1, with_other_digits_at_start(prepared, way))
 
     apart = partial(apart_by, system, c, scale, ends_early)
-    return Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted)
+    return Course(
+        trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted, foreseen=FORESEEN
+    )
 
 
 def attempt_of(system: System, run: PhysicalRun, c: np.ndarray) -> Attempt:

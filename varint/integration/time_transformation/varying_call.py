@@ -14,8 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from varint.codegen.until import physical_nodes
+import varint.codegen.nearness as nearness
+from varint.codegen.cache import CompileError
+from varint.codegen.kernel import Kernel
+from varint.codegen.nearness import Nearness, Places, nearness_of
+from varint.codegen.rows import as_data
+from varint.codegen.until import Until
+from varint.integration.energy_check import energy_rows
+from varint.integration.error_scale import angles, bodies
 from varint.integration.plain_start import begin_at
+from varint.integration.round_off import ROUNDED
 from varint.integration.rule_choice import cheapest_of, first_steps, iteration_level
 from varint.integration.time_transformation.inner_run import until_end
 from varint.integration.time_transformation.physical_call import (
@@ -27,25 +35,30 @@ from varint.integration.time_transformation.physical_call import (
     start_of,
     with_other_digits_of,
 )
-from varint.integration.time_transformation.plain_course import PhysicalRun
+from varint.integration.time_transformation.plain_course import velocity_rows
 from varint.integration.time_transformation.rate_pilot import RatePilot
 from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
 from varint.integration.time_transformation.variable_course import (
     ATTEMPTS,
     CLOSER,
-    apart_by,
-    attempt_of,
+    FORESEEN,
+    MOST_COMPARED,
     prices_for,
 )
 from varint.integration.trajectories import with_stats
-from varint.integration.two_runs import FLOOR, Attempt, Course, run_twice
+from varint.integration.two_runs import FLOOR, QUANTILES, SAMPLES, Attempt, Course, run_twice
 from varint.numerics.limits import MOST_STEPS, check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
+from varint.scene.memory import per_scene
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
 NOT_VARYING = -1  # steps that follow the scene do not prove the error of its motion
+
+
+# step, parameters of the rescaled scene, what the core has found with which loop, and seconds
+_Run = tuple[float, np.ndarray, Until, Kernel, float]
 
 
 class _NotPlain(Exception):
@@ -68,7 +81,8 @@ def varying_call(
     price = cheapest_of(prices_for(system, rule), abs(span), tol)
     word = FLIGHT if pilot.flight else AUTO
     ready = ready_for(system, price.rule, word)
-    if ready is None or not system.structure.quadratic_kinetic:
+    looks = _nearness(system)
+    if ready is None or looks is None:
         return None
     begun = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
     try:
@@ -82,13 +96,20 @@ def varying_call(
         if not (0 < begun.pace < math.inf and duration / h <= MOST_STEPS):
             return None
         check_steps(start[2], h, 1)
-        asked = c, (float(start[2]), duration), span
-        trial = partial(_trial, system, ready, begun, *asked)
+        asked = looks, begun.places, (float(start[2]), duration), span
+        trial = partial(_trial, ready, begun, *asked)
         parted = partial(_parted, system, ready, begun, *asked)
-        apart = partial(apart_by, system, c, None, False)
-        course = Course(trial, apart, abs(span), attempts=ATTEMPTS, closer=CLOSER, parted=parted)
-        with np.errstate(all="ignore"):  # of steps that are too large
-            found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
+        apart = partial(_apart, looks, begun.places)
+        course = Course(
+            trial,
+            apart,
+            abs(span),
+            attempts=ATTEMPTS,
+            closer=CLOSER,
+            parted=parted,
+            foreseen=FORESEEN,
+        )
+        found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
     except _NotPlain:
         return None
     finally:
@@ -98,7 +119,7 @@ def varying_call(
     if found.estimate > tol:  # of which a warning tells
         return None
     return with_stats(
-        found.run.motion(),
+        physical_motion(system, ready.called, ready.moving, c, found.run),
         tol=tol,
         error_estimate=found.estimate,
         rule=str(price.rule),
@@ -107,11 +128,35 @@ def varying_call(
     )
 
 
+@per_scene
+def _nearness(system: System) -> Nearness | None:
+    """How runs are looked at; None where the core cannot."""
+    if not system.structure.quadratic_kinetic:
+        return None
+    energy, velocity = energy_rows(system), as_data(velocity_rows(system))
+    if energy is None or velocity is None:
+        return None
+    body = np.arange(system.structure.n)
+    for members in bodies(system.names):
+        body[members] = members[0]
+    turns, parts = np.array(angles(system), dtype=np.int64), np.array(QUANTILES)
+    try:
+        return nearness_of(energy, velocity, body, turns, parts, (SAMPLES, MOST_COMPARED), ROUNDED)
+    except CompileError:
+        return None
+
+
+def _apart(
+    looks: Nearness, places: Places, one: _Run, few: int, other: _Run, many: int
+) -> tuple[float, float]:
+    return nearness.apart(looks, places, one[2], few, other[2], many)
+
+
 def _trial(
-    system: System,
     ready: Ready,
     begun: BegunStart,
-    c: np.ndarray,
+    looks: Nearness,
+    places: Places,
     times: tuple[float, float],
     span: float,
     steps: int,
@@ -136,17 +181,16 @@ def _trial(
     if found is None:
         raise _NotPlain
     until, kernel = found
-    nodes = physical_nodes(until)
-    how = h, begun.constants, until, kernel, perf_counter() - began
-    motion = partial(physical_motion, system, ready.called, ready.moving, c, how)
-    return attempt_of(system, PhysicalRun(*nodes[1:], motion), c)
+    run = h, begun.constants, until, kernel, perf_counter() - began
+    return Attempt(run, nearness.swing(looks, places, until))
 
 
 def _parted(
     system: System,
     ready: Ready,
     begun: BegunStart,
-    c: np.ndarray,
+    looks: Nearness,
+    places: Places,
     times: tuple[float, float],
     span: float,
     steps: int,
@@ -157,6 +201,6 @@ def _parted(
     other = ready.starts.pop() if ready.starts else start_of(system, ready.scene)
     try:
         with_other_digits_of(other, system, begun, way)
-        return _trial(system, ready, other, c, times, span, steps, wanted, 1)
+        return _trial(ready, other, looks, places, times, span, steps, wanted, 1)
     finally:
         ready.starts.append(other)

@@ -1,0 +1,100 @@
+/* How near runs in fictitious time are to the motion and to each other: what energies of one tell, and how far two of them
+   are apart. The names end in LEVEL, the instructions that are used.
+
+   varint/integration/time_transformation/variable_course.py says why, and does alike where nodes are elsewhere. */
+#define NAMED(name, level) name##_##level
+#define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
+#define swing WITH_ALL(swing, LEVEL)
+#define apart WITH_ALL(apart, LEVEL)
+#define LANES 1
+#include "lanes.h"
+#include "run.h"
+#include "rows.h"
+#include "scales.h"
+#include "order.h"
+
+/* varint/codegen/nearness.py has the same layouts */
+typedef struct {
+    int (*rows)(const RowsArguments *);
+    const void *energy, *velocity; /* (q, p, t) to the energy and |p v|; to v */
+    const int64_t *body, *turns;   /* first coordinate of the same body; is it an angle? */
+    const double *parts;           /* of quantiles */
+    int64_t n, samples, most;      /* nodes whose energy is looked at, and that are compared, and up to as many more */
+    double rounded;
+} Course;
+
+typedef struct {
+    const double *c, *mass; /* parameters; the mass matrix' diagonal, its numbers so far apart */
+    int64_t apart;
+} Places;
+
+/* What until_core.c has kept of so many nodes: with the clock among the coordinates. */
+typedef struct { const double *kept; int64_t nodes; } Kept;
+static const double *times(const Kept *a) { return a->kept + a->nodes; }
+static const double *places(const Kept *a) { return a->kept + 3 * a->nodes; }
+
+typedef struct {
+    Course on;
+    Places at;
+    Kept run;
+    double *told; /* QUANTILES */
+} Swing;
+
+int swing(const Swing *a) {
+    const Kept *const run = &a->run;
+    const int64_t width = a->on.n + 1, most = run->nodes / a->on.samples, every = most > 1 ? most : 1,
+                  many = (run->nodes + every - 1) / every;
+    double *const energy = malloc(2 * many * sizeof(double)), *const moving = energy + many;
+    if (!energy) return NOT_FINITE;
+    const RowsArguments asked = {
+        .count = many, .c = a->at.c, .scene = a->on.energy,
+        .arguments = {places(run), places(run) + width * run->nodes, times(run)},
+        .apart = {width * every, width * every, 0}, .results = {energy, moving}, .widths = {1, 1}};
+    const int status = a->on.rows(&asked);
+    if (status == DONE) quantiles(energy, moving, many, a->on.parts, a->told);
+    free(energy);
+    return status;
+}
+
+typedef struct {
+    Course on;
+    Places at;
+    Kept one, other;
+    int64_t few, many; /* steps of the whole duration */
+    double *told;      /* the largest difference, and the least that an early one lets expect in the middle */
+} Apart;
+
+static int64_t parts_of(int64_t nodes, int64_t each) { return (nodes + each - 2) / each; }
+
+/* At nodes of the same fictitious times, whose physical ones differ, and at the ends. */
+int apart(const Apart *a) {
+    const Kept *const one = &a->one, *const other = &a->other;
+    const int64_t n = a->on.n, width = n + 1, unit = common_divisor(a->few, a->many), each = a->few / unit, of_other = a->many / unit;
+    const int64_t here = parts_of(one->nodes, each), there = parts_of(other->nodes, of_other), count = here < there ? here : there;
+    const int64_t step = count / a->on.most > 1 ? count / a->on.most : 1, looked = (count + step - 1) / step;
+    const int64_t i = step * each, j = step * of_other, middle = (looked + 1) / 2,
+                  first = (looked + 1) / EARLIEST > 1 ? (looked + 1) / EARLIEST : 1;
+    const double *const q = places(other), *const p = q + width * other->nodes, *const t = times(other);
+    double *const v = malloc(looked * n * sizeof(double)), scales[n], largest = 0, zero = 0, least = INFINITY;
+    if (!v) return NOT_FINITE;
+    const RowsArguments asked = {.count = looked, .c = a->at.c, .scene = a->on.velocity, .arguments = {q, p, t},
+                                 .apart = {width * j, width * j, j}, .results = {v}, .widths = {n}};
+    const int status = a->on.rows(&asked);
+    set_scales(&(Measures){n, a->at.apart, a->on.body, a->on.turns, a->at.mass}, q, width, other->nodes - 1, scales);
+    for (int64_t k = 0; k <= looked; k++) {
+        const int64_t at = k < looked ? i * k : one->nodes - 1, by = k < looked ? j * k : other->nodes - 1;
+        const double late = k < looked ? times(one)[at] - t[by] : 0;
+        for (int64_t d = 0; d < n; d++) {
+            const double between = places(one)[width * at + d] - q[width * by + d];
+            const double off = fabs(k < looked ? between - late * v[n * k + d] : between) / scales[d];
+            zero += off * 0, largest = off > largest ? off : largest;
+        }
+        if (first <= k && k <= middle) {
+            const double expected = expected_in_the_middle(largest, a->on.rounded, k, middle);
+            least = expected < least ? expected : least;
+        }
+    }
+    a->told[0] = zero == 0 ? largest : zero, a->told[1] = zero == 0 ? least : zero;
+    free(v);
+    return status;
+}
