@@ -18,6 +18,7 @@ from varint.integration.small_motions import small_motions_at_start
 
 q1, v1 = vi.coordinates("theta")
 q2, v2 = vi.coordinates("x", "y")
+PAIRS = (0, 2), (0, 4), (2, 4)
 PENDULUM = vi.System(q1, v1, v1**2 / 2 + 9.81 * ca.cos(q1))
 KEPLER = vi.System(q2, v2, ca.sumsqr(v2) / 2 + 1 / ca.norm_2(q2))
 CART = vi.System(
@@ -32,6 +33,10 @@ DOUBLE = vi.System(
     + v2[0] * v2[1] * ca.cos(q2[0] - q2[1])
     + 9.81 * (2 * ca.cos(q2[0]) + ca.cos(q2[1])),
 )
+q6, v6 = vi.coordinates("x1", "y1", "x2", "y2", "x3", "y3")
+CHARGES = vi.System(
+    q6, v6, ca.sumsqr(v6) / 2 - sum(1 / ca.norm_2(q6[i : i + 2] - q6[j : j + 2]) for i, j in PAIRS)
+)
 POLES = vi.models.spherical_pendulum()
 CASES = {
     "pendulum": (PENDULUM, [2.0], [0.0], 30.0),
@@ -44,6 +49,7 @@ CASES = {
     "lost in its first part": (KEPLER, [0.1, 0.0], [0.0, 19**0.5], 40.0),
     "chaotic": (DOUBLE, [2.0, 1.0], [0.1, -0.3], 9.0),
     "at rest and chaotic": (DOUBLE, [2.0, 1.5], [0.0, 0.0], 9.0),
+    "an encounter": (CHARGES, [-10, 0.1, 10, 0, 0, 8.0], [2.0, 0, -2, 0, 0, -1.5], 30.0),
     "hardly contracting": (POLES.system, POLES.q0, POLES.v0, 100.0),
 }
 
@@ -72,6 +78,19 @@ def test_the_core_decides_as_python_does(case, tol):
         assert np.array_equal(getattr(found.motion, name), getattr(motion, name))
     for name in ("iterations", "residual", "steps"):
         assert found.motion.stats[name] == motion.stats[name]
+
+
+def test_round_off_of_an_encounter_is_measured_and_no_reason_for_more_steps():
+    system, q0, v0, duration = CASES["an encounter"]
+    motion = vi.simulate(system, q0=q0, v0=v0, duration=duration, tol=1e-9)
+    steps = motion.stats["steps"]
+    closer = vi.simulate(system, q0=q0, v0=v0, duration=duration, tol=1e-12)
+    error = np.abs(motion.q[-1] - closer.q[-1]).max() / np.abs(closer.q).max()
+    assert error < motion.stats["error_estimate"] <= 1e-9
+    rough = vi.simulate(
+        system, rule=motion.rule, q0=q0, v0=v0, h=duration / (steps // 2), steps=steps // 2
+    )
+    assert np.abs(rough.q[-1] - closer.q[-1]).max() > 1e-9 * np.abs(closer.q).max()
 
 
 def test_a_long_run_is_left_to_a_loop_that_can_be_stopped():

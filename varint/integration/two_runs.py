@@ -138,7 +138,8 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     level = rough
     expected = before = math.inf
     clear, growth, doubted = CLEAR, 1.0, False  # once, for steps may lie in a resonance
-    last, still, short = None, False, False
+    last, still, short, measured = None, False, False, False
+    other_starts = course.parted is not None and not course.exact
     for _ in range(course.attempts):
         if coarse is None:
             tried, runs = _coarse(course, steps, level), runs + 1
@@ -187,7 +188,10 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 break
             coarse, steps, doubted = fine, more, True
             continue
-        shown = max(spread * apart * shrinkage / (1 - shrinkage), rounded, floor)
+        # no reason for more steps: runs from other starts show what round-off makes
+        unseen = growth >= GROWS and rounded > tol and other_starts and not measured
+        by_steps = spread * apart * shrinkage / (1 - shrinkage)
+        shown = max(by_steps, 0.0 if unseen else rounded, floor)
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             found = Proved(more, fine.run, max(shown, left), runs)
             likely = CHANCE * rounding(math.inf, max(course.radians, more), more, growth)
@@ -199,7 +203,10 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             if regular:
                 return found
             grown, made = _by_round_off(course, found, wanted, tol)
-            return found._replace(estimate=max(found.estimate, grown), runs=runs + made)
+            runs, measured = runs + made, unseen
+            grown *= CHANCE if unseen else 1.0
+            if grown <= tol or not unseen:
+                return found._replace(estimate=max(found.estimate, grown), runs=runs)
         coarse, steps, before = fine, more, apart
         expected = shown if apart < ROUGH * EVIDENCE else apart
     if last is None:

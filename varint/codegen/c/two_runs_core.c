@@ -206,7 +206,7 @@ static double shrinkage(const TwoRuns *a, const Attempt *before, const Attempt *
 int two_runs(const TwoRuns *a) {
     const Limits *const l = a->limits;
     Attempt coarse = {0}, fine = {0};
-    int result = NOT_SHORT, known = 0, doubted = 0;
+    int result = NOT_SHORT, known = 0, doubted = 0, measured = 0;
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
     double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1;
     int64_t steps = shared((double)a->first);
@@ -253,20 +253,24 @@ int two_runs(const TwoRuns *a) {
         }
         const double uneven = growth < l->uneven ? growth : l->uneven,
                      spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
+        const int unseen = growth >= l->grows && rounded > a->tol && !measured; /* other runs show what round-off makes */
         double shown = spread * apart * left / (1 - left);
-        shown = shown > rounded ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
+        shown = shown > rounded || unseen ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
         const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth;
         double estimate = shown > iterated ? shown : iterated;
         const int near = apart < l->rough * l->evidence;
         if (shrinks && near && estimate <= a->tol) {
             const double turns = a->radians > (double)more ? a->radians : (double)more;
             const double likely = l->chance * l->rounding * turns * sqrt((double)more) * growth;
-            const double rounded_to = growth < l->grows ? 0 : likely <= a->tol ? likely : by_round_off(a, &fine, wanted, estimate, a->found);
-            if (rounded_to < 0 || rounded_to > a->tol) goto end;
-            if (rounded_to > estimate) estimate = rounded_to;
-            *a->found = (Proved){more, a->found->runs, estimate, fine.iterations, fine.residual, fine.rows};
-            fine.rows = 0, result = PROVED;
-            goto end;
+            double rounded_to = growth < l->grows ? 0 : likely <= a->tol ? likely : by_round_off(a, &fine, wanted, estimate, a->found);
+            if (rounded_to < 0 || (rounded_to > a->tol && !unseen)) goto end;
+            if (unseen) rounded_to *= l->chance, measured = 1;
+            if (rounded_to <= a->tol) {
+                if (rounded_to > estimate) estimate = rounded_to;
+                *a->found = (Proved){more, a->found->runs, estimate, fine.iterations, fine.residual, fine.rows};
+                fine.rows = 0, result = PROVED;
+                goto end;
+            }
         }
         const Attempt older = coarse;
         coarse = fine, fine = older, fine.rows = older.rows;
