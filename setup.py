@@ -25,6 +25,7 @@ NAMES = (
     "explicit_",
     "contacts_",
     "uniform_",
+    "driven_",
     "sweep_",
     "sweep_explicit_",
     "sweep_linear_",

@@ -58,6 +58,14 @@ def uniform_loop() -> Loop:
 
 
 @cache
+def driven_entry() -> Callable[[bytes], int]:
+    """c/driven_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("driven_core.c", ("run",), "{name}_driven_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def contacts_entry() -> Callable[[bytes], int]:
     """c/contacts.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("contacts_core.c", ("contacts",), "{name}_{level}", {})

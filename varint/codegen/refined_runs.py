@@ -56,4 +56,4 @@ def refined_course(
     calls = on.run, on.scene, on.rows, on.energy, push, bounds, *map(address_of, arrays)
     counts = on.n, on.carry, order, int(forces is not None), few, len(places)
     head = _COURSE.pack(*calls, *counts, FIXED_POINT_ITERATIONS, *pieces)
-    return Course(entry, on.n, False, head, (on, forces, *arrays))
+    return Course(entry, kernel, on.n, False, head, (on, forces, *arrays))

@@ -25,11 +25,12 @@ PROVED, NOT_PROVED, NOT_SHORT, DOUBTED = range(4)
 
 
 class Course(NamedTuple):
-    """The entry of the core, what runs, how its errors are measured, and what lies at its
-    addresses; see `course_of`.
+    """The entry of the core, the loop that it calls, what runs, how its errors are measured, and
+    what lies at its addresses; see `course_of`.
     """
 
     entry: Callable[[bytes], int]
+    kernel: Kernel
     n: int
     by_velocity: bool
     head: bytes
@@ -79,7 +80,7 @@ def course_of(
     numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces, int(by_velocity)
     calls = on.run, on.scene, on.rows, on.energy
     head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers)
-    return Course(entry, on.n, by_velocity, head, (on, *arrays))
+    return Course(entry, kernel, on.n, by_velocity, head, (on, *arrays))
 
 
 class Places(NamedTuple):

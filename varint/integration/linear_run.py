@@ -1,5 +1,5 @@
-"""Runs of scenes whose motion is linear, x' = A x + b with constant A and b, by Gauss rules: a step
-is one map, which is made once, and all nodes are its powers.
+"""Runs of scenes whose motion is linear, x' = A x + b with constant A, by Gauss rules: a step is
+one map, which is made once, and all nodes are its powers where b is constant and energy is kept.
 """
 
 from __future__ import annotations
@@ -10,9 +10,14 @@ import casadi as ca
 import numpy as np
 
 from varint.codegen.arguments import DONE
-from varint.codegen.kernel import LoopResult
+from varint.codegen.cache import CompileError
+from varint.codegen.driven import has_driven_map, is_driven, native_driven
+from varint.codegen.graph import NotCompilable
+from varint.codegen.kernel import Kernel, LoopResult
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
+from varint.integration.second_looks import has_steps
+from varint.integration.two_runs import shows_its_error
 from varint.numerics.arrays import call
 from varint.numerics.linear_maps import gauss_change, orbit
 from varint.rules.rule import Rule, gauss
@@ -24,6 +29,9 @@ MOST_STEPS = 2**17  # beyond, loops that watch the run on its way
 # of a motion in a step, for the round-off of the map is the same in all of them; the wanted error
 # is so many times as large as that, or steps are solved one by one
 ROUND_OFF, FAR_ABOVE = 2e-15, 4.0
+# of the motion, times the square of the steps, where a map is driven: what it makes of something
+# that drifts adds up, all the way
+REPEATED = 5e-17
 # the rule of such runs, whose order costs nothing, and radians from which they take less time than
 # steps that are solved one by one
 MAPPED, TURNS = gauss(8), 60.0
@@ -39,6 +47,25 @@ def is_one_map(system: System, rule: Rule) -> bool:
         return False
     order = 2 * len(rule.nodes)
     return s.n <= MOST_COORDINATES and bool(rule.points) and rule.order == order == 2 * rule.degree
+
+
+@per_scene
+def runs_driven(system: System) -> bool:
+    """Whether energies tell nothing of its runs, whose steps are one map of the motion, and one of
+    what drives it.
+    """
+    return not (shows_its_error(system) or has_steps(system)) and is_driven(system)
+
+
+@per_scene
+def driven_kernel(system: System, rule: Rule) -> Kernel | None:
+    """The loop of such runs; None where there is none."""
+    if not (runs_driven(system) and has_driven_map(system, rule)):
+        return None
+    try:
+        return native_driven(system, rule)
+    except (NotCompilable, CompileError):
+        return None
 
 
 def nodes_by_map(system: System, rule: Rule, problem: InitialValueProblem) -> LoopResult | None:

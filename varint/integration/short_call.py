@@ -18,6 +18,7 @@ from varint.codegen.two_runs import NOT_PROVED, Course
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.gears import Gears, gears_of, kernel_now
+from varint.integration.linear_run import MAPPED, runs_driven
 from varint.integration.plain_start import (
     Room,
     begin_at,
@@ -120,7 +121,7 @@ def _by_the_core(
     if course is None:
         return None
     first = steps_to_begin(system, price, radians, tol)
-    how = system, rule, kernel, course
+    how = system, rule, course
     found = two_short_runs(how, room.places, t0, duration, first, radians, tol)
     if isinstance(found, int):
         return found
@@ -128,7 +129,7 @@ def _by_the_core(
     motion = plain_motion_of(
         system,
         loop.plan,
-        kernel,
+        course.kernel,
         found.nodes,
         (duration / steps, t0, np.empty((steps, 1, 0)), c),
         (found.iterations, found.residual),
@@ -180,9 +181,11 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
         return None
     if (energy_known(system) if shows_its_error(system) else balance_rows(system)) is None:
         return None
-    if rule is None and not runs_by_stages(system, gauss(8), "auto"):
+    driven = rule is None and runs_driven(system)
+    if rule is None and not (driven or runs_by_stages(system, gauss(8), "auto")):
         return None
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
+    rules = {MAPPED: 1.0} if driven else rules
     prices = priced(rules)
     varies = may_vary(system, rule)
     return _Known(n, rooms(system, True), prices, changes(prices), [None] * len(prices), varies)

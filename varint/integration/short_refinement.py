@@ -17,6 +17,7 @@ from varint.integration.energy_check import NOTHING
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.hidden import missed_impulse
+from varint.integration.linear_run import REPEATED, driven_kernel
 from varint.integration.plain_trials import PlainTrial, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import CAUTION, NO_DIGITS
@@ -68,6 +69,7 @@ def by_short_refinement(
     began = perf_counter() if began is None else began
     still, time = np.zeros(system.structure.n), np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
+    driven = driven_kernel(system, rule) if backend == "auto" else None
 
     def run(steps: int, count: int) -> PlainTrial | None:
         problem = start._replace(
@@ -78,7 +80,8 @@ def by_short_refinement(
             nodes=len(rule.nodes),
             level=iteration_level(tol, steps),
         )
-        kernel = kernel_for(system, rule, problem, backend)
+        mapped = driven if REPEATED * steps**2 <= tol else None
+        kernel = mapped or kernel_for(system, rule, problem, backend)
         found = kernel and run_at_once(system, rule, problem, kernel, short=False)
         good = found and found.done and np.isfinite(found.rows[-1, 0]).all()
         return PlainTrial(problem, kernel, found) if kernel and found and good else None
@@ -125,7 +128,8 @@ def by_short_refinement(
                 order = min(max(min(drop, shown), order), rule.order)
             shown = drop
         size = np.abs(motion.found.rows[:, 0]).max(axis=0)
-        floor = FLOOR * float((size / scales).max(initial=1.0))
+        least = max(FLOOR, REPEATED * steps**2) if motion.kernel is driven else FLOOR
+        floor = least * float((size / scales).max(initial=1.0))
         estimate = max(_left(off, ratio, order, rule.order), rounded, floor)
         if off < NO_DIGITS and estimate <= tol:
             few = max(min(TRANSIENT_STEPS, steps // FEW), 1)

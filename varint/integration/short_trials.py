@@ -35,6 +35,7 @@ from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
+from varint.integration.linear_run import REPEATED, driven_kernel
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
 from varint.integration.rule_choice import SECULAR, Priced, first_steps, priced
@@ -60,7 +61,7 @@ _LIMITS = np.array(
     ]
 )
 
-# in the order of c/refined_core.c
+# in the order of c/refined_core.c; one more stands behind them
 _REFINED = np.array(
     [
         *(searched.CAUTION, refined.LESS, refined.LEAST_ORDER, refined.TELLS),
@@ -94,6 +95,8 @@ def by_short_trials(
     course = None if kernel is None else course_by(system, rule, kernel)
     if kernel is None or course is None:
         return NOT_SHORT
+    if backend != "auto" and course.kernel is not kernel:  # another one is asked for
+        return NOT_SHORT
     n = len(mass)
     room = np.concatenate((start.q0, start.p0, mass, start.c, np.zeros(TOLD)))
     at, told = address_of(room), 3 * n + start.c.size
@@ -101,14 +104,14 @@ def by_short_trials(
     places = places_of(place, at + 16 * n, 1)
     first = steps_to_begin(system, priced({rule: 1.0})[0], radians, tol)
     asked = start.t0, start.h, first, radians, tol
-    found = two_short_runs((system, rule, kernel, course), places, *asked)
+    found = two_short_runs((system, rule, course), places, *asked)
     if isinstance(found, int):
         return found
     steps = found.steps
     problem = start._replace(
         h=start.h / steps, steps=steps, u=np.empty((steps, 1, 0)), nodes=len(rule.nodes)
     )
-    run = Run(system, plan(system, rule), problem, [], iter(()), kernel, began)
+    run = Run(system, plan(system, rule), problem, [], iter(()), course.kernel, began)
     motion = motion_of(run, found.nodes, (found.iterations, found.residual))
     estimate = found.estimate
     if found.doubted:
@@ -126,7 +129,7 @@ def steps_to_begin(system: System, rule: Priced, radians: float, tol: float) -> 
 
 
 def two_short_runs(
-    how: tuple[System, Rule, Kernel, Course],
+    how: tuple[System, Rule, Course],
     places: Places,
     t0: float,
     duration: float,
@@ -135,12 +138,12 @@ def two_short_runs(
     tol: float,
 ) -> Found | int:
     """`two_runs`, and a look at whether another gear repays."""
-    system, rule, kernel, course = how
-    if not kernel.is_native:
+    system, rule, course = how
+    if not course.kernel.is_native:
         return two_runs(course, places, t0, duration, first, radians, tol)
     now = perf_counter()
     found = two_runs(course, places, t0, duration, first, radians, tol)
-    gears = gears_with(system, rule, scheme_of(system, rule), kernel)
+    gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
     if gears:
         kernel_after(gears, perf_counter() - now, 0.0)
     return found
@@ -159,6 +162,8 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     """How the runs are made; None where the core cannot make them."""
     s, kept = system.structure, decided.shows_its_error(system)
     energy = energy_known(system) if kept else balance_rows(system)
+    driven = None if kept else driven_kernel(system, rule)
+    kernel = driven or kernel
     if kernel.opening or kernel.note[0] or energy is None:
         return None
     if not (kept or s.quadratic_kinetic):
@@ -170,13 +175,15 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
         body[members] = members[0]
     turns = np.array(angles(system), dtype=np.int64)
     piloted = scheme_of(system, rule) is BY_STAGES
-    longest = first_piece(kernel, False) * (1 if kernel.is_native else COMPILED)
+    slow = kernel.is_native and driven is None
+    longest = first_piece(kernel, False) * (1 if slow else COMPILED)
     pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
         if not kept:
             forces, looks = hidden.forces_as_data(system), hidden.looks_in_order(rule)
             how = kernel, energy, forces, looks, rule.order, pieces
-            return refined_course(*how, body, turns, _REFINED)
+            repeated = np.append(_REFINED, REPEATED if driven else 0.0)
+            return refined_course(*how, body, turns, repeated)
         kind = s.linear, not s.quadratic_kinetic, body, turns
         return course_of(kernel, energy, rule.order, pieces, *kind, _LIMITS)
     except CompileError:

@@ -14,6 +14,7 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
+FEW = 6  # coordinates whose uncoupled parts are looked for: one or two have a formula
 
 
 def angle_turned(duration: float, fastest: float | None) -> float:
@@ -68,6 +69,15 @@ def _frequency(m: list[float], k: list[float], n: int) -> float | None:
         return None
     if not any(k):
         return 0.0
+    if n <= FEW and len(parts := _parts(m, k, n)) > 1:
+        fastest = 0.0
+        for part in parts:
+            mine, its = ([x[n * i + j] for i in part for j in part] for x in (m, k))
+            found = _frequency(mine, its, len(part))
+            if found is None or not math.isfinite(found):
+                return found
+            fastest = max(fastest, found)
+        return fastest
     mass, stiffness = np.array(m).reshape(n, n), np.array(k).reshape(n, n)
     if is_definite(mass):
         square = np.linalg.solve(mass, stiffness)
@@ -76,6 +86,20 @@ def _frequency(m: list[float], k: list[float], n: int) -> float | None:
     if not np.isfinite(square).all():
         return math.nan
     return math.sqrt(np.abs(np.linalg.eigvals(square)).max())
+
+
+def _parts(m: list[float], k: list[float], n: int) -> list[list[int]]:
+    """The coordinates that neither matrix couples to others, together."""
+    left, parts = list(range(n)), []
+    while left:
+        part = [left.pop(0)]
+        for i in part:
+            row = n * i
+            near = [j for j in left if m[row + j] or k[row + j] or m[n * j + i] or k[n * j + i]]
+            part += near
+            left = [j for j in left if j not in near]
+        parts.append(part)
+    return parts
 
 
 def _fastest_of_two(a: float, b: float, c: float, d: float) -> float:

@@ -29,7 +29,7 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
 from varint.integration.error_scale import error_scales
-from varint.integration.linear_run import MAPPED, TURNS, is_one_map
+from varint.integration.linear_run import MAPPED, TURNS, is_one_map, runs_driven
 from varint.integration.plain_trials import (
     NotPlain,
     by_plain_trials,
@@ -137,7 +137,10 @@ def choose_steps(
             backend == "auto" and not by_stages and repays(system, own, max(int(radians), 64))
         )
         own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
-        own = MAPPED if radians > TURNS and is_one_map(system, MAPPED) else own
+        once = (radians > TURNS and is_one_map(system, MAPPED)) or (
+            backend == "auto" and runs_driven(system)
+        )
+        own = MAPPED if once else own
     mapped = backend == "auto" and radians > TURNS and is_one_map(system, own)
 
     found: Choice | int | None

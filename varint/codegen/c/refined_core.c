@@ -18,7 +18,7 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
-        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing;
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, repeated;
 } Limits;
 
 /* That of two_runs_core.c, whose `take_run` takes the run. */
@@ -111,18 +111,33 @@ static double size_of(const Refined *a, const Attempt *run, const double *scales
 
 static double power_of(double x) { return x - x == 0 ? fabs(x) : 0; }
 
-/* Whether the energy is clearly that of the start and the work of forces. */
-static int balanced(const Refined *a, const Attempt *run, const double *t, double *room) {
-    const int64_t n = a->n, nodes = run->count + 1;
-    double *const energy = room, *const power = room + nodes, largest = 0, given = 0;
-    const RowsArguments asked = {.count = nodes, .c = a->c, .scene = a->balance, .arguments = {run->rows, run->rows + n, t},
+/* Energies of a run's nodes, and the powers there of what changes them. */
+static int set_energies(const Refined *a, const Attempt *run, const double *t, double *energy, double *power) {
+    const int64_t n = a->n;
+    const RowsArguments asked = {.count = run->count + 1, .c = a->c, .scene = a->balance, .arguments = {run->rows, run->rows + n, t},
                                  .apart = {3 * n, 3 * n, 1}, .results = {energy, power}, .widths = {1, 1}};
-    if (a->rows(&asked) != DONE) return 0;
+    return a->rows(&asked) == DONE;
+}
+
+/* What is given in the step before node k at most. */
+static double work_before(const Refined *a, const double *t, const double *power, int64_t k) {
+    const double before = power_of(power[k - 1]), after = power_of(power[k]);
+    return a->limits->missed * (before > after ? before : after) * fabs(t[k] - t[k - 1]);
+}
+
+/* Whether the energy is clearly that of the start and the work of forces, which `fine` shows too where motions begin: so many
+   parts of the first steps. `t`, `room`: times of both, and twice as many numbers. */
+static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *t, double *room) {
+    const int64_t nodes = run->count + 1, more = fine->count + 1;
+    double *const energy = room, *const power = energy + nodes + more, largest = 0, given = 0;
+    if (!set_energies(a, fine, t + nodes, energy + nodes, power + nodes) || !set_energies(a, run, t, energy, power)) return 0;
     for (int64_t k = 0; k < nodes; k++) largest = fabs(energy[k]) > largest ? fabs(energy[k]) : largest;
     for (int64_t k = 0; k < nodes; k++) {
         if (k) {
-            const double before = power_of(power[k - 1]), after = power_of(power[k]);
-            given += a->limits->missed * (before > after ? before : after) * fabs(t[k] - t[k - 1]);
+            double early = 0;
+            for (int64_t i = parts * (k - 1) + 1; i <= parts * k && i < more; i++) early += work_before(a, t + nodes, power + nodes, i);
+            const double rough = work_before(a, t, power, k);
+            given += early > rough ? early : rough;
         }
         if (!(fabs(energy[k] - energy[0]) <= given + a->limits->given * largest)) return 0;
     }
@@ -205,15 +220,19 @@ static int shows_forces(const Refined *a, const Attempt *run, const double *t, c
     return 0;
 }
 
+static void set_times(const Refined *a, const Attempt *run, double *t) {
+    for (int64_t k = 0; k <= run->count; k++) t[k] = a->duration / run->steps * (double)k + a->t0;
+}
+
 /* What nodes do not tell by their differences alone. */
-static int doubted(const Refined *a, const Attempt *run, const double *scales) {
-    const int64_t n = a->n, steps = run->count;
+static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *scales) {
+    const int64_t n = a->n, steps = run->count, all = steps + fine->count + 2, looked = a->timed ? (10 * n + 1) * steps : 0;
     if (a->timed && !(a->push && a->bounds)) return 1;
-    double *const t = malloc((steps + 1 + (a->timed ? (10 * n + 1) * steps : 2 * (steps + 1))) * sizeof(double));
+    double *const t = malloc((all + (looked > 2 * all ? looked : 2 * all)) * sizeof(double));
     if (!t) return 1;
-    double *const room = t + steps + 1;
-    for (int64_t k = 0; k <= steps; k++) t[k] = a->duration / steps * (double)k + a->t0;
-    const int sure = balanced(a, run, t, room) && (!a->timed || shows_forces(a, run, t, scales, room));
+    double *const room = t + all;
+    set_times(a, run, t), set_times(a, fine, t + steps + 1);
+    const int sure = balanced(a, run, fine, parts, t, room) && (!a->timed || shows_forces(a, run, t, scales, room));
     free(t);
     return !sure;
 }
@@ -226,7 +245,8 @@ int refined(const Refined *a) {
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
     while (runs < (int64_t)l->runs) {
-        if (!try_run(a, steps, steps, &now)) goto end;
+        const double repeated = l->repeated * (double)steps * (double)steps;
+        if (repeated > a->tol || !try_run(a, steps, steps, &now)) goto end;
         runs++;
         if (now.lost) {
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
@@ -247,7 +267,7 @@ int refined(const Refined *a) {
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
             const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
-                         floor = l->floor * size_of(a, &now, scales);
+                         floor = (repeated > l->floor ? repeated : l->floor) * size_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
@@ -259,7 +279,7 @@ int refined(const Refined *a) {
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;
                 *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, now.rows};
-                result = doubted(a, &now, scales) ? DOUBTED : PROVED, now.rows = 0;
+                result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED, now.rows = 0;
                 goto end;
             }
             const double next = off * pow(ratio, -l->caution * (double)a->order);
