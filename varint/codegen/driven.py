@@ -27,11 +27,24 @@ MOST_COORDINATES = 12  # beyond, a sparse solve in every step is cheaper than a 
 
 
 @per_scene
-def is_driven(system: System) -> bool:
-    """Whether the motion is x' = A x + g(t), x = (q, p), with constant A."""
+def moves_linearly(system: System) -> bool:
+    """Whether the motion is linear, of few coordinates, and nothing holds or controls it."""
     s = system.structure
     held = s.constraints or s.nonholonomic or s.contacts or s.degenerate or s.controls
-    if held or system.rays or not (s.linear and s.quadratic_kinetic) or s.n > MOST_COORDINATES:
+    return (
+        not (held or system.rays) and s.linear and s.quadratic_kinetic and s.n <= MOST_COORDINATES
+    )
+
+
+def is_gauss(rule: Rule) -> bool:
+    """Whether its steps are diagonal Padé approximants where the motion is linear."""
+    return bool(rule.points) and rule.order == 2 * len(rule.nodes) == 2 * rule.degree
+
+
+@per_scene
+def is_driven(system: System) -> bool:
+    """Whether the motion is x' = A x + g(t), x = (q, p), with constant A."""
+    if not moves_linearly(system):
         return False
     slopes, drive, x = _flow(system)
     return not (ca.depends_on(slopes, ca.vertcat(x, system.t)) or ca.depends_on(drive, x))
@@ -40,8 +53,7 @@ def is_driven(system: System) -> bool:
 @per_scene
 def has_driven_map(system: System, rule: Rule) -> bool:
     """Whether the same, and the rule is a Gauss rule."""
-    gauss_like = bool(rule.points) and rule.order == 2 * len(rule.nodes) == 2 * rule.degree
-    return gauss_like and is_driven(system)
+    return is_gauss(rule) and is_driven(system)
 
 
 @kernel_per_system

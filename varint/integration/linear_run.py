@@ -11,7 +11,13 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.cache import CompileError
-from varint.codegen.driven import has_driven_map, is_driven, native_driven
+from varint.codegen.driven import (
+    has_driven_map,
+    is_driven,
+    is_gauss,
+    moves_linearly,
+    native_driven,
+)
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.discrete.legendre import velocity_function
@@ -24,7 +30,6 @@ from varint.rules.rule import Rule, gauss
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-MOST_COORDINATES = 12  # beyond, a sparse solve in every step is cheaper than a full map
 MOST_STEPS = 2**17  # beyond, loops that watch the run on its way
 # of a motion in a step, for the round-off of the map is the same in all of them; the wanted error
 # is so many times as large as that, or steps are solved one by one
@@ -42,11 +47,7 @@ TOLD = "powers of one linear map a step"
 def is_one_map(system: System, rule: Rule) -> bool:
     """Whether steps of the rule are the same linear map, all along."""
     s = system.structure
-    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate or s.controls
-    if held or system.rays or s.forced or not (s.linear and s.autonomous and s.quadratic_kinetic):
-        return False
-    order = 2 * len(rule.nodes)
-    return s.n <= MOST_COORDINATES and bool(rule.points) and rule.order == order == 2 * rule.degree
+    return s.autonomous and not s.forced and moves_linearly(system) and is_gauss(rule)
 
 
 @per_scene
