@@ -66,6 +66,20 @@ def has_plain_trials(system: System, start: InitialValueProblem) -> bool:
     return start.steps == 1 and not (held or s.controls or system.rays)
 
 
+def first_steps_of(
+    start: InitialValueProblem, rule: Rule, steps: int, count: int, wanted: float
+) -> InitialValueProblem:
+    """The first `count` of so many steps, solved as far as a wanted error asks for."""
+    return start._replace(
+        h=start.h / steps,
+        steps=count,
+        save_every=1,
+        u=np.empty((count, 1, 0)),
+        nodes=len(rule.nodes),
+        level=iteration_level(wanted, steps),
+    )
+
+
 @np.errstate(all="ignore")  # of steps that are too large
 def by_plain_trials(
     system: System,
@@ -96,14 +110,7 @@ def by_plain_trials(
         steps: int, wanted: float, part: int, start: InitialValueProblem = start
     ) -> Attempt | None:
         count = max(steps // part, 1)
-        problem = start._replace(
-            h=start.h / steps,
-            steps=count,
-            save_every=1,
-            u=np.empty((count, 1, 0)),
-            nodes=len(rule.nodes),
-            level=iteration_level(wanted, steps),
-        )
+        problem = first_steps_of(start, rule, steps, count, wanted)
         kernel = kernel_for(system, rule, problem, backend)
         found = nodes_by_map(system, rule, problem) if mapped else None
         if found is None and kernel is not None:

@@ -18,7 +18,7 @@ from varint.integration.energy_leap import energy_alarm
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.hidden import missed_impulse
 from varint.integration.linear_run import REPEATED, driven_kernel
-from varint.integration.plain_trials import PlainTrial, plain_motion
+from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import CAUTION, NO_DIGITS
 from varint.integration.round_off import rounding
@@ -26,7 +26,6 @@ from varint.integration.rule_choice import (
     ROUGH,
     Priced,
     first_steps,
-    iteration_level,
     priced,
 )
 from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
@@ -72,14 +71,7 @@ def by_short_refinement(
     driven = driven_kernel(system, rule) if backend == "auto" else None
 
     def run(steps: int, count: int) -> PlainTrial | None:
-        problem = start._replace(
-            h=start.h / steps,
-            steps=count,
-            save_every=1,
-            u=np.empty((count, 1, 0)),
-            nodes=len(rule.nodes),
-            level=iteration_level(tol, steps),
-        )
+        problem = first_steps_of(start, rule, steps, count, tol)
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
         found = kernel and run_at_once(system, rule, problem, kernel, short=False)
