@@ -24,6 +24,7 @@ def _free_fall():
         (dict(duration=vi.free(1, -1, 2)), "positive lower bound"),
         (dict(steps=0), "give steps"),
         (dict(steps=2.5), "whole number"),
+        (dict(steps=ca.SX.sym("steps")), "whole number"),
         (dict(start=dict(q=[0, 1])), "one for each of"),
         (dict(start=dict(x=[0])), "unknown keys"),
         (dict(start=dict(q=[np.nan])), "not finite"),

@@ -81,3 +81,24 @@ def test_rows_that_cannot_hold_are_still_refused():
     system = vi.System(q, v, ca.sumsqr(v) / 2, constraint=ca.sumsqr(q) + 1)
     with pytest.raises(vi.InputError, match="no configuration near"):
         vi.project(system, [0.3, 0.4])
+
+
+@pytest.mark.parametrize(
+    "row, q0",
+    [
+        (lambda q: q[1] / q[0], [2.2250738585072014e-308, 0.0]),
+        (lambda q: q[1] / q[0] - 4.49423e307, [2.2250738585072014e-308, 1.0]),
+    ],
+)
+def test_rows_whose_slopes_are_not_finite_are_refused(row, q0):
+    q, v = vi.coordinates("x", "y")
+    scene = vi.System(q, v, 1e-20 * (ca.dot(v, v) / 2 - q[0]), constraint=row(q))
+    with pytest.raises(vi.InputError, match="not finite or too large"):
+        vi.project(scene, q0, [0.0, 0.0])
+
+
+def test_a_root_at_its_end_is_come_to_from_within():
+    q, v = vi.coordinates("x", "y")
+    scene = vi.System(q, v, ca.dot(v, v) / 2 - q[0], constraint=ca.sqrt(q[0]))
+    foot, _ = vi.project(scene, [0.0, 0.0], [0.0, 0.0])
+    assert 0 <= foot[0] < 1e-30

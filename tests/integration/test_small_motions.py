@@ -26,3 +26,11 @@ def test_a_part_without_inertia_has_no_frequency():
     assert frequency(np.diag([1.0, 0.0, 2.0]), np.eye(3)) is None
     assert np.isnan(frequency(np.eye(3), np.diag([1.0, np.nan, 2.0])))
     assert frequency(np.eye(3), np.diag([0.0, 0.0, 4.0])) == 2.0
+
+
+@pytest.mark.parametrize("size", [1e160, 1e227, 1e300])
+@pytest.mark.parametrize("coupled", [0.0, 1.0])
+def test_a_frequency_too_large_for_a_float_is_not_finite_rather_than_an_error(size, coupled):
+    stiffness = np.array([[size, coupled], [1.0, 0.0]])
+    found = frequency(np.eye(2), stiffness)
+    assert np.isinf(found) or found == pytest.approx(np.sqrt(size), rel=1e-13)

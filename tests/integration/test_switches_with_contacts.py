@@ -302,3 +302,11 @@ def test_derivatives_go_through_bounces_and_kinks_that_let_no_force_jump(steps):
     dry = vi.simulate(ball(lambda v: -ca.sign(v), 0.7), q0=1.0, **given)
     with pytest.raises(InputError, match="jump or kink"):
         dry.transition_matrix()
+
+
+@pytest.mark.parametrize("asked", [{}, {"backend": "interpreted"}, {"on_failure": "subdivide"}])
+def test_a_body_rests_on_a_gap_that_switches(asked):
+    q, v = vi.coordinates("x")
+    scene = vi.System(q, v, v**2 / 2 - ca.fabs(q), contact=ca.fabs(q), restitution=0.0)
+    motion = vi.simulate(scene, q0=0.0, v0=0.0, h=1e-3, steps=3, **asked)
+    assert np.abs(motion.q).max() < 1e-12

@@ -60,7 +60,7 @@ def duration_of(value: Any) -> tuple[float, float, float]:
 def mesh_of(steps: Any, mesh: Any) -> np.ndarray:
     """Ends of the steps as fractions of the duration."""
     if mesh is None:
-        if steps == 0:
+        if isinstance(steps, int) and steps == 0:
             raise InputError("give steps, the number of steps of the path, such as 40, or a mesh")
         check_memory(
             f"a path of {positive_integer('steps', steps)} steps", steps, "take fewer steps"

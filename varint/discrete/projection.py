@@ -160,16 +160,21 @@ def _feasible(
                 best, least = q, left
     g, slope = _rows(system, best, t, c)
     bad = ~(np.abs(g) <= OFF * row_sizes(slope, best))
-    if not np.isfinite(least):
-        raise InputError(
-            f"no projection: the constraints, their gradients or the mass matrix near q0={q0} are "
-            "not finite or too large (a square root of a negative number, a pole, an overflow); "
-            "start closer, or in other units"
-        )
+    if not (np.isfinite(least) and np.isfinite(slope).all()):
+        raise _not_finite(q0)
     raise InputError(
         f"no configuration near q0={q0} fulfils the constraint rows "
         f"{np.flatnonzero(bad).tolist()}: |g| = {np.abs(g[bad]).max():.1e} is the best found; "
         "start closer, or check that all rows can hold at once"
+    )
+
+
+def _not_finite(q: np.ndarray | None = None) -> InputError:
+    where = "on the way" if q is None else f"near {q}"
+    return InputError(
+        f"no projection: the constraints, their gradients or the mass matrix {where} are not "
+        "finite or too large (a square root of a negative number, a pole, an overflow); start "
+        "closer, or in other units"
     )
 
 
@@ -216,6 +221,8 @@ def _along(
     and whether it has the curvature: without, where that would lead to a farthest point.
     """
     slope = _rows(system, q, t, c)[1] / root
+    if not np.isfinite(slope).all():
+        raise _not_finite(q)
     lam = np.linalg.lstsq(slope.T, metric @ away, rcond=1e-13)[0]
     n = len(q)
     bent = call(_curvature_function(system), q, np.array([t]), c, lam)[0].reshape(n, n)
@@ -244,9 +251,9 @@ def _rows(system: System, q: np.ndarray, t: float, c: np.ndarray) -> tuple[np.nd
 
 
 def is_on(system: System, q: np.ndarray, t: float, c: np.ndarray) -> bool:
-    """Whether g vanishes at q but for round-off."""
+    """Whether g vanishes at q but for round-off, with slopes that tell where else it does."""
     g, slope = _rows(system, q, t, c)
-    return bool((np.abs(g) <= OFF * row_sizes(slope, q)).all())
+    return bool(np.isfinite(slope).all() and (np.abs(g) <= OFF * row_sizes(slope, q)).all())
 
 
 @np.errstate(all="ignore")  # what is not finite is looked at
@@ -262,11 +269,7 @@ def _least(mass: np.ndarray, slope: np.ndarray, target: np.ndarray) -> np.ndarra
     matrix[:n, n:], matrix[n:, :n] = (rows / length[:, None]).T, rows / length[:, None]
     right = np.concatenate([np.zeros(n), target / length])
     if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
-        raise InputError(
-            "no projection: the constraints, their gradients or the mass matrix are not finite or "
-            "too large on the way (a square root of a negative number, a pole, an overflow); "
-            "start closer, or in other units"
-        )
+        raise _not_finite()
     return np.linalg.lstsq(matrix, right, rcond=1e-13)[0][:n] / size
 
 

@@ -104,7 +104,8 @@ def _parts(m: list[float], k: list[float], n: int) -> list[list[int]]:
 
 def _fastest_of_two(a: float, b: float, c: float, d: float) -> float:
     """√ of the largest size of an eigenvalue of [[a, b], [c, d]]."""
-    mean, apart = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
+    mean, half = (a + d) / 2, (a - d) / 2
+    apart = half * half + b * c  # `half**2` would raise where it overflows
     if apart < 0:  # a pair of complex numbers
         return math.sqrt(math.hypot(mean, math.sqrt(-apart)))
     return math.sqrt(abs(mean) + math.sqrt(apart))

@@ -109,6 +109,8 @@ def possible(
     system: System, rule: Rule | None, problem: InitialValueProblem, options: RunOptions
 ) -> bool:
     """Whether steps may end at switches, as far as the scene and what is asked tell."""
+    if frozen_scene(system) is None:
+        return False
     made, known = (lobatto if _held(system) else gauss), list(rules_for(system))
     if not system.structure.nonholonomic:
         known = [made(k) for k in range(2 if made is lobatto else 1, 9)]
@@ -119,7 +121,6 @@ def possible(
         and (rule is None or rule in known)
         and options.on_failure == "raise"
         and options.backend != "interpreted"
-        and frozen_scene(system) is not None
     )
 
 
