@@ -386,3 +386,12 @@ def test_what_is_thrown_straight_up_and_caught_where_it_began_has_a_path(place, 
     assert path.q.max() - place > 3
     if not hardening:
         assert path.v[0, 0] == pytest.approx(9.81, rel=1e-13)
+
+
+def test_a_metric_that_is_no_expression_is_refused():
+    q, v = vi.coordinates("x")
+    for wrong in ("a", object(), ca.MX.sym("m")):
+        with pytest.raises(vi.InputError, match="metric"):
+            vi.geodesic(q, v, wrong)
+        with pytest.raises(vi.InputError, match="^q "):
+            vi.geodesic(wrong, v, q)

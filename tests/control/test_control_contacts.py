@@ -255,6 +255,9 @@ def test_what_contacts_cannot_do_is_refused():
     ]
     with pytest.raises(vi.InputError, match="does not bounce"):
         vi.optimal_phases(phases, [vi.Link(0, 1, contact=s.contact, restitution=0.5)])
+    for contact in ("", object()):
+        with pytest.raises(vi.InputError, match="the contact of a link must be"):
+            vi.optimal_phases(phases, [vi.Link(0, 1, contact=contact)])
     with pytest.raises(vi.InputError, match="nothing holds this one"):
         vi.reactions(s)
     q, v = vi.coordinates("y")

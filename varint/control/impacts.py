@@ -56,8 +56,7 @@ def impact_at(
     (`plain`), what begins to hold, and all that holds before and after.
     """
     s, none = before.system, ca.SX(0, 1)
-    allowed = ca.vertcat(s.q, s.c)
-    contact = column("the contact of a link", none if contact is None else contact, allowed, WORDS)
+    contact, allowed = named_contact(contact, before), ca.vertcat(s.q, s.c)
     stuck = column("sticks", none if sticks is None else sticks, allowed, WORDS)
     if stuck.numel() and not contact.numel():
         raise InputError("sticks= belongs to a contact: give contact= as well")
@@ -87,6 +86,13 @@ def impact_at(
     bounce[: len(bounces)] = restitution
     pushes[: stops.numel()] = [is_among(row, gaps) for row in ca.vertsplit(stops)]
     return Impact(zero, rows, bounce, pushes)
+
+
+def named_contact(contact: Any, phase: CheckedPhase) -> ca.SX:
+    """The contact that a link names at the end of its first phase."""
+    s = phase.system
+    given = ca.SX(0, 1) if contact is None else contact
+    return column("the contact of a link", given, ca.vertcat(s.q, s.c), WORDS)
 
 
 def _held_after(

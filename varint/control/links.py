@@ -12,7 +12,7 @@ import numpy as np
 
 from varint.control.contacts import touched
 from varint.control.ends import offsets
-from varint.control.impacts import WORDS, impact_at
+from varint.control.impacts import WORDS, impact_at, named_contact
 from varint.control.phase import CheckedPhase
 from varint.control.transcription import PhaseTranscription, pick
 from varint.errors import InputError
@@ -172,7 +172,7 @@ def with_touching(checks: list[CheckedPhase], links: list[Link]) -> list[Checked
     contacts = [x.contacts for x in checks]
     for link in links:
         first, second = checks[link.before], checks[link.after]
-        hits = [] if link.contact is None else ca.vertsplit(ca.SX(link.contact))
+        hits = ca.vertsplit(named_contact(link.contact, first))
         plain = link.relabel is None and link.offset is None
         ahead = ca.vertsplit(second.system.constraint) if plain else []
         contacts[link.before] = touched(contacts[link.before], [*hits, *ahead], True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import casadi as ca
 
-from varint.errors import InputError
+from varint.errors import InputError, parsed_or_refused
 from varint.scene.parameters import Parameters, ParameterValues
 from varint.scene.system import System
+from varint.scene.validation import symbols
 
 
 def geodesic(
@@ -50,8 +51,12 @@ def geodesic(
     >>> abs(np.sqrt(2 * path.action) - 2 * np.arcsin(chord / 2)) < 1e-12
     np.True_
     """
+    q = symbols("q", q)
     n = q.numel()
-    metric = ca.SX(metric)
+    metric = parsed_or_refused(
+        lambda: ca.SX(metric),
+        lambda: f"the metric must be a CasADi SX expression, got {type(metric).__name__}",
+    )
     if metric.shape[1] == 1 and (n > 1 or metric.shape[0] > 1 or metric.shape != (n, n)):
         slope = ca.jacobian(metric, q)
         metric = ca.mtimes(slope.T, slope)
