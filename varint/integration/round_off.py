@@ -29,11 +29,14 @@ PARTED, FAR_BELOW = 2.0, 1 / 32
 WAYS = 2
 
 
-def growth_of(apart: float, early: float) -> float:
+def growth_of(apart: float, early: float, made: float = 0.0) -> float:
     """How much more errors grow than those of a regular motion, by the largest difference of two
     runs and what an early one lets expect in the middle.
+
+    An error that is `made` late, where bodies meet that have come from afar, has not grown from an
+    early one: steps cannot make less than what the energy of the coarser run is off by.
     """
-    return apart / (SECULAR_GROWTH * max(early, ROUNDED))
+    return apart / max(SECULAR_GROWTH * max(early, ROUNDED), made)
 
 
 def rounding(apart: float, radians: float, steps: int, growth: float = 1.0) -> float:

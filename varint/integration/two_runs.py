@@ -159,7 +159,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         if fine is None:
             break
         apart, early = course.apart(coarse.run, steps, fine.run, more)
-        growth = max(growth, growth_of(apart, early))
+        growth = max(growth, growth_of(apart, early, coarse.swing[MIDDLE]))
         left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
         uneven = min(growth, UNEVEN)
         spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))

@@ -15,6 +15,7 @@
 
 double nextafter(double, double);
 #define NO_NUMBER (0 * INFINITY)
+#define MIDDLE 2 /* of the quantiles */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
 
 typedef struct {
@@ -239,8 +240,9 @@ int two_runs(const TwoRuns *a) {
         double early = 0;
         if (!try_run(a, more, wanted, 1, 1, &fine, a->found)) goto end;
         if (fine.lost) break;
-        const double apart = apart_from(a, &coarse, &fine, &early),
-                     grown = apart / (l->secular_growth * (early > l->rounded ? early : l->rounded));
+        const double apart = apart_from(a, &coarse, &fine, &early), made = coarse.swing[MIDDLE],
+                     regular = l->secular_growth * (early > l->rounded ? early : l->rounded),
+                     grown = apart / (made > regular ? made : regular); /* growth_of */
         growth = grown > growth ? grown : growth;
         const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
                      rounded = apart < walk ? apart : walk, left = shrinkage(a, &coarse, &fine, (double)more / (double)steps);

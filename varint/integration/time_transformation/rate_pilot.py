@@ -27,7 +27,6 @@ GROWTH = 1.5  # of steps at most, where the rate vanishes
 # the rate in flight over the other one: at most 1.5 in a bound orbit about a centre, and a flyby
 # that is not twice as fast as the escape from there is well seen by the other one
 AFAR = 2.0
-FAR_BELOW = 0.9  # further off a bound than two ways to compute the same can be
 
 
 class RatePilot(NamedTuple):
@@ -139,19 +138,6 @@ def rate_varies(system: System, motion: Trajectory, factor: float, flight: bool)
     rates = over_columns(_rate_function(system, flight), at, motion.c)[0]
     rates = rates[np.isfinite(rates)]
     return bool(rates.size and rates.max() >= factor * rates.mean())
-
-
-def varies_little(
-    system: System, start: np.ndarray, c: np.ndarray, total: float, factor: float
-) -> bool:
-    """Whether the largest ω that `rate_pilot` sees from the coordinates and velocities `start` is
-    by far below so many times the mean one: a tenth of its time, without its digits.
-    """
-    look = _look(system, False)
-    if look is None:
-        return False
-    seen = _by_core(look, start, c, abs(total), total < 0)
-    return seen is None or seen[1] < FAR_BELOW * factor * seen[0]
 
 
 def comes_from_afar(system: System, start: np.ndarray, c: np.ndarray) -> bool:
