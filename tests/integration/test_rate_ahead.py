@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.integration.round_off import GROWS, growth_of
+from varint.integration.round_off import GROWS, MAGNIFIED, growth_of, magnified
 from varint.integration.small_motions import angles_turned
 from varint.integration.time_transformation.rate_ahead import NOTHING, seen_ahead
 
@@ -56,6 +56,13 @@ def test_errors_that_arise_late_have_not_grown():
     assert growth_of(1e-6, 1e-15) > GROWS
     assert growth_of(1e-6, 1e-15, made=4e-7) < GROWS
     assert growth_of(1e-2, 1e-15, made=4e-7) > GROWS  # an encounter that magnifies what it makes
+
+
+def test_the_rounding_of_the_start_may_be_magnified_by_more():
+    late = 1e-6, 1e-15, 4e-7  # an encounter
+    assert growth_of(*late) < GROWS < magnified(*late) < MAGNIFIED * growth_of(*late) * 1.01
+    early = 1e-6, 1e-7, 1e-9  # a regular motion
+    assert magnified(*early) == growth_of(1e-6, 1e-7)
 
 
 def test_steps_that_follow_the_rate_are_for_flights_and_for_long_or_uneven_orbits():
