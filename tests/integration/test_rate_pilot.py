@@ -43,6 +43,8 @@ def test_the_core_sees_the_rates_that_the_pilot_sees(scene, flight, total):
         total=abs(total),
         astray=pilots.ASTRAY,
     )
+    glance = pilots.glance(system, np.concatenate((q, v)), c, total, flight)
+    assert glance == seen
     if pilot is None:
         assert seen is rough is None
         return

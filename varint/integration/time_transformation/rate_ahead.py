@@ -17,6 +17,7 @@ from varint.integration.time_transformation.rate_pilot import (
     REMEMBERED,
     RatePilot,
     comes_from_afar,
+    glance,
     rate_pilot,
 )
 from varint.scene.memory import per_scene, per_system
@@ -71,18 +72,19 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
     for flight in kinds_of(system):
         if flight and not comes_from_afar(system, start, c):
             continue
-        pilot = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
-        if pilot is None:
+        seen = glance(system, start, c, total, flight)
+        if seen is None:
             continue
+        mean, largest, duration = seen
         if frequency or not flight:
-            repays = (pilot.largest - WORTH * pilot.mean) * abs(total) >= BEGINNING
+            repays = (largest - WORTH * mean) * abs(total) >= BEGINNING
         else:
             least = IN_FIELD if local_rate(system).reason else IN_FLIGHT
-            repays = pilot.largest >= least * pilot.mean
+            repays = largest >= least * mean
         if repays:
-            return Ahead(pilot, 0.0)
-        if not frequency and pilot.duration <= BEYOND * abs(total):
-            frequency = (FLYING if flight else 1.0) * pilot.largest
+            return Ahead(rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight), 0.0)
+        if not frequency and duration <= BEYOND * abs(total):
+            frequency = (FLYING if flight else 1.0) * largest
     return Ahead(None, frequency)
 
 
