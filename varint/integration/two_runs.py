@@ -163,7 +163,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         seen = apart, early, coarse.swing[MIDDLE]
         growth, start_growth = max(growth, growth_of(*seen)), max(start_growth, magnified(*seen))
         left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
-        uneven = min(growth, UNEVEN)
+        uneven = min(start_growth, UNEVEN)
         spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))
         limit = rounding(math.inf, course.radians, more, growth)
         calm = start_growth < GROWS and fine.swing[MIDDLE] < STILL

@@ -255,7 +255,7 @@ int two_runs(const TwoRuns *a) {
             expected = expected_of(a, &fine), expected = apart > expected ? apart : expected;
             if (doubted || !(expected <= l->lost)) break;
         }
-        const double uneven = growth < l->uneven ? growth : l->uneven,
+        const double uneven = start_growth < l->uneven ? start_growth : l->uneven,
                      spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
         const int unseen = growth >= l->grows && rounded > a->tol && !measured; /* other runs show what round-off makes */
         double shown = spread * apart * left / (1 - left);

@@ -23,11 +23,10 @@ from varint.integration.time_transformation.rate_pilot import (
 from varint.scene.memory import per_scene, per_system
 from varint.scene.system import System
 
-# steps that follow a rate repay where the angle that the motion would turn by at its largest rate
-# is so many times the one that it turns by, and so much larger: a step of the rescaled scene takes
-# as much longer, and a run of it longer to begin
-WORTH, BEGINNING = 6.0, 200.0
-# largest rate over the mean one of a flight whose start tells of nothing, where few steps are
+# largest rate over the mean one: equal steps would be as many times as many, less what a step of
+# the rescaled scene costs more
+WORTH = 8.0
+# the same of a flight whose start tells of nothing, where few steps are
 # needed but for the encounter; of a charge in a field, whose rate has many operations
 IN_FLIGHT, IN_FIELD = 5.0, 8.0
 # of the largest rate in flight, for the first equal steps: it is larger than the own one
@@ -77,11 +76,10 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
             continue
         mean, largest, duration = seen
         if frequency or not flight:
-            repays = (largest - WORTH * mean) * abs(total) >= BEGINNING
+            least = WORTH
         else:
             least = IN_FIELD if local_rate(system).reason else IN_FLIGHT
-            repays = largest >= least * mean
-        if repays:
+        if largest >= least * mean:
             return Ahead(rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight), 0.0)
         if not frequency and duration <= BEYOND * abs(total):
             frequency = (FLYING if flight else 1.0) * largest
