@@ -131,9 +131,8 @@ def test_the_core_decides_as_python_does(name, duration, tol):
     options, rule, radians = RunOptions(steps=1, duration=duration), vi.gauss(8), 2 * abs(duration)
     problem = initial_value_problem(scene, rule, asked, options)
     mass = small_motions_at_start(scene, problem.q0, problem.p0, problem.t0, problem.c)[1]
-    how = tol, radians
-    one = by_short_trials(scene, rule, problem, mass, *how, "auto", 0.0)
-    other = by_short_refinement(scene, rule, problem, *how, None, "auto")
+    one = by_short_trials(scene, rule, problem, mass, tol, (radians, radians), "auto", 0.0)
+    other = by_short_refinement(scene, rule, problem, tol, radians, None, "auto")
     if other is None:
         assert one == NOT_PROVED
         return

@@ -20,7 +20,8 @@ def start(e: float) -> dict:
 
 
 def told(motion: vi.Trajectory) -> dict:
-    return {k: v for k, v in motion.stats.items() if k not in ("seconds", "plan")}
+    """All but what depends on the clock, as the gear that is ready does."""
+    return {k: v for k, v in motion.stats.items() if k not in ("seconds", "plan", "backend")}
 
 
 def never(*_, **__):
@@ -39,7 +40,7 @@ def never(*_, **__):
 )
 def test_both_ways_give_the_same_bytes(monkeypatch, tol, more):
     kepler = scene()
-    asked = start(0.9) | more | {"tol": tol}
+    asked = start(0.98) | more | {"tol": tol}
     long = vi.simulate(kepler, progress=True, **asked)  # a bar is asked for
     monkeypatch.setattr(to_tolerance, "simulate_to_tolerance", never)
     for _ in range(2):  # the second finds its start in place
@@ -83,14 +84,14 @@ def test_growth_beside_a_centre_is_foreseen(e):
 
 
 def test_what_one_call_of_the_core_does_not_make_goes_the_long_way(monkeypatch):
-    kepler, asked = scene(), start(0.9) | {"duration": 1.0, "tol": 1e-6}
+    kepler, asked = scene(), start(0.98) | {"duration": 1.0, "tol": 1e-6}
     whole = vi.simulate(kepler, **asked)
     monkeypatch.setattr(varying_call, "until_end", lambda *_: None)
     assert vi.simulate(kepler, **asked).q.tobytes() == whole.q.tobytes()
 
 
 def test_where_such_steps_prove_nothing_they_are_not_tried_again(monkeypatch):
-    kepler, asked = scene(), start(0.9) | {"duration": 1.0, "tol": 1e-3}
+    kepler, asked = scene(), start(0.98) | {"duration": 1.0, "tol": 1e-3}
     monkeypatch.setattr(varying_call, "run_twice", lambda *_: None)
     monkeypatch.setattr(to_tolerance, "choose_varying_steps", never)
     motion = vi.simulate(kepler, **asked)

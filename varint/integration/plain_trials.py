@@ -86,21 +86,22 @@ def by_plain_trials(
     rule: Rule,
     start: InitialValueProblem,
     tol: float,
-    radians: float,
+    turned: tuple[float, float],
     scale: Any,
     backend: str,
 ) -> Proved | None:
-    """`run_twice` with such trials; its run is a `PlainTrial`.
+    """`run_twice` with such trials; its run is a `PlainTrial`. `turned`: by how much the motion
+    turns, and the one that the first steps are for.
 
     Raises
     ------
     NotPlain
     """
-    time = np.array([start.t0])
+    (radians, begin), time = turned, np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
     still = np.zeros(system.structure.n)
     mapped = backend == "auto" and is_one_map(system, rule)
-    first, floor = steps_for(rule, radians, tol), FLOOR
+    first, floor = steps_for(rule, begin, tol), FLOOR
     if mapped:
         few = steps_of_map(rule, radians, tol)
         mapped = few < MOST_STEPS and tol > FAR_ABOVE * ROUND_OFF * few

@@ -22,6 +22,7 @@ ROUNDING = 5e-17
 # more is taken for a growth of all errors: what iterations leave in a step, and round-off, grow too
 SECULAR_GROWTH = 4.0
 GROWS = 100.0  # times more than errors of regular motions: what the start is rounded by counts
+MAGNIFIED = 1e4  # what an encounter makes of the start's rounding, over what of its own errors
 # times the largest difference of a run from `WAYS` such ones: of 192 chaotic motions five in a
 # hundred had an error above that and above as much of what runs of twice the steps differ by, half
 # of them had a fifth of it; so far below an error one of them says enough
@@ -29,11 +30,21 @@ PARTED, FAR_BELOW = 2.0, 1 / 32
 WAYS = 2
 
 
-def growth_of(apart: float, early: float) -> float:
+def growth_of(apart: float, early: float, made: float = 0.0) -> float:
     """How much more errors grow than those of a regular motion, by the largest difference of two
     runs and what an early one lets expect in the middle.
+
+    An error that is `made` late, where bodies meet that have come from afar, has not grown from an
+    early one: steps cannot make less than what the energy of the coarser run is off by.
     """
-    return apart / (SECULAR_GROWTH * max(early, ROUNDED))
+    return apart / max(SECULAR_GROWTH * max(early, ROUNDED), made)
+
+
+def magnified(apart: float, early: float, made: float) -> float:
+    """How much the rounding of the start may have grown beside: an encounter magnifies it by more
+    than what is made there.
+    """
+    return min(growth_of(apart, early), MAGNIFIED * growth_of(apart, early, made))
 
 
 def rounding(apart: float, radians: float, steps: int, growth: float = 1.0) -> float:

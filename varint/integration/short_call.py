@@ -44,8 +44,9 @@ from varint.integration.short_trials import (
     steps_to_begin,
     two_short_runs,
 )
-from varint.integration.small_motions import MOST_COORDINATES, angle_turned, frequency_of_columns
-from varint.integration.time_transformation.variable_course import may_vary, worthwhile_pilot
+from varint.integration.small_motions import MOST_COORDINATES, angles_turned, frequency_of_columns
+from varint.integration.time_transformation.rate_ahead import NOTHING, seen_ahead
+from varint.integration.time_transformation.variable_course import may_vary
 from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of, with_stats
@@ -85,12 +86,13 @@ def short_call(
         if c is None:
             return None
         check_steps(float(t0), float(duration), 1)
-        pilot = worthwhile_pilot(system, room.start, c, float(duration)) if known.varies else None
-        if pilot is None:
-            return _by_the_core(system, known, room, c, float(t0), float(duration), tol, began)
+        ahead = seen_ahead(system, room.start, c, float(duration)) if known.varies else NOTHING
+        if ahead.pilot is None:
+            span = float(t0), float(duration)
+            return _by_the_core(system, known, room, c, span, tol, ahead.frequency, began)
     finally:
         pool.append(room)
-    return varying_call(system, rule, start, float(duration), tol, pilot, began)
+    return varying_call(system, rule, start, float(duration), tol, ahead.pilot, began)
 
 
 def _by_the_core(
@@ -98,17 +100,17 @@ def _by_the_core(
     known: _Known,
     room: Room,
     c: np.ndarray,
-    t0: float,
-    duration: float,
+    span: tuple[float, float],
     tol: float,
+    ahead: float,
     began: float,
 ) -> Trajectory | int | None:
     assert room.look is not None
-    room.look()
+    (t0, duration), _ = span, room.look()
     numbers, half = room.local.tolist(), known.n * known.n
     fastest = frequency_of_columns(numbers[:half], numbers[half:], known.n)
-    radians = angle_turned(duration, fastest)
-    which = cheapest(known.changes, radians, tol)
+    radians, begin = angles_turned(duration, fastest, ahead)
+    which = cheapest(known.changes, begin, tol)
     price, loop = known.rules[which], known.loops[which]
     if loop is None:
         loop = known.loops[which] = _loop(system, price.rule)
@@ -120,7 +122,7 @@ def _by_the_core(
     course = loop.last[1]
     if course is None:
         return None
-    first = steps_to_begin(system, price, radians, tol)
+    first = steps_to_begin(system, price, begin, tol)
     how = system, rule, course
     found = two_short_runs(how, room.places, t0, duration, first, radians, tol)
     if isinstance(found, int):

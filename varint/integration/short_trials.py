@@ -50,7 +50,7 @@ _NAMES = (
     *("ROUGH", "HALF", "FLOOR", "LOST", "GAIN", "MARGIN", "SAFETY", "SPREAD", "EVIDENCE"),
     *("ROUNDED", "NO_SHRINKAGE", "NOT_WORSE", "ROUNDING", "STALLED", "PART_CLOSE", "CAUTION"),
     *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT", "UNEVEN"),
-    *("CHANCE", "GROWS", "WAYS", "PARTED", "FAR_BELOW"),
+    *("CHANCE", "GROWS", "WAYS", "PARTED", "FAR_BELOW", "MAGNIFIED"),
     *("SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
     *("WATCHED", "FIRST_PART", "FEWEST", "SEEN_PARTS", "SLOW"),
 )
@@ -83,15 +83,16 @@ def by_short_trials(
     start: InitialValueProblem,
     mass: np.ndarray,
     tol: float,
-    radians: float,
+    turned: tuple[float, float],
     backend: str,
     began: float,
 ) -> Choice | int:
     """The choice that two runs and their energies prove, or more of them over forces; NOT_PROVED
     where they do not, NOT_SHORT where a run is long, or of another kind. `mass` is the diagonal of
-    the mass matrix at the start.
+    the mass matrix at the start, `turned` by how much the motion turns, and the one that the first
+    steps are for.
     """
-    kernel = kernel_for(system, rule, start, backend)
+    (radians, begin), kernel = turned, kernel_for(system, rule, start, backend)
     course = None if kernel is None else course_by(system, rule, kernel)
     if kernel is None or course is None:
         return NOT_SHORT
@@ -102,7 +103,7 @@ def by_short_trials(
     at, told = address_of(room), 3 * n + start.c.size
     place = place_of(at, at + 24 * n, at + 8 * told, room[told:].data)
     places = places_of(place, at + 16 * n, 1)
-    first = steps_to_begin(system, priced({rule: 1.0})[0], radians, tol)
+    first = steps_to_begin(system, priced({rule: 1.0})[0], begin, tol)
     asked = start.t0, start.h, first, radians, tol
     found = two_short_runs((system, rule, course), places, *asked)
     if isinstance(found, int):

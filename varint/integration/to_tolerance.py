@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from functools import partial
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,10 @@ from varint.integration.problem import (
 from varint.integration.rule_choice import iteration_level
 from varint.integration.second_looks import has_switches
 from varint.integration.time_transformation.transformed_run import simulate_transformed
-from varint.integration.time_transformation.variable_course import choose_varying_steps
+from varint.integration.time_transformation.variable_course import (
+    choose_varying_steps,
+    frequency_ahead,
+)
 from varint.integration.time_transformation.varying_call import NOT_VARYING
 from varint.integration.tolerance import DEFAULT_TOL, choose_steps, problem_with_steps
 from varint.integration.trajectories import subsample, with_stats
@@ -77,9 +81,11 @@ def simulate_to_tolerance(
             choice = None if tried == NOT_VARYING else varying()
             if choice is not None:
                 return choice
-            how = {"stop": stop, "scale": options.scale, "backend": options.backend}
+            how: dict[str, Any] = {"stop": stop, "scale": options.scale, "backend": options.backend}
             known = None if tried == NOT_VARYING else tried
-            return choose_steps(system, rule, problem, tol, **how, tried=known, varying=varying)
+            how |= {"tried": known, "varying": varying}
+            ahead = frequency_ahead(system, rule, problem, start)
+            return choose_steps(system, rule, problem, tol, **how, ahead=ahead)
 
         if stop is None or rows > 1:
             choice = choose(problem, options)

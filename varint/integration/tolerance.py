@@ -54,7 +54,7 @@ from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import (
     MOST_COORDINATES,
-    angle_turned,
+    angles_turned,
     frequencies,
     small_motions_at_start,
 )
@@ -94,6 +94,7 @@ def choose_steps(
     backend: str = "auto",
     tried: int | None = None,
     varying: Varying | None = None,
+    ahead: float = 0.0,
 ) -> Choice:
     """Rule and number of steps with which every coordinate's error stays below tol times its scale.
 
@@ -114,6 +115,8 @@ def choose_steps(
         What `by_short_trials` would say: NOT_PROVED or NOT_SHORT.
     varying : callable, optional
         The choice with steps that follow the scene, where a run that went astray asks for them.
+    ahead : float, optional
+        Frequency of a motion whose first steps suit this one, by what is seen ahead.
 
     Raises
     ------
@@ -130,13 +133,13 @@ def choose_steps(
     began, own = perf_counter(), plan(system, rule).rule
     check_steps(start.t0, start.h * start.steps, 1)
     fastest, mass = fastest_at_start(system, own, start)
-    radians = angle_turned(start.h * start.steps, fastest)
+    turned = radians, begin = angles_turned(start.h * start.steps, fastest, ahead)
     if rule is None and start.steps == 1:
         by_stages = runs_by_stages(system, gauss(8), backend)
         compiled = backend == "compiled" or (
             backend == "auto" and not by_stages and repays(system, own, max(int(radians), 64))
         )
-        own = choose_rule(candidates(system, compiled, by_stages), radians, tol)
+        own = choose_rule(candidates(system, compiled, by_stages), begin, tol)
         once = (radians > TURNS and is_one_map(system, MAPPED)) or (
             backend == "auto" and runs_driven(system)
         )
@@ -149,13 +152,13 @@ def choose_steps(
     if plain and scale is None and mass is not None and not mapped:
         found = tried
         if tried is None:
-            found = by_short_trials(system, own, start, mass, tol, radians, backend, began)
+            found = by_short_trials(system, own, start, mass, tol, turned, backend, began)
         if isinstance(found, Choice):
             return found
         plain = by_two_runs = found == NOT_SHORT
     if plain:
         with suppress(NotPlain):
-            shown = by_plain_trials(system, own, start, tol, radians, scale, backend)
+            shown = by_plain_trials(system, own, start, tol, turned, scale, backend)
             if shown is not None:
                 motion = plain_motion(system, own, shown.run, began)
                 reached = shown.estimate <= tol
@@ -166,7 +169,7 @@ def choose_steps(
     if forced and stop is None and has_plain_trials(system, start):
         found = tried
         if tried is None and scale is None and mass is not None:
-            found = by_short_trials(system, own, start, mass, tol, radians, backend, began)
+            found = by_short_trials(system, own, start, mass, tol, turned, backend, began)
         if found is None or found == NOT_SHORT:
             found = by_short_refinement(system, own, start, tol, radians, scale, backend, began)
         if isinstance(found, Choice):
@@ -207,11 +210,11 @@ def choose_steps(
         failures.clear()
         return motion
 
-    first = 2 ** max(3, math.ceil(math.log2(max(radians / RADIANS, 1.0))))
+    first = 2 ** max(3, math.ceil(math.log2(max(begin / RADIANS, 1.0))))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
         if by_two_runs:
-            found = _from_two_runs(system, own, tol, radians, trial, scale, stop is not None)
+            found = _from_two_runs(system, own, tol, turned, trial, scale, stop is not None)
             if found:
                 return found
         failures.clear()
@@ -225,12 +228,13 @@ def _from_two_runs(
     system: System,
     rule: Rule,
     tol: float,
-    radians: float,
+    turned: tuple[float, float],
     trial: Trial,
     scale: Any,
     ends_early: bool,
 ) -> Choice | None:
     """The choice that two runs and their energies prove, where they do."""
+    radians, begin = turned
 
     def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> tuple[float, float]:
         scales = error_scales(system, other, scale)
@@ -248,7 +252,7 @@ def _from_two_runs(
     s = system.structure
     free = not (s.constraints or s.nonholonomic or system.rays)
     course = Course(run, apart, radians, s.linear, parted=parted if free else None)
-    found = run_twice(rule, course, steps_for(rule, radians, tol), tol, FLOOR)
+    found = run_twice(rule, course, steps_for(rule, begin, tol), tol, FLOOR)
     if found is None:
         return None
     reached = found.estimate <= tol

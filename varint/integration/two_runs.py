@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varint.integration.energy_check import energies_along, keeps_energy
-from varint.integration.round_off import GROWS, ROUNDED, growth_of, parted, rounding
+from varint.integration.round_off import GROWS, ROUNDED, growth_of, magnified, parted, rounding
 from varint.integration.rule_choice import iteration_level
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -137,7 +137,8 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     coarse: Attempt | None = None
     level = rough
     expected = before = math.inf
-    clear, growth, doubted = CLEAR, 1.0, False  # once, for steps may lie in a resonance
+    clear, doubted = CLEAR, False  # once, for steps may lie in a resonance
+    growth = start_growth = 1.0
     last, still, short, measured = None, False, False, False
     other_starts = course.parted is not None and not course.exact
     for _ in range(course.attempts):
@@ -159,12 +160,14 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         if fine is None:
             break
         apart, early = course.apart(coarse.run, steps, fine.run, more)
-        growth = max(growth, growth_of(apart, early))
+        seen = apart, early, coarse.swing[MIDDLE]
+        growth, start_growth = max(growth, growth_of(*seen)), max(start_growth, magnified(*seen))
         left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
-        uneven = min(growth, UNEVEN)
+        uneven = min(start_growth, UNEVEN)
         spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))
         limit = rounding(math.inf, course.radians, more, growth)
-        if limit > HOPELESS * tol and growth < GROWS and fine.swing[MIDDLE] < STILL:
+        calm = start_growth < GROWS and fine.swing[MIDDLE] < STILL
+        if limit > HOPELESS * tol and calm:
             sure = (more / steps) ** (-CAUTION * p)  # energies hide how much smaller errors are
             by_steps = max(spread * apart * sure / (1 - sure), left, floor)
             if by_steps < limit and apart < ROUGH * EVIDENCE:
@@ -194,8 +197,8 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         shown = max(by_steps, 0.0 if unseen else rounded, floor)
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             found = Proved(more, fine.run, max(shown, left), runs)
-            likely = CHANCE * rounding(math.inf, max(course.radians, more), more, growth)
-            regular = growth < GROWS
+            likely = CHANCE * rounding(math.inf, max(course.radians, more), more, start_growth)
+            regular = start_growth < GROWS
             if regular and course.foreseen <= 1:
                 return found
             if likely <= tol:  # a run that shows less would only be made for that
@@ -211,7 +214,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         expected = shown if apart < ROUGH * EVIDENCE else apart
     if last is None:
         return None
-    grown, made = _by_round_off(course, last, wanted, tol) if growth >= GROWS else (0.0, 0)
+    grown, made = _by_round_off(course, last, wanted, tol) if start_growth >= GROWS else (0.0, 0)
     last = last._replace(estimate=max(last.estimate, grown), runs=last.runs + made)
     limited = still and doubted and last.estimate <= tol  # energies hide how small errors are
     if limited or grown > tol or (short and apart > HOPELESS * tol):  # or that, whatever the steps

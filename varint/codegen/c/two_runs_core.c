@@ -15,12 +15,13 @@
 
 double nextafter(double, double);
 #define NO_NUMBER (0 * INFINITY)
+#define MIDDLE 2 /* of the quantiles */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT };
 
 typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
         stalled, part_close, caution, least, good, most, far, clear, secular_growth, left,
-        uneven, chance, grows, ways, parted, far_below;
+        uneven, chance, grows, ways, parted, far_below, magnified;
     double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, slow, poor, secular, level;
     double quantiles[QUANTILES];
 } Limits;
@@ -208,7 +209,7 @@ int two_runs(const TwoRuns *a) {
     Attempt coarse = {0}, fine = {0};
     int result = NOT_SHORT, known = 0, doubted = 0, measured = 0;
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
-    double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1;
+    double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1, start_growth = 1;
     int64_t steps = shared((double)a->first);
     a->found->runs = 0;
     for (int looks = 0; steps > l->most_without_a_part && looks < 3; looks++) {
@@ -239,8 +240,11 @@ int two_runs(const TwoRuns *a) {
         double early = 0;
         if (!try_run(a, more, wanted, 1, 1, &fine, a->found)) goto end;
         if (fine.lost) break;
-        const double apart = apart_from(a, &coarse, &fine, &early),
-                     grown = apart / (l->secular_growth * (early > l->rounded ? early : l->rounded));
+        const double apart = apart_from(a, &coarse, &fine, &early), made = coarse.swing[MIDDLE],
+                     regular = l->secular_growth * (early > l->rounded ? early : l->rounded),
+                     grown = apart / (made > regular ? made : regular), /* growth_of */
+                     often = l->magnified * grown, begun = apart / regular < often ? apart / regular : often; /* magnified */
+        start_growth = begun > start_growth ? begun : start_growth;
         growth = grown > growth ? grown : growth;
         const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
                      rounded = apart < walk ? apart : walk, left = shrinkage(a, &coarse, &fine, (double)more / (double)steps);
@@ -251,7 +255,7 @@ int two_runs(const TwoRuns *a) {
             expected = expected_of(a, &fine), expected = apart > expected ? apart : expected;
             if (doubted || !(expected <= l->lost)) break;
         }
-        const double uneven = growth < l->uneven ? growth : l->uneven,
+        const double uneven = start_growth < l->uneven ? start_growth : l->uneven,
                      spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
         const int unseen = growth >= l->grows && rounded > a->tol && !measured; /* other runs show what round-off makes */
         double shown = spread * apart * left / (1 - left);
@@ -261,8 +265,8 @@ int two_runs(const TwoRuns *a) {
         const int near = apart < l->rough * l->evidence;
         if (shrinks && near && estimate <= a->tol) {
             const double turns = a->radians > (double)more ? a->radians : (double)more;
-            const double likely = l->chance * l->rounding * turns * sqrt((double)more) * growth;
-            double rounded_to = growth < l->grows ? 0 : likely <= a->tol ? likely : by_round_off(a, &fine, wanted, estimate, a->found);
+            const double likely = l->chance * l->rounding * turns * sqrt((double)more) * start_growth;
+            double rounded_to = start_growth < l->grows ? 0 : likely <= a->tol ? likely : by_round_off(a, &fine, wanted, estimate, a->found);
             if (rounded_to < 0 || (rounded_to > a->tol && !unseen)) goto end;
             if (unseen) rounded_to *= l->chance, measured = 1;
             if (rounded_to <= a->tol) {
@@ -278,7 +282,7 @@ int two_runs(const TwoRuns *a) {
         if (shrinks) before = apart, expected = near ? shown : apart;
         else doubted = 1;
     }
-    if (growth < l->grows && !doubted) result = NOT_PROVED; /* elsewhere it may be shown to be out of reach */
+    if (start_growth < l->grows && !doubted) result = NOT_PROVED; /* elsewhere it may be shown to be out of reach */
 end:
     free(coarse.rows), free(fine.rows);
     return result;

@@ -27,7 +27,6 @@ GROWTH = 1.5  # of steps at most, where the rate vanishes
 # the rate in flight over the other one: at most 1.5 in a bound orbit about a centre, and a flyby
 # that is not twice as fast as the escape from there is well seen by the other one
 AFAR = 2.0
-FAR_BELOW = 0.9  # further off a bound than two ways to compute the same can be
 
 
 class RatePilot(NamedTuple):
@@ -141,17 +140,18 @@ def rate_varies(system: System, motion: Trajectory, factor: float, flight: bool)
     return bool(rates.size and rates.max() >= factor * rates.mean())
 
 
-def varies_little(
-    system: System, start: np.ndarray, c: np.ndarray, total: float, factor: float
-) -> bool:
-    """Whether the largest ω that `rate_pilot` sees from the coordinates and velocities `start` is
-    by far below so many times the mean one: a tenth of its time, without its digits.
+def glance(
+    system: System, start: np.ndarray, c: np.ndarray, total: float, flight: bool
+) -> tuple[float, float, float] | None:
+    """What `rate_pilot` sees from the coordinates and velocities `start`, with all digits, in less
+    time.
     """
-    look = _look(system, False)
-    if look is None:
-        return False
-    seen = _by_core(look, start, c, abs(total), total < 0)
-    return seen is None or seen[1] < FAR_BELOW * factor * seen[0]
+    look = _look(system, flight)
+    if look is not None:
+        return _by_core(look, start, c, abs(total), total < 0)
+    n = len(start) // 2
+    seen = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
+    return None if seen is None else seen[:3]
 
 
 def comes_from_afar(system: System, start: np.ndarray, c: np.ndarray) -> bool:

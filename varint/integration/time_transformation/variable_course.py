@@ -24,21 +24,13 @@ from varint.integration.rule_choice import (
 )
 from varint.integration.run_distance import TELLING, with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
-from varint.integration.time_transformation.flight_rate import flight_rate
-from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.plain_course import (
     PhysicalRun,
     physical_run,
     velocities,
 )
-from varint.integration.time_transformation.rate_pilot import (
-    REMEMBERED,
-    RatePilot,
-    comes_from_afar,
-    rate_pilot,
-    rate_varies,
-    varies_little,
-)
+from varint.integration.time_transformation.rate_ahead import WORTH, kinds_of, seen_ahead
+from varint.integration.time_transformation.rate_pilot import rate_pilot, rate_varies
 from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
 from varint.integration.time_transformation.transformed_run import (
     Prepared,
@@ -58,12 +50,9 @@ from varint.integration.two_runs import (
 from varint.integration.walls import Failure, require_way_on
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
-from varint.scene.memory import per_scene, per_system
+from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-# largest rate over the mean one: equal steps would be as many times as many, less what a step of
-# the rescaled scene costs more
-WORTH = 8.0
 ATTEMPTS = 16  # equal steps, which are left else, would be far more
 # encounters magnify what iterations leave, which no number of steps mends: a coarse run may be lost
 # by that alone, and the next one's leave less
@@ -94,7 +83,7 @@ def choose_varying_steps(
         return None
     total, v = problem.h, start_velocity(system, problem, start.v0)
     if astray is None:
-        pilot = worthwhile_pilot(system, np.concatenate((problem.q0, v)), problem.c, total)
+        pilot = seen_ahead(system, np.concatenate((problem.q0, v)), problem.c, total).pilot
     else:
         kinds = (x for x in kinds_of(system) if rate_varies(system, astray, WORTH, x))
         looks = (rate_pilot(system, problem.q0, v, problem.c, total, total < 0, x) for x in kinds)
@@ -119,50 +108,22 @@ def choose_varying_steps(
     return Choice(own, found.steps, motion, found.estimate, found.runs, reached, True, word)
 
 
+def frequency_ahead(
+    system: System, rule: Rule | None, problem: InitialValueProblem, start: Start
+) -> float:
+    """Of a motion whose first equal steps suit this one, 0 where nothing ahead tells of it."""
+    if problem.steps > 1 or not may_vary(system, rule):
+        return 0.0
+    at = np.concatenate((problem.q0, start_velocity(system, problem, start.v0)))
+    return seen_ahead(system, at, problem.c, problem.h).frequency
+
+
 @per_scene
 def prices_for(system: System, rule: Rule | None) -> tuple[Priced, ...]:
     """The rule, or those that can follow a rate that varies."""
     if rule is not None:
         return priced({rule: 1.0})
     return priced({r: work for r, work in candidates(system, True).items() if r.points})
-
-
-def worthwhile_pilot(
-    system: System, start: np.ndarray, c: np.ndarray, total: float
-) -> RatePilot | None:
-    """The pilot of a motion, from coordinates and velocities, whose rate varies so much that equal
-    steps would be too many. The last ones are remembered.
-    """
-    known, key = _seen_pilots(system), (start.tobytes(), c.tobytes(), total)
-    try:
-        return known[key]
-    except KeyError:
-        found = _worthwhile_pilot(system, start, c, total)
-    if len(known) >= REMEMBERED:
-        known.clear()
-    known[key] = found
-    return found
-
-
-@per_system
-def _seen_pilots(system: System) -> dict[tuple, RatePilot | None]:
-    """Worthwhile pilots of the last starts."""
-    return {}
-
-
-def _worthwhile_pilot(
-    system: System, start: np.ndarray, c: np.ndarray, total: float
-) -> RatePilot | None:
-    n = len(start) // 2
-    for flight in kinds_of(system):
-        if not flight and varies_little(system, start, c, total, WORTH):
-            continue
-        if flight and not comes_from_afar(system, start, c):
-            continue
-        pilot = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
-        if pilot is not None and pilot.largest >= WORTH * pilot.mean:
-            return pilot
-    return None
 
 
 def _possible(system: System, rule: Rule | None, options: RunOptions) -> bool:
@@ -181,13 +142,6 @@ def may_vary(system: System, rule: Rule | None) -> bool:
         and shows_its_error(system)
         and bool(kinds_of(system))
     )
-
-
-@per_scene
-def kinds_of(system: System) -> tuple[bool, ...]:
-    """Which rates the scene has that vary: its own (False), that in flight (True)."""
-    both = local_rate(system), flight_rate(system)
-    return tuple(bool(i) for i, rate in enumerate(both) if not rate.reason)
 
 
 def _course(prepared: Prepared, span: float, total: float, scale: Any, ends_early: bool) -> Course:

@@ -1,0 +1,81 @@
+"""What is seen ahead of the start says whether steps vary, and with how many equal ones to begin;
+errors that arise late are not taken for early ones that have grown.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.integration.round_off import GROWS, MAGNIFIED, growth_of, magnified
+from varint.integration.small_motions import angles_turned
+from varint.integration.time_transformation.rate_ahead import NOTHING, seen_ahead
+
+q1, v1 = vi.coordinates("z")
+q2, v2 = vi.coordinates("x", "y")
+R = ca.norm_2(q2)
+SITNIKOV = vi.System(q1, v1, v1**2 / 2 + 1 / ca.sqrt(q1**2 + 0.25)), [1.0], [0.2], 40.0
+YUKAWA = vi.System(q2, v2, ca.sumsqr(v2) / 2 + ca.exp(-R / 5) / R), [1.5, 0.0], [0.0, 0.6], 40.0
+KEPLER = vi.System(q2, v2, ca.sumsqr(v2) / 2 + 1 / R)
+COLLISION = vi.System(q2, v2, ca.sumsqr(v2) / 2 - 4 * (R**-12 - R**-6))
+
+
+def ahead(scene, q0, v0, duration):
+    return seen_ahead(scene, np.array(q0 + v0), scene.default_vector, duration)
+
+
+def pericentre(e):
+    return [1 - e, 0.0], [0.0, ((1 + e) / (1 - e)) ** 0.5]
+
+
+@pytest.mark.parametrize("case", (SITNIKOV, YUKAWA), ids=("sitnikov", "pair"))
+def test_two_runs_are_enough_where_the_start_is_calm(case):
+    scene, q0, v0, duration = case
+    motion = vi.simulate(scene, q0=q0, v0=v0, duration=duration)
+    closer = vi.simulate(scene, q0=q0, v0=v0, duration=duration, tol=1e-12)
+    assert motion.fictitious is None and motion.stats["runs"] == 2
+    error = np.abs(motion.q[-1] - closer.q[-1]).max() / np.abs(closer.q).max()
+    assert error < motion.stats["error_estimate"] <= 1e-9
+
+
+@pytest.mark.parametrize("progress", (None, True))
+def test_a_collision_is_over_with_two_runs(progress):
+    start = {"q0": [-20.0, 0.4], "v0": [3.0, 0.0], "duration": 20.0, "progress": progress}
+    motion = vi.simulate(COLLISION, **start)
+    closer = vi.simulate(COLLISION, **start, tol=1e-12)
+    assert motion.fictitious is not None and motion.stats["runs"] == 2
+    assert np.abs(motion.q[-1] - closer.q[-1]).max() < 20 * motion.stats["error_estimate"]
+
+
+def test_errors_that_arise_late_have_not_grown():
+    assert growth_of(1e-6, 1e-15) > GROWS
+    assert growth_of(1e-6, 1e-15, made=4e-7) < GROWS
+    assert growth_of(1e-2, 1e-15, made=4e-7) > GROWS  # an encounter that magnifies what it makes
+
+
+def test_the_rounding_of_the_start_may_be_magnified_by_more():
+    late = 1e-6, 1e-15, 4e-7  # an encounter
+    assert growth_of(*late) < GROWS < magnified(*late) < MAGNIFIED * growth_of(*late) * 1.01
+    early = 1e-6, 1e-7, 1e-9  # a regular motion
+    assert magnified(*early) == growth_of(1e-6, 1e-7)
+
+
+def test_steps_that_follow_the_rate_are_for_flights_and_uneven_orbits():
+    for e, duration, varies in ((0.6, 7.0, False), (0.9, 600.0, True), (0.97, 7.0, True)):
+        seen = ahead(KEPLER, *pericentre(e), duration)
+        assert (seen.pilot is not None) == varies
+        assert (seen.frequency > 0) != varies
+    seen = ahead(COLLISION, [-20.0, 0.4], [3.0, 0.0], 20.0)
+    assert seen.pilot is not None and seen.pilot.flight
+
+
+def test_a_look_that_leaps_over_the_motion_tells_nothing():
+    assert ahead(YUKAWA[0], [60.0, 0.0], [0.0, 0.1], 1.0) == NOTHING
+
+
+def test_first_steps_are_for_what_is_seen_where_the_start_tells_of_nothing_as_fast():
+    assert angles_turned(-10.0, 1.0, 5.0) == (10.0, 50.0)
+    assert angles_turned(10.0, 1.0, 1.5) == (10.0, 10.0)
+    assert angles_turned(10.0, None, 3.0) == (0.0, 30.0)
