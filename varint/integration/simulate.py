@@ -155,8 +155,12 @@ def simulate(
     >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
     ((1001, 1), True)
     """
-    require_system(system)
-    if tol is not None or not (iteration_tol is None or (h is not None and _small(iteration_tol))):
+    if type(system) is not System:
+        require_system(system)
+    if tol is not None or not (
+        iteration_tol is None
+        or (h is not None and type(iteration_tol) is float and 0 < iteration_tol < 1)
+    ):
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
     if np.float64 in (type(h), type(duration), type(t0)):  # as Python's own they go the short ways

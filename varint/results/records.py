@@ -31,6 +31,17 @@ class OnDemand:
 FICTITIOUS: Any = OnDemand("fictitious")
 
 
+def made_at_first_look(instance: Any, name: str) -> Any:
+    """`__getattr__` of a dataclass: fields without a default that an instance leaves to a function
+    `_make_rest` in its `__dict__`, which makes all of them.
+    """
+    own = instance.__dict__
+    if name in instance.__dataclass_fields__ and "_make_rest" in own:
+        for key, x in own["_make_rest"]().items():
+            own.setdefault(key, x)
+    return object.__getattribute__(instance, name)  # or the error that led here
+
+
 class State(NamedTuple):
     """One instant of a trajectory: t, and q, v, p of shape (n,)."""
 

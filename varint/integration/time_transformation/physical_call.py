@@ -18,9 +18,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.codegen.kernel import Kernel, address_of, new_address
+from varint.codegen.kernel import address_of, new_address
 from varint.codegen.nearness import Places, places_at
-from varint.codegen.until import Until, physical_nodes
+from varint.codegen.until import physical_states, physical_times
 from varint.discrete.legendre import velocity_function
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.plain_start import LARGE, Room, begin_at, is_plain, is_plain_number, room_of
@@ -30,6 +30,7 @@ from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
     Called,
+    How,
     called_on,
     inner_motion,
     until_end,
@@ -42,7 +43,7 @@ from varint.integration.time_transformation.time_scale import (
     rate_of,
     transformed_scene,
 )
-from varint.integration.trajectories import plain_motion_of
+from varint.integration.trajectories import stats_of
 from varint.numerics.arrays import call, hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -102,7 +103,7 @@ def physical_call(
             check_steps(t0, h * pace, 1)
             begun.h = h
         level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
-        found = until_end(
+        until = until_end(
             ready.called,
             ready.moving,
             begun.at,
@@ -116,10 +117,9 @@ def physical_call(
         )
     finally:
         starts.append(begun)
-    if found is None:
+    if until is None:
         return None
-    until, kernel = found
-    how = h, constants, until, kernel, perf_counter() - began
+    how = h, constants, until, perf_counter() - began
     motion = physical_motion(system, ready.called, ready.moving, c, how)
     if not until.quiet:
         assert motion.fictitious is not None
@@ -133,19 +133,37 @@ def physical_motion(
     called: Called,
     moving: System,
     c: np.ndarray,
-    how: tuple[float, np.ndarray, Until, Kernel, float],
+    how: How,
 ) -> Trajectory:
-    """The motion with these parameters, in the rescaled scene with step and parameters, what the
-    core has found with which loop, and seconds: that one is made when it is asked for.
+    """The motion with these parameters, found so in the rescaled scene; the one there, and what
+    this one has besides coordinates and momenta, are made when they are asked for.
     """
-    h, _, until, kernel, seconds = how
-    grid, work = (h, 0.0, np.empty((until.steps, 1, 0)), c), (until.iterations, until.residual)
-    nodes = physical_nodes(until)
-    motion = plain_motion_of(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
-    own = motion.__dict__
-    own["functions"], own["dense_output"] = called.functions, at_times
-    own["_make_fictitious"] = partial(inner_motion, called, moving, *how)
+    q, p = physical_states(how[2])
+    known = {
+        "system": system,
+        "rule": called.plan.rule,
+        "q": q,
+        "p": p,
+        "h": how[0],
+        "c": c,
+        "functions": called.functions,
+        "dense_output": at_times,
+        "origin": 0.0,
+        "_make_rest": partial(_rest, called, how),
+        "_make_fictitious": partial(inner_motion, called, moving, how),
+    }
+    motion = object.__new__(Trajectory)  # in half the time of its constructor
+    object.__setattr__(motion, "__dict__", known)
     return motion
+
+
+def _rest(called: Called, how: How) -> dict[str, Any]:
+    """What a motion has besides coordinates and momenta."""
+    _, _, until, seconds = how
+    k, t = physical_times(until)
+    work, more = (until.iterations, until.residual), {"seconds": seconds}
+    stats = stats_of(called.plan, until.kernel, until.steps, work, more)
+    return {"t": t, "k": k, "u": np.empty((until.steps, 1, 0)), "stats": stats}
 
 
 @dataclass(eq=False)
