@@ -149,21 +149,24 @@ def physical_motion(
         "functions": called.functions,
         "dense_output": at_times,
         "origin": 0.0,
-        "_make_rest": partial(_rest, called, how),
-        "_make_fictitious": partial(inner_motion, called, moving, how),
+        "_make": partial(_made, called, moving, how),
     }
     motion = object.__new__(Trajectory)  # in half the time of its constructor
     object.__setattr__(motion, "__dict__", known)
     return motion
 
 
-def _rest(called: Called, how: How) -> dict[str, Any]:
-    """What a motion has besides coordinates and momenta."""
+def _made(called: Called, moving: System, how: How, name: str) -> Any:
+    """The field of this name of a motion: one that is not coordinates and momenta."""
     _, _, until, seconds = how
-    k, t = physical_times(until)
-    work, more = (until.iterations, until.residual), {"seconds": seconds}
-    stats = stats_of(called.plan, until.kernel, until.steps, work, more)
-    return {"t": t, "k": k, "u": np.empty((until.steps, 1, 0)), "stats": stats}
+    if name == "fictitious":
+        return inner_motion(called, moving, how)
+    if name == "u":
+        return np.empty((until.steps, 1, 0))
+    if name == "stats":
+        work = until.iterations, until.residual
+        return stats_of(called.plan, until.kernel, until.steps, work, {"seconds": seconds})
+    return physical_times(until)["kt".index(name)]
 
 
 @dataclass(eq=False)
@@ -207,7 +210,7 @@ class BegunStart:
         Its parameters and masses, for runs to be compared.
     constants : array
         `inner` of the start that is there, not to be changed.
-    known, total : bytes, float, optional
+    known, total : tuple, float, optional
         The start that is there, as its room has it, and the duration.
     h : float
         The last step that was good for them; 0: none yet.
@@ -223,7 +226,7 @@ class BegunStart:
     held: tuple
     places: Places
     constants: np.ndarray
-    known: bytes | None = None
+    known: tuple[bytes, float] | None = None
     total: float = 0.0
     h: float = 0.0
     energy: float = 0.0
