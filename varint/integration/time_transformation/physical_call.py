@@ -64,11 +64,12 @@ def physical_call(
     iteration_tol: float | None,
     every: int,
     backend: str,
+    began: float,
 ) -> Trajectory | None:
     """The motion from a start (q0, v0, t0, params); None where it is no such run, or comes to no
     good end, and another way is to be taken. A warning where the energy does not stay.
     """
-    began, (h, steps, total), (q0, v0, t0, params) = perf_counter(), grid, start
+    (h, steps, total), (q0, v0, t0, params) = grid, start
     if type(h) is not float or type(total) is not float or type(t0) is not float:
         if not (is_plain_number(h) and is_plain_number(total) and is_plain_number(t0)):
             return None
