@@ -35,7 +35,8 @@ class Entries(NamedTuple):
     n: int
     head: bytes
     entry: Any
-    held: tuple
+    kernel: Kernel
+    held: RowFunction
 
 
 def entries_of(kernel: Kernel, energies: RowFunction) -> Entries:
@@ -52,7 +53,7 @@ def entries_of(kernel: Kernel, energies: RowFunction) -> Entries:
     n = kernel.n
     places = run, kernel.scene, rows, energies.at
     head = _HEAD.pack(*places, n, kernel.carry_size, FIXED_POINT_ITERATIONS)
-    return Entries(n, head, until_entry(), (kernel, energies))
+    return Entries(n, head, until_entry(), kernel, energies)
 
 
 class Until(NamedTuple):
@@ -60,6 +61,8 @@ class Until(NamedTuple):
 
     Attributes
     ----------
+    kernel : Kernel
+        Its loop.
     n : int
         Coordinates, the clock among them.
     steps : int
@@ -75,6 +78,7 @@ class Until(NamedTuple):
         Whether the constant energy is that of the start all along, as far as it was looked at.
     """
 
+    kernel: Kernel
     n: int
     steps: int
     nodes: int
@@ -89,7 +93,7 @@ _until = partial(tuple.__new__, Until)  # in less time than by names
 
 def fictitious_nodes(found: Until) -> Nodes:
     """Whole steps before, fictitious times, coordinates and momenta of the nodes."""
-    n, _, count, kept, *_ = found
+    _, n, _, count, kept, *_ = found
     array, both = np.ndarray, (count, n)  # half the time of slices
     return (
         array(count, _WHOLE, kept, 16 * count),
@@ -99,13 +103,20 @@ def fictitious_nodes(found: Until) -> Nodes:
     )
 
 
-def physical_nodes(found: Until) -> Nodes:
-    """The same with physical times, coordinates and momenta without those of the clock."""
-    n, _, count, kept, *_ = found
-    array, others, apart = np.ndarray, (count, n - 1), (8 * n, 8)
+def physical_times(found: Until) -> tuple[np.ndarray, np.ndarray]:
+    """Whole steps before, and physical times of the nodes."""
+    count, kept = found.nodes, found.kept
     return (
-        array(count, _WHOLE, kept, 16 * count),
-        array(count, _FLOAT, kept, 8 * count),
+        np.ndarray(count, _WHOLE, kept, 16 * count),
+        np.ndarray(count, _FLOAT, kept, 8 * count),
+    )
+
+
+def physical_states(found: Until) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and momenta of the nodes without those of the clock."""
+    _, n, _, count, kept, *_ = found
+    array, others, apart = np.ndarray, (count, n - 1), (8 * n, 8)  # half the time of slices
+    return (
         array(others, _FLOAT, kept, 24 * count, apart),
         array(others, _FLOAT, kept, (24 + 8 * n) * count, apart),
     )
@@ -113,32 +124,32 @@ def physical_nodes(found: Until) -> Nodes:
 
 def run_until(
     entries: Entries,
-    start: int,
-    c: int,
+    start: tuple[int, int],
     h: float,
     level: float,
-    t0: float,
-    total: float,
+    span: tuple[float, float],
     every: int,
     expected: float,
     patience: float,
     energy: float,
     off: float,
 ) -> Until | None:
-    """The motion from q and p at the address `start` with parameters at `c`, about so many steps h
-    until the last coordinate is `total`; every so many nodes are kept, and the last one.
+    """The motion from q and p at an address with parameters at another one, about so many steps h
+    over (t0, what the last coordinate is at the end); every so many nodes are kept, and the last
+    one.
 
     None where a step cannot be solved, the clock stands still, the energy is off `energy` by more
     than a part `off` of p·v where the clock is slowest, or nodes are too many.
     """
-    n, head, entry, _ = entries
+    n, head, entry, kernel, _ = entries
+    (at_start, c), (t0, total) = start, span
     every = every if every < ROOM else ROOM
     memory = _rooms.pop() if _rooms else _new_room()
     room, at, size = memory
     nodes = at + 8 * TOLD
     try:
         asked = _ASKED.pack(
-            start,
+            at_start,
             c,
             nodes,
             at,
@@ -161,7 +172,7 @@ def run_until(
         kept = bytearray(room[first : first + (3 + 2 * n) * count])
     finally:
         _rooms.append(memory)
-    return _until((n, steps, count, kept, iterations, residual, quiet == 1))
+    return _until((kernel, n, steps, count, kept, iterations, residual, quiet == 1))
 
 
 def _new_room() -> tuple[memoryview, int, int]:

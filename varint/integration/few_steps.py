@@ -46,11 +46,12 @@ def few_steps_call(
     start: tuple[Any, Any, Any, ParameterValues | None],
     grid: Grid,
     iteration_tol: float | None,
+    began: float,
 ) -> Trajectory | None:
     """The motion from a start (q0, v0, t0, params); None where it is no such run, or comes to no
     good end, and another way is to be taken. A warning where the energy does not stay.
     """
-    began, t0 = perf_counter(), start[2]
+    t0 = start[2]
     h, steps = time_grid(*grid)
     called = None
     if steps <= FEW and (rule is None or type(rule) is Rule) and is_plain_number(t0):

@@ -27,6 +27,7 @@ from varint.scene.system import System, parameter_values
 
 LARGE = 2.0**53  # whole numbers below are numbers of double precision
 FLOAT = np.dtype(float)
+_TIME = struct.Struct("d")
 
 
 @dataclass(eq=False, slots=True)
@@ -48,9 +49,9 @@ class Room:
     block : memoryview
         All of it.
     pack : callable
-        q, v, t and q as bytes.
+        q and v as bytes.
     put : memoryview
-        Where they are to be written.
+        Where q, v, t and q are to be written.
     begun : callable
         (block) → all numbers that are there when it has begun.
     regular : set of bytes
@@ -67,8 +68,8 @@ class Room:
         What lies behind them.
     given : array, optional
         The parameters that are there, known to be good once; a system's own are always the same.
-    known : bytes, optional
-        The start that is there, known to be good with them.
+    known : bytes, float, optional
+        The start that is there, known to be good with them: q and v, and the time.
     """
 
     n: int
@@ -91,7 +92,7 @@ class Room:
     look: Callable[[], object] | None
     held: tuple
     given: np.ndarray | None = None
-    known: bytes | None = None
+    known: tuple[bytes, float] | None = None
 
 
 def is_plain_number(x: Any) -> bool:
@@ -136,8 +137,8 @@ def room_of(system: System, looks: bool) -> Room:
             of, at_start = local_function(system), v
         look, other = _on(of, (q, at_start, t, c), (local[:half], local[half:]))
     parts = n, q, v, t, c, block[: 2 * n], values, local, block.data
-    pack, begun = (struct.Struct(f"{count}d") for count in (ends[3], ends[4]))
-    put = block.data.cast("B")[: pack.size]
+    pack, begun = (struct.Struct(f"{count}d") for count in (2 * n, ends[4]))
+    put = block.data.cast("B")[: 8 * ends[3]]
     regular, constant = regular_at(system), system.structure.constant_mass
     place = place_of(at, c_at, told_at, told.data)
     how = pack.pack, put, begun.unpack_from, regular, constant, place
@@ -158,15 +159,16 @@ def begin_at(
     """
     c = system.default_vector if params is None else parameter_values(system, params)
     n = room.n
-    q, v = _plain_numbers(q0, n), _plain_numbers(v0, n)
-    if q is None:
-        q = vector("q0", q0, n, system.names).tolist()
-    if v is None:
-        v = vector("v0", v0, n, system.names).tolist()
-    asked, there = room.pack(*q, *v, t0, *q), c is room.given
+    both = type(q0) is type(v0) is np.ndarray and q0.dtype is v0.dtype is FLOAT
+    if both and q0.shape == v0.shape == (n,):
+        state = q0.tobytes() + v0.tobytes()
+    else:
+        names = system.names
+        state = room.pack(*_numbers("q0", q0, n, names), *_numbers("v0", v0, n, names))
+    asked, there = (state, t0), c is room.given
     if there and asked == room.known:
         return c
-    room.put[:], room.known = asked, None
+    room.put[:], room.known = state + _TIME.pack(t0) + state[: 8 * n], None
     if not there:
         room.given, room.c[:] = None, c
     room.begin()
@@ -183,19 +185,21 @@ def begin_at(
     return c
 
 
-def _plain_numbers(x: Any, n: int) -> Sequence[float] | None:
-    """n numbers of Python's own; None where that needs a closer look. Whether they are finite is
-    seen when all of them are there.
+def _numbers(what: str, x: Any, n: int, names: tuple[str, ...]) -> Sequence[float]:
+    """n numbers of Python's own, with a closer look where that is needed. Whether they are finite
+    is seen when all of them are there.
     """
     kind = type(x)
     if kind is list or kind is tuple:
         for one in x:
             if type(one) is not float and not (type(one) is int and abs(one) < LARGE):
-                return None
-        return x if len(x) == n else None
-    if kind is np.ndarray:
-        return x.tolist() if x.dtype is FLOAT and x.shape == (n,) else None
-    return (x,) if n == 1 and (kind is float or is_plain_number(x)) else None
+                break
+        else:
+            if len(x) == n:
+                return x
+    elif n == 1 and (kind is float or is_plain_number(x)):
+        return (x,)
+    return vector(what, x, n, names).tolist()
 
 
 def _on(

@@ -66,12 +66,13 @@ def short_call(
     start: tuple[Any, Any, Any, ParameterValues | None],
     duration: Any,
     tol: float | None,
+    began: float,
 ) -> Trajectory | int | None:
     """The motion from a start (q0, v0, t0, params), if two short runs prove its error, or some more
     of a scene with forces; what `by_short_trials` says if not; None where another way is to be
     taken.
     """
-    began, t0, tol = perf_counter(), start[2], DEFAULT_TOL if tol is None else tol
+    t0, tol = start[2], DEFAULT_TOL if tol is None else tol
     if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
         return None
     if not (is_plain_number(duration) and duration and is_plain_number(t0)):

@@ -155,12 +155,16 @@ def simulate(
     >>> motion.q.shape, bool(abs(motion.energy - motion.energy[0]).max() < 1e-6)
     ((1001, 1), True)
     """
-    require_system(system)
-    if tol is not None or not (iteration_tol is None or (h is not None and _small(iteration_tol))):
+    if type(system) is not System:
+        require_system(system)
+    if tol is not None or not (
+        iteration_tol is None
+        or (h is not None and type(iteration_tol) is float and 0 < iteration_tol < 1)
+    ):
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
-    if np.float64 in (type(h), type(duration), type(t0)):  # as Python's own they go the short ways
-        h, duration, t0 = map(_own, (h, duration, t0))
+    if type(h) is np.float64 or type(duration) is np.float64 or type(t0) is np.float64:
+        h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
     if (
         p0 is u is at is scale is until is events is checkpoint is None
         and v0 is not None
@@ -169,15 +173,16 @@ def simulate(
         and on_failure == "raise"
     ):
         known, grid = (q0, v0, t0, params), (h, steps, duration)
-        as_it_comes = save_every == 1 and backend == "auto"
         if time_scale is not None:
             tried = _physical_call().physical_call(
-                system, rule, time_scale, known, grid, iteration_tol, save_every, backend
+                system, rule, time_scale, known, grid, iteration_tol, save_every, backend, began
             )
-        elif as_it_comes and h is None and steps is None:
-            tried = _short_call().short_call(system, rule, known, duration, tol)
-        elif as_it_comes:
-            tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol)
+        elif save_every != 1 or backend != "auto":
+            pass
+        elif h is None and steps is None:
+            tried = _short_call().short_call(system, rule, known, duration, tol, began)
+        else:
+            tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol, began)
         if type(tried) is Trajectory:
             return tried
     start = Start(q0, v0, p0, t0, params, u)

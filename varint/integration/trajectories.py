@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
@@ -122,15 +122,8 @@ def motion_of(
     """
     system, chosen, problem, _, _, kernel, began, _ = run
     grid = problem.h, problem.t0, problem.u, problem.c
-    stats = {
-        "plan": chosen,
-        "backend": kernel.told if kernel else "interpreted",
-        "steps": int(nodes[0][-1]),
-        "iterations": work[0],
-        "residual": work[1],
-        "interrupted": interrupted,
-        "seconds": perf_counter() - began,
-    }
+    seconds = {"seconds": perf_counter() - began}
+    stats = stats_of(chosen, kernel, int(nodes[0][-1]), work, seconds, interrupted)
     motion = _motion(system, chosen, kernel, nodes, grid, stats)
     motion.__dict__.update(active_sets=active[0], active_set=active[1], events=events)
     if system.rays:
@@ -150,16 +143,24 @@ def plain_motion_of(
     """`motion_of` one that nothing held or turned into another: (k, t, q, p) and perhaps v,
     (h, t0, u, c) and what is told besides.
     """
-    stats = {
-        "plan": chosen,
-        "backend": kernel.told,
-        "steps": len(nodes[0]) - 1,
-        "iterations": work[0],
-        "residual": work[1],
-        "interrupted": False,
-        **more,
-    }
+    stats = stats_of(chosen, kernel, len(grid[2]), work, more)
     return _motion(system, chosen, kernel, nodes, grid, stats)
+
+
+def stats_of(
+    chosen: Plan,
+    kernel: Kernel | None,
+    steps: int,
+    work: tuple[int, float],
+    more: dict[str, Any],
+    interrupted: bool = False,
+) -> Mapping[str, Any]:
+    """How a motion was found, for the user."""
+    backend = kernel.told if kernel else "interpreted"
+    told = {"plan": chosen, "backend": backend, "steps": steps, "iterations": work[0]}
+    told["residual"], told["interrupted"] = work[1], interrupted
+    told.update(more)
+    return MappingProxyType(told)
 
 
 def _motion(
@@ -168,7 +169,7 @@ def _motion(
     kernel: Kernel | None,
     nodes: tuple[np.ndarray, ...],
     grid: tuple[float, float, np.ndarray, np.ndarray],
-    stats: dict[str, Any],
+    stats: Mapping[str, Any],
 ) -> Trajectory:
     """In half the time of its constructor, which short runs notice."""
     (k, t, q, p, *v), (h, t0, u, c) = nodes, grid
@@ -185,7 +186,7 @@ def _motion(
         "c": c,
         "functions": steps_again(rule, in_gear if kernel else interpreted),
         "origin": t0,
-        "stats": MappingProxyType(stats),
+        "stats": stats,
     }
     if v:
         (known["v"],) = v

@@ -17,18 +17,28 @@ if TYPE_CHECKING:
 
 class OnDemand:
     """Default of a field of this name of a dataclass: None; but where an instance has a function
-    `_make_NAME` in its `__dict__`, what that makes, at the first look.
+    `_make` in its `__dict__`, what that makes of the name, at the first look.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        make = None if instance is None else instance.__dict__.get(f"_make_{self.name}")
-        return None if make is None else instance.__dict__.setdefault(self.name, make())
+        make = None if instance is None else instance.__dict__.get("_make")
+        return None if make is None else instance.__dict__.setdefault(self.name, make(self.name))
 
 
 FICTITIOUS: Any = OnDemand("fictitious")
+
+
+def made_at_first_look(instance: Any, name: str) -> Any:
+    """`__getattr__` of a dataclass: fields without a default that an instance leaves to a function
+    `_make` in its `__dict__`.
+    """
+    own = instance.__dict__
+    if name in instance.__dataclass_fields__ and "_make" in own:
+        return own.setdefault(name, own["_make"](name))
+    return object.__getattribute__(instance, name)  # or the error that led here
 
 
 class State(NamedTuple):

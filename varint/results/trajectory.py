@@ -15,7 +15,7 @@ from varint.discrete.constraints import ActiveSet, every_row_function, multiplie
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError, renamed_attribute
 from varint.numerics.arrays import over_columns
-from varint.results.records import FICTITIOUS, Costates, State, StepsAgain
+from varint.results.records import FICTITIOUS, Costates, State, StepsAgain, made_at_first_look
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import times_of
@@ -108,6 +108,9 @@ class Trajectory:
     phases = renamed_attribute("phases", "active_sets")
     phase = renamed_attribute("phase", "active_set")
 
+    if not TYPE_CHECKING:
+        __getattr__ = made_at_first_look
+
     def __len__(self) -> int:
         return len(self.t)
 
@@ -187,9 +190,8 @@ class Trajectory:
         """
         from varint.results.dense_output import controls_at_nodes
 
-        rows = self.system.structure
+        rows, u = self.system.structure, controls_at_nodes(self)
         lam = np.zeros((len(self), rows.constraints + rows.nonholonomic + rows.contacts))
-        u = controls_at_nodes(self)
         for nodes, active_set in self._active_sets():
             args = self.q[nodes], self.v[nodes], u[nodes], self.t[nodes], self.c
             lam[nodes] = multipliers_along(self.system, active_set, *args)

@@ -180,12 +180,12 @@ def gauss(stages: int) -> Rule:
     >>> vi.gauss(2).order, vi.gauss(2).weights
     (4, (0.5, 0.5))
     """
-    return _gauss(_stages("gauss", stages, 1, MOST_STAGES))
+    return _gauss(stages if type(stages) is int else _stages("gauss", stages, 1, MOST_STAGES))
 
 
 @cache
 def _gauss(stages: int) -> Rule:
-    nodes = gauss_nodes(stages)
+    nodes = gauss_nodes(_stages("gauss", stages, 1, MOST_STAGES))
     return Rule(
         name="midpoint()" if stages == 1 else f"gauss({stages})",
         order=2 * stages,

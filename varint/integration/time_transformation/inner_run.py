@@ -45,16 +45,16 @@ class Called:
     most: float
     energies: RowFunction | None
     functions: StepsAgain
-    loops: dict[str, tuple[Kernel, Entries] | None] = field(default_factory=dict)
+    loops: dict[str, Entries | None] = field(default_factory=dict)
 
-    def loop(self, moving: System, backend: str) -> tuple[Kernel, Entries] | None:
+    def loop(self, moving: System, backend: str) -> Entries | None:
         """The best loop of a backend that is there, and what is called; None where the core
         cannot.
         """
         known = self.loops.get(backend)
         if backend == "auto" and self.gears:
             kernel = kernel_now(self.gears)
-            if known is None or known[0] is not kernel:
+            if known is None or known.kernel is not kernel:
                 known = self.loops[backend] = _loop(kernel, self.energies)
         elif known is None and backend != "auto":
             kernel = LOOPS[backend](moving, self.plan.rule)
@@ -62,11 +62,11 @@ class Called:
         return known
 
 
-def _loop(kernel: Kernel, energies: RowFunction | None) -> tuple[Kernel, Entries] | None:
+def _loop(kernel: Kernel, energies: RowFunction | None) -> Entries | None:
     if energies is None or kernel.opening or kernel.note[0]:
         return None
     try:
-        return kernel, entries_of(kernel, energies)
+        return entries_of(kernel, energies)
     except CompileError:
         return None
 
@@ -110,24 +110,23 @@ def until_end(
     energy: float,
     every: int,
     backend: str,
-) -> tuple[Until, Kernel] | None:
-    """The run from the addresses of (q, p) and of all parameters over (t0, duration), and its loop;
-    None where another way is to be taken.
+) -> Until | None:
+    """The run from the addresses of (q, p) and of all parameters over (t0, duration); None where
+    another way is to be taken.
     """
-    loop = called.loop(moving, backend)
-    if loop is None:
-        return None
-    (kernel, entries), (at, c), (t0, total) = loop, start, span
-    rises = backend == "auto" and called.gears and kernel.is_native
+    entries = None if backend == "auto" else called.loops.get(backend)
+    if entries is None:
+        entries = called.loop(moving, backend)
+        if entries is None:
+            return None
+    rises = backend == "auto" and called.gears and entries.kernel.is_native
     now = perf_counter() if rises else 0.0
     found = run_until(
         entries,
-        at,
-        c,
+        start,
         h,
         level,
-        t0,
-        total,
+        span,
         every,
         expected,
         PATIENCE * (expected + FIRST_CHUNK),
@@ -139,20 +138,17 @@ def until_end(
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None or found.iterations > called.most * (found.steps + 1):
         return None
-    return found, kernel
+    return found
 
 
-def inner_motion(
-    called: Called,
-    moving: System,
-    h: float,
-    c: np.ndarray,
-    found: Until,
-    kernel: Kernel,
-    seconds: float,
-) -> Trajectory:
+# step, parameters of the rescaled scene, what the core has found, and seconds
+How = tuple[float, np.ndarray, Until, float]
+
+
+def inner_motion(called: Called, moving: System, how: How) -> Trajectory:
     """The motion in fictitious time with the nodes that were kept."""
+    h, c, found, seconds = how
     nodes = fictitious_nodes(found)
     grid = h, 0.0, np.empty((found.steps, 1, 0)), c
     work = found.iterations, found.residual
-    return plain_motion_of(moving, called.plan, kernel, nodes, grid, work, seconds=seconds)
+    return plain_motion_of(moving, called.plan, found.kernel, nodes, grid, work, seconds=seconds)

@@ -18,9 +18,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from varint.codegen.kernel import Kernel, address_of, new_address
+from varint.codegen.kernel import address_of, new_address
 from varint.codegen.nearness import Places, places_at
-from varint.codegen.until import Until, physical_nodes
+from varint.codegen.until import physical_states, physical_times
 from varint.discrete.legendre import velocity_function
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.plain_start import LARGE, Room, begin_at, is_plain, is_plain_number, room_of
@@ -30,6 +30,7 @@ from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
     Called,
+    How,
     called_on,
     inner_motion,
     until_end,
@@ -42,7 +43,7 @@ from varint.integration.time_transformation.time_scale import (
     rate_of,
     transformed_scene,
 )
-from varint.integration.trajectories import plain_motion_of
+from varint.integration.trajectories import stats_of
 from varint.numerics.arrays import call, hand_over
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -63,11 +64,12 @@ def physical_call(
     iteration_tol: float | None,
     every: int,
     backend: str,
+    began: float,
 ) -> Trajectory | None:
     """The motion from a start (q0, v0, t0, params); None where it is no such run, or comes to no
     good end, and another way is to be taken. A warning where the energy does not stay.
     """
-    began, (h, steps, total), (q0, v0, t0, params) = perf_counter(), grid, start
+    (h, steps, total), (q0, v0, t0, params) = grid, start
     if type(h) is not float or type(total) is not float or type(t0) is not float:
         if not (is_plain_number(h) and is_plain_number(total) and is_plain_number(t0)):
             return None
@@ -102,7 +104,7 @@ def physical_call(
             check_steps(t0, h * pace, 1)
             begun.h = h
         level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
-        found = until_end(
+        until = until_end(
             ready.called,
             ready.moving,
             begun.at,
@@ -116,10 +118,9 @@ def physical_call(
         )
     finally:
         starts.append(begun)
-    if found is None:
+    if until is None:
         return None
-    until, kernel = found
-    how = h, constants, until, kernel, perf_counter() - began
+    how = h, constants, until, perf_counter() - began
     motion = physical_motion(system, ready.called, ready.moving, c, how)
     if not until.quiet:
         assert motion.fictitious is not None
@@ -133,19 +134,40 @@ def physical_motion(
     called: Called,
     moving: System,
     c: np.ndarray,
-    how: tuple[float, np.ndarray, Until, Kernel, float],
+    how: How,
 ) -> Trajectory:
-    """The motion with these parameters, in the rescaled scene with step and parameters, what the
-    core has found with which loop, and seconds: that one is made when it is asked for.
+    """The motion with these parameters, found so in the rescaled scene; the one there, and what
+    this one has besides coordinates and momenta, are made when they are asked for.
     """
-    h, _, until, kernel, seconds = how
-    grid, work = (h, 0.0, np.empty((until.steps, 1, 0)), c), (until.iterations, until.residual)
-    nodes = physical_nodes(until)
-    motion = plain_motion_of(system, called.plan, kernel, nodes, grid, work, seconds=seconds)
-    own = motion.__dict__
-    own["functions"], own["dense_output"] = called.functions, at_times
-    own["_make_fictitious"] = partial(inner_motion, called, moving, *how)
+    q, p = physical_states(how[2])
+    known = {
+        "system": system,
+        "rule": called.plan.rule,
+        "q": q,
+        "p": p,
+        "h": how[0],
+        "c": c,
+        "functions": called.functions,
+        "dense_output": at_times,
+        "origin": 0.0,
+        "_make": partial(_made, called, moving, how),
+    }
+    motion = object.__new__(Trajectory)  # in half the time of its constructor
+    object.__setattr__(motion, "__dict__", known)
     return motion
+
+
+def _made(called: Called, moving: System, how: How, name: str) -> Any:
+    """The field of this name of a motion: one that is not coordinates and momenta."""
+    _, _, until, seconds = how
+    if name == "fictitious":
+        return inner_motion(called, moving, how)
+    if name == "u":
+        return np.empty((until.steps, 1, 0))
+    if name == "stats":
+        work = until.iterations, until.residual
+        return stats_of(called.plan, until.kernel, until.steps, work, {"seconds": seconds})
+    return physical_times(until)["kt".index(name)]
 
 
 @dataclass(eq=False)
@@ -189,7 +211,7 @@ class BegunStart:
         Its parameters and masses, for runs to be compared.
     constants : array
         `inner` of the start that is there, not to be changed.
-    known, total : bytes, float, optional
+    known, total : tuple, float, optional
         The start that is there, as its room has it, and the duration.
     h : float
         The last step that was good for them; 0: none yet.
@@ -205,7 +227,7 @@ class BegunStart:
     held: tuple
     places: Places
     constants: np.ndarray
-    known: bytes | None = None
+    known: tuple[bytes, float] | None = None
     total: float = 0.0
     h: float = 0.0
     energy: float = 0.0

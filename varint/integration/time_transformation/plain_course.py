@@ -14,7 +14,7 @@ import numpy as np
 
 from varint.codegen.kernel import address_of
 from varint.codegen.rows import at_many_points
-from varint.codegen.until import physical_nodes
+from varint.codegen.until import physical_states, physical_times
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.time_transformation.inner_run import (
@@ -98,9 +98,6 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
     if found is None:
         return None
     seconds = perf_counter() - began
-    until, kernel = found
-
-    nodes, own = physical_nodes(until), c[: system.c.numel()]
-    how = h, c, until, kernel, seconds
-    motion = partial(physical_motion, system, called, scene.system, own, how)
-    return PhysicalRun(*nodes[1:], motion)
+    own, (_, t) = c[: system.c.numel()], physical_times(found)
+    motion = partial(physical_motion, system, called, scene.system, own, (h, c, found, seconds))
+    return PhysicalRun(t, *physical_states(found), motion)

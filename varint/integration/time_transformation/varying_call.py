@@ -16,16 +16,14 @@ import numpy as np
 
 import varint.codegen.nearness as nearness
 from varint.codegen.cache import CompileError
-from varint.codegen.kernel import Kernel
 from varint.codegen.nearness import Nearness, Places, nearness_of
 from varint.codegen.rows import as_data
-from varint.codegen.until import Until
 from varint.integration.energy_check import energy_rows
 from varint.integration.error_scale import angles, bodies
 from varint.integration.plain_start import begin_at
 from varint.integration.round_off import ROUNDED
 from varint.integration.rule_choice import cheapest_of, first_steps, iteration_level
-from varint.integration.time_transformation.inner_run import until_end
+from varint.integration.time_transformation.inner_run import How, until_end
 from varint.integration.time_transformation.physical_call import (
     BegunStart,
     Ready,
@@ -55,10 +53,6 @@ from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
 NOT_VARYING = -1  # steps that follow the scene do not prove the error of its motion
-
-
-# step, parameters of the rescaled scene, what the core has found with which loop, and seconds
-_Run = tuple[float, np.ndarray, Until, Kernel, float]
 
 
 class _NotPlain(Exception):
@@ -147,7 +141,7 @@ def _nearness(system: System) -> Nearness | None:
 
 
 def _apart(
-    looks: Nearness, places: Places, one: _Run, few: int, other: _Run, many: int
+    looks: Nearness, places: Places, one: How, few: int, other: How, many: int
 ) -> tuple[float, float]:
     return nearness.apart(looks, places, one[2], few, other[2], many)
 
@@ -180,9 +174,8 @@ def _trial(
     )
     if found is None:
         raise _NotPlain
-    until, kernel = found
-    run = h, begun.constants, until, kernel, perf_counter() - began
-    return Attempt(run, nearness.swing(looks, places, until))
+    run = h, begun.constants, found, perf_counter() - began
+    return Attempt(run, nearness.swing(looks, places, found))
 
 
 def _parted(
