@@ -38,6 +38,7 @@ NAMES = (
     "look_ahead_",
     "crossings_",
     "switches_",
+    "tape_",
 )  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {

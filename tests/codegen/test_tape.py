@@ -19,7 +19,7 @@ from varint.codegen.built import built_library
 from varint.codegen.cache import AS_WRITTEN, compiler, library
 from varint.codegen.emit import arranged, emit_graph
 from varint.codegen.gauss import gauss_kernel
-from varint.codegen.graph import NotCompilable
+from varint.codegen.graph import Graph, NotCompilable
 from varint.codegen.native import native_gauss
 from varint.codegen.tape import tape_of, with_many_roots
 
@@ -97,6 +97,28 @@ def test_operations_in_any_order_give_the_bytes_of_the_compiled_code(seed):
     points[:3, 0] = np.inf, np.nan, 0.0
     one, other = both_ways(f, 8, True, points, (0.3, -1.2))
     assert np.array_equal(one, other, equal_nan=True)
+
+
+def test_an_operation_without_a_form_is_refused_by_its_name():
+    x, c = ca.SX.sym("x"), ca.SX.sym("c")
+    graph = arranged(ca.Function("f", [x, c], [x * ca.sin(x)]))
+    renamed = [("gamma", *node[1:]) if node[0] == "sin" else node for node in graph.nodes]
+    with pytest.raises(NotCompilable, match=r"\['gamma'\] have no form on a tape"):
+        tape_of(Graph(renamed, {}, graph.outputs), 1)
+    # what nobody asks for need not have one
+    assert tape_of(Graph([*graph.nodes, ("gamma", 0)], {}, graph.outputs), 1).sizes.operations == 3
+
+
+def test_more_values_than_registers_are_refused():
+    """All products are there at once before the first of them is taken again."""
+    count = 33_000
+    nodes = [("input", 0, 0), *(("const", float(k)) for k in range(2, count))]
+    nodes += [("mul", 0, k) for k in range(1, count - 1)]
+    wanted = [*range(count - 1, 2 * count - 3)]
+    with pytest.raises(NotCompilable, match="too many values"):
+        tape_of(Graph(nodes, {}, [wanted]), 1)
+    few = tape_of(Graph(nodes, {}, [wanted[:1000]]), 1)
+    assert few.registers <= 2 + 2 * 1001 and len(few.outputs) == 1000
 
 
 MODELS = [vi.models.chain_rods(k) for k in (2, 3)]

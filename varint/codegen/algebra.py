@@ -32,21 +32,22 @@ def graph_of(f: ca.Function, constants: int = -1) -> Graph:
     r = rewriting(raw, live, constants % f.n_in())
     taken = [node[1:] for i in live if (node := raw.nodes[i])[0] not in LEAVES]
     uses, uniform, bases = Counter(chain(*taken, *raw.outputs)), r.uniform, r.bases
+    sums = r.sums
     for i in live:
         terms = _rewritten(r, i)
         if uniform[i] or i in bases:
             terms = _as_power(r, i, terms)
         elif uses[i] > 1 and (len(terms) > 1 or terms[0][2]):
             terms = _shared(r, terms)
-        r.sums[i] = terms
-    r.graph.outputs = [[_node(r, r.sums[i]) for i in output] for output in raw.outputs]
+        sums[i] = terms
+    r.graph.outputs = [[_node(r, sums[i]) for i in output] for output in raw.outputs]
     return r.graph
 
 
 def _as_power(r: Rewriting, i: int, terms: Sum) -> Sum:
     """What the users of node i see, a base or what is the same all the time: its power."""
     c, a, powers = _term(r, terms)
-    if r.graph.is_one(a):
+    if a == r.graph.unit:
         return ((c, a, powers),)
     if r.uniform[i]:
         r.constant.add(a)
@@ -63,7 +64,7 @@ def _shared(r: Rewriting, terms: Sum) -> Sum:
         power for power in powers if r.kinds[power[0]] == "root" or power[0] in r.constant
     )
     # each of the users would multiply by the other powers again
-    if not r.graph.is_one(a) and lasting != powers:
+    if a != r.graph.unit and lasting != powers:
         a = _times(r, a, joined(powers, inverse(lasting)))
         powers = lasting
     return ((c, a, powers),)
@@ -104,7 +105,7 @@ def _rewritten(r: Rewriting, i: int) -> Sum:
         return _quotient(r, *x)
     if name == "sqrt":
         c, a, powers = _term(r, x[0])
-        if c == 1 and r.graph.is_one(a) and len(powers) == 1 and has_root(powers[0][1]):
+        if c == 1 and a == r.graph.unit and len(powers) == 1 and has_root(powers[0][1]):
             return ((1.0, a, ((powers[0][0], powers[0][1] // 2),)),)
     if name in ("fabs", "sign"):
         return _factor_by_factor(r, name, x[0])
@@ -134,7 +135,7 @@ def _factor_by_factor(r: Rewriting, name: str, x: Sum) -> Sum:
         found = joined(found, ((once, 4),))
     whole = _times(r, a, tuple(varying))
     size = abs(c) if name == "fabs" else float((c > 0) - (c < 0))
-    return ((size, whole if r.graph.is_one(whole) else r.graph.node(name, whole), found),)
+    return ((size, whole if whole == r.graph.unit else r.graph.node(name, whole), found),)
 
 
 def _added_up(r: Rewriting, terms: Sum) -> Sum:
@@ -225,12 +226,13 @@ def _by_powers(r: Rewriting, terms: Sum, common: Powers) -> list[tuple[float, in
 
 def _most_shared(r: Rewriting, each: list[Powers]) -> tuple[int, bool] | None:
     """The base that most of them multiply or divide by, and which of it; of several the last."""
-    counts = Counter(
-        (base, e > 0) for powers in each for base, e in powers if base not in r.constant
-    )
-    if not counts:
-        return None
-    many, which = max((count, which) for which, count in counts.items())
+    counts: dict[tuple[int, bool], int] = {}
+    for powers in each:
+        for base, e in powers:
+            if base not in r.constant:
+                which = base, e > 0
+                counts[which] = counts.get(which, 0) + 1
+    many, which = max([(n, x) for x, n in counts.items()], default=(0, (0, False)))
     return which if many > 1 else None
 
 
@@ -239,11 +241,11 @@ def _factored(r: Rewriting, terms: list[tuple[float, int]]) -> tuple[float, int]
     if len(terms) == 1:
         return terms[0]
     size = abs(terms[0][0])
-    if size != 1.0 and not any(abs(c) != size or r.graph.is_one(a) for c, a in terms):
+    if size != 1.0 and not any(abs(c) != size or a == r.graph.unit for c, a in terms):
         terms = [(c / size, a) for c, a in terms]
     else:
         size = 1.0
-    same = [term for term in terms if r.graph.is_one(term[1]) or term[1] in r.constant]
+    same = [term for term in terms if term[1] == r.graph.unit or term[1] in r.constant]
     others = [term for term in terms if term not in same]
     if len(same) > 1 and others:  # added up once
         same = [(1.0, _added(r, same))]
@@ -273,9 +275,9 @@ def _place(term: tuple[float, int]) -> int:
 
 def _single(r: Rewriting, c: float, a: int) -> int:
     graph = r.graph
-    if c == 1.0 and not graph.is_one(a):
+    if c == 1.0 and a != graph.unit:
         return a
-    if graph.is_one(a) or not c:
+    if a == graph.unit or not c:
         return graph.node("const", c)
     if c == -1:
         return graph.node("neg", a)
@@ -289,17 +291,18 @@ def _node(r: Rewriting, terms: Sum) -> int:
 
 def _product(r: Rewriting, x: Sum, y: Sum) -> Sum:
     graph = r.graph
-    if len(x) == 1 and graph.is_one(x[0][1]) and not x[0][2]:
+    if len(x) == 1 and x[0][1] == graph.unit and not x[0][2]:
         return _scaled(y, x[0][0])
-    if len(y) == 1 and graph.is_one(y[0][1]) and not y[0][2]:
+    if len(y) == 1 and y[0][1] == graph.unit and not y[0][2]:
         return _scaled(x, y[0][0])
-    (c, a, powers), (d, b, more) = _term(r, x), _term(r, y)
+    c, a, powers = x[0] if len(x) == 1 else _term(r, x)
+    d, b, more = y[0] if len(y) == 1 else _term(r, y)
     return ((c * d, graph.times(a, b), joined(powers, more)),)
 
 
 def _quotient(r: Rewriting, x: Sum, y: Sum) -> Sum:
     d, b, below = _term(r, y)
-    if d and r.graph.is_one(b) and not below:
+    if d and b == r.graph.unit and not below:
         return _scaled(x, 1 / d)
     c, a, powers = _term(r, x)
     if not d:
@@ -309,7 +312,7 @@ def _quotient(r: Rewriting, x: Sum, y: Sum) -> Sum:
     single = tuple((base, -e) for base, e in powers if e < 0 and not r.kinds[base])
     powers = tuple((base, e) for base, e in powers if e > 0 or r.kinds[base])
     bottom = _times(r, b, single)
-    return ((c / d, a if r.graph.is_one(bottom) else r.graph.node("div", a, bottom), powers),)
+    return ((c / d, a if bottom == r.graph.unit else r.graph.node("div", a, bottom), powers),)
 
 
 def _times(r: Rewriting, a: int, powers: Powers) -> int:
@@ -324,6 +327,6 @@ def _times(r: Rewriting, a: int, powers: Powers) -> int:
         else:
             varying = r.graph.times(varying, power)
     whole = r.graph.times(same, varying)
-    if r.graph.is_one(varying):
+    if varying == r.graph.unit:
         r.constant.add(whole)
     return r.graph.times(a, whole)

@@ -66,6 +66,14 @@ def driven_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def arrange_entry() -> Callable[[bytes], int]:
+    """c/tape_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("tape_core.c", ("arrange",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def contacts_entry() -> Callable[[bytes], int]:
     """c/contacts.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("contacts_core.c", ("contacts",), "{name}_{level}", {})

@@ -40,11 +40,7 @@ def uniform_nodes(graph: Graph, argument: int) -> list[bool]:
 def operations(graph: Graph, argument: int) -> tuple[int, int]:
     """How many nodes depend on more than the input `argument`, and the square roots among them."""
     uniform = uniform_nodes(graph, argument)
-    return counted(graph, [i for i in needed(graph) if not uniform[i]])
-
-
-def counted(graph: Graph, nodes: list[int]) -> tuple[int, int]:
-    """How many nodes there are, and the square roots among them."""
+    nodes = [i for i in needed(graph) if not uniform[i]]
     return len(nodes), sum([graph.nodes[i][0] in ("rsqrt", "sqrt") for i in nodes])
 
 

@@ -64,32 +64,29 @@ class Graph:
     outputs: list[list[int]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._unit = self.index.get(ONE, -1)
+        self.unit = self.index.get(ONE, -1)  # the number 1, once it is there
 
     def node(self, *key: Any) -> int:
         """The node (operation, operands...), equal ones once."""
         if key[0] in COMMUTATIVE and key[1] > key[2]:
             key = key[0], key[2], key[1]
-        at = self.index.get(key)
-        if at is None:
-            at = self.index[key] = len(self.nodes)
+        count = len(self.nodes)
+        at = self.index.setdefault(key, count)
+        if at == count:
             self.nodes.append(key)
             if key == ONE:
-                self._unit = at
+                self.unit = at
         return at
 
     def times(self, a: int, b: int) -> int:
         """a × b, where one of them may be the number 1."""
-        if a == self._unit:
+        if a == self.unit:
             return b
-        return a if b == self._unit else self.node("mul", a, b)
-
-    def is_one(self, a: int) -> bool:
-        return a == self._unit
+        return a if b == self.unit else self.node("mul", a, b)
 
     @property
     def one(self) -> int:
-        return self.node(*ONE) if self._unit < 0 else self._unit
+        return self.node(*ONE) if self.unit < 0 else self.unit
 
 
 def operands(node: tuple) -> tuple[int, ...]:
@@ -104,27 +101,28 @@ def raw_graph(f: ca.Function) -> Graph:
     except VarintError as error:
         raise NotCompilable(f"{error}; or use backend='interpreted'") from None
     graph = Graph()
-    zero = graph.node("const", 0.0)
+    node = graph.node
+    zero = node("const", 0.0)
     columns = [f.sparsity_in(k).find() for k in range(f.n_in())]
     at: list[int] = []
     for operation in operations.nodes:
         name, first = operation[0], operation[1]
         if name == "input":
-            at.append(graph.node("input", first, columns[first][operation[2]]))
+            at.append(node("input", first, columns[first][operation[2]]))
         elif name == "const":
-            at.append(graph.node("const", first))
+            at.append(node("const", first))
         elif name in _OTHER_KINDS:
             at.append(_plain(graph, name, [at[i] for i in operation[1:]]))
         elif name in _WITHOUT_C:
             raise NotCompilable(f"{name} has no form in C; use backend='interpreted'")
         elif len(operation) == 3:
-            at.append(graph.node(name, at[first], at[operation[2]]))
+            at.append(node(name, at[first], at[operation[2]]))
         else:
-            at.append(graph.node(name, at[first]))
+            at.append(node(name, at[first]))
     for output in operations.outputs:
         dense = [zero] * (output.shape[0] * output.shape[1])
-        for place, node in zip(output.places, output.nodes, strict=True):
-            dense[place] = at[node]
+        for place, i in zip(output.places, output.nodes, strict=True):
+            dense[place] = at[i]
         graph.outputs.append(dense)
     return graph
 

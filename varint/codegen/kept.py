@@ -30,6 +30,7 @@ FOLDER, DIGEST = "tapes", 32
 ARRANGING = (
     *("algebra.py", "arranged.py", "dependence.py", "graph.py", "kept.py", "powers.py"),
     *("rewriting.py", "rolled.py", "routines.py", "tape.py", "c/tape.h"),
+    "c/tape_core.c",
 )
 WIDTHS = {"once": 6, "often": 6, "inputs": 3, "outputs": 3}
 _COUNTS = len(Sizes._fields) + 3 + len(WIDTHS) + 1  # whole numbers that begin a tape

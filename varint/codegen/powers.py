@@ -19,16 +19,18 @@ def joined(powers: Powers, more: Powers) -> Powers:
     total = dict(powers)
     for base, e in more:
         total[base] = total.get(base, 0) + e
-    return tuple(sorted((base, e) for base, e in total.items() if e))
+    return tuple(sorted([power for power in total.items() if power[1]]))
 
 
 def inverse(powers: Powers) -> Powers:
     """The powers of 1 over a product."""
-    return tuple((base, -e) for base, e in powers)
+    return tuple([(base, -e) for base, e in powers]) if powers else powers
 
 
 def power_of(graph: Graph, base: int, exponent: int, kind: str) -> int:
     """base^(exponent / 4), by products, roots, and the reciprocal that the kind says."""
+    if exponent == 4:
+        return base
     if exponent < 0 and kind == "inverse":
         return power_of(graph, graph.node("div", graph.one, base), -exponent, "")
     quarters = abs(exponent)
