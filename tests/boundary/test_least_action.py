@@ -393,5 +393,5 @@ def test_a_metric_that_is_no_expression_is_refused():
     for wrong in ("a", object(), ca.MX.sym("m")):
         with pytest.raises(vi.InputError, match="metric"):
             vi.geodesic(q, v, wrong)
-        with pytest.raises(vi.InputError, match="^q "):
+        with pytest.raises(vi.InputError, match=r"^q "):
             vi.geodesic(wrong, v, q)
