@@ -19,13 +19,14 @@ from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _HEAD = struct.Struct("4P3q")  # Until: what follows from the scene
-_ASKED = struct.Struct("5P2q8d")  # the rest of it
+_WHERE = struct.Struct("3Pq")  # where it is to write
+_ASKED = struct.Struct("2Pq8d")  # the rest of it
 _TOLD = struct.Struct("4qd")
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
 TOLD = 5
 
-# memory for nodes that no call uses, where it lies, and for how many numbers
-_rooms: list[tuple[memoryview, int, int]] = []
+# memory for nodes that no call uses, how the core is told of it, and where in it nodes are kept
+_rooms: list[tuple[memoryview, bytes, int]] = []
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
 
@@ -122,8 +123,7 @@ def physical_states(found: Until) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def run_until(
-    entries: Entries,
+def asked_of(
     start: tuple[int, int],
     h: float,
     level: float,
@@ -133,48 +133,37 @@ def run_until(
     patience: float,
     energy: float,
     off: float,
-) -> Until | None:
-    """The motion from q and p at an address with parameters at another one, about so many steps h
-    over (t0, what the last coordinate is at the end); every so many nodes are kept, and the last
-    one.
+) -> bytes:
+    """What `run_until` is asked, which may be asked again as long as the start stays there.
 
-    None where a step cannot be solved, the clock stands still, the energy is off `energy` by more
-    than a part `off` of p·v where the clock is slowest, or nodes are too many.
+    The motion from q and p at an address with parameters at another one, about so many steps h over
+    (t0, what the last coordinate is at the end); every so many nodes are kept, and the last one.
+    """
+    (at, c), (t0, total) = start, span
+    every = every if every < ROOM else ROOM
+    return _ASKED.pack(at, c, every, patience, h, level, total, expected, energy, off, t0)
+
+
+def run_until(entries: Entries, asked: bytes) -> Until | None:
+    """The motion that is asked for.
+
+    None where a step cannot be solved, the clock stands still, the energy is off that of the start
+    by more than a part `off` of p·v where the clock is slowest, or nodes are too many.
     """
     n, head, entry, kernel, _ = entries
-    (at_start, c), (t0, total) = start, span
-    every = every if every < ROOM else ROOM
     memory = _rooms.pop() if _rooms else _new_room()
-    room, at, size = memory
-    nodes = at + 8 * TOLD
+    room, where, first = memory
     try:
-        asked = _ASKED.pack(
-            at_start,
-            c,
-            nodes,
-            at,
-            nodes + 8 * size,
-            size if size < ROOM else ROOM,
-            every,
-            patience,
-            h,
-            level,
-            total,
-            expected,
-            energy,
-            off,
-            t0,
-        )
-        if entry(head + asked) != DONE:
+        if entry(head + where + asked) != DONE:
             return None
         steps, count, iterations, quiet, residual = _TOLD.unpack_from(room)
-        first = TOLD + size
         kept = bytearray(room[first : first + (3 + 2 * n) * count])
     finally:
         _rooms.append(memory)
     return _until((kernel, n, steps, count, kept, iterations, residual, quiet == 1))
 
 
-def _new_room() -> tuple[memoryview, int, int]:
+def _new_room() -> tuple[memoryview, bytes, int]:
     room = np.empty(TOLD + 3 * ROOM)  # of nodes, and more than enough of those that are kept
-    return room.data, new_address(room), ROOM
+    at, first = new_address(room), TOLD + ROOM
+    return room.data, _WHERE.pack(at + 8 * TOLD, at, at + 8 * first, ROOM), first

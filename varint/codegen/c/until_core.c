@@ -28,11 +28,12 @@ typedef struct {
     int (*rows)(const RowsArguments *);
     const void *energies; /* (q, p) to the energy that was E0 at the start, its |p·v|, the energy that is constant, its |p·v| */
     int64_t n, carry, most;
-    const double *start, *c;
-    double *nodes;               /* (nodes, 3 n): q, p, v */
+    double *nodes; /* (nodes, 3 n): q, p, v */
     Told *told;
     double *kept;
-    int64_t room, every; /* numbers that nodes may be */
+    int64_t room; /* numbers that nodes may be */
+    const double *start, *c;
+    int64_t every;
     double patience, h, level, total, expected, energy, off, t0; /* energy: that of the start, off by what part of |p·v| at most */
 } Until;
 

@@ -14,7 +14,7 @@ import numpy as np
 from varint.codegen.cache import CompileError
 from varint.codegen.kernel import Kernel
 from varint.codegen.rows import RowFunction, row_function_or_none
-from varint.codegen.until import Entries, Until, entries_of, fictitious_nodes, run_until
+from varint.codegen.until import Entries, Until, asked_of, entries_of, fictitious_nodes, run_until
 from varint.discrete.legendre import velocity_function
 from varint.integration.compiled_loop import POOR, kernel_of, native_kernel, scheme_of
 from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_after, kernel_now
@@ -99,9 +99,7 @@ def energies_of(moving: System, scene: TransformedScene) -> RowFunction | None:
     return row_function_or_none("level", [s.q, p], s.c, [ca.densify(x) for x in results])
 
 
-def until_end(
-    called: Called,
-    moving: System,
+def asked_until_end(
     start: tuple[int, int],
     h: float,
     level: float,
@@ -109,11 +107,16 @@ def until_end(
     expected: float,
     energy: float,
     every: int,
-    backend: str,
-) -> Until | None:
-    """The run from the addresses of (q, p) and of all parameters over (t0, duration); None where
-    another way is to be taken.
+) -> bytes:
+    """What `until_end` is asked: a run from the addresses of (q, p) and of all parameters over (t0,
+    duration).
     """
+    patience = PATIENCE * (expected + FIRST_CHUNK)
+    return asked_of(start, h, level, span, every, expected, patience, energy, OFF_LEVEL)
+
+
+def until_end(called: Called, moving: System, asked: bytes, backend: str) -> Until | None:
+    """The run that is asked for; None where another way is to be taken."""
     entries = None if backend == "auto" else called.loops.get(backend)
     if entries is None:
         entries = called.loop(moving, backend)
@@ -121,18 +124,7 @@ def until_end(
             return None
     rises = backend == "auto" and called.gears and entries.kernel.is_native
     now = perf_counter() if rises else 0.0
-    found = run_until(
-        entries,
-        start,
-        h,
-        level,
-        span,
-        every,
-        expected,
-        PATIENCE * (expected + FIRST_CHUNK),
-        energy,
-        OFF_LEVEL,
-    )
+    found = run_until(entries, asked)
     if rises:
         assert called.gears is not None
         kernel_after(called.gears, perf_counter() - now, 0.0)

@@ -31,6 +31,7 @@ from varint.integration.time_transformation.inner_run import (
     BACKENDS,
     Called,
     How,
+    asked_until_end,
     called_on,
     inner_motion,
     until_end,
@@ -97,25 +98,18 @@ def physical_call(
             return None
         if room.known is None or begun.known is not room.known or begun.total != total:
             begin_start(begun, system, c, total, sigma if isinstance(sigma, str) else None)
-        constants, energy, pace = begun.constants, begun.energy, begun.pace
-        if h != begun.h:
+        energy, pace = begun.energy, begun.pace
+        steps_asked = h, iteration_tol, every
+        if steps_asked != begun.steps:
             if not 0 < pace < math.inf:
                 return None
             check_steps(t0, h * pace, 1)
-            begun.h = h
-        level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
-        until = until_end(
-            ready.called,
-            ready.moving,
-            begun.at,
-            h,
-            level,
-            (t0, total),
-            total / (h * pace),
-            energy,
-            every,
-            backend,
-        )
+            level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
+            span, expected = (t0, total), total / (h * pace)
+            begun.asked = asked_until_end(begun.at, h, level, span, expected, energy, every)
+            begun.steps = steps_asked
+        constants = begun.constants
+        until = until_end(ready.called, ready.moving, begun.asked, backend)
     finally:
         starts.append(begun)
     if until is None:
@@ -213,8 +207,9 @@ class BegunStart:
         `inner` of the start that is there, not to be changed.
     known, total : tuple, float, optional
         The start that is there, as its room has it, and the duration.
-    h : float
-        The last step that was good for them; 0: none yet.
+    steps, asked : tuple, bytes, optional
+        Step, accuracy of iterations and nodes that were asked last with them, and what the core is
+        asked then.
     energy, pace : float
         E0 and σ0.
     """
@@ -229,7 +224,8 @@ class BegunStart:
     constants: np.ndarray
     known: tuple[bytes, float] | None = None
     total: float = 0.0
-    h: float = 0.0
+    steps: tuple[float, float | None, int] | None = None
+    asked: bytes = b""
     energy: float = 0.0
     pace: float = 0.0
 
@@ -238,7 +234,7 @@ def begin_start(
     begun: BegunStart, system: System, c: np.ndarray, total: float, word: str | None
 ) -> None:
     """From the start in its room, with one of the scene's own time scales or another one."""
-    room, begun.known, begun.h = begun.room, None, 0.0
+    room, begun.known, begun.steps = begun.room, None, None
     if word:
         pilot = rate_pilot(system, room.q, room.v, c, total, total < 0, word == FLIGHT)
         begun.slowest[0] = slowest_rate(pilot, total)
@@ -254,7 +250,7 @@ def with_other_digits_of(other: BegunStart, system: System, begun: BegunStart, w
     n = here.n
     q, p = with_other_digits(here.q, here.values[:n], way)
     v = call(velocity_function(system), q, p, here.t, here.c)[0]
-    there.known, there.given, other.known, other.h = None, None, None, 0.0
+    there.known, there.given, other.known, other.steps = None, None, None, None
     parts = there.q, there.v, there.t, there.c, there.values[:n], other.slowest
     for place, x in zip(parts, (q, v, here.t, here.c, p, begun.slowest), strict=True):
         place[:] = x

@@ -19,6 +19,7 @@ from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
 from varint.integration.time_transformation.inner_run import (
     BACKENDS,
+    asked_until_end,
     called_on,
     until_end,
 )
@@ -83,18 +84,9 @@ def _plain(prepared: Prepared, problem: InitialValueProblem) -> PhysicalRun | No
     called = called_on(scene.system, scene, chosen.rule)
     x, c, h = np.concatenate((problem.q0, problem.p0)), problem.c, problem.h
     at = address_of(x), address_of(c)
-    found = until_end(
-        called,
-        scene.system,
-        at,
-        h,
-        problem.level,
-        (t0, total),
-        float(problem.steps),
-        float(c[-2]),
-        1,
-        options.backend,
-    )
+    span, energy = (t0, total), float(c[-2])
+    asked = asked_until_end(at, h, problem.level, span, float(problem.steps), energy, 1)
+    found = until_end(called, scene.system, asked, options.backend)
     if found is None:
         return None
     seconds = perf_counter() - began

@@ -23,7 +23,7 @@ from varint.integration.error_scale import angles, bodies
 from varint.integration.plain_start import begin_at
 from varint.integration.round_off import ROUNDED
 from varint.integration.rule_choice import cheapest_of, first_steps, iteration_level
-from varint.integration.time_transformation.inner_run import How, until_end
+from varint.integration.time_transformation.inner_run import How, asked_until_end, until_end
 from varint.integration.time_transformation.physical_call import (
     BegunStart,
     Ready,
@@ -160,18 +160,9 @@ def _trial(
     """A run with so many steps, or the first of so many parts of it."""
     began, h, level = perf_counter(), span / steps, iteration_level(wanted, steps)
     t0, total = times
-    found = until_end(
-        ready.called,
-        ready.moving,
-        begun.at,
-        h,
-        level,
-        (t0, total / part if part > 1 else total),
-        float(max(steps // part, 1)),
-        begun.energy,
-        1,
-        "auto",
-    )
+    ends, expected = (t0, total / part if part > 1 else total), float(max(steps // part, 1))
+    asked = asked_until_end(begun.at, h, level, ends, expected, begun.energy, 1)
+    found = until_end(ready.called, ready.moving, asked, "auto")
     if found is None:
         raise _NotPlain
     run = h, begun.constants, found, perf_counter() - began
