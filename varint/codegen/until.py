@@ -27,7 +27,7 @@ TOLD = 5
 
 # memory for nodes that no call uses, how the core is told of it, and where in it nodes are kept
 _rooms: list[tuple[memoryview, bytes, int]] = []
-_FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
+_array, _FLOAT, _WHOLE = np.ndarray, np.dtype(float), np.dtype(np.int64)
 
 
 class Entries(NamedTuple):
@@ -94,13 +94,13 @@ _until = partial(tuple.__new__, Until)  # in less time than by names
 
 def fictitious_nodes(found: Until) -> Nodes:
     """Whole steps before, fictitious times, coordinates and momenta of the nodes."""
-    _, n, _, count, kept, *_ = found
-    array, both = np.ndarray, (count, n)  # half the time of slices
+    _, n, _, count, kept, _, _, _ = found
+    both = count, n
     return (
-        array(count, _WHOLE, kept, 16 * count),
-        array(count, _FLOAT, kept),
-        array(both, _FLOAT, kept, 24 * count),
-        array(both, _FLOAT, kept, (24 + 8 * n) * count),
+        _array(count, _WHOLE, kept, 16 * count),
+        _array(count, _FLOAT, kept),
+        _array(both, _FLOAT, kept, 24 * count),
+        _array(both, _FLOAT, kept, (24 + 8 * n) * count),
     )
 
 
@@ -108,18 +108,18 @@ def physical_times(found: Until) -> tuple[np.ndarray, np.ndarray]:
     """Whole steps before, and physical times of the nodes."""
     count, kept = found.nodes, found.kept
     return (
-        np.ndarray(count, _WHOLE, kept, 16 * count),
-        np.ndarray(count, _FLOAT, kept, 8 * count),
+        _array(count, _WHOLE, kept, 16 * count),
+        _array(count, _FLOAT, kept, 8 * count),
     )
 
 
 def physical_states(found: Until) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and momenta of the nodes without those of the clock."""
-    _, n, _, count, kept, *_ = found
-    array, others, apart = np.ndarray, (count, n - 1), (8 * n, 8)  # half the time of slices
-    return (
-        array(others, _FLOAT, kept, 24 * count, apart),
-        array(others, _FLOAT, kept, (24 + 8 * n) * count, apart),
+    _, n, _, count, kept, _, _, _ = found
+    others, apart, at = (count, n - 1), (8 * n, 8), 24 * count
+    return (  # in half the time of slices
+        _array(others, _FLOAT, kept, at, apart),
+        _array(others, _FLOAT, kept, at + 8 * n * count, apart),
     )
 
 

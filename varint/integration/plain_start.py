@@ -27,6 +27,7 @@ from varint.scene.system import System, parameter_values
 
 LARGE = 2.0**53  # whole numbers below are numbers of double precision
 FLOAT = np.dtype(float)
+_ARRAY = np.ndarray
 _TIME = struct.Struct("d")
 
 
@@ -159,8 +160,15 @@ def begin_at(
     """
     c = system.default_vector if params is None else parameter_values(system, params)
     n = room.n
-    both = type(q0) is type(v0) is np.ndarray and q0.dtype is v0.dtype is FLOAT
-    if both and q0.shape == v0.shape == (n,):
+    shape = (n,)
+    if (
+        type(q0) is _ARRAY  # one by one: in less time than as chains
+        and type(v0) is _ARRAY
+        and q0.dtype is FLOAT
+        and v0.dtype is FLOAT
+        and q0.shape == shape
+        and v0.shape == shape
+    ):
         state = q0.tobytes() + v0.tobytes()
     else:
         names = system.names

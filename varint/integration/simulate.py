@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from time import perf_counter
 from types import ModuleType
@@ -21,6 +21,8 @@ from varint.rules.rule import Rule
 from varint.scene.inputs import times_of
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, require_system
+
+_FLOAT64 = np.float64
 
 
 def simulate(
@@ -163,10 +165,16 @@ def simulate(
     ):
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
-    if type(h) is np.float64 or type(duration) is np.float64 or type(t0) is np.float64:
+    if type(h) is _FLOAT64 or type(duration) is _FLOAT64 or type(t0) is _FLOAT64:
         h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
     if (
-        p0 is u is at is scale is until is events is checkpoint is None
+        p0 is None  # one by one: in less time than as a chain
+        and u is None
+        and at is None
+        and scale is None
+        and until is None
+        and events is None
+        and checkpoint is None
         and v0 is not None
         and (progress is None or progress is False)
         and type(save_every) is int
@@ -174,7 +182,7 @@ def simulate(
     ):
         known, grid = (q0, v0, t0, params), (h, steps, duration)
         if time_scale is not None:
-            tried = _physical_call().physical_call(
+            tried = _physical_call()(
                 system, rule, time_scale, known, grid, iteration_tol, save_every, backend, began
             )
         elif save_every != 1 or backend != "auto":
@@ -240,10 +248,10 @@ def _short_call() -> ModuleType:
 
 
 @cache
-def _physical_call() -> ModuleType:
+def _physical_call() -> Callable[..., Trajectory | None]:
     from varint.integration.time_transformation import physical_call
 
-    return physical_call
+    return physical_call.physical_call
 
 
 @cache
@@ -254,7 +262,7 @@ def _to_tolerance() -> ModuleType:
 
 
 def _own(x: Any) -> Any:
-    return float(x) if type(x) is np.float64 else x
+    return float(x) if type(x) is _FLOAT64 else x
 
 
 def _small(x: Any) -> bool:

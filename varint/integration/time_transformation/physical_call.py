@@ -53,6 +53,7 @@ from varint.scene.memory import per_system
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
+_new, _set = object.__new__, object.__setattr__
 _LAST = "_last_ready"  # of a system: rule and time scale that it was last asked with, and `Ready`
 
 
@@ -71,12 +72,12 @@ def physical_call(
     good end, and another way is to be taken. A warning where the energy does not stay.
     """
     (h, steps, total), (q0, v0, t0, params) = grid, start
+    if steps is not None:
+        return None
     if type(h) is not float or type(total) is not float or type(t0) is not float:
         if not (is_plain_number(h) and is_plain_number(total) and is_plain_number(t0)):
             return None
         h, total, t0 = float(h), float(total), float(t0)  # type: ignore[arg-type]
-    if not (steps is None and 0.0 < h * total < math.inf and -LARGE < t0 < LARGE and every > 0):
-        return None
     last = system.__dict__.get(_LAST)
     if last is None or last[0] is not rule or last[1] is not sigma:  # in less time than by a hash
         if not (rule is None or type(rule) is Rule):
@@ -92,22 +93,18 @@ def physical_call(
     starts = ready.starts
     begun = starts.pop() if starts else start_of(system, ready.scene)
     try:
-        room = begun.room
+        room, run = begun.room, (h, total, t0, iteration_tol, every)
+        same = run == begun.run  # good then, good now
+        if not (same or _is_plain_run(run)):
+            return None
         c = begin_at(room, system, q0, v0, t0, params)
         if c is None:
             return None
-        if room.known is None or begun.known is not room.known or begun.total != total:
-            begin_start(begun, system, c, total, sigma if isinstance(sigma, str) else None)
-        energy, pace = begun.energy, begun.pace
-        steps_asked = h, iteration_tol, every
-        if steps_asked != begun.steps:
-            if not 0 < pace < math.inf:
+        if begun.known is not room.known or not same:
+            if begun.known is not room.known or begun.total != total:
+                begin_start(begun, system, c, total, sigma if isinstance(sigma, str) else None)
+            if not _ask(begun, run):
                 return None
-            check_steps(t0, h * pace, 1)
-            level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
-            span, expected = (t0, total), total / (h * pace)
-            begun.asked = asked_until_end(begun.at, h, level, span, expected, energy, every)
-            begun.steps = steps_asked
         constants = begun.constants
         until = until_end(ready.called, ready.moving, begun.asked, backend)
     finally:
@@ -121,6 +118,31 @@ def physical_call(
         if alarm := energy_alarm(motion.fictitious):
             warnings.warn(alarm, stacklevel=3)
     return motion
+
+
+# step, duration, start time, accuracy of iterations, every so many nodes
+AskedRun = tuple[float, float, float, float | None, int]
+
+
+def _is_plain_run(run: AskedRun) -> bool:
+    h, total, t0, _, every = run
+    return 0.0 < h * total < math.inf and -LARGE < t0 < LARGE and every > 0
+
+
+def _ask(begun: BegunStart, run: AskedRun) -> bool:
+    """Write what the core is asked for a run from a start that has begun; False where its time
+    scale is none there.
+    """
+    (h, total, t0, iteration_tol, every), pace = run, begun.pace
+    begun.run = None
+    if not 0 < pace < math.inf:
+        return False
+    check_steps(t0, h * pace, 1)
+    level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
+    span, expected = (t0, total), total / (h * pace)
+    begun.asked = asked_until_end(begun.at, h, level, span, expected, begun.energy, every)
+    begun.run = run
+    return True
 
 
 def physical_motion(
@@ -146,8 +168,8 @@ def physical_motion(
         "origin": 0.0,
         "_make": partial(_made, called, moving, how),
     }
-    motion = object.__new__(Trajectory)  # in half the time of its constructor
-    object.__setattr__(motion, "__dict__", known)
+    motion = _new(Trajectory)  # in half the time of its constructor
+    _set(motion, "__dict__", known)
     return motion
 
 
@@ -205,11 +227,10 @@ class BegunStart:
         Its parameters and masses, for runs to be compared.
     constants : array
         `inner` of the start that is there, not to be changed.
-    known, total : tuple, float, optional
-        The start that is there, as its room has it, and the duration.
-    steps, asked : tuple, bytes, optional
-        Step, accuracy of iterations and nodes that were asked last with them, and what the core is
-        asked then.
+    known, total : tuple, float
+        The start that is there, as its room has it, or empty, and the duration.
+    run, asked : tuple, bytes, optional
+        The run that was asked for last from there, and what the core is asked then.
     energy, pace : float
         E0 and σ0.
     """
@@ -222,9 +243,9 @@ class BegunStart:
     held: tuple
     places: Places
     constants: np.ndarray
-    known: tuple[bytes, float] | None = None
+    known: tuple[bytes, float] | tuple[()] = ()
     total: float = 0.0
-    steps: tuple[float, float | None, int] | None = None
+    run: AskedRun | None = None
     asked: bytes = b""
     energy: float = 0.0
     pace: float = 0.0
@@ -234,14 +255,14 @@ def begin_start(
     begun: BegunStart, system: System, c: np.ndarray, total: float, word: str | None
 ) -> None:
     """From the start in its room, with one of the scene's own time scales or another one."""
-    room, begun.known, begun.steps = begun.room, None, None
+    room, begun.known, begun.run = begun.room, (), None
     if word:
         pilot = rate_pilot(system, room.q, room.v, c, total, total < 0, word == FLIGHT)
         begun.slowest[0] = slowest_rate(pilot, total)
     begun.begin()
     begun.constants = begun.inner.copy()
     _, begun.energy, begun.pace = begun.constants[-3:].tolist()
-    begun.known, begun.total = room.known, total
+    begun.known, begun.total = room.known or (), total
 
 
 def with_other_digits_of(other: BegunStart, system: System, begun: BegunStart, way: int) -> None:
@@ -250,7 +271,7 @@ def with_other_digits_of(other: BegunStart, system: System, begun: BegunStart, w
     n = here.n
     q, p = with_other_digits(here.q, here.values[:n], way)
     v = call(velocity_function(system), q, p, here.t, here.c)[0]
-    there.known, there.given, other.known, other.steps = None, None, None, None
+    there.known, there.given, other.known, other.run = None, None, (), None
     parts = there.q, there.v, there.t, there.c, there.values[:n], other.slowest
     for place, x in zip(parts, (q, v, here.t, here.c, p, begun.slowest), strict=True):
         place[:] = x
