@@ -159,15 +159,8 @@ def simulate(
     """
     if type(system) is not System:
         require_system(system)
-    if tol is not None or not (
-        iteration_tol is None
-        or (h is not None and type(iteration_tol) is float and 0 < iteration_tol < 1)
-    ):
-        tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     began, tried = perf_counter(), None
-    if type(h) is _FLOAT64 or type(duration) is _FLOAT64 or type(t0) is _FLOAT64:
-        h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
-    if (
+    plain = (
         p0 is None  # one by one: in less time than as a chain
         and u is None
         and at is None
@@ -179,15 +172,22 @@ def simulate(
         and (progress is None or progress is False)
         and type(save_every) is int
         and on_failure == "raise"
+    )
+    if plain and time_scale is not None and tol is None and steps is None:
+        run = h, duration, t0, iteration_tol, save_every, backend
+        motion = _physical_call()(system, rule, time_scale, q0, v0, params, run, began)
+        if motion is not None:
+            return motion
+    if tol is not None or not (
+        iteration_tol is None
+        or (h is not None and type(iteration_tol) is float and 0 < iteration_tol < 1)
     ):
+        tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
+    if type(h) is _FLOAT64 or type(duration) is _FLOAT64 or type(t0) is _FLOAT64:
+        h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
+    if plain and time_scale is None and save_every == 1 and backend == "auto":
         known, grid = (q0, v0, t0, params), (h, steps, duration)
-        if time_scale is not None:
-            tried = _physical_call()(
-                system, rule, time_scale, known, grid, iteration_tol, save_every, backend, began
-            )
-        elif save_every != 1 or backend != "auto":
-            pass
-        elif h is None and steps is None:
+        if h is None and steps is None:
             tried = _short_call().short_call(system, rule, known, duration, tol, began)
         else:
             tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol, began)

@@ -24,7 +24,7 @@ from varint.codegen.until import physical_states, physical_times
 from varint.discrete.legendre import velocity_function
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.plain_start import LARGE, Room, begin_at, is_plain, is_plain_number, room_of
-from varint.integration.problem import LEVEL, Grid
+from varint.integration.problem import LEVEL
 from varint.integration.round_off import with_other_digits
 from varint.integration.time_transformation.fictitious_start import slowest_rate
 from varint.integration.time_transformation.inner_run import (
@@ -55,46 +55,52 @@ from varint.scene.system import System
 
 _new, _set = object.__new__, object.__setattr__
 _LAST = "_last_ready"  # of a system: rule and time scale that it was last asked with, and `Ready`
+_NONE = None, None, None  # no time scale
+# step, duration, start time, accuracy of iterations, every so many nodes, backend
+Run = tuple[float, float, float, float | None, int, str]
 
 
 def physical_call(
     system: System,
     rule: Rule | None,
     sigma: Any,
-    start: tuple[Any, Any, Any, ParameterValues | None],
-    grid: Grid,
-    iteration_tol: float | None,
-    every: int,
-    backend: str,
+    q0: Any,
+    v0: Any,
+    params: ParameterValues | None,
+    run: Run,
     began: float,
 ) -> Trajectory | None:
-    """The motion from a start (q0, v0, t0, params); None where it is no such run, or comes to no
-    good end, and another way is to be taken. A warning where the energy does not stay.
+    """The motion from a start; None where it is no such run, or comes to no good end, and another
+    way is to be taken. A warning where the energy does not stay.
     """
-    (h, steps, total), (q0, v0, t0, params) = grid, start
-    if steps is not None:
-        return None
-    if type(h) is not float or type(total) is not float or type(t0) is not float:
-        if not (is_plain_number(h) and is_plain_number(total) and is_plain_number(t0)):
+    h, total, t0, level, _, _ = run
+    if (
+        type(h) is not float
+        or type(total) is not float
+        or type(t0) is not float
+        or (type(level) is not float and level is not None)
+    ):
+        h, total, t0, level = map(_own, run[:4])
+        run = h, total, t0, level, *run[4:]
+        if type(h) is not float or type(total) is not float or type(t0) is not float:
             return None
-        h, total, t0 = float(h), float(total), float(t0)  # type: ignore[arg-type]
-    last = system.__dict__.get(_LAST)
-    if last is None or last[0] is not rule or last[1] is not sigma:  # in less time than by a hash
+        if type(level) is not float and level is not None:
+            return None
+    last_rule, last_sigma, ready = system.__dict__.get(_LAST, _NONE)
+    if last_rule is not rule or last_sigma is not sigma:  # in less time than by a hash
         if not (rule is None or type(rule) is Rule):
             return None
         own = isinstance(sigma, str)
         scale = sigma if own else transformed_scene(system, sigma)
-        last = rule, sigma, ready_for(system, rule, scale)
+        ready = ready_for(system, rule, scale)
         if own:  # expressions may change
-            system.__dict__[_LAST] = last
-    ready = last[2]
-    if ready is None or backend not in BACKENDS:
+            system.__dict__[_LAST] = rule, sigma, ready
+    if ready is None:
         return None
     starts = ready.starts
     begun = starts.pop() if starts else start_of(system, ready.scene)
     try:
-        room, run = begun.room, (h, total, t0, iteration_tol, every)
-        same = run == begun.run  # good then, good now
+        room, same = begun.room, run == begun.run  # good then, good now
         if not (same or _is_plain_run(run)):
             return None
         c = begin_at(room, system, q0, v0, t0, params)
@@ -106,7 +112,7 @@ def physical_call(
             if not _ask(begun, run):
                 return None
         constants = begun.constants
-        until = until_end(ready.called, ready.moving, begun.asked, backend)
+        until = until_end(ready.called, ready.moving, begun.asked, run[5])
     finally:
         starts.append(begun)
     if until is None:
@@ -120,20 +126,23 @@ def physical_call(
     return motion
 
 
-# step, duration, start time, accuracy of iterations, every so many nodes
-AskedRun = tuple[float, float, float, float | None, int]
+def _own(x: Any) -> Any:
+    """A number as Python's own of double precision, if it is one."""
+    return float(x) if type(x) is np.float64 or is_plain_number(x) else x
 
 
-def _is_plain_run(run: AskedRun) -> bool:
-    h, total, t0, _, every = run
-    return 0.0 < h * total < math.inf and -LARGE < t0 < LARGE and every > 0
+def _is_plain_run(run: Run) -> bool:
+    h, total, t0, level, every, backend = run
+    if not (0.0 < h * total < math.inf and -LARGE < t0 < LARGE):
+        return False
+    return (level is None or 0.0 < level < 1.0) and every > 0 and backend in BACKENDS
 
 
-def _ask(begun: BegunStart, run: AskedRun) -> bool:
+def _ask(begun: BegunStart, run: Run) -> bool:
     """Write what the core is asked for a run from a start that has begun; False where its time
     scale is none there.
     """
-    (h, total, t0, iteration_tol, every), pace = run, begun.pace
+    (h, total, t0, iteration_tol, every, _), pace = run, begun.pace
     begun.run = None
     if not 0 < pace < math.inf:
         return False
@@ -245,7 +254,7 @@ class BegunStart:
     constants: np.ndarray
     known: tuple[bytes, float] | tuple[()] = ()
     total: float = 0.0
-    run: AskedRun | None = None
+    run: Run | None = None
     asked: bytes = b""
     energy: float = 0.0
     pace: float = 0.0
