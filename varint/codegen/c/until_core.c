@@ -69,38 +69,31 @@ static int steps_until(const Until *a, double *carry, RunStats *stats, Work *wor
     }
 }
 
-/* Does time go on, and is the energy where the clock is slowest still that of the start? */
-static int on_level(const Until *a, int64_t last) {
-    const int64_t n = a->n, width = 3 * n;
+/* Does time go on, and is the energy where the clock is slowest, of `last` steps, still that of the start? And is the constant
+   energy at some of the first nodes that of the start, as far as a run that went astray is concerned? There is room for all
+   nodes that are looked at, by one call. */
+static int on_level(const Until *a, int64_t last, int64_t nodes, double *room, int64_t *quiet) {
+    const int64_t n = a->n, width = 3 * n, apart = (nodes + SAMPLES - 1) / SAMPLES, count = (nodes - 1) / apart + 1;
     const double *const clock = a->nodes + n - 1;
-    double least = INFINITY, energy[2], size[2], others[4];
+    double least = INFINITY, found[RESULTS][SAMPLES + 2];
     int64_t slowest = 0;
     for (int64_t k = 0; k < last; k++) {
         const double pace = (clock[(k + 1) * width] - clock[k * width]) / a->h;
         if (!(pace > 0)) return 0;
         if (pace < least) least = pace, slowest = k;
     }
-    const double *const at = a->nodes + width * slowest;
-    const RowsArguments looked = {.count = 2, .c = a->c, .scene = a->energies, .arguments = {at, at + n}, .apart = {width, width},
-                                  .results = {energy, size, others, others + 2}, .widths = {1, 1, 1, 1}};
+    for (int64_t k = 0; k < count + 2; k++)
+        memcpy(room + 2 * n * k, a->nodes + width * (k < count ? k * apart : slowest + k - count), 2 * (size_t)n * sizeof *room);
+    const RowsArguments looked = {.count = count + 2, .c = a->c, .scene = a->energies, .arguments = {room, room + n},
+                                  .apart = {2 * n, 2 * n}, .results = {found[0], found[1], found[2], found[3]},
+                                  .widths = {1, 1, 1, 1}};
     if (a->rows(&looked) != DONE) return 0;
-    const double most = a->off * fmax(size[0], size[1]);
-    return fabs(energy[0] - a->energy) <= most && fabs(energy[1] - a->energy) <= most;
-}
-
-/* Is the constant energy at some nodes that of the start, as far as a run that went astray is concerned? */
-static int quiet(const Until *a, int64_t nodes) {
-    const int64_t n = a->n, width = 3 * n, apart = (nodes + SAMPLES - 1) / SAMPLES, count = (nodes - 1) / apart + 1;
-    double found[RESULTS][SAMPLES];
-    const RowsArguments looked = {.count = count, .c = a->c, .scene = a->energies, .arguments = {a->nodes, a->nodes + n},
-                                  .apart = {width * apart, width * apart},
-                                  .results = {found[0], found[1], found[2], found[3]}, .widths = {1, 1, 1, 1}};
-    if (a->rows(&looked) != DONE) return 0;
+    const double *const energy = found[0] + count, *const size = found[1] + count, most = a->off * fmax(size[0], size[1]);
     double largest = 0;
     for (int64_t k = 0; k < count; k++) largest = found[3][k] > largest ? found[3][k] : largest;
-    for (int64_t k = 0; k < count; k++)
-        if (!(fabs(found[2][k] - found[2][0]) <= GROSS * largest)) return 0;
-    return 1;
+    *quiet = 1;
+    for (int64_t k = 0; k < count; k++) *quiet &= fabs(found[2][k] - found[2][0]) <= GROSS * largest;
+    return fabs(energy[0] - a->energy) <= most && fabs(energy[1] - a->energy) <= most;
 }
 
 /* The fictitious time at which the clock shows the end between the nodes `kept` - 1 and `kept`, whose place the state there
@@ -148,19 +141,20 @@ static void keep(const Until *a, int64_t last, int64_t count, double time) {
 
 int until(const Until *a) {
     const int64_t n = a->n, width = 3 * n;
-    double *const carry = malloc((size_t)a->carry * sizeof(double)), stats[sizeof(RunStats) / sizeof(double) + width];
+    double *const carry = malloc((size_t)(a->carry + 2 * n * (SAMPLES + 2)) * sizeof(double));
+    double stats[sizeof(RunStats) / sizeof(double) + width], time;
     if (!carry) return NOT_FINITE;
     RunStats *const of = (RunStats *)stats;
     Work work = {0, 0, 0};
     int status = steps_until(a, carry, of, &work);
-    if (status == DONE && !on_level(a, work.last)) status = NOT_CONVERGED;
     if (status == DONE) {
-        int64_t kept = work.last; /* the node before the last one is not behind the end, but may be there */
+        int64_t kept = work.last, quiet; /* the node before the last one is not behind the end, but may be there */
         while (kept > 1 && fabs(a->nodes[(kept - 1) * width + n - 1]) >= fabs(a->total) * (1 - LOCATED)) kept--;
-        double time;
-        *a->told = (Told){kept, (kept - 1) / a->every + 2, (int64_t)work.iterations, quiet(a, kept), work.residual};
-        status = end_at(a, kept, carry, of, &time);
-        if (status == DONE) keep(a, kept, a->told->nodes, time);
+        status = on_level(a, work.last, kept, carry + a->carry, &quiet) ? end_at(a, kept, carry, of, &time) : NOT_CONVERGED;
+        if (status == DONE) {
+            *a->told = (Told){kept, (kept - 1) / a->every + 2, (int64_t)work.iterations, quiet, work.residual};
+            keep(a, kept, a->told->nodes, time);
+        }
     }
     free(carry);
     return status;
