@@ -208,3 +208,37 @@ def test_a_time_scale_whose_entry_has_changed_is_another_one():
     after = vi.simulate(system, **(how | {"time_scale": scale}))
     assert bytes_of(after) == bytes_of(vi.simulate(system, **(how | {"time_scale": root})))
     assert len(after) != len(before)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"h": True},
+        {"h": np.float64(1)},
+        {"h": np.int64(1)},
+        {"h": np.array([1.0, 2.0])},
+        {"t0": False},
+        {"t0": None},
+        {"iteration_tol": np.float64(1e-6)},
+        {"iteration_tol": np.array([1e-6, 1e-6])},
+        {"iteration_tol": True},
+        {"save_every": True},
+        {"steps": np.array([3, 4])},
+        {"backend": None},
+        {"tol": 1e-6},
+    ],
+    ids=str,
+)
+def test_what_equals_a_good_run_but_is_of_another_kind_is_treated_as_without_it(other):
+    """Where a run was good, the next one is only compared with it."""
+    good = start_of("kepler") | {"h": 1.0, "iteration_tol": 1e-6}
+
+    def told(system) -> object:
+        try:
+            return bytes_of(vi.simulate(system, **(good | other)))
+        except vi.InputError as refused:
+            return str(refused)
+
+    system = vi.models.kepler(e=0.9).system
+    vi.simulate(system, **good)
+    assert told(system) == told(vi.models.kepler(e=0.9).system)
