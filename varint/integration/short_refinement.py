@@ -26,6 +26,7 @@ from varint.integration.rule_choice import (
     ROUGH,
     Priced,
     first_steps,
+    iteration_level,
     priced,
 )
 from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
@@ -72,6 +73,7 @@ def by_short_refinement(
 
     def run(steps: int, count: int) -> PlainTrial | None:
         problem = first_steps_of(start, rule, steps, count, tol)
+        problem = problem._replace(level=iteration_level(tol, count))
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
         found = kernel and run_at_once(system, rule, problem, kernel, short=False)

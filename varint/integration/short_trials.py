@@ -34,6 +34,7 @@ from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
+from varint.integration.force_bounds import forces_as_data
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.linear_run import REPEATED, driven_kernel
 from varint.integration.plan import plan
@@ -181,7 +182,10 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
         if not kept:
-            forces, looks = hidden.forces_as_data(system), hidden.looks_in_order(rule)
+            forces, looks = (
+                forces_as_data(system),
+                (*hidden.looks_in_order(rule), hidden.GROUPS, hidden.SAMPLED),
+            )
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
             return refined_course(*how, body, turns, repeated)
