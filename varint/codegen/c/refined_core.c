@@ -18,7 +18,7 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
-        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, repeated;
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left, repeated;
 } Limits;
 
 /* That of two_runs_core.c, whose `take_run` takes the run. */
@@ -51,6 +51,12 @@ typedef struct {
     int lost;
 } Attempt;
 
+/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+static double level_for(const Refined *a, int64_t steps) {
+    const double often = a->limits->secular / ((double)steps * (double)steps);
+    return a->tol * (a->limits->level < often ? a->limits->level : often);
+}
+
 /* The first `count` of so many steps; false where there was no memory, or they are too many. */
 static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
     const Limits *const l = a->limits;
@@ -59,7 +65,7 @@ static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) 
     free(to->rows);
     to->rows = malloc((3 * n * (count + 1) + a->carry + 3 * n + sizeof(RunStats) / sizeof(double)) * sizeof(double));
     if (!to->rows) return 0;
-    double *const carry = to->rows + 3 * n * (count + 1), often = l->secular / ((double)steps * (double)steps);
+    double *const carry = to->rows + 3 * n * (count + 1);
     RunStats *const stats = (RunStats *)(carry + a->carry);
     carry[0] = 0;
     to->steps = steps, to->count = count, to->lost = 0, to->iterations = to->residual = 0;
@@ -67,7 +73,7 @@ static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) 
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
             .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
-            .level = a->tol * (l->level < often ? l->level : often), .start = a->start, .c = a->c,
+            .level = level_for(a, steps), .start = a->start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
@@ -267,10 +273,12 @@ int refined(const Refined *a) {
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
             const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
+                         iterated = l->repeated > 0 ? 0 : l->left * level_for(a, steps) * sqrt((double)steps),
                          floor = (repeated > l->floor ? repeated : l->floor) * size_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
+            estimate = estimate > iterated ? estimate : iterated;
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t third = steps / (int64_t)l->few > 1 ? steps / (int64_t)l->few : 1, most = (int64_t)l->transient_steps,
                               few = third < most ? third : most, parts = (int64_t)l->transient_parts;
