@@ -140,8 +140,8 @@ def refine(
                 break
         if order is not None and apart < NO_DIGITS:
             # far below the rule's it is that of steps that do not resolve the motion yet
-            sure = order if over_jumps else max(order * (order / rule.order), LEAST_ORDER)
-            counted = ratio ** (-CAUTION * sure)
+            lasting = order if over_jumps else max(order * (order / rule.order), LEAST_ORDER)
+            counted = ratio ** (-CAUTION * lasting)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
             left = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
             estimate = max(apart * counted / (1 - counted), rounded, floor, left)
