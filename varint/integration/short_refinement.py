@@ -20,7 +20,7 @@ from varint.integration.hidden import missed_impulse
 from varint.integration.linear_run import REPEATED, driven_kernel
 from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
-from varint.integration.refinement import CAUTION, NO_DIGITS
+from varint.integration.refinement import CAUTION, LEAST_ORDER, NO_DIGITS
 from varint.integration.round_off import rounding
 from varint.integration.rule_choice import (
     ROUGH,
@@ -30,7 +30,7 @@ from varint.integration.rule_choice import (
     priced,
 )
 from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
-from varint.integration.two_runs import FLOOR, STALLED
+from varint.integration.two_runs import FLOOR, LEFT, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -38,7 +38,6 @@ from varint.scene.system import System
 
 RUNS = 8  # after which it is given up
 PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of a drive's period
-LEAST_ORDER = 0.5  # is counted on where two runs are all that there is
 TELLS = 0.1  # difference of two runs that tells of an order
 SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
@@ -124,7 +123,9 @@ def by_short_refinement(
         size = np.abs(motion.found.rows[:, 0]).max(axis=0)
         least = max(FLOOR, REPEATED * steps**2) if motion.kernel is driven else FLOOR
         floor = least * float((size / scales).max(initial=1.0))
-        estimate = max(_left(off, ratio, order, rule.order), rounded, floor)
+        solved = motion.kernel is driven  # by one map: without iterations
+        iterated = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
+        estimate = max(_left(off, ratio, order, rule.order), rounded, floor, iterated)
         if off < NO_DIGITS and estimate <= tol:
             few = max(min(TRANSIENT_STEPS, steps // FEW), 1)
             fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS)

@@ -69,7 +69,7 @@ _REFINED = np.array(
         *(refined.SHARED, decided.STALLED, refined.PATIENCE),
         *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS, refined.FEW),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
-        *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING),
+        *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
     ]
 )
 

@@ -18,7 +18,7 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
-        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, repeated;
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left, repeated;
 } Limits;
 
 /* That of two_runs_core.c, whose `take_run` takes the run. */
@@ -331,10 +331,12 @@ int refined(const Refined *a) {
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
             const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
+                         iterated = l->repeated > 0 ? 0 : l->left * level_for(a, steps) * sqrt((double)steps),
                          floor = (repeated > l->floor ? repeated : l->floor) * size_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
+            estimate = estimate > iterated ? estimate : iterated;
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t third = steps / (int64_t)l->few > 1 ? steps / (int64_t)l->few : 1, most = (int64_t)l->transient_steps,
                               few = third < most ? third : most, parts = (int64_t)l->transient_parts;
