@@ -152,7 +152,10 @@ def by_short_refinement(
         solved = motion.kernel is driven  # by one map: without iterations
         iterated = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
         estimate = max(_left(off, ratio, order, rule.order), rounded, floor, iterated)
-        if off < NO_DIGITS and estimate <= tol:
+        counted = (
+            not solved and math.gcd(before[0], steps) >= SHARED
+        )  # on an order, which may be luck
+        if counted and off < NO_DIGITS and estimate <= tol:
             made = made_at_once(before[1], before[0], motion, steps, off, scales)
             estimate = max(estimate, made)
         if off < NO_DIGITS and estimate <= tol:

@@ -329,7 +329,7 @@ int refined(const Refined *a) {
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
             estimate = estimate > iterated ? estimate : iterated;
-            if (off < l->no_digits && estimate <= a->tol) {
+            if (unit >= (int64_t)l->shared && !(l->repeated > 0) && off < l->no_digits && estimate <= a->tol) {
                 const double made = made_at_once(a, &before, &now, off, scales);
                 estimate = estimate > made ? estimate : made;
             }
