@@ -18,6 +18,13 @@ from varint.integration.energy_leap import energy_alarm
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.hidden import missed_impulse
 from varint.integration.linear_run import REPEATED, driven_kernel
+from varint.integration.narrow_places import PARTS as NARROW
+from varint.integration.narrow_places import (
+    UNCERTAIN,
+    narrow_place,
+    parted_by,
+    scales_with_momenta,
+)
 from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import CAUTION, LEAST_ORDER, NO_DIGITS
@@ -70,8 +77,8 @@ def by_short_refinement(
     quadratic = system.structure.quadratic_kinetic
     driven = driven_kernel(system, rule) if backend == "auto" else None
 
-    def run(steps: int, count: int) -> PlainTrial | None:
-        problem = first_steps_of(start, rule, steps, count, tol)
+    def run(steps: int, count: int, begin: InitialValueProblem = start) -> PlainTrial | None:
+        problem = first_steps_of(begin, rule, steps, count, tol)
         problem = problem._replace(level=iteration_level(tol, count))
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
@@ -92,6 +99,26 @@ def by_short_refinement(
         a, b = one.found.rows[:: few // unit, 0], other.found.rows[:: many // unit, 0]
         count = min(len(a), len(b))
         return np.abs(a[:count] - b[:count]).max(axis=0)
+
+    def made_at_once(
+        one: PlainTrial, few: int, other: PlainTrial, many: int, off: float, scales: np.ndarray
+    ) -> float:
+        """Error of the finer run where it is made at a narrow place, 0 where it is not."""
+        unit = math.gcd(few, many)
+        each, rows = many // unit, other.found.rows[:, :2]
+        both = scales_with_momenta(rows, scales)
+        differ = parted_by(one.found.rows[:: few // unit, :2], rows[::each], both)
+        k = narrow_place(differ)
+        if not k:
+            return 0.0
+        (q, p), t = rows[each * (k - 1)], start.h / many * (each * (k - 1)) + start.t0
+        end = min(k + 1, unit)  # it may end in the next part
+        count = NARROW * each * (end - k + 1)
+        fine = run(NARROW * many, count, start._replace(q0=q, p0=p, t0=t))
+        if fine is None:
+            return math.inf
+        made = parted_by(fine.found.rows[-1, :2], rows[each * end], both)
+        return float(UNCERTAIN * off * made / differ[k])
 
     first = refined_first(system, priced({rule: 1.0})[0], radians, tol)
     before: tuple[int, PlainTrial] | None = None
@@ -126,6 +153,12 @@ def by_short_refinement(
         solved = motion.kernel is driven  # by one map: without iterations
         iterated = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
         estimate = max(_left(off, ratio, order, rule.order), rounded, floor, iterated)
+        counted = (
+            not solved and math.gcd(before[0], steps) >= SHARED
+        )  # on an order, which may be luck
+        if counted and off < NO_DIGITS and estimate <= tol:
+            made = made_at_once(before[1], before[0], motion, steps, off, scales)
+            estimate = max(estimate, made)
         if off < NO_DIGITS and estimate <= tol:
             few = max(min(TRANSIENT_STEPS, steps // FEW), 1)
             fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS)

@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 import varint.integration.hidden as hidden
+import varint.integration.narrow_places as narrow
 import varint.integration.refinement as searched
 import varint.integration.round_off as limited
 import varint.integration.second_looks as seconds
@@ -70,6 +71,7 @@ _REFINED = np.array(
         *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS, refined.FEW),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
+        *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN),
     ]
 )
 

@@ -18,7 +18,8 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
-        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left, repeated;
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
+        at_once, part_of_it, narrow_parts, uncertain, repeated;
 } Limits;
 
 /* That of two_runs_core.c, whose `take_run` takes the run. */
@@ -57,8 +58,8 @@ static double level_for(const Refined *a, int64_t steps) {
     return a->tol * (a->limits->level < often ? a->limits->level : often);
 }
 
-/* The first `count` of so many steps; false where there was no memory, or they are too many. */
-static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
+/* The first `count` of so many steps from a start; false where there was no memory, or they are too many. */
+static int try_from(const Refined *a, const double *start, double t0, int64_t steps, int64_t count, Attempt *to) {
     const Limits *const l = a->limits;
     const int64_t n = a->n;
     if (count > a->longest) return 0;
@@ -72,8 +73,8 @@ static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) 
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
-            .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
-            .level = level_for(a, count), .start = a->start, .c = a->c,
+            .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = t0, .h = a->duration / steps,
+            .level = level_for(a, count), .start = start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
@@ -81,6 +82,10 @@ static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) 
     }
     if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
     return 1;
+}
+
+static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
+    return try_from(a, a->start, a->t0, steps, count, to);
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -101,6 +106,51 @@ static double left_of(const Refined *a, double apart, double ratio, double order
     const double sure = order * (order / (double)a->order), least = a->limits->least_order,
                  counted = pow(ratio, -(ratio >= a->limits->far ? a->limits->caution : a->limits->less) * (sure > least ? sure : least));
     return apart * counted / (1 - counted);
+}
+
+/* The largest difference of two nodes by the scales of coordinates and momenta. */
+static double parted_by(int64_t n, const double *one, const double *other, const double *scales) {
+    double largest = 0;
+    for (int64_t d = 0; d < 2 * n; d++) {
+        const double off = fabs(one[d] - other[d]) / scales[d];
+        largest = off > largest ? off : largest;
+    }
+    return largest;
+}
+
+/* Error of a run whose steps err at once where the scene is narrow: by what they make there when done in parts, over what the
+   coarser run is off by at that place; 0 where errors grow bit by bit, infinite where the parts fail.
+   varint/integration/narrow_places.py says why. */
+static double made_at_once(const Refined *a, const Attempt *before, const Attempt *now, double off, const double *of_coordinates) {
+    const Limits *const l = a->limits;
+    const int64_t n = a->n, unit = common_divisor(before->steps, now->steps), few = 3 * n * (before->steps / unit),
+                  each = now->steps / unit, many = 3 * n * each, parts = (int64_t)l->narrow_parts;
+    double scales[2 * n], largest = 0, last = 0, here = 0, made = 0;
+    for (int64_t d = 0; d < n; d++) {
+        scales[d] = of_coordinates[d], scales[n + d] = 0;
+        for (int64_t k = 0; k <= now->count; k++) {
+            const double p = fabs(now->rows[3 * n * k + n + d]);
+            scales[n + d] = p > scales[n + d] ? p : scales[n + d];
+        }
+        if (!(scales[n + d] > 0)) scales[n + d] = INFINITY;
+    }
+    for (int64_t k = 1; k <= unit; k++) {
+        const double apart = parted_by(n, before->rows + few * k, now->rows + many * k, scales);
+        largest = apart > largest ? apart : largest;
+    }
+    int64_t k = 0;
+    do last = here, k++, here = parted_by(n, before->rows + few * k, now->rows + many * k, scales);
+    while (k < unit && here < l->part_of_it * largest);
+    if (!(here > l->at_once * last)) return 0;
+    const int64_t end = k < unit ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
+    Attempt fine = {0};
+    const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
+    if (!try_from(a, now->rows + many * (k - 1), t0, parts * now->steps, parts * each * over, &fine) || fine.lost)
+        made = INFINITY;
+    else
+        made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
+    free(fine.rows);
+    return made;
 }
 
 /* The largest coordinate over its scale, one at least. */
@@ -337,6 +387,10 @@ int refined(const Refined *a) {
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
             estimate = estimate > iterated ? estimate : iterated;
+            if (unit >= (int64_t)l->shared && !(l->repeated > 0) && off < l->no_digits && estimate <= a->tol) {
+                const double made = made_at_once(a, &before, &now, off, scales);
+                estimate = estimate > made ? estimate : made;
+            }
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t third = steps / (int64_t)l->few > 1 ? steps / (int64_t)l->few : 1, most = (int64_t)l->transient_steps,
                               few = third < most ? third : most, parts = (int64_t)l->transient_parts;
