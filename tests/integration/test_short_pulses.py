@@ -47,3 +47,47 @@ def test_a_smooth_drive_is_not_searched_for_pulses(monkeypatch):
     motion = vi.simulate(system, vi.gauss(8), q0=0.5, v0=0.0, h=0.25, steps=200)
     monkeypatch.setattr(hidden, "_shown", None)
     assert hidden.missed_impulse(system, vi.gauss(8), motion, np.ones(1), 1e-9) == 0
+
+
+def shaken(kind: int, when: float, width: float) -> vi.System:
+    q, v, t = *vi.coordinates("x", "y"), vi.time()
+    drive = (
+        0.3 * ca.cos(2 * t),
+        0.3 * ca.cos(2 * t) + ca.exp(-(((t - when) / width) ** 2)),
+        1e-3 * ca.cos(t) / (width + ca.sin(0.3 * (t - when)) ** 2),
+        ca.cos(0.1 * q[0] * ca.sin(t) / width),
+    )[kind]
+    force = ca.vertcat(drive - 0.2 * v[0], -0.1 * ca.norm_2(v) * v[1])
+    return vi.System(q, v, ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2 - q[1] ** 4, force=force, t=t)
+
+
+@pytest.mark.parametrize("kind", range(4))
+def test_bounds_of_many_steps_promise_no_more_than_those_of_each(kind):
+    """And say so where a drive is smooth, never where a pulse lies between nodes."""
+    rule, told = vi.gauss(8), []
+    for when, width in ((3.3, 1e-4), (7.1, 1e-2), (9.9, 1.0)):
+        scene = shaken(kind, when, width)
+        for steps in (100, 400):
+            start = {"q0": [0.3, 0.1], "v0": [0.0, 0.2]}
+            motion = vi.simulate(scene, rule, **start, h=12.0 / steps, steps=steps)
+            every = hidden.Parts(np.arange(steps), np.zeros(steps), np.ones(steps))
+            nothing = np.full((steps, 2), 1e-12)
+            nodes = np.array(rule.nodes)
+            told.append(hidden._smooth_at_once(scene, motion, every, nodes[::4], nothing))
+            size, _ = hidden._impulses(scene, motion, every, nodes, np.array(rule.weights))
+            usual = np.maximum(size, np.median(size, axis=0))
+            hides = hidden._may_hide(scene, motion, every, hidden.BENDS * usual, nothing)
+            assert not (told[-1] and hides.any())
+    assert any(told) and (kind == 0 or not all(told))
+
+
+def test_the_core_asks_for_bounds_of_many_steps_first(monkeypatch):
+    """Where these suffice, those of each step are not asked for: the scene has none to give."""
+    from varint.integration import force_bounds
+
+    system = shaken(0, 0.0, 1.0)
+    every = force_bounds.forces_as_data(system)
+    assert every is not None and all(every)
+    monkeypatch.setattr(hidden, "_may_hide", None)
+    motion = vi.simulate(system, vi.gauss(8), q0=[0.3, 0.1], v0=[0.0, 0.2], h=0.1, steps=100)
+    assert hidden.missed_impulse(system, vi.gauss(8), motion, np.ones(2), 1e-9) == 0

@@ -13,14 +13,14 @@ from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_COURSE = struct.Struct("10P9q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("11P11q")  # Refined, what belongs to the course
 
 
 def refined_course(
     kernel: Kernel,
     balance: RowFunction,
-    forces: tuple[RowFunction | None, RowFunction | None] | None,
-    looks: tuple[np.ndarray, int],
+    forces: tuple[RowFunction | None, ...] | None,
+    looks: tuple[np.ndarray, int, int, int],
     order: int,
     pieces: tuple[int, int],
     body: np.ndarray,
@@ -35,10 +35,12 @@ def refined_course(
     balance : RowFunction
         (q, p, t) → energy and the power of what changes it.
     forces : tuple, optional
-        (q, v, t) → forces and the mass matrix' diagonal, and bounds of forces on the straight way
-        between two nodes, where they are data; None of scenes without explicit time.
+        (q, v, t) → forces and the mass matrix' diagonal, bounds of forces on the straight way
+        between two nodes, and those of many steps at once, where they are data; None of scenes
+        without explicit time.
     looks : tuple
-        Parts of a step at which forces are looked at, and how many of them before all others.
+        Parts of a step at which forces are looked at, how many of them before all others, how many
+        groups of steps are bounded at once, and how many steps are looked at for that.
     order, pieces, body, turns
         As in `course_of`.
     limits : array
@@ -50,10 +52,10 @@ def refined_course(
         If the loop was not built with the package and cannot be compiled.
     """
     entry, on = refined_entry(), entries_of(kernel, balance)
-    push, bounds = (x.at if x else 0 for x in forces or (None, None))
-    places, few = looks
+    pushed = (x.at if x else 0 for x in forces or (None, None, None))
+    places, *counted = looks
     arrays = limits, body, turns, places
-    calls = on.run, on.scene, on.rows, on.energy, push, bounds, *map(address_of, arrays)
-    counts = on.n, on.carry, order, int(forces is not None), few, len(places)
+    calls = on.run, on.scene, on.rows, on.energy, *pushed, *map(address_of, arrays)
+    counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
     head = _COURSE.pack(*calls, *counts, FIXED_POINT_ITERATIONS, *pieces)
     return Course(entry, kernel, on.n, False, head, (on, forces, *arrays))

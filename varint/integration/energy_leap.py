@@ -53,18 +53,20 @@ class EnergyLeap(NamedTuple):
         )
 
 
-def energy_alarm(motion: Trajectory) -> str | None:
+def energy_alarm(motion: Trajectory, wanted: float = 0.0) -> str | None:
     """What the energy says is wrong with a run that came to its end, and what to do."""
     if jump := energy_jump(motion):
         return jump.alarm(motion.h)
-    leap = energy_leap(motion)
+    leap = energy_leap(motion, wanted)
     return leap and leap.alarm()
 
 
-def energy_leap(motion: Trajectory) -> EnergyLeap | None:
+def energy_leap(motion: Trajectory, wanted: float = 0.0) -> EnergyLeap | None:
     """The first leap of the energy of a scene with constraints that should keep it.
 
-    A change of energy is a leap where it is large beside those of other steps nearby and stays.
+    A change of energy is a leap where it is large beside those of other steps nearby and stays, but
+    not one within the error that is `wanted`, as part of the largest p·v, away from folds: steps in
+    which all happens err by more than others.
     """
     system = motion.system
     s = system.structure
@@ -74,11 +76,11 @@ def energy_leap(motion: Trajectory) -> EnergyLeap | None:
         return None
     if motion.active_set is not None or len(motion) <= FEW:
         return None
-    return _leap_of(motion)
+    return _leap_of(motion, wanted)
 
 
 @np.errstate(all="ignore")  # what is not finite is no leap, and told elsewhere
-def _leap_of(motion: Trajectory) -> EnergyLeap | None:
+def _leap_of(motion: Trajectory, wanted: float) -> EnergyLeap | None:
     system = motion.system
     steps = max(int(motion.k[-1] - motion.k[0]), 1)
     every = max(min(APART * (len(motion) - 1) // steps, (len(motion) - 1) // ALL), 1)
@@ -94,12 +96,11 @@ def _leap_of(motion: Trajectory) -> EnergyLeap | None:
             from varint.integration.fold_watch import rows_of_fold
 
             a, b = int(i[j]), int(i[j + 1])
-            return EnergyLeap(
-                (float(motion.t[a]), float(motion.t[b])),
-                (float(energy[j]), float(energy[j + 1])),
-                usual,
-                rows_of_fold(motion, a, b),
-            )
+            rows = rows_of_fold(motion, a, b)
+            if not rows and change[j] <= wanted * moving.max():
+                continue
+            times = float(motion.t[a]), float(motion.t[b])
+            return EnergyLeap(times, (float(energy[j]), float(energy[j + 1])), usual, rows)
     return None
 
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
-from varint.codegen.rows import RowFunction, as_data, at_many_points
-from varint.integration.events.intervals import ZERO, Interval, point
-from varint.integration.events.jets import Jet, enclosures
+from varint.integration.force_bounds import bounds, bounds_of_many, push
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
-from varint.scene.memory import per_system
 from varint.scene.system import System
 
 PARTS = 8  # into which a part of a step is cut that may hide something, LEVELS times
@@ -23,11 +19,10 @@ LOOKS = 2  # of those of the rule in a step: mostly they rule out that it hides 
 # |d²F/dt²| h² over |F|: of steps that hide no pulse, and of parts that show it to `WITHIN` looks
 BENDS, SHOWN = 100.0, 1.0
 NOTHING = 0.01  # of tol: what a force may do all along the run without being looked at
-BOUNDED = 2_000  # operations of a force whose bounds along a step are worth their set-up
+# groups of steps that bounds are made for at once, and steps whose forces these are compared to
+GROUPS, SAMPLED = 8, 32
 AT_ONCE = 20_000  # points of forces in one call
 BLIND = 64  # parts into which steps are cut without such bounds
-
-Rows = Callable[..., list[np.ndarray]]  # (c, arguments) → values at many points
 
 
 class Parts(NamedTuple):
@@ -61,13 +56,15 @@ def missed_impulse(
         return 0.0
     count = len(motion) - 1
     every = Parts(np.arange(count), np.zeros(count), np.ones(count))
-    mass = _push(system)(motion.c, motion.q[:1], motion[:1].v, motion.t[:1, None])[1][0]
+    mass = push(system)(motion.c, motion.q[:1], motion[:1].v, motion.t[:1, None])[1][0]
     mass = np.where(mass > 0, mass, mass.max(initial=0.0) or 1.0)
     left = abs(motion.t[-1] - motion.t[:-1])[:, None]
     error = left / mass / scales  # of an impulse in a step
     nothing = NOTHING * tol / (error * abs(motion.t[-1] - motion.t[0]))
     nodes, weights = np.array(rule.nodes), np.array(rule.weights)
     few = _few(nodes)
+    if _smooth_at_once(system, motion, every, nodes[few], nothing):
+        return 0.0
     size, _ = _impulses(system, motion, every, nodes[few], weights[few])
     if not _may_hide(system, motion, every, BENDS * size, nothing).any():
         return 0.0  # less than what all looks would show
@@ -85,6 +82,33 @@ def missed_impulse(
     return float((missed * error[doubtful]).sum(axis=0).max())
 
 
+@np.errstate(all="ignore")  # infinite where nothing is certain
+def _smooth_at_once(
+    system: System, motion: Trajectory, every: Parts, nodes: np.ndarray, nothing: np.ndarray
+) -> bool:
+    """Whether bounds for many steps at once show that none of them hides anything, beside the force
+    in the middle of some of them.
+    """
+    of_many, count = bounds_of_many(system), len(every.step)
+    if of_many is None:
+        return False
+    few, groups = min(SAMPLED, count), min(GROUPS, count)
+    some = np.arange(few) * count // few
+    size, _ = _impulses(system, motion, every.at(some), nodes, np.zeros(len(nodes)))
+    first = np.arange(groups) * count // groups
+    last = np.arange(1, groups + 1) * count // groups
+    h = np.diff(motion.t)[:, None]
+    v = np.diff(motion.q, axis=0) / h
+    ends = [f.reduceat(x, first) for x in (motion.q, v) for f in (np.minimum, np.maximum)]
+    for f, x in zip((np.minimum, np.maximum), ends, strict=False):
+        f(x, motion.q[last], out=x)
+    begin, end = motion.t[first, None], motion.t[last, None]
+    low, high, down, up = of_many(motion.c, *ends, begin, end)
+    longest = np.maximum.reduceat(h**2, first)
+    bends = np.maximum(-down, up) * longest <= BENDS * np.median(size, axis=0)
+    return bool((bends | (np.maximum(-low, high) <= nothing.min(axis=0))).all())
+
+
 def looks_in_order(rule: Rule) -> tuple[np.ndarray, int]:
     """Parts of a step at which `missed_impulse` looks, and at how many of them first."""
     nodes = np.array(rule.nodes)
@@ -96,21 +120,11 @@ def _few(nodes: np.ndarray) -> slice:
     return slice(None, None, max(len(nodes) // LOOKS, 1))
 
 
-def forces_as_data(system: System) -> tuple[RowFunction | None, RowFunction | None] | None:
-    """What the first look of `missed_impulse` asks for, where it is data: (q, v, t) → forces and
-    the diagonal of M; both ends of a part → bounds. None of scenes without explicit time.
-    """
-    if system.structure.autonomous:
-        return None
-    bounds = _bounds(system)
-    return as_data(_push(system)), bounds and as_data(bounds)
-
-
 def _shown(
     system: System, motion: Trajectory, parts: Parts, usual: np.ndarray, nothing: np.ndarray
 ) -> Iterator[Parts]:
     """Parts that make up these, each small enough to be seen by a few looks."""
-    if _bounds(system) is None:
+    if bounds(system) is None:
         yield parts.cut(BLIND)
         return
     for _ in range(LEVELS):
@@ -128,12 +142,12 @@ def _may_hide(
     system: System, motion: Trajectory, parts: Parts, smooth: np.ndarray, nothing: np.ndarray
 ) -> np.ndarray:
     """Whether the force may bend by more than `smooth` within parts, and be more than nothing."""
-    bounds = _bounds(system)
-    if bounds is None:
+    of_part = bounds(system)
+    if of_part is None:
         return np.ones(len(parts.step), dtype=bool)
     ends = _on_way(motion, parts.step, parts.begin), _on_way(motion, parts.step, parts.end)
     (q0, _, t0), (q1, _, t1) = ends
-    low, high, down, up = bounds(motion.c, q0, q1, t0, t1)
+    low, high, down, up = of_part(motion.c, q0, q1, t0, t1)
     bends = np.maximum(-down, up) * (t1 - t0) ** 2 <= smooth[parts.step]
     return ~(bends | (np.maximum(-low, high) <= nothing[parts.step])).all(axis=1)
 
@@ -158,55 +172,10 @@ def _impulses(
         some = nodes[i : i + at_once]
         each = np.tile(parts.step, len(some))
         within = (parts.begin + some[:, None] * (parts.end - parts.begin)).ravel()
-        force = _push(system)(motion.c, *_on_way(motion, each, within))[0].reshape(
+        force = push(system)(motion.c, *_on_way(motion, each, within))[0].reshape(
             len(some), count, n
         )
         for weight, one in zip(weights[i : i + at_once], force, strict=True):
             largest, total = np.maximum(largest, np.abs(one)), total + weight * one
     h = (motion.t[parts.step + 1] - motion.t[parts.step]) * (parts.end - parts.begin)
     return largest, total * h[:, None]
-
-
-def _force(system: System) -> ca.SX:
-    """∂L/∂q + F without controls."""
-    s = system
-    force = ca.substitute(s.force, s.control, ca.SX.zeros(s.control.shape))
-    return ca.densify(ca.gradient(s.lagrangian, s.q) + force)
-
-
-@per_system
-def _push(system: System) -> Rows:
-    """(c, q, v, t) → the force and the diagonal of M."""
-    s = system
-    mass = ca.densify(ca.fabs(ca.diag(s.mass_matrix)))
-    return at_many_points("push", [s.q, s.v, s.t], s.c, [_force(s), mass])
-
-
-@per_system
-def _bounds(system: System) -> Rows | None:
-    """(c, q at both ends of a part, when it begins and ends) → bounds of the force and of its
-    second derivative in time on the straight line between; None where they take too much to be set
-    up.
-    """
-    s, force = system, _force(system)
-    value = ca.Function("force", [s.q, s.v, s.t, s.c], [force])
-    if value.n_instructions() > BOUNDED:
-        return None
-    q0, q1 = ca.SX.sym("q0", s.structure.n), ca.SX.sym("q1", s.structure.n)
-    begin, end = ca.SX.sym("begin"), ca.SX.sym("end")
-    speeds = [point(x) for x in ca.vertsplit((q1 - q0) / (end - begin))]
-    ways = [_hull(*x) for x in zip(ca.vertsplit(q0), ca.vertsplit(q1), strict=True)]
-    path = [Jet(way, speed, ZERO) for way, speed in zip(ways, speeds, strict=True)]
-    still = [Jet(x, ZERO, ZERO) for x in (*speeds, *map(point, ca.vertsplit(s.c)))]
-    clock, n = Jet(_hull(begin, end), point(1.0), ZERO), len(speeds)
-    jets = enclosures(value, [path, still[:n], [clock], still[n:]])
-    ends = [
-        ca.densify(ca.vertcat(*(getattr(interval, side) for interval in of_all)))
-        for of_all in ([x.value for x in jets], [x.curvature for x in jets])
-        for side in ("low", "high")
-    ]
-    return at_many_points("bounds", [q0, q1, begin, end], s.c, ends)
-
-
-def _hull(a: ca.SX, b: ca.SX) -> Interval:
-    return Interval(ca.fmin(a, b), ca.fmax(a, b))

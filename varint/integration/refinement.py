@@ -18,6 +18,7 @@ from varint.integration.error_scale import error_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
 from varint.integration.round_off import GROWS, growth_of, rounding
+from varint.integration.rule_choice import iteration_level
 from varint.integration.run_distance import differences, ends_apart, with_early
 from varint.integration.second_looks import Trial, has_steps, luck, start_rounding, transient
 from varint.integration.small_motions import decay_rates, frequencies
@@ -25,6 +26,7 @@ from varint.integration.two_runs import (
     EVIDENCE,
     FLOOR,
     GAIN,
+    LEFT,
     MIDDLE,
     STALLED,
     STILL,
@@ -39,6 +41,7 @@ from varint.scene.system import System
 MOST_STEPS, MOST_INTERPRETED = 60_000_000, 1_000_000
 CAUTION = 0.75  # of the order that was seen is counted on
 SPARE = 1.1  # more steps than the estimate asks for
+LEAST_ORDER = 0.5  # is counted on whatever runs show
 NO_DIGITS = 0.01  # of the motion's size: runs that far apart say nothing but that h is too large
 PATIENCE = 5  # times that it may, before round-off or chaos is taken for the cause
 CERTAIN = 2  # times, where there were digits already and nothing jumps
@@ -66,8 +69,10 @@ def refine(
     """Runs with more and more steps until the estimate meets tol, or they stop to come together."""
     before: tuple[int, Trajectory] | None = None
     apart, growth, order, stalls, runs, best = math.inf, 1.0, None, 0, 0, None
+    shown = math.inf  # order of the last two pairs of runs, however large
     by_order = math.inf  # what the rule's order leaves of the first difference with digits
     smooth = shows_its_error(system) and not has_steps(system)
+    solved = start.steps == 1 and shows_its_error(system)  # iterations go on to round-off
     quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
     s = system.structure
@@ -87,6 +92,7 @@ def refine(
                 return replace(found, runs=found.runs + runs)
             require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
             before, apart, by_order, order, steps = None, math.inf, math.inf, None, 2 * steps
+            shown = math.inf
             continue
         if before is None:
             before, steps = (steps, motion), 2 * steps
@@ -97,7 +103,7 @@ def refine(
         missed = 0.0 if over_jumps else missed_impulse(system, rule, motion, scales, tol)
         if missed > tol:
             # a pulse passed over: what such runs agree on says nothing
-            before, apart, order, stalls = (steps, motion), math.inf, None, 0
+            before, apart, order, stalls, shown = (steps, motion), math.inf, None, 0, math.inf
             if 2 * steps > min(most, ENOUGH):
                 best = Choice(rule, steps, motion, missed, runs, False)
                 break
@@ -112,7 +118,9 @@ def refine(
         # no smooth motion comes together faster than by the rule's order: less is luck
         apart = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
         if ratio == 2 and last < math.inf:
-            order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), rule.order)
+            drop = math.log2(max(last, FLOOR) / max(apart, FLOOR))
+            order = min(max(drop if over_jumps else min(drop, shown), LEAST_ORDER), rule.order)
+            shown = drop
         before = steps, motion
         rounded = rounding(apart, radians, steps, growth)
         stalled = apart > STALLED * last and _resolves(motion)
@@ -131,9 +139,12 @@ def refine(
                 best = best and replace(best, estimate=max(best.estimate, apart))
                 break
         if order is not None and apart < NO_DIGITS:
-            counted = ratio ** (-CAUTION * order)
+            # far below the rule's it is that of steps that do not resolve the motion yet
+            lasting = order if over_jumps else max(order * (order / rule.order), LEAST_ORDER)
+            counted = ratio ** (-CAUTION * lasting)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
-            estimate = max(apart * counted / (1 - counted), rounded, floor)
+            left = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
+            estimate = max(apart * counted / (1 - counted), rounded, floor, left)
             hidden = begins = 0.0
             if estimate <= tol:
                 if over_jumps:

@@ -23,7 +23,7 @@ from varint.scene.system import System
 OTHER_STEPS = (0.87, 0.38), (0.77, -0.38), (0.67, 0.62), (0.81, -0.24), (0.73, 0.24), (0.93, -0.62)
 DRAWS = 3  # of them, that come to their end
 CHANCE = 1.5  # of the largest difference: the other runs err as well
-TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 16  # first steps that are done once more, in so many parts
+TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 4  # first steps that are done once more, in so many parts
 
 # (rule, steps, one of so many parts of them, `beyond` the end, the way of the start's last
 # `digits`) → the run; None where it failed

@@ -108,9 +108,7 @@ def _by_the_core(
 ) -> Trajectory | int | None:
     assert room.look is not None
     (t0, duration), _ = span, room.look()
-    numbers, half = room.local.tolist(), known.n * known.n
-    fastest = frequency_of_columns(numbers[:half], numbers[half:], known.n)
-    radians, begin = angles_turned(duration, fastest, ahead)
+    radians, begin = angles_turned(duration, _fastest(known, room.local), ahead)
     which = cheapest(known.changes, begin, tol)
     price, loop = known.rules[which], known.loops[which]
     if loop is None:
@@ -145,6 +143,18 @@ def _by_the_core(
     return looked_at(rule, motion, found.estimate, tol) if found.doubted else motion
 
 
+def _fastest(known: _Known, local: np.ndarray) -> float | None:
+    """Of the small motions of these masses and derivatives of forces, which a linear scene has
+    wherever it begins.
+    """
+    numbers, last = local.tobytes(), known.last[0]
+    if last[0] != numbers:
+        columns, half = local.tolist(), known.n * known.n
+        last = numbers, frequency_of_columns(columns[:half], columns[half:], known.n)
+        known.last[0] = last
+    return last[1]
+
+
 def looked_at(rule: Rule, motion: Trajectory, estimate: float, tol: float) -> Trajectory | int:
     """The motion with what a closer look says of its error; NOT_PROVED where that is too much."""
     estimate = max(estimate, looked_at_closely(rule, motion, None, tol))
@@ -165,7 +175,8 @@ class _Loop:
 @dataclass(frozen=True, eq=False)
 class _Known:
     """Of a scene: coordinates, rooms that nobody uses, rules, their prices and which is the
-    cheapest when, their loops as far as they were asked for, and whether steps may vary.
+    cheapest when, their loops as far as they were asked for, whether steps may vary, and the last
+    local numbers of a start as bytes and the fastest frequency of these.
     """
 
     n: int
@@ -174,6 +185,7 @@ class _Known:
     changes: tuple[list[float], list[int]]
     loops: list[_Loop | None]
     varies: bool
+    last: list[tuple[bytes, float | None]]
 
 
 @per_scene
@@ -191,7 +203,9 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
     rules = {MAPPED: 1.0} if driven else rules
     prices = priced(rules)
     varies = may_vary(system, rule)
-    return _Known(n, rooms(system, True), prices, changes(prices), [None] * len(prices), varies)
+    return _Known(
+        n, rooms(system, True), prices, changes(prices), [None] * len(prices), varies, [(b"", 0.0)]
+    )
 
 
 def _begins_by_symbols(system: System) -> bool:

@@ -18,18 +18,26 @@ from varint.integration.energy_leap import energy_alarm
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.hidden import missed_impulse
 from varint.integration.linear_run import REPEATED, driven_kernel
+from varint.integration.narrow_places import PARTS as NARROW
+from varint.integration.narrow_places import (
+    UNCERTAIN,
+    narrow_place,
+    parted_by,
+    scales_with_momenta,
+)
 from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
-from varint.integration.refinement import CAUTION, NO_DIGITS
+from varint.integration.refinement import CAUTION, LEAST_ORDER, NO_DIGITS
 from varint.integration.round_off import rounding
 from varint.integration.rule_choice import (
     ROUGH,
     Priced,
     first_steps,
+    iteration_level,
     priced,
 )
 from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
-from varint.integration.two_runs import FLOOR, STALLED
+from varint.integration.two_runs import FLOOR, LEFT, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -37,7 +45,6 @@ from varint.scene.system import System
 
 RUNS = 8  # after which it is given up
 PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of a drive's period
-LEAST_ORDER = 0.5  # is counted on where two runs are all that there is
 TELLS = 0.1  # difference of two runs that tells of an order
 SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
@@ -70,8 +77,9 @@ def by_short_refinement(
     quadratic = system.structure.quadratic_kinetic
     driven = driven_kernel(system, rule) if backend == "auto" else None
 
-    def run(steps: int, count: int) -> PlainTrial | None:
-        problem = first_steps_of(start, rule, steps, count, tol)
+    def run(steps: int, count: int, begin: InitialValueProblem = start) -> PlainTrial | None:
+        problem = first_steps_of(begin, rule, steps, count, tol)
+        problem = problem._replace(level=iteration_level(tol, count))
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
         found = kernel and run_at_once(system, rule, problem, kernel, short=False)
@@ -91,6 +99,26 @@ def by_short_refinement(
         a, b = one.found.rows[:: few // unit, 0], other.found.rows[:: many // unit, 0]
         count = min(len(a), len(b))
         return np.abs(a[:count] - b[:count]).max(axis=0)
+
+    def made_at_once(
+        one: PlainTrial, few: int, other: PlainTrial, many: int, off: float, scales: np.ndarray
+    ) -> float:
+        """Error of the finer run where it is made at a narrow place, 0 where it is not."""
+        unit = math.gcd(few, many)
+        each, rows = many // unit, other.found.rows[:, :2]
+        both = scales_with_momenta(rows, scales)
+        differ = parted_by(one.found.rows[:: few // unit, :2], rows[::each], both)
+        k = narrow_place(differ)
+        if not k:
+            return 0.0
+        (q, p), t = rows[each * (k - 1)], start.h / many * (each * (k - 1)) + start.t0
+        end = min(k + 1, unit)  # it may end in the next part
+        count = NARROW * each * (end - k + 1)
+        fine = run(NARROW * many, count, start._replace(q0=q, p0=p, t0=t))
+        if fine is None:
+            return math.inf
+        made = parted_by(fine.found.rows[-1, :2], rows[each * end], both)
+        return float(UNCERTAIN * off * made / differ[k])
 
     first = refined_first(system, priced({rule: 1.0})[0], radians, tol)
     before: tuple[int, PlainTrial] | None = None
@@ -122,7 +150,15 @@ def by_short_refinement(
         size = np.abs(motion.found.rows[:, 0]).max(axis=0)
         least = max(FLOOR, REPEATED * steps**2) if motion.kernel is driven else FLOOR
         floor = least * float((size / scales).max(initial=1.0))
-        estimate = max(_left(off, ratio, order, rule.order), rounded, floor)
+        solved = motion.kernel is driven  # by one map: without iterations
+        iterated = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
+        estimate = max(_left(off, ratio, order, rule.order), rounded, floor, iterated)
+        counted = (
+            not solved and math.gcd(before[0], steps) >= SHARED
+        )  # on an order, which may be luck
+        if counted and off < NO_DIGITS and estimate <= tol:
+            made = made_at_once(before[1], before[0], motion, steps, off, scales)
+            estimate = max(estimate, made)
         if off < NO_DIGITS and estimate <= tol:
             few = max(min(TRANSIENT_STEPS, steps // FEW), 1)
             fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS)

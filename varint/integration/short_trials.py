@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 import varint.integration.hidden as hidden
+import varint.integration.narrow_places as narrow
 import varint.integration.refinement as searched
 import varint.integration.round_off as limited
 import varint.integration.second_looks as seconds
@@ -34,6 +35,7 @@ from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
+from varint.integration.force_bounds import forces_as_data
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.linear_run import REPEATED, driven_kernel
 from varint.integration.plan import plan
@@ -68,7 +70,8 @@ _REFINED = np.array(
         *(refined.SHARED, decided.STALLED, refined.PATIENCE),
         *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS, refined.FEW),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
-        *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING),
+        *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
+        *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN),
     ]
 )
 
@@ -181,7 +184,10 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
         if not kept:
-            forces, looks = hidden.forces_as_data(system), hidden.looks_in_order(rule)
+            forces, looks = (
+                forces_as_data(system),
+                (*hidden.looks_in_order(rule), hidden.GROUPS, hidden.SAMPLED),
+            )
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
             return refined_course(*how, body, turns, repeated)

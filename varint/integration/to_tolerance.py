@@ -94,10 +94,10 @@ def simulate_to_tolerance(
     if not watches and options.checkpoint is None and options.on_failure == "raise":
         motion = choice.motion
         if choice.level:
-            leap = energy_leap(motion)
+            leap = energy_leap(motion, tol)
             alarm = leap and leap.alarm()
         else:
-            alarm = energy_alarm(motion)
+            alarm = energy_alarm(motion, tol)
         if alarm:
             warnings.warn(alarm, stacklevel=3)
         motion = motion if every == 1 else subsample(motion, every)

@@ -217,7 +217,10 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     grown, made = _by_round_off(course, last, wanted, tol) if start_growth >= GROWS else (0.0, 0)
     last = last._replace(estimate=max(last.estimate, grown), runs=last.runs + made)
     limited = still and doubted and last.estimate <= tol  # energies hide how small errors are
-    if limited or grown > tol or (short and apart > HOPELESS * tol):  # or that, whatever the steps
+    # a narrow place that steps are too long for looks like growth: round-off that was measured
+    # and is small says that it is none
+    hopeless = short and apart > HOPELESS * tol and not (made and grown <= tol)
+    if limited or grown > tol or hopeless:  # whatever the steps
         return last
     return None
 

@@ -18,7 +18,8 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
-        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, repeated;
+        transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
+        at_once, part_of_it, narrow_parts, uncertain, repeated;
 } Limits;
 
 /* That of two_runs_core.c, whose `take_run` takes the run. */
@@ -33,11 +34,11 @@ typedef struct {
     const void *scene;
     int (*rows)(const RowsArguments *);
     const void *balance;       /* (q, p, t) to the energy and the power of forces and explicit time */
-    const void *push, *bounds; /* those of varint/integration/hidden.py; 0: closer looks are taken elsewhere */
+    const void *push, *bounds, *bounds_of_many; /* those of varint/integration/force_bounds.py; 0: closer looks are taken elsewhere */
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
     const double *looks;         /* parts of a step at which forces are looked at, a few of them first */
-    int64_t n, carry, order, timed, few, looked, most, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
+    int64_t n, carry, order, timed, looked, few, groups, sampled, most, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
@@ -51,23 +52,29 @@ typedef struct {
     int lost;
 } Attempt;
 
-/* The first `count` of so many steps; false where there was no memory, or they are too many. */
-static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
+/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+static double level_for(const Refined *a, int64_t steps) {
+    const double often = a->limits->secular / ((double)steps * (double)steps);
+    return a->tol * (a->limits->level < often ? a->limits->level : often);
+}
+
+/* The first `count` of so many steps from a start; false where there was no memory, or they are too many. */
+static int try_from(const Refined *a, const double *start, double t0, int64_t steps, int64_t count, Attempt *to) {
     const Limits *const l = a->limits;
     const int64_t n = a->n;
     if (count > a->longest) return 0;
     free(to->rows);
     to->rows = malloc((3 * n * (count + 1) + a->carry + 3 * n + sizeof(RunStats) / sizeof(double)) * sizeof(double));
     if (!to->rows) return 0;
-    double *const carry = to->rows + 3 * n * (count + 1), often = l->secular / ((double)steps * (double)steps);
+    double *const carry = to->rows + 3 * n * (count + 1);
     RunStats *const stats = (RunStats *)(carry + a->carry);
     carry[0] = 0;
     to->steps = steps, to->count = count, to->lost = 0, to->iterations = to->residual = 0;
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
-            .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
-            .level = a->tol * (l->level < often ? l->level : often), .start = a->start, .c = a->c,
+            .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = t0, .h = a->duration / steps,
+            .level = level_for(a, count), .start = start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
@@ -75,6 +82,10 @@ static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) 
     }
     if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
     return 1;
+}
+
+static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
+    return try_from(a, a->start, a->t0, steps, count, to);
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -95,6 +106,51 @@ static double left_of(const Refined *a, double apart, double ratio, double order
     const double sure = order * (order / (double)a->order), least = a->limits->least_order,
                  counted = pow(ratio, -(ratio >= a->limits->far ? a->limits->caution : a->limits->less) * (sure > least ? sure : least));
     return apart * counted / (1 - counted);
+}
+
+/* The largest difference of two nodes by the scales of coordinates and momenta. */
+static double parted_by(int64_t n, const double *one, const double *other, const double *scales) {
+    double largest = 0;
+    for (int64_t d = 0; d < 2 * n; d++) {
+        const double off = fabs(one[d] - other[d]) / scales[d];
+        largest = off > largest ? off : largest;
+    }
+    return largest;
+}
+
+/* Error of a run whose steps err at once where the scene is narrow: by what they make there when done in parts, over what the
+   coarser run is off by at that place; 0 where errors grow bit by bit, infinite where the parts fail.
+   varint/integration/narrow_places.py says why. */
+static double made_at_once(const Refined *a, const Attempt *before, const Attempt *now, double off, const double *of_coordinates) {
+    const Limits *const l = a->limits;
+    const int64_t n = a->n, unit = common_divisor(before->steps, now->steps), few = 3 * n * (before->steps / unit),
+                  each = now->steps / unit, many = 3 * n * each, parts = (int64_t)l->narrow_parts;
+    double scales[2 * n], largest = 0, last = 0, here = 0, made = 0;
+    for (int64_t d = 0; d < n; d++) {
+        scales[d] = of_coordinates[d], scales[n + d] = 0;
+        for (int64_t k = 0; k <= now->count; k++) {
+            const double p = fabs(now->rows[3 * n * k + n + d]);
+            scales[n + d] = p > scales[n + d] ? p : scales[n + d];
+        }
+        if (!(scales[n + d] > 0)) scales[n + d] = INFINITY;
+    }
+    for (int64_t k = 1; k <= unit; k++) {
+        const double apart = parted_by(n, before->rows + few * k, now->rows + many * k, scales);
+        largest = apart > largest ? apart : largest;
+    }
+    int64_t k = 0;
+    do last = here, k++, here = parted_by(n, before->rows + few * k, now->rows + many * k, scales);
+    while (k < unit && here < l->part_of_it * largest);
+    if (!(here > l->at_once * last)) return 0;
+    const int64_t end = k < unit ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
+    Attempt fine = {0};
+    const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
+    if (!try_from(a, now->rows + many * (k - 1), t0, parts * now->steps, parts * each * over, &fine) || fine.lost)
+        made = INFINITY;
+    else
+        made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
+    free(fine.rows);
+    return made;
 }
 
 /* The largest coordinate over its scale, one at least. */
@@ -144,15 +200,17 @@ static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, i
     return 1;
 }
 
-/* Largest forces in every step, on the straight line between its nodes, at more of the places of the rule: `largest`. */
-static int look_at_forces(const Refined *a, const Attempt *run, const double *t, int64_t first, int64_t last, double *largest,
-                          double *room) {
-    const int64_t n = a->n, steps = run->count;
+/* Largest forces in so many of the steps, on the straight line between their nodes, at more of the places of the rule:
+   `largest`. */
+static int look_at_forces(const Refined *a, const Attempt *run, const double *t, int64_t steps, int64_t first, int64_t last,
+                          double *largest, double *room) {
+    const int64_t n = a->n;
     double *const q = room, *const v = q + n * steps, *const at = v + n * steps, *const force = at + steps, *const mass = force + n * steps;
     for (int64_t i = first; i < last; i++) {
         for (int64_t k = 0; k < steps; k++) {
-            const double *const here = run->rows + 3 * n * k, h = t[k + 1] - t[k];
-            at[k] = t[k] + a->looks[i] * h;
+            const int64_t step = k * run->count / steps;
+            const double *const here = run->rows + 3 * n * step, h = t[step + 1] - t[step];
+            at[k] = t[step] + a->looks[i] * h;
             for (int64_t d = 0; d < n; d++) {
                 const double way = here[3 * n + d] - here[d];
                 q[n * k + d] = here[d] + a->looks[i] * way, v[n * k + d] = way / h;
@@ -166,13 +224,20 @@ static int look_at_forces(const Refined *a, const Attempt *run, const double *t,
     return 1;
 }
 
+/* The middle one of so many numbers, or between two of them; their order changes. */
+static double middle_of(double *x, int64_t many) {
+    place(x, 0, many - 1, many / 2);
+    const double upper = x[many / 2];
+    if (many % 2) return upper;
+    place(x, 0, many - 1, many / 2 - 1);
+    return (upper + x[many / 2 - 1]) / 2;
+}
+
 /* Each one's largest neighbour, and the middle of all steps at least. */
 static void set_usual(int64_t n, int64_t steps, const double *largest, double *usual, double *room) {
     for (int64_t d = 0; d < n; d++) {
         for (int64_t k = 0; k < steps; k++) room[k] = largest[n * k + d];
-        place(room, 0, steps - 1, steps / 2);
-        double middle = room[steps / 2];
-        if (steps % 2 == 0) place(room, 0, steps - 1, steps / 2 - 1), middle = (middle + room[steps / 2 - 1]) / 2;
+        const double middle = middle_of(room, steps);
         for (int64_t k = 0; k < steps; k++) {
             const double here = largest[n * k + d], before = largest[n * ((k + steps - 1) % steps) + d],
                          behind = largest[n * ((k + 1) % steps) + d], beside = before > behind ? before : behind,
@@ -182,18 +247,68 @@ static void set_usual(int64_t n, int64_t steps, const double *largest, double *u
     }
 }
 
+/* Error at the end of an impulse at a node, so long before it. */
+static double error_of(const Refined *a, int64_t d, double left, const double *scales) {
+    double most = 0;
+    for (int64_t i = 0; i < a->n; i++) {
+        const double m = fabs(a->mass[a->apart * i]);
+        most = m > most ? m : most;
+    }
+    const double m = fabs(a->mass[a->apart * d]);
+    return left / (m > 0 ? m : most > 0 ? most : 1) / scales[d];
+}
+
+/* Whether bounds for many steps at once do so already. */
+static int shows_at_once(const Refined *a, const Attempt *run, const double *t, const double *scales, double *room) {
+    const int64_t n = a->n, steps = run->count, groups = a->groups < steps ? a->groups : steps, some = a->sampled < steps ? a->sampled : steps;
+    double *const q_low = room, *const q_high = q_low + n * groups, *const v_low = q_high + n * groups, *const v_high = v_low + n * groups,
+           *const begin = v_high + n * groups, *const end = begin + groups, *const low = end + groups, *const high = low + n * groups,
+           *const down = high + n * groups, *const up = down + n * groups, *const longest = up + n * groups, *const largest = longest + groups,
+           *const rest = largest + n * some;
+    const double total = fabs(t[steps] - t[0]);
+    if (!a->bounds_of_many) return 0;
+    for (int64_t g = 0; g < groups; g++) {
+        const int64_t first = g * steps / groups, last = (g + 1) * steps / groups;
+        begin[g] = t[first], end[g] = t[last], longest[g] = 0;
+        for (int64_t d = 0; d < n; d++) {
+            const double x = run->rows[3 * n * first + d];
+            q_low[n * g + d] = q_high[n * g + d] = x, v_low[n * g + d] = INFINITY, v_high[n * g + d] = -INFINITY;
+        }
+        for (int64_t k = first; k < last; k++) {
+            const double *const here = run->rows + 3 * n * k, h = t[k + 1] - t[k];
+            longest[g] = h * h > longest[g] ? h * h : longest[g];
+            for (int64_t d = 0; d < n; d++) {
+                const int64_t i = n * g + d;
+                const double x = here[3 * n + d], v = (x - here[d]) / h;
+                q_low[i] = x < q_low[i] ? x : q_low[i], q_high[i] = x > q_high[i] ? x : q_high[i];
+                v_low[i] = v < v_low[i] ? v : v_low[i], v_high[i] = v > v_high[i] ? v : v_high[i];
+            }
+        }
+    }
+    const RowsArguments asked = {.count = groups, .c = a->c, .scene = a->bounds_of_many,
+                                 .arguments = {q_low, q_high, v_low, v_high, begin, end}, .apart = {n, n, n, n, 1, 1},
+                                 .results = {low, high, down, up}, .widths = {n, n, n, n}};
+    memset(largest, 0, n * some * sizeof(double));
+    if (a->rows(&asked) != DONE || !look_at_forces(a, run, t, some, 0, a->few, largest, rest)) return 0;
+    for (int64_t d = 0; d < n; d++) {
+        for (int64_t k = 0; k < some; k++) rest[k] = largest[n * k + d];
+        const double smooth = a->limits->bends * middle_of(rest, some),
+                     nothing = a->limits->nothing * a->tol / (error_of(a, d, total, scales) * total);
+        for (int64_t g = 0; g < groups; g++) {
+            const int64_t i = n * g + d;
+            if (-down[i] * longest[g] <= smooth && up[i] * longest[g] <= smooth) continue;
+            if (!(-low[i] <= nothing && high[i] <= nothing)) return 0;
+        }
+    }
+    return 1;
+}
+
 /* Whether bounds rule out that forces bend sharply within a step, as `missed_impulse` asks at a few places and then at all. */
 static int shows_forces(const Refined *a, const Attempt *run, const double *t, const double *scales, double *room) {
     const int64_t n = a->n, steps = run->count;
     double *const largest = room, *const bound = largest + n * steps, *const usual = bound + 4 * n * steps, *const rest = usual + n * steps;
     double *const low = bound, *const high = low + n * steps, *const down = high + n * steps, *const up = down + n * steps;
     const double total = fabs(t[steps] - t[0]);
-    double most = 0;
-    for (int64_t d = 0; d < n; d++) {
-        const double m = fabs(a->mass[a->apart * d]);
-        most = m > most ? m : most;
-    }
-    if (!(most > 0)) most = 1;
     const RowsArguments asked = {.count = steps, .c = a->c, .scene = a->bounds,
                                  .arguments = {run->rows, run->rows + 3 * n, t, t + 1}, .apart = {3 * n, 3 * n, 1, 1},
                                  .results = {low, high, down, up}, .widths = {n, n, n, n}};
@@ -202,14 +317,13 @@ static int shows_forces(const Refined *a, const Attempt *run, const double *t, c
     for (int pass = 0; pass < 2; pass++) {
         const int64_t first = pass ? a->few : 0, last = pass ? a->looked : a->few;
         int hides = 0;
-        if (!look_at_forces(a, run, t, first, last, largest, rest)) return 0;
+        if (!look_at_forces(a, run, t, steps, first, last, largest, rest)) return 0;
         if (pass) set_usual(n, steps, largest, usual, rest);
         const double *const size = pass ? usual : largest;
         for (int64_t k = 0; k < steps && !hides; k++) {
             const double h = t[k + 1] - t[k], left = fabs(t[steps] - t[k]);
             for (int64_t d = 0; d < n; d++) {
-                const double m = fabs(a->mass[a->apart * d]), error = left / (m > 0 ? m : most) / scales[d];
-                const double nothing = a->limits->nothing * a->tol / (error * total), smooth = a->limits->bends * size[n * k + d];
+                const double nothing = a->limits->nothing * a->tol / (error_of(a, d, left, scales) * total), smooth = a->limits->bends * size[n * k + d];
                 const int64_t i = n * k + d;
                 if (-down[i] * (h * h) <= smooth && up[i] * (h * h) <= smooth) continue;
                 if (!(-low[i] <= nothing && high[i] <= nothing)) hides = 1;
@@ -226,13 +340,13 @@ static void set_times(const Refined *a, const Attempt *run, double *t) {
 
 /* What nodes do not tell by their differences alone. */
 static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *scales) {
-    const int64_t n = a->n, steps = run->count, all = steps + fine->count + 2, looked = a->timed ? (10 * n + 1) * steps : 0;
+    const int64_t n = a->n, steps = run->count, all = steps + fine->count + 2, looked = a->timed ? (10 * n + 1) * steps + (8 * n + 3) * a->groups : 0;
     if (a->timed && !(a->push && a->bounds)) return 1;
     double *const t = malloc((all + (looked > 2 * all ? looked : 2 * all)) * sizeof(double));
     if (!t) return 1;
     double *const room = t + all;
     set_times(a, run, t), set_times(a, fine, t + steps + 1);
-    const int sure = balanced(a, run, fine, parts, t, room) && (!a->timed || shows_forces(a, run, t, scales, room));
+    const int sure = balanced(a, run, fine, parts, t, room) && (!a->timed || shows_at_once(a, run, t, scales, room) || shows_forces(a, run, t, scales, room));
     free(t);
     return !sure;
 }
@@ -267,10 +381,16 @@ int refined(const Refined *a) {
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
             const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
+                         iterated = l->repeated > 0 ? 0 : l->left * level_for(a, steps) * sqrt((double)steps),
                          floor = (repeated > l->floor ? repeated : l->floor) * size_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
             estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
+            estimate = estimate > iterated ? estimate : iterated;
+            if (unit >= (int64_t)l->shared && !(l->repeated > 0) && off < l->no_digits && estimate <= a->tol) {
+                const double made = made_at_once(a, &before, &now, off, scales);
+                estimate = estimate > made ? estimate : made;
+            }
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t third = steps / (int64_t)l->few > 1 ? steps / (int64_t)l->few : 1, most = (int64_t)l->transient_steps,
                               few = third < most ? third : most, parts = (int64_t)l->transient_parts;
