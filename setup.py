@@ -39,6 +39,8 @@ NAMES = (
     "crossings_",
     "switches_",
     "tape_",
+    "algebra_",
+    "dependence_",
 )  # the first two for every shape
 # numbers in a vector: those of a register, and shorter ones for few stages; vectors up to 12 stages
 SHAPES = {

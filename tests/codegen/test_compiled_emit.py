@@ -282,6 +282,29 @@ def test_equal_operations_become_one_whether_they_were_before_or_not(make):
     assert (first.nodes, first.outputs) == (second.nodes, second.outputs)
 
 
+def test_a_sum_times_a_number_that_cancels_is_zero():
+    """What CasADi does not see to be zero; a factor that all terms have is no zero."""
+    x, c = ca.SX.sym("x", 2), ca.SX.sym("c")
+    nothing = (1 + x[0]) - 1.5 * x[0] + 0.5 * x[0] - 1
+    f = ca.Function("f", [x, c], [ca.cos(nothing * (x[0] + x[1])) * x[0]])
+    assert f.n_instructions() > 10
+    points = np.random.default_rng(4).uniform(-2, 2, (8, 2))
+    assert (evaluator(f, 8)(points)[:, 0] == points[:, 0]).all()
+
+
+def test_a_sum_of_many_terms_takes_memory_by_its_length():
+    """Each of its parts is a sum of its own; their terms all together are twenty million."""
+    resource = pytest.importorskip("resource")
+    x, c = ca.SX.sym("x", 6000), ca.SX.sym("c")
+    total = x[0]
+    for k in range(1, 6000):
+        total = total + x[k]
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    graph = graph_of(ca.Function("f", [x, c], [total], {"live_variables": False}))
+    assert [node[0] for node in graph.nodes].count("add") == 5999
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB
+
+
 def test_what_depends_on_parameters_alone_is_computed_once():
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
     body = emit("f", ca.Function("f", [x, c], [x * ca.exp(c) / ca.sin(c)])).source.split(

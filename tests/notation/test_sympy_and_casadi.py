@@ -18,7 +18,7 @@ from varint.notation import to_sympy  # noqa: E402
 from varint.notation.from_sympy import FUNCTIONS, casadi_of  # noqa: E402
 from varint.notation.numbers import exact_number  # noqa: E402
 from varint.notation.to_sympy import sympy_of  # noqa: E402
-from varint.numerics.operations import _CODES, BINARY, UNARY  # noqa: E402
+from varint.numerics.operations import BINARY, CODES, UNARY  # noqa: E402
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")
 LETTERS = sp.symbols("x y", real=True)
@@ -36,8 +36,8 @@ def at(e, x: float, y: float) -> float | None:
 
 def in_casadi(name: str) -> ca.SX:
     if name in UNARY:
-        return ca.SX.unary(_CODES[name], X)
-    return ca.SX.binary(_CODES[name], X, Y)
+        return ca.SX.unary(CODES[name], X)
+    return ca.SX.binary(CODES[name], X, Y)
 
 
 @pytest.mark.parametrize("name", sorted(UNARY | BINARY))

@@ -28,7 +28,7 @@ def arranged(f: ca.Function, written_out: int = WRITTEN_OUT) -> Graph:
 
 def forms_of(graph: Graph, last: int, written_out: int) -> Forms | None:
     """The forms of its operations, where they are so many and alike that loops are worth it."""
-    if len(graph.nodes) <= written_out:
+    if len(graph) <= written_out:
         return None
     count, _ = operations(graph, last)
     if count <= written_out:

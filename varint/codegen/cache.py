@@ -17,6 +17,7 @@ import stat
 import sys
 from contextlib import suppress
 from functools import lru_cache
+from itertools import takewhile
 from time import time
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -101,14 +102,16 @@ def _functions() -> tuple[str, ...]:
     return () if newer_functions() else ("-DNO_NEWER_FUNCTIONS",)
 
 
+@lru_cache(maxsize=1)
 def _processor() -> str:
+    wanted = ("model name", "flags", "Features")
     try:
-        with open("/proc/cpuinfo") as file:
-            lines = file.read().split("\n\n")[0].splitlines()
+        with open("/proc/cpuinfo") as file:  # the first processor: many take long to be written
+            lines = [*takewhile(str.strip, file)]
     except OSError:
         return f"{platform.machine()} {platform.processor()} {platform.platform()}"
-    wanted = ("model name", "flags", "Features")
-    return platform.machine() + "".join(x for x in lines if x.split(":")[0].strip() in wanted)
+    found = (x.rstrip("\n") for x in lines if x.split(":")[0].strip() in wanted)
+    return platform.machine() + "".join(found)
 
 
 def vector_length() -> int:

@@ -74,6 +74,24 @@ def arrange_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def algebra_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
+    """c/algebra_core.c, and what takes its graph; raises CompileError as `gauss_loop` does."""
+    entries = _entries("algebra_core.c", ("rearrange", "take_graph"), "{name}_{level}", {})
+    for entry in entries:
+        entry.argtypes, entry.restype = [c_char_p], c_int
+    return entries[0], entries[1]
+
+
+@cache
+def dependence_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
+    """c/dependence_core.c; raises CompileError as `gauss_loop` does."""
+    entries = _entries("dependence_core.c", ("fuse", "halve"), "{name}_{level}", {})
+    for entry in entries:
+        entry.argtypes, entry.restype = [c_char_p], c_int
+    return entries[0], entries[1]
+
+
+@cache
 def contacts_entry() -> Callable[[bytes], int]:
     """c/contacts.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("contacts_core.c", ("contacts",), "{name}_{level}", {})

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from itertools import chain
+import struct
+from dataclasses import replace
+from typing import NamedTuple
 
-from varint.codegen.graph import LEAVES, Graph, operands
+import numpy as np
 
-_SUMS = frozenset(("add", "sub"))
+from varint.codegen.core import dependence_entries
+from varint.codegen.graph import LEAVES, Graph, as_outputs, flat, raise_unless_arranged
+
+_FUSED, _HALVED = struct.Struct("6P3q"), struct.Struct("Pq")  # as in c/dependence_core.c
 
 
 def needed(graph: Graph) -> list[int]:
@@ -50,41 +55,10 @@ def fused(graph: Graph, argument: int) -> Graph:
 
     What depends on nothing but the input `argument` is left as it is.
     """
-    uniform, live, nodes = uniform_nodes(graph, argument), needed(graph), graph.nodes
-    elsewhere = set[int]()  # products that not sums alone take, once it is asked
-    found, places = list[tuple](), [0] * len(nodes)  # in the same order, and different ones as well
-    for i in live:
-        node = nodes[i]
-        name = node[0]
-        places[i] = len(found)
-        if name in LEAVES:
-            found.append(node)
-        elif len(node) == 2:
-            found.append((name, places[node[1]]))
-        elif name not in _SUMS:
-            found.append((name, places[node[1]], places[node[2]]))
-        else:
-            _, a, b = node
-            first = nodes[a][0] == "mul" and not uniform[a]
-            if nodes[b][0] == "mul" and not uniform[b]:
-                if first:
-                    elsewhere = elsewhere or _elsewhere(graph, live)
-                    first = b in elsewhere and a not in elsewhere
-            elif not first:
-                found.append((name, places[a], places[b]))
-                continue
-            kind = "fma" if name == "add" else "fms" if first else "fnma"
-            product, other = (a, b) if first else (b, a)
-            _, x, y = nodes[product]
-            found.append((kind, places[x], places[y], places[other]))
-    outputs = [[places[i] for i in output] for output in graph.outputs]
-    return Graph(found, dict(zip(found, range(len(found)), strict=True)), outputs)
-
-
-def _elsewhere(graph: Graph, live: list[int]) -> set[int]:
-    """What is used, and not in sums alone."""
-    others = (node for i in live if (node := graph.nodes[i])[0] not in _SUMS)
-    return set(chain(*graph.outputs, *(operands(node) for node in others)))
+    made = _Made.beside(graph, graph.outputs)
+    answer = dependence_entries()[0](made.asked(argument))
+    raise_unless_arranged(answer, len(graph))
+    return made.graph()
 
 
 def halves(graph: Graph, argument: int, constants: int) -> tuple[Graph, Graph]:
@@ -94,31 +68,41 @@ def halves(graph: Graph, argument: int, constants: int) -> tuple[Graph, Graph]:
     second half has the inputs (`argument`, taken from the first half, `constants`) and the last
     output. What depends on the constants alone is in both halves.
     """
-    late = [False] * len(graph.nodes)
-    for i, node in enumerate(graph.nodes):
-        late[i] = node[:2] == ("input", argument) or any(late[j] for j in operands(node))
-    uniform = uniform_nodes(graph, constants)
-    wanted: set[int] = set()
-    waiting = list(graph.outputs[-1])
-    while waiting:
-        i = waiting.pop()
-        if i not in wanted:
-            wanted.add(i)
-            waiting += operands(graph.nodes[i]) if late[i] or uniform[i] else ()
-    second, taken, places = Graph(), list[int](), dict[int, int]()
-    for i in sorted(wanted):
-        name, *rest = graph.nodes[i]
-        if name == "const":
-            places[i] = second.node(name, *rest)
-        elif not (late[i] or uniform[i]):
-            places[i] = second.node("input", 1, len(taken))
-            taken.append(i)
-        elif name == "input":
-            places[i] = second.node(name, 0 if late[i] else 2, rest[1])
-        else:
-            places[i] = second.node(name, *(places[j] for j in rest))
-    second.outputs = [[places[i] for i in graph.outputs[-1]]]
-    return Graph(graph.nodes, graph.index, [*graph.outputs[:-1], taken]), second
+    made, taken = _Made.beside(graph, graph.outputs[-1:]), np.empty(len(graph), np.int32)
+    more = _HALVED.pack(taken.ctypes.data, argument)
+    answer = dependence_entries()[1](made.asked(constants) + more)
+    raise_unless_arranged(answer, len(graph))
+    found = taken[: made.told[1]].tolist()
+    return replace(graph, outputs=[*graph.outputs[:-1], found]), made.graph()
+
+
+class _Made(NamedTuple):
+    """A graph that is made of another in C: the other, the outputs that are wanted, their nodes,
+    the nodes and numbers of the new one, and how many there are.
+    """
+
+    of: Graph
+    outputs: list[list[int]]
+    wanted: np.ndarray
+    rows: np.ndarray
+    numbers: np.ndarray
+    told: np.ndarray
+
+    @classmethod
+    def beside(cls, graph: Graph, outputs: list[list[int]]) -> _Made:
+        new = np.empty_like(graph.rows), np.empty_like(graph.numbers), np.zeros(2, np.int64)
+        return cls(graph, outputs, flat(outputs), *new)
+
+    def asked(self, same: int) -> bytes:
+        """As in c/dependence_core.c."""
+        arrays = self.of.rows, self.of.numbers, self.wanted, self.rows, self.numbers, self.told
+        counts = len(self.of), len(self.wanted), same
+        return _FUSED.pack(*(x.ctypes.data for x in arrays), *counts)
+
+    def graph(self) -> Graph:
+        count = self.told[0]
+        outputs = as_outputs(self.wanted, [*map(len, self.outputs)])
+        return Graph(self.rows[:count].copy(), self.numbers[:count].copy(), outputs)
 
 
 def sine_and_cosine(

@@ -28,9 +28,9 @@ MOST_KEPT = 1000  # files; beyond, the half of them that were not read for longe
 FOLDER, DIGEST = "tapes", 32
 # what decides how operations are arranged: files of this folder, and how CasADi's are read
 ARRANGING = (
-    *("algebra.py", "arranged.py", "dependence.py", "graph.py", "kept.py", "powers.py"),
-    *("rewriting.py", "rolled.py", "routines.py", "tape.py", "c/tape.h"),
-    "c/tape_core.c",
+    *("algebra.py", "arranged.py", "dependence.py", "graph.py", "kept.py", "rolled.py"),
+    *("routines.py", "tape.py", "c/tape.h", "c/graph.h", "c/powers.h", "c/raw_graph.h"),
+    *("c/algebra_core.c", "c/dependence_core.c", "c/tape_core.c"),
 )
 WIDTHS = {"once": 6, "often": 6, "inputs": 3, "outputs": 3}
 _COUNTS = len(Sizes._fields) + 3 + len(WIDTHS) + 1  # whole numbers that begin a tape

@@ -66,7 +66,7 @@ class Arrangement:
         if made:
             return {name: tape.sizes for name, tape in made.items()}
         return {
-            name: Sizes(len(graph.nodes), *operations(graph, self.last[name]))
+            name: Sizes(len(graph), *operations(graph, self.last[name]))
             for name, graph in self.graphs.items()
         }
 
@@ -105,7 +105,7 @@ class Routine(NamedTuple):
     def nodes(self) -> int:
         """Of the graph; more are not looked at than is necessary to tell."""
         kept = self.arrangement.kept
-        return kept[self.name].sizes.nodes if kept else len(self.graph.nodes)
+        return kept[self.name].sizes.nodes if kept else len(self.graph)
 
     def tape(self, many_roots: bool) -> Tape:
         """As data; `many_roots`: roots count by their number, not by their latency."""

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from varint.codegen.arguments import c_source
 from varint.codegen.core import arrange_entry
-from varint.codegen.dependence import needed
-from varint.codegen.graph import Graph, NotCompilable
+from varint.codegen.graph import (
+    TOO_MANY_VALUES,
+    Graph,
+    NotCompilable,
+    flat,
+    operation_codes,
+    raise_unless_arranged,
+)
 
 MOST = 65_535  # registers, operands are numbers of 16 bits
 EXACT, ITERATED = "rsqrt_exact", "rsqrt_iterated"  # 1/√x where roots are few, and many
 # as in c/tape_core.c
 _ARRANGED = struct.Struct("8P3q")
-_UNKNOWN, _WITHOUT_MEMORY, _TOO_MANY, _WITHOUT_FORM = -1, 1, 2, 3
 
 
 class Sizes(NamedTuple):
@@ -66,16 +69,6 @@ NOTHING_TO_DO = Tape(
 )
 
 
-@cache
-def operation_codes() -> dict[str, int]:
-    """The machine's operations by name, as c/tape.h lists them."""
-    text, names = c_source("tape.h").replace("\\\n", ""), list[str]()
-    for name in ("OPERATIONS", "ONLY_ONCE", "ONLY_OFTEN"):
-        calls = text.partition(f"#define {name}(")[2].partition("\n")[0].partition(")")[2]
-        names += [call.partition("(")[2] for call in calls.split(")") if "(" in call]
-    return {name: k for k, name in enumerate(["end", *names])}
-
-
 def tape_of(graph: Graph, last: int) -> Tape:
     """The tape of a graph on inputs 0 to `last`, the last of which is the same all the time, for
     few square roots; c/tape_core.c arranges it.
@@ -83,29 +76,22 @@ def tape_of(graph: Graph, last: int) -> Tape:
     Raises
     ------
     NotCompilable
-        If an operation has no form there, or there are too many.
+        If there are too many operations.
     CompileError
         If the core was not built with the package and cannot be compiled.
     """
-    kinds, count = _kinds(), len(graph.nodes)
-    nodes = np.fromiter(chain.from_iterable([_as_row(kinds, x) for x in graph.nodes]), np.int32)
-    wanted = np.fromiter(chain.from_iterable(graph.outputs), np.int32)
+    count, wanted = len(graph), flat(graph.outputs)
     once, often = np.empty((2, count + 1, 6), np.uint16)
     inputs, places = np.empty((count, 3), np.uint16), np.empty(len(wanted), np.int32)
     numbers, told = np.empty(count, np.int32), np.zeros(9, np.int64)
-    arrays = nodes, wanted, once, often, inputs, numbers, places, told
+    arrays = graph.rows, wanted, once, often, inputs, numbers, places, told
     asked = _ARRANGED.pack(*(x.ctypes.data for x in arrays), count, len(wanted), last)
-    answer = arrange_entry()(asked)
-    if answer == _WITHOUT_FORM:
-        names = {graph.nodes[i][0] for i in needed(graph)} - {*kinds}
-        raise NotCompilable(f"{sorted(names)} have no form on a tape; use backend='compiled'")
-    if answer == _WITHOUT_MEMORY:
-        raise MemoryError(f"no memory to arrange {count} operations")
+    raise_unless_arranged(arrange_entry()(asked), count)
     of = [(k, r) for k, output in enumerate(graph.outputs) for r in range(len(output))]
-    if answer == _TOO_MANY or max(chain(*of), default=0) > MOST:
-        raise NotCompilable("too many values for a tape; use backend='compiled'")
+    if max(chain(*of), default=0) > MOST:
+        raise NotCompilable(TOO_MANY_VALUES)
     uniforms, many, registers, *ends, operations, roots = told.tolist()
-    constants = np.array([*(graph.nodes[i][1] for i in numbers[: ends[3]].tolist()), 0.0])
+    constants = np.append(graph.numbers[numbers[: ends[3]]], 0.0)
     outputs = np.array(of, np.uint16).reshape(-1, 2)
     return Tape(
         Sizes(count, operations, roots),
@@ -118,22 +104,6 @@ def tape_of(graph: Graph, last: int) -> Tape:
         inputs[: ends[2]].copy(),
         np.column_stack([outputs, places.astype(np.uint16)]),
     )
-
-
-@cache
-def _kinds() -> dict[str, int]:
-    """What nodes may be, as in c/tape_core.c."""
-    others = "fnma", "fms", "fma", "input", "const"
-    return operation_codes() | {name: _UNKNOWN - k for k, name in enumerate(others, 1)}
-
-
-def _as_row(kinds: dict[str, int], node: tuple) -> tuple[int, ...]:
-    """A node as in c/tape_core.c."""
-    if len(node) == 3:
-        return kinds.get(node[0], _UNKNOWN), node[1], node[2], -1
-    if node[0] == "const":
-        return kinds["const"], -1, -1, -1
-    return (kinds.get(node[0], _UNKNOWN), *node[1:], -1, -1)[:4]
 
 
 def with_many_roots(tape: Tape) -> Tape:

@@ -26,10 +26,11 @@ _WITH_STEPS = """
 WITH_STEPS = frozenset(_WITH_STEPS.split())
 KINKS = frozenset(("fabs", "fmin", "fmax"))  # steps of slopes alone
 UNARY, BINARY = frozenset(_UNARY.split()), frozenset(_BINARY.split())
-_CODES = {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY | BINARY}
-_UNARY_NAMES = {_CODES[name]: name for name in UNARY}
-_BINARY_NAMES = {_CODES[name]: name for name in BINARY}
-_OUTPUT, _CONST, _INPUT = ca.OP_OUTPUT, ca.OP_CONST, ca.OP_INPUT
+CODES = {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY | BINARY}
+_UNARY_NAMES = {CODES[name]: name for name in UNARY}
+_BINARY_NAMES = {CODES[name]: name for name in BINARY}
+OUTPUT, CONST, INPUT = ca.OP_OUTPUT, ca.OP_CONST, ca.OP_INPUT
+_KNOWN = frozenset((*CODES.values(), OUTPUT, CONST, INPUT))
 _OTHERS = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 # Rows and columns of an output. Sparse matrices have memory for every column, whatever they hold.
 MOST_ROWS = 10**6
@@ -57,6 +58,44 @@ class Operations(NamedTuple):
     outputs: list[Output]
 
 
+class Instructions(NamedTuple):
+    """What CasADi does when it evaluates a function, in turn.
+
+    Attributes
+    ----------
+    codes : list of int
+        Of the operations, as CasADi numbers them.
+    taken : list of list of int
+        Places of its memory that are read; of an input its argument and number.
+    places : list of int or None
+        Where each value goes that is no output; None where they are not used again: those go to
+        places 0, 1, … in turn.
+    """
+
+    codes: list[int]
+    taken: list[list[int]]
+    places: list[int] | None
+
+
+def instructions_of(f: ca.Function) -> Instructions:
+    """What an SX function does; raises `VarintError` as `operations_of` does."""
+    count = range(f.n_instructions())
+    codes = [*map(f.instruction_id, count)]
+    strange = {*codes} - _KNOWN
+    if strange:
+        names = [repr(_OTHERS.get(code, code)) for code in sorted(strange)]
+        raise VarintError(
+            f"the scene holds the operation {', '.join(names)}, which is no arithmetic; write it "
+            "with CasADi's elementary functions (a function that is called must be inlined, "
+            "without never_inline)"
+        )
+    places = None
+    if _places_are_reused(f, codes):
+        given = f.instruction_output
+        places = [given(k)[0] for k, code in enumerate(codes) if code != OUTPUT]
+    return Instructions(codes, [*map(f.instruction_input, count)], places)
+
+
 def operations_of(f: ca.Function) -> Operations:
     """The operations of an SX function of dense arguments, each as CasADi evaluates it.
 
@@ -66,34 +105,25 @@ def operations_of(f: ca.Function) -> Operations:
         If it holds what is no elementary operation, as the call of another function.
     """
     nodes: list[tuple[Any, ...]] = []
-    codes = [*map(f.instruction_id, range(f.n_instructions()))]
-    taken, given = f.instruction_input, f.instruction_output
-    reused = _places_are_reused(f, codes)
+    codes, inputs, places = instructions_of(f)
     # for each place in CasADi's work vector the node whose value it holds now
-    at: list[int] | range = [0] * f.sz_w() if reused else range(len(codes))
+    at = [*range(len(codes))] if places is None else [0] * f.sz_w()
     found: list[list[int]] = [[0] * f.nnz_out(k) for k in range(f.n_out())]
-    for k, code in enumerate(codes):
+    for k, (code, taken) in enumerate(zip(codes, inputs, strict=True)):
         if code in _BINARY_NAMES:
-            a, b = taken(k)
-            nodes.append((_BINARY_NAMES[code], at[a], at[b]))
+            nodes.append((_BINARY_NAMES[code], at[taken[0]], at[taken[1]]))
         elif code in _UNARY_NAMES:
-            nodes.append((_UNARY_NAMES[code], at[taken(k)[0]]))
-        elif code == _OUTPUT:
-            which, place = given(k)
-            found[which][place] = at[taken(k)[0]]
+            nodes.append((_UNARY_NAMES[code], at[taken[0]]))
+        elif code == OUTPUT:
+            which, place = f.instruction_output(k)
+            found[which][place] = at[taken[0]]
             continue
-        elif code == _CONST:
+        elif code == CONST:
             nodes.append(("const", f.instruction_constant(k)))
-        elif code == _INPUT:
-            nodes.append(("input", *taken(k)))
         else:
-            raise VarintError(
-                f"the scene holds the operation {_OTHERS.get(code, code)!r}, which is no "
-                "arithmetic; write it with CasADi's elementary functions (a function that is "
-                "called must be inlined, without never_inline)"
-            )
-        if isinstance(at, list):
-            at[given(k)[0]] = len(nodes) - 1
+            nodes.append(("input", *taken))
+        if places is not None:
+            at[places[len(nodes) - 1]] = len(nodes) - 1
     outputs = [
         Output(f.size_out(k), list(f.sparsity_out(k).find()), found[k]) for k in range(f.n_out())
     ]
@@ -104,8 +134,8 @@ def _places_are_reused(f: ca.Function, codes: list[int]) -> bool:
     """Whether a value is ever written over another (see CasADi's option `live_variables`). New
     places are taken in turn, so that the last value stands in the last place if none is.
     """
-    last = next((k for k in range(len(codes) - 1, -1, -1) if codes[k] != _OUTPUT), None)
-    values = len(codes) - codes.count(_OUTPUT)
+    last = next((k for k in range(len(codes) - 1, -1, -1) if codes[k] != OUTPUT), None)
+    values = len(codes) - codes.count(OUTPUT)
     return last is not None and f.instruction_output(last)[0] != values - 1
 
 
@@ -150,7 +180,7 @@ def values_of(nodes: Sequence[tuple[Any, ...]], inputs: Sequence[ca.SX]) -> list
 def operation(name: str, *taken: ca.SX) -> ca.SX:
     """One of `UNARY` or `BINARY` of what it takes."""
     make = ca.SX.unary if len(taken) == 1 else ca.SX.binary
-    return make(_CODES[name], *taken)
+    return make(CODES[name], *taken)
 
 
 def _within(j: Any, count: int) -> bool:

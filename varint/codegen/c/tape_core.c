@@ -8,19 +8,13 @@
 #define LANES 1
 #include "lanes.h"
 #include "tape.h"
+#include "graph.h"
 
 #define MOST 65535 /* registers: operands are numbers of 16 bits */
 /* Operations between one and another that takes its value, where there are others to do: so long it takes until a value that
    was written can be read. */
 #define APART 8
 #define RESERVED 2 /* registers: ONE and NOTHING */
-
-/* Kinds of nodes besides those of tape.h: numbers, inputs, what rounds once, what has no form here. */
-enum Kind { NUMBER = -6, INPUT, FMA, FMS, FNMA, UNKNOWN };
-enum Answer { ARRANGED, WITHOUT_MEMORY, TOO_MANY, WITHOUT_FORM };
-
-/* What a node is, and the nodes that it takes, -1 where it takes none; of an input its argument and component. */
-typedef struct { int32_t kind, a, b, c; } Node;
 
 typedef struct {
     const Node *node;
@@ -60,7 +54,6 @@ static int64_t leave(Queue *queue) {
     return unit;
 }
 
-static int is_leaf(const Node *x) { return x->kind == NUMBER || x->kind == INPUT; }
 static int is_sum(int kind) {
     return kind == OP_add || kind == OP_sub || kind == OP_mul || kind == OP_neg || (kind >= FMA && kind <= FNMA);
 }
@@ -119,7 +112,6 @@ static int do_once(const Arranged *x, const char *uniform, const char *live, int
         const Node *const n = x->node + i;
         if (place[i] < 0) place[i] = count++;
         if (count > MOST || (n->kind == INPUT && n->b > MOST)) return TOO_MANY;
-        if (n->kind >= FMA && n->kind <= FNMA) return WITHOUT_FORM; /* what rounds once is for what varies */
         if (n->kind == NUMBER) {
             x->once[rows++] = (Instruction){OP_constant, place[i], numbers};
             x->number[numbers++] = i;
@@ -257,20 +249,10 @@ int arrange(const Arranged *x) {
     Unit *const unit = malloc((n + 1) * sizeof(Unit));
     int answer = uniform && place && longs && waiting && unit ? ARRANGED : WITHOUT_MEMORY;
     if (answer == ARRANGED) memset(uniform, 0, 3 * n);
-    for (int64_t i = 0; answer == ARRANGED && i < n; i++) {
-        const Node *const one = x->node + i;
-        place[i] = -1;
-        uniform[i] = one->kind == NUMBER || (one->kind == INPUT ? one->a == x->same : uniform[one->a] &&
-            (one->b < 0 || uniform[one->b]) && (one->c < 0 || uniform[one->c]));
-    }
-    for (int64_t i = 0; answer == ARRANGED && i < x->outputs; i++) live[x->output[i]] = end[x->output[i]] = 1;
-    for (int64_t i = n - 1; answer == ARRANGED && i >= 0; i--) {
-        const Node *const one = x->node + i;
-        if (live[i] && one->kind == UNKNOWN) answer = WITHOUT_FORM;
-        if (!live[i] || is_leaf(one)) continue;
-        live[one->a] = 1;
-        if (one->b >= 0) live[one->b] = 1;
-        if (one->c >= 0) live[one->c] = 1;
+    for (int64_t i = 0; answer == ARRANGED && i < n; i++) place[i] = -1, uniform[i] = of_one_alone(x->node + i, uniform, x->same);
+    if (answer == ARRANGED) {
+        find_needed(x->node, n, x->output, x->outputs, live);
+        for (int64_t i = 0; i < x->outputs; i++) end[x->output[i]] = 1;
     }
     if (answer == ARRANGED) answer = do_once(x, uniform, live, place);
     if (answer == ARRANGED) {

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
-from varint.codegen.graph import NotCompilable, raw_graph
+from varint.codegen.graph import COMMUTATIVE
+from varint.errors import VarintError
 from varint.integration.events.intervals import (
     HUGE,
     ONE,
@@ -34,6 +35,9 @@ from varint.integration.events.intervals import (
     times,
     where,
 )
+from varint.numerics.operations import operations_of
+
+MOST_PRODUCTS = 64  # largest power by products, which are closer than exp and log, of any sign
 
 
 class Jet(NamedTuple):
@@ -278,16 +282,70 @@ def enclosures(function: ca.Function, arguments: list[list[Jet]]) -> list[Jet]:
     Operations that are not known here may give anything.
     """
     try:
-        graph = raw_graph(function)
-    except NotCompilable:
+        operations = operations_of(function)
+    except VarintError:
         return [UNKNOWN] * function.numel_out(0)
-    jets: list[Jet] = []
-    for operation, *operands in graph.nodes:
-        if operation == "const":
-            jets.append(_number(operands[0]))
-        elif operation == "input":
-            jets.append(arguments[operands[0]][operands[1]])
+    jets, known = list[Jet](), dict[tuple, int]()
+
+    def node(name: str, *taken: Any) -> int:
+        """Equal ones once: what is squared is seen to be."""
+        key = name, *(sorted(taken) if name in COMMUTATIVE else taken)
+        if key not in known:
+            known[key] = len(jets)
+            jets.append(_jet_of(name, [*key[1:]], jets, arguments))
+        return known[key]
+
+    zero, at = node("const", 0.0), list[int]()
+    for name, *taken in operations.nodes:
+        leaf = name in ("const", "input")
+        kind, *number = operations.nodes[taken[-1]] if name in ("pow", "constpow") else ("",)
+        if kind == "const" and _by_products(*number):
+            at.append(_power(node, at[taken[0]], *number))
         else:
-            known = OPERATIONS.get(operation)
-            jets.append(known(*(jets[i] for i in operands)) if known else UNKNOWN)
-    return [jets[i] for i in graph.outputs[0]]
+            at.append(_plain(node, name, taken if leaf else [at[i] for i in taken]))
+    dense = [jets[zero]] * function.numel_out(0)
+    for place, i in zip(operations.outputs[0].places, operations.outputs[0].nodes, strict=True):
+        dense[place] = jets[at[i]]
+    return dense
+
+
+def _jet_of(name: str, taken: list[Any], jets: list[Jet], arguments: list[list[Jet]]) -> Jet:
+    if name == "const":
+        return _number(taken[0])
+    if name == "input":
+        return arguments[taken[0]][taken[1]]
+    known = OPERATIONS.get(name)
+    return known(*(jets[i] for i in taken)) if known else UNKNOWN
+
+
+def _plain(node: Callable[..., int], name: str, taken: list[Any]) -> int:
+    """An operation in terms of fewer kinds."""
+    if name in ("assign", "lift"):
+        return taken[0]
+    if name == "sq":
+        return node("mul", taken[0], taken[0])
+    if name == "twice":
+        return node("mul", node("const", 2.0), taken[0])
+    if name == "inv":
+        return node("div", node("const", 1.0), taken[0])
+    return node("pow" if name == "constpow" else name, *taken)
+
+
+def _by_products(exponent: float) -> bool:
+    return abs(exponent) <= MOST_PRODUCTS and (2 * exponent).is_integer()
+
+
+def _power(node: Callable[..., int], base: int, exponent: float) -> int:
+    """base^exponent for multiples of 1/2, by repeated squaring."""
+    one = node("const", 1.0)
+    if exponent < 0:
+        return node("div", one, _power(node, base, -exponent))
+    factors = [node("sqrt", base)] if exponent % 1 else []
+    whole, power, left = one, base, int(exponent)
+    while left:
+        if left & 1:
+            whole = power if whole == one else node("mul", whole, power)
+        left >>= 1
+        power = node("mul", power, power) if left else power
+    factors += [whole] if whole != one else []
+    return node("mul", *factors) if len(factors) == 2 else factors[0] if factors else one
