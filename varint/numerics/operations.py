@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -80,7 +81,7 @@ class Instructions(NamedTuple):
 def instructions_of(f: ca.Function) -> Instructions:
     """What an SX function does; raises `VarintError` as `operations_of` does."""
     count = range(f.n_instructions())
-    codes = [*map(f.instruction_id, count)]
+    codes = [*map(_of_each(f, "instruction_id"), count)]
     strange = {*codes} - _KNOWN
     if strange:
         names = [repr(_OTHERS.get(code, code)) for code in sorted(strange)]
@@ -93,7 +94,13 @@ def instructions_of(f: ca.Function) -> Instructions:
     if _places_are_reused(f, codes):
         given = f.instruction_output
         places = [given(k)[0] for k, code in enumerate(codes) if code != OUTPUT]
-    return Instructions(codes, [*map(f.instruction_input, count)], places)
+    return Instructions(codes, [*map(_of_each(f, "instruction_input"), count)], places)
+
+
+def _of_each(f: ca.Function, name: str) -> Callable[[int], Any]:
+    """A method of the function without the one around it in Python, which takes as long."""
+    inner = getattr(getattr(ca, "_casadi", None), f"Function_{name}", None)
+    return getattr(f, name) if inner is None else partial(inner, f)
 
 
 def operations_of(f: ca.Function) -> Operations:
