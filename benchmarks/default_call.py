@@ -4,11 +4,11 @@ ten million steps, with nothing compiled before and with everything.
 python benchmarks/default_call.py [scene ...]     other scenes' rows stay as they were recorded
 
 Every number is of a process of its own that has imported varint and built nothing: it makes the
-scene, then the call is timed, all that it builds and compiles included. Times are the processor's,
-the compiler's with them, also of one that the end of the process stops, so that what else runs on
-the machine hardly counts. Runs that would take longer than `LONGEST` are not made; they are taken
-to be proportional to the shorter ones. Ratios are what to look at: the default call's time over
-that of the fastest backend.
+scene, then the call is timed, all that it imports (as byte code, as it is once installed), builds
+and compiles included. Times are the processor's, the compiler's with them, also of one that the end
+of the process stops, so that what else runs on the machine hardly counts. Runs that would take
+longer than `LONGEST` are not made; they are taken to be proportional to the shorter ones. Ratios
+are what to look at: the default call's time over that of the fastest backend.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from tools.byte_code import make_byte_code
 from tools.record import kept, save, table
 
 import varint as vi
@@ -175,6 +176,7 @@ def row_of(name: str, cache: str, times: dict[str, list[float]]) -> dict:
 
 
 def main(names: list[str]) -> None:
+    make_byte_code()
     rows = []
     for name in names or SCENES:
         make = SCENES[name]

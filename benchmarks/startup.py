@@ -20,6 +20,7 @@ from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
 
+from tools.byte_code import make_byte_code
 from tools.record import save, table
 
 ROOT = Path(__file__).parent.parent
@@ -218,6 +219,7 @@ def whole_runs() -> list[dict]:
 
 
 def main() -> None:
+    make_byte_code()
     with tempfile.TemporaryDirectory() as cache:
         os.chmod(cache, 0o700)
         rows = imports(cache)
