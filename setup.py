@@ -31,6 +31,7 @@ NAMES = (
     "sweep_linear_",
     "rows_",
     "two_runs_",
+    "varying_",
     "refined_",
     "few_steps_",
     "until_",

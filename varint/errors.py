@@ -54,22 +54,46 @@ class ConvergenceError(VarintError, RuntimeError):
 
     def __init__(
         self,
-        message: str,
+        message: str | Callable[[str], str],
         *,
         step: int,
         time: float,
         residual: float,
         trajectory: Any = None,
-        cause: str = "",
+        cause: str | Callable[[], str] = "",
     ):
-        super().__init__(message)
-        self.step, self.time, self.residual, self.trajectory, self.cause = (
-            step,
-            time,
-            residual,
-            trajectory,
-            cause,
-        )
+        """A message and a cause, or what makes them when somebody reads them: to find the cause
+        takes longer than many a run, and a search for the right steps has many that fail.
+        """
+        super().__init__(message if isinstance(message, str) else "")
+        self.step, self.time, self.residual, self.trajectory = step, time, residual, trajectory
+        self._told = message, cause
+
+    @property
+    def cause(self) -> str:
+        self._tell()
+        return self._told[1]  # type: ignore[return-value]
+
+    def __str__(self) -> str:
+        self._tell()
+        return super().__str__()
+
+    def __repr__(self) -> str:
+        self._tell()
+        return super().__repr__()
+
+    def __reduce__(self) -> tuple:
+        self._tell()
+        return super().__reduce__()
+
+    def _tell(self) -> None:
+        message, cause = self._told
+        if callable(cause):
+            cause = cause()
+        if callable(message):
+            message = message(cause)
+            self.args = (message,)
+        self._told = message, cause
 
 
 class SolverError(VarintError, RuntimeError):

@@ -13,6 +13,7 @@ import pytest
 from scenes import double_pendulum, pendulum
 
 import varint as vi
+from varint.integration import failures
 
 
 def failure(system: vi.System, rule: vi.Rule | None = None, **start) -> vi.ConvergenceError:
@@ -361,3 +362,24 @@ def test_an_energy_that_is_no_number_far_away_is_told_without_a_warning_of_numpy
         UserWarning, match=r"the energy is not defined near q = \[-?\d\.\d*e\+30\d, 0\]"
     ):
         vi.simulate(system, q0=[3e-305, 0.0], v0=[0.0, 0.0], h=1.0, steps=1, backend="interpreted")
+
+
+def test_a_cause_is_looked_for_when_somebody_reads_it(monkeypatch):
+    """A search for steps has runs that fail, and nobody asks why."""
+
+    def never(*_):
+        raise AssertionError("a cause is looked for")
+
+    q, v = vi.coordinates("r", "a")
+    polar = vi.System(q, v, (v[0] ** 2 + q[0] ** 2 * v[1] ** 2) / 2 + 1 / q[0])
+    motion = {"q0": [1.0, 0.0], "v0": [0.0, 0.1]}
+    with pytest.raises(vi.ConvergenceError) as caught:
+        vi.simulate(kepler(), vi.gauss(2), **motion, h=1.0, steps=5)
+    with monkeypatch.context() as patched:
+        patched.setattr(failures, "likely_cause", never)
+        assert vi.simulate(polar, **motion, duration=3.0, tol=1e-6).stats["runs"] > 3
+        with pytest.raises(AssertionError, match="a cause"):
+            str(caught.value)
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert caught.value.cause in str(caught.value) == str(copy) and copy.cause == caught.value.cause
+    assert repr(copy) == repr(caught.value)

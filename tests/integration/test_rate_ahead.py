@@ -71,6 +71,21 @@ def test_steps_that_follow_the_rate_are_for_flights_and_uneven_orbits():
     assert seen.pilot is not None and seen.pilot.flight
 
 
+@pytest.mark.parametrize("tol", (1e-3, 1e-6, 1e-9))
+def test_a_run_that_goes_astray_tells_of_an_encounter_that_nothing_showed(tol):
+    """An orbit that grows long and thin only after many turns, of unlike masses to either side."""
+    scene = vi.System(q2, v2, 0.6 * v2[0] ** 2 + v2[1] ** 2 / 2 + 1 / R)
+    asked = {"q0": [1.0, 0.0], "v0": [0.0, 0.9], "duration": 100.0}
+    assert ahead(scene, asked["q0"], asked["v0"], 100.0).pilot is None
+    motion = vi.simulate(scene, **asked, tol=tol)
+    closer = vi.simulate(scene, vi.gauss(8), **asked, time_scale="auto", h=0.2)
+    assert motion.fictitious is not None and motion.stats["runs"] <= 4
+    error = np.abs(motion.q[-1] - closer.q[-1]).max() / np.abs(closer.q).max()
+    assert error < motion.stats["error_estimate"] <= tol
+    long = vi.simulate(scene, **asked, tol=tol, progress=True)
+    assert long.q.tobytes() == motion.q.tobytes()
+
+
 def test_a_look_that_leaps_over_the_motion_tells_nothing():
     assert ahead(YUKAWA[0], [60.0, 0.0], [0.0, 0.1], 1.0) == NOTHING
 

@@ -34,7 +34,7 @@ def test_the_core_sees_the_rates_that_the_pilot_sees(scene, flight, total):
     pilot = pilots.rate_pilot(system, q, v, c, total, total < 0, flight)
     rough = pilots._without_core(system, q, v, c, abs(total), total < 0, flight)
     seen = look_ahead(
-        pilots._look(system, flight),
+        pilots.look_by(system, flight),
         np.concatenate((q, v)),
         c,
         steps=pilots.STEPS,

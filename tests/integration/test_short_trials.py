@@ -42,6 +42,7 @@ POLES = vi.models.spherical_pendulum()
 CASES = {
     "pendulum": (PENDULUM, [2.0], [0.0], 30.0),
     "one that rests": (PENDULUM, [1e-9], [0.0], 3.0),
+    "a moment from rest": (PENDULUM, [1.0], [0.0], 1e-3),
     "orbit": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], 60.0),
     "backwards": (KEPLER, [0.5, 0.0], [0.0, 3**0.5], -20.0),
     "cart": (CART, [0.0, 1.0], [0.1, 0.0], 20.0),
@@ -96,6 +97,20 @@ def test_round_off_of_an_encounter_is_no_reason_for_more_steps(monkeypatch):
         system, rule=motion.rule, q0=q0, v0=v0, h=duration / (steps // 2), steps=steps // 2
     )
     assert np.abs(rough.q[-1] - closer.q[-1]).max() > 1e-9 * np.abs(closer.q).max()
+
+
+@pytest.mark.parametrize("angle", (0.01, 1.0, 2.0, 3.1))
+@pytest.mark.parametrize("duration", (1e-4, 1e-3, 1e-2))
+def test_two_runs_prove_a_moment_from_rest(angle, duration):
+    """Where energies differ by their last digits alone, which are large beside what moves."""
+    motion = vi.simulate(PENDULUM, q0=[angle], v0=[0.0], duration=duration)
+    t, pull = motion.t, -9.81 * np.sin(angle)
+    fallen = pull * t**2 / 2 * (1 - 9.81 * np.cos(angle) * t**2 / 12)  # to t⁴
+    next_term = 9.81**3 * duration**6 / 100
+    error = np.abs(motion.q[:, 0] - angle - fallen).max() - next_term
+    size = max(np.ptp(motion.q), np.finfo(float).eps)
+    assert motion.stats["runs"] == 2
+    assert error <= motion.stats["error_estimate"] * size + np.spacing(angle)
 
 
 def test_a_long_run_is_left_to_a_loop_that_can_be_stopped():

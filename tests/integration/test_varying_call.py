@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import varint as vi
+from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
 from varint.integration import to_tolerance
 from varint.integration.time_transformation import varying_call
 
@@ -86,12 +87,22 @@ def test_growth_beside_a_centre_is_foreseen(e):
 def test_what_one_call_of_the_core_does_not_make_goes_the_long_way(monkeypatch):
     kepler, asked = scene(), start(0.98) | {"duration": 1.0, "tol": 1e-6}
     whole = vi.simulate(kepler, **asked)
-    monkeypatch.setattr(varying_call, "until_end", lambda *_: None)
+    monkeypatch.setattr(varying_call, "varying_runs", lambda *_: NOT_SHORT)
     assert vi.simulate(kepler, **asked).q.tobytes() == whole.q.tobytes()
+
+
+def test_runs_that_the_core_does_not_prove_are_proved_one_by_one(monkeypatch):
+    """And by the same ones, with the same error."""
+    kepler, asked = scene(), start(0.98) | {"duration": 1.0, "tol": 1e-6}
+    whole = vi.simulate(kepler, **asked)
+    monkeypatch.setattr(varying_call, "varying_runs", lambda *_: NOT_PROVED)
+    again = vi.simulate(kepler, **asked)
+    assert again.q.tobytes() == whole.q.tobytes() and told(again) == told(whole)
 
 
 def test_where_such_steps_prove_nothing_they_are_not_tried_again(monkeypatch):
     kepler, asked = scene(), start(0.98) | {"duration": 1.0, "tol": 1e-3}
+    monkeypatch.setattr(varying_call, "varying_runs", lambda *_: NOT_PROVED)
     monkeypatch.setattr(varying_call, "run_twice", lambda *_: None)
     monkeypatch.setattr(to_tolerance, "choose_varying_steps", never)
     motion = vi.simulate(kepler, **asked)

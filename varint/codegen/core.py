@@ -192,6 +192,14 @@ def two_runs_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
 
 
 @cache
+def varying_runs_entry() -> Callable[[bytes], int]:
+    """c/varying_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("varying_core.c", ("varying_runs",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def refined_entry() -> Callable[[bytes], int]:
     """c/refined_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("refined_core.c", ("refined",), "{name}_{level}", {})

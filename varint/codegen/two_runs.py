@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import NamedTuple
+from ctypes import c_void_p, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from varint.codegen.arguments import DONE
-from varint.codegen.core import two_runs_entries
+from varint.codegen.core import look_ahead_entry, two_runs_entries
 from varint.codegen.few_steps import TOLD, Place, entries_of, nodes_of
 from varint.codegen.kernel import Kernel, address_of
+from varint.codegen.look_ahead import Look
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 _FOUND = struct.Struct("qq3dP")  # Proved
 # TwoRuns, what belongs to the course, to the mass matrix, and to what is asked; the place of the
 # start stands behind the first
-_COURSE, _MASS, _ASKED = struct.Struct("7P8q"), struct.Struct("Pq"), struct.Struct("q4d")
+_COURSE, _MASS, _ASKED = struct.Struct("7P8q"), struct.Struct("Pq"), struct.Struct("q4dP")
+_RATES = struct.Struct("4P2q3d")  # Rates
+MOST_RATES = 2
 _TAKEN = struct.Struct("2P3q2d")  # Taken
 assert _FOUND.size == 8 * TOLD
-PROVED, NOT_PROVED, NOT_SHORT, DOUBTED = range(4)
+# VARIES and more: the error is not proved, since the first of the rates varies, or the next one
+PROVED, NOT_PROVED, NOT_SHORT, DOUBTED, VARIES = range(5)
 
 
 class Course(NamedTuple):
@@ -95,6 +100,34 @@ def places_of(start: Place, mass: int, apart: int) -> Places:
     return Places(start.head + _MASS.pack(mass, apart), start.told)
 
 
+class Rates(NamedTuple):
+    """Rates that steps could follow, as the core is told of them; see `rates_of`."""
+
+    at: int
+    held: tuple
+
+
+def rates_of(
+    rows: RowFunction, looks: list[Look], steps: int, angle: float, astray: float, worth: float
+) -> Rates:
+    """How runs that went astray are looked at: by (q, p) → each of the rates, velocities, and ahead
+    by each of them in so many steps of an angle, until the energy is astray by so much of p·v, for
+    one that becomes so many times as large as it is in the mean.
+    """
+    ahead = cast(look_ahead_entry(), c_void_p).value or 0  # type: ignore[arg-type]
+    places = [*(look.at for look in looks), 0][:MOST_RATES]
+    numbers = len(looks), steps, angle, astray, worth
+    return _rates(_RATES.pack(rows.at, ahead, *places, *numbers), rows, looks)
+
+
+def _rates(packed: bytes, *held: Any) -> Rates:
+    block = np.frombuffer(packed, np.uint8).copy()
+    return Rates(address_of(block), (block, *held))
+
+
+UNASKED = _rates(bytes(_RATES.size))  # nobody has needed them
+
+
 class Found(NamedTuple):
     """Steps of a run, runs that were made, its estimated error, iterations, residual, its nodes,
     with velocities where these have no formula, and whether more is to be looked at before it is
@@ -110,6 +143,11 @@ class Found(NamedTuple):
     doubted: bool
 
 
+def runs_made(places: Places) -> int:
+    """How many runs the last call has made."""
+    return _FOUND.unpack_from(places.told)[1]  # type: ignore[no-any-return]
+
+
 def two_runs(
     course: Course,
     places: Places,
@@ -118,9 +156,11 @@ def two_runs(
     first: int,
     radians: float,
     tol: float,
+    rates: Rates | None = None,
 ) -> Found | int:
     """A run whose error is below tol by the difference to a coarser one; NOT_PROVED where that
-    cannot be shown, NOT_SHORT where a run is too long, or another loop should go on.
+    cannot be shown, NOT_SHORT where a run is too long, or another loop should go on, VARIES where
+    one of the rates varies so much along a run that went astray that steps should follow it.
 
     Parameters
     ----------
@@ -133,8 +173,11 @@ def two_runs(
     radians : float
         How far the fastest small motions turn.
     tol : float
+    rates : Rates, optional
+        That steps could follow.
     """
-    asked = _ASKED.pack(first, t0, duration, radians, tol)
+    followed = 0 if rates is None else rates.at
+    asked = _ASKED.pack(first, t0, duration, radians, tol, followed)
     status = course.entry(course.head + places.head + asked)
     if status not in (PROVED, DOUBTED):
         return status

@@ -23,11 +23,20 @@ _WHERE = struct.Struct("3Pq")  # where it is to write
 _ASKED = struct.Struct("2Pq8d")  # the rest of it
 _TOLD = struct.Struct("4qd")
 ROOM = 2**18  # numbers of nodes: longer runs are watched on their way
-TOLD = 5
-
-# memory for nodes that no call uses, how the core is told of it, and where in it nodes are kept
-_rooms: list[tuple[memoryview, bytes, int]] = []
+PROVED_AT, TOLD = 5, 11  # behind what is told of a run there is room for what proves one
+_FIRST = TOLD + ROOM  # where nodes are kept
 _array, _FLOAT, _WHOLE = np.ndarray, np.dtype(float), np.dtype(np.int64)
+
+
+class Memory(NamedTuple):
+    """Memory for nodes, how the core is told of it, and its address."""
+
+    room: memoryview
+    where: bytes
+    at: int
+
+
+_rooms: list[Memory] = []  # that no call uses
 
 
 class Entries(NamedTuple):
@@ -150,20 +159,33 @@ def run_until(entries: Entries, asked: bytes) -> Until | None:
     None where a step cannot be solved, the clock stands still, the energy is off that of the start
     by more than a part `off` of p·v where the clock is slowest, or nodes are too many.
     """
-    n, head, entry, kernel, _ = entries
-    memory = _rooms.pop() if _rooms else _new_room()
-    room, where, first = memory
+    memory = _rooms.pop() if _rooms else _new_memory()
     try:
-        if entry(head + where + asked) != DONE:
+        if entries.entry(entries.head + memory.where + asked) != DONE:
             return None
-        steps, count, iterations, quiet, residual = _TOLD.unpack_from(room)
-        kept = bytearray(room[first : first + (3 + 2 * n) * count])
+        return found_in(memory, entries)
     finally:
         _rooms.append(memory)
-    return _until((kernel, n, steps, count, kept, iterations, residual, quiet == 1))
 
 
-def _new_room() -> tuple[memoryview, bytes, int]:
+def take_room() -> Memory:
+    """Memory for nodes, to be given back."""
+    return _rooms.pop() if _rooms else _new_memory()
+
+
+def give_back(memory: Memory) -> None:
+    _rooms.append(memory)
+
+
+def found_in(memory: Memory, entries: Entries) -> Until:
+    """The run whose nodes are kept there."""
+    n, (room, _, _) = entries.n, memory
+    steps, count, iterations, quiet, residual = _TOLD.unpack_from(room)
+    kept = bytearray(room[_FIRST : _FIRST + (3 + 2 * n) * count])
+    return _until((entries.kernel, n, steps, count, kept, iterations, residual, quiet == 1))
+
+
+def _new_memory() -> Memory:
     room = np.empty(TOLD + 3 * ROOM)  # of nodes, and more than enough of those that are kept
-    at, first = new_address(room), TOLD + ROOM
-    return room.data, _WHERE.pack(at + 8 * TOLD, at, at + 8 * first, ROOM), first
+    at = new_address(room)
+    return Memory(room.data, _WHERE.pack(at + 8 * TOLD, at, at + 8 * _FIRST, ROOM), at)

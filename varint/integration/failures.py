@@ -62,15 +62,16 @@ def failure(
             f"{left})",
             "",
         )
-    cause = likely_cause(motion)
     return ConvergenceError(
-        f"the step after t = {t:g} (step {step}) {what}. Likely: {cause}{hint}. "
-        f"Error.trajectory has the {len(motion)} nodes before it",
+        lambda cause: (
+            f"the step after t = {t:g} (step {step}) {what}. Likely: {cause}{hint}. "
+            f"Error.trajectory has the {len(motion)} nodes before it"
+        ),
         step=step,
         time=t,
         residual=residual,
         trajectory=motion,
-        cause=cause,
+        cause=lambda: likely_cause(motion),
     )
 
 

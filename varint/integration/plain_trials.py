@@ -36,7 +36,7 @@ from varint.integration.two_runs import (
     Attempt,
     Course,
     Proved,
-    quantiles,
+    attempt_by_energies,
     run_twice,
 )
 from varint.results.trajectory import Trajectory
@@ -127,7 +127,7 @@ def by_plain_trials(
             energy = energies_along(system, some[:, 0], some[:, 1], time, start.c)
         else:
             energy = energies_by_velocity(system, some, time, start.c)
-        return Attempt(PlainTrial(problem, kernel, found), quantiles(*energy))
+        return attempt_by_energies(PlainTrial(problem, kernel, found), *energy)
 
     def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> tuple[float, float]:
         q = other.found.rows[:, 0].copy()  # side by side: three times as fast

@@ -48,8 +48,9 @@ CERTAIN = 2  # times, where there were digits already and nothing jumps
 ENOUGH = 2**20  # steps over forces that jump or hardly last, where more would not do
 HOPELESS = 2**18  # those over forces that jump, where not even the most would do
 RESOLVED = 2**22  # steps, of the length of a decay, that are worth it
-# a run that went astray → the choice with steps that follow the scene, where it asks for them
-Varying = Callable[[Trajectory], Choice | None]
+# a run that went astray, or which rate varies along it → the choice with steps that follow the
+# scene, where it asks for them
+Varying = Callable[[Trajectory | int], Choice | None]
 SAMPLES = 200  # nodes at which frequencies are looked at
 
 

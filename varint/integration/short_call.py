@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from varint.codegen.kernel import Kernel
-from varint.codegen.two_runs import NOT_PROVED, Course
+from varint.codegen.two_runs import NOT_PROVED, VARIES, Course, Rates, runs_made
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.gears import Gears, gears_of, kernel_now
@@ -45,7 +45,12 @@ from varint.integration.short_trials import (
     two_short_runs,
 )
 from varint.integration.small_motions import MOST_COORDINATES, angles_turned, frequency_of_columns
-from varint.integration.time_transformation.rate_ahead import NOTHING, seen_ahead
+from varint.integration.time_transformation.rate_ahead import (
+    NOTHING,
+    rates_to_follow,
+    seen_ahead,
+    seen_along,
+)
 from varint.integration.time_transformation.variable_course import may_vary
 from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
@@ -88,12 +93,19 @@ def short_call(
             return None
         check_steps(float(t0), float(duration), 1)
         ahead = seen_ahead(system, room.start, c, float(duration)) if known.varies else NOTHING
-        if ahead.pilot is None:
+        pilot, runs = ahead.pilot, 0
+        if pilot is None:
             span = float(t0), float(duration)
-            return _by_the_core(system, known, room, c, span, tol, ahead.frequency, began)
+            found = _by_the_core(system, known, room, c, span, tol, ahead.frequency, began)
+            if not isinstance(found, int) or found < VARIES:
+                return found
+            runs = runs_made(room.places)
+            pilot = seen_along(system, room.start, c, float(duration), found - VARIES)
+            if pilot is None:
+                return None
     finally:
         pool.append(room)
-    return varying_call(system, rule, start, float(duration), tol, ahead.pilot, began)
+    return varying_call(system, rule, start, float(duration), tol, pilot, began, runs)
 
 
 def _by_the_core(
@@ -123,7 +135,8 @@ def _by_the_core(
         return None
     first = steps_to_begin(system, price, begin, tol)
     how = system, rule, course
-    found = two_short_runs(how, room.places, t0, duration, first, radians, tol)
+    asked = t0, duration, first, radians, tol
+    found = two_short_runs(how, room.places, asked, known.rates)
     if isinstance(found, int):
         return found
     steps = found.steps
@@ -175,8 +188,9 @@ class _Loop:
 @dataclass(frozen=True, eq=False)
 class _Known:
     """Of a scene: coordinates, rooms that nobody uses, rules, their prices and which is the
-    cheapest when, their loops as far as they were asked for, whether steps may vary, and the last
-    local numbers of a start as bytes and the fastest frequency of these.
+    cheapest when, their loops as far as they were asked for, whether steps may vary and the
+    rates that they may follow, and the last local numbers of a start as bytes and the fastest
+    frequency of these.
     """
 
     n: int
@@ -185,6 +199,7 @@ class _Known:
     changes: tuple[list[float], list[int]]
     loops: list[_Loop | None]
     varies: bool
+    rates: list[Rates | None]
     last: list[tuple[bytes, float | None]]
 
 
@@ -203,9 +218,10 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
     rules = {MAPPED: 1.0} if driven else rules
     prices = priced(rules)
     varies = may_vary(system, rule)
-    return _Known(
-        n, rooms(system, True), prices, changes(prices), [None] * len(prices), varies, [(b"", 0.0)]
-    )
+    rates: list[Rates | None] = rates_to_follow(system) if varies else [None]
+    loops: list[_Loop | None] = [None] * len(prices)
+    begin = rooms(system, True), prices, changes(prices)
+    return _Known(n, *begin, loops, varies, rates, [(b"", 0.0)])
 
 
 def _begins_by_symbols(system: System) -> bool:

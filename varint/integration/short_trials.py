@@ -23,9 +23,12 @@ from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import (
     NOT_PROVED,
     NOT_SHORT,
+    UNASKED,
+    VARIES,
     Course,
     Found,
     Places,
+    Rates,
     course_of,
     places_of,
     two_runs,
@@ -40,28 +43,14 @@ from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.linear_run import REPEATED, driven_kernel
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
+from varint.integration.proof_limits import proof_limits
 from varint.integration.rule_choice import SECULAR, Priced, first_steps, priced
+from varint.integration.time_transformation.rate_ahead import ask_for_rates, rates_to_follow
 from varint.integration.trajectories import Run, motion_of
 from varint.integration.work_bound import MISSED, balance_rows
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
-
-# in the order of c/two_runs_core.c
-_NAMES = (
-    *("ROUGH", "HALF", "FLOOR", "LOST", "GAIN", "MARGIN", "SAFETY", "SPREAD", "EVIDENCE"),
-    *("ROUNDED", "NO_SHRINKAGE", "NOT_WORSE", "ROUNDING", "STALLED", "PART_CLOSE", "CAUTION"),
-    *("LEAST", "GOOD", "MOST", "FAR", "CLEAR", "SECULAR_GROWTH", "LEFT", "UNEVEN"),
-    *("CHANCE", "GROWS", "WAYS", "PARTED", "FAR_BELOW", "MAGNIFIED"),
-    *("SAMPLES", "LONG", "PARTS", "ATTEMPTS"),
-    *("WATCHED", "FIRST_PART", "FEWEST", "SEEN_PARTS", "SLOW"),
-)
-_LIMITS = np.array(
-    [
-        *(vars(decided).get(x) or vars(limited)[x] for x in _NAMES),
-        *(POOR, SECULAR, LEVEL, *decided.QUANTILES),
-    ]
-)
 
 # in the order of c/refined_core.c; one more stands behind them
 _REFINED = np.array(
@@ -89,11 +78,12 @@ def by_short_trials(
     turned: tuple[float, float],
     backend: str,
     began: float,
+    follow: bool = False,
 ) -> Choice | int:
     """The choice that two runs and their energies prove, or more of them over forces; NOT_PROVED
-    where they do not, NOT_SHORT where a run is long, or of another kind. `mass` is the diagonal of
-    the mass matrix at the start, `turned` by how much the motion turns, and the one that the first
-    steps are for.
+    where they do not, NOT_SHORT where a run is long, or of another kind, VARIES and more where
+    steps should `follow` one of the rates. `mass` is the diagonal of the mass matrix at the start,
+    `turned` by how much the motion turns, and the one that the first steps are for.
     """
     (radians, begin), kernel = turned, kernel_for(system, rule, start, backend)
     course = None if kernel is None else course_by(system, rule, kernel)
@@ -108,7 +98,9 @@ def by_short_trials(
     places = places_of(place, at + 16 * n, 1)
     first = steps_to_begin(system, priced({rule: 1.0})[0], begin, tol)
     asked = start.t0, start.h, first, radians, tol
-    found = two_short_runs((system, rule, course), places, *asked)
+    found = two_short_runs(
+        (system, rule, course), places, asked, rates_to_follow(system) if follow else [None]
+    )
     if isinstance(found, int):
         return found
     steps = found.steps
@@ -135,18 +127,20 @@ def steps_to_begin(system: System, rule: Priced, radians: float, tol: float) -> 
 def two_short_runs(
     how: tuple[System, Rule, Course],
     places: Places,
-    t0: float,
-    duration: float,
-    first: int,
-    radians: float,
-    tol: float,
+    asked: tuple[float, float, int, float, float],
+    rates: list[Rates | None],
 ) -> Found | int:
-    """`two_runs`, and a look at whether another gear repays."""
+    """`two_runs` of (t0, duration, first, radians, tol), and a look at whether another gear repays;
+    VARIES and more where steps of a run that went astray should follow one of the rates.
+    """
     system, rule, course = how
+    now = perf_counter() if course.kernel.is_native else 0.0
+    found = two_runs(course, places, *asked, rates[0])
+    if type(found) is int and found >= VARIES and rates[0] is UNASKED:
+        rates[0] = ask_for_rates(system)
+        found = two_runs(course, places, *asked, rates[0])
     if not course.kernel.is_native:
-        return two_runs(course, places, t0, duration, first, radians, tol)
-    now = perf_counter()
-    found = two_runs(course, places, t0, duration, first, radians, tol)
+        return found
     gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
     if gears:
         kernel_after(gears, perf_counter() - now, 0.0)
@@ -192,6 +186,6 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
             return refined_course(*how, body, turns, repeated)
         kind = s.linear, not s.quadratic_kinetic, body, turns
-        return course_of(kernel, energy, rule.order, pieces, *kind, _LIMITS)
+        return course_of(kernel, energy, rule.order, pieces, *kind, proof_limits())
     except CompileError:
         return None

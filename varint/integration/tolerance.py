@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from varint.codegen.two_runs import NOT_SHORT
+from varint.codegen.two_runs import NOT_SHORT, VARIES
 from varint.discrete.constraints import ActiveSet
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
@@ -94,6 +94,7 @@ def choose_steps(
     backend: str = "auto",
     tried: int | None = None,
     varying: Varying | None = None,
+    follow: bool = False,
     ahead: float = 0.0,
 ) -> Choice:
     """Rule and number of steps with which every coordinate's error stays below tol times its scale.
@@ -115,6 +116,8 @@ def choose_steps(
         What `by_short_trials` would say: NOT_PROVED or NOT_SHORT.
     varying : callable, optional
         The choice with steps that follow the scene, where a run that went astray asks for them.
+    follow : bool, optional
+        Whether short ones may.
     ahead : float, optional
         Frequency of a motion whose first steps suit this one, by what is seen ahead.
 
@@ -152,7 +155,10 @@ def choose_steps(
     if plain and scale is None and mass is not None and not mapped:
         found = tried
         if tried is None:
-            found = by_short_trials(system, own, start, mass, tol, turned, backend, began)
+            short = system, own, start, mass, tol, turned, backend, began
+            found = by_short_trials(*short, follow)
+            if varying and isinstance(found, int) and found >= VARIES:
+                found = varying(found - VARIES) or by_short_trials(*short)
         if isinstance(found, Choice):
             return found
         plain = by_two_runs = found == NOT_SHORT

@@ -38,6 +38,7 @@ MIDDLE = 2  # the index of one of them that a few rough nodes do not touch
 # reached; the finer run is then taken for hardly the better one
 NO_SHRINKAGE, NOT_WORSE = 0.3, 2 / 3
 HOPELESS = 10.0  # times tol, that round-off makes: far out of reach, whatever the steps
+LAST_DIGIT = 2.0**-52  # of the energy: where p·v is as small as that, as in a moment from rest
 STILL = 1e-13  # of the energy: an error that is hardly more than round-off, mostly
 STALLED = 0.6  # a difference that shrinks by less has stopped to shrink
 SAMPLES = 400  # nodes at which the energy is looked at, and up to as many more
@@ -56,6 +57,9 @@ CAUTION = 0.85  # of the rule's order is counted on at most
 # ratio of the steps of two runs: at least, what a new coarse run aims at, and at most, where the
 # error that is predicted of the first coarse one is not clearly small, and otherwise
 LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
+# the same where the comparison of two runs was not enough: by fewer more energies often do not
+# shrink, for steps may lie in a resonance
+AGAIN = 1.5
 CLEAR = 0.03  # such an error
 # errors that grow are as uneven, and between shared nodes by as much larger, at most; by the root
 # of that where runs share so many parts
@@ -68,10 +72,11 @@ LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
 
 
 class Attempt(NamedTuple):
-    """A run, and its `energy_errors`."""
+    """A run, its `energy_errors`, and what these cannot tell, for it is the energy's last digit."""
 
     run: Any
     swing: list[float]
+    hidden: float = 0.0
 
 
 Trial = Callable[[int, float, int], Attempt | None]  # (steps, wanted error, part of the run)
@@ -84,9 +89,9 @@ class Course(NamedTuple):
     motions turn; where the rule's order is sure for all steps that resolve them (linear scenes);
     how often steps are added before it is given up; into how many parts a coarse run is divided at
     most, so that one that is lost in the first of them ends there; part of `ROUGH` that iterations
-    of the next one leave; a run with so many steps for a wanted error, from a start with other last
-    digits, in one of `WAYS`; whether all steps are one map; how much the first run that is compared
-    expects errors to grow beyond those of regular motions.
+    of a coarse one leave at most; a run with so many steps for a wanted error, from a start with
+    other last digits, in one of `WAYS`; whether all steps are one map; how much the first run that
+    is compared expects errors to grow beyond those of regular motions.
     """
 
     trial: Trial
@@ -135,7 +140,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     if not course.exact:
         steps, runs = _by_a_part(course, steps, rough, p)
     coarse: Attempt | None = None
-    level = rough
+    level = min(rough, ROUGH * course.closer)
     expected = before = math.inf
     clear, doubted = CLEAR, False  # once, for steps may lie in a resonance
     growth = start_growth = 1.0
@@ -147,14 +152,14 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             expected = _expected(course, tried)
             if tried is None or not expected <= LOST:
                 steps = _shared(steps * _ratio(expected, rough, p, 2.0))
-                level = min(rough, ROUGH * course.closer)
                 continue
             wanted = _ratio(MARGIN * expected, tol, p, math.inf)
             if wanted > (FAR if expected <= clear else MOST):
                 steps, clear = _shared(steps * wanted / GOOD), LOST
                 continue
             coarse = tried
-        more = _shared(steps * _ratio(MARGIN * expected, tol, p, FAR))
+        finer = _ratio(MARGIN * expected, tol, p, FAR)
+        more = _shared(steps * (max(finer, AGAIN) if last else finer))
         wanted = tol / max(growth, course.foreseen)
         fine, runs = course.trial(more, wanted, 1), runs + 1
         if fine is None:
@@ -182,7 +187,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         fewer = before < ROUGH * EVIDENCE and EVIDENCE * before * ratio ** (-CAUTION * p) < apart
         short = still and fewer
         last = Proved(more, fine.run, max(max(CHANCE, spread) * apart, left, floor), runs)
-        shrinkage = _shrinkage(coarse.swing, fine.swing, ratio, p, course.linear)
+        shrinkage = _shrinkage(coarse, fine, ratio, p, course.linear)
         if (short or apart > STALLED * before) and rounded > tol:
             break
         if shrinkage is None:
@@ -205,7 +210,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
                 return found._replace(estimate=max(found.estimate, likely))
             if regular:
                 return found
-            grown, made = _by_round_off(course, found, wanted, tol)
+            grown, made = by_round_off(course, found, wanted, tol)
             runs, measured = runs + made, unseen
             grown *= CHANCE if unseen else 1.0
             if grown <= tol or not unseen:
@@ -214,7 +219,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         expected = shown if apart < ROUGH * EVIDENCE else apart
     if last is None:
         return None
-    grown, made = _by_round_off(course, last, wanted, tol) if start_growth >= GROWS else (0.0, 0)
+    grown, made = by_round_off(course, last, wanted, tol) if start_growth >= GROWS else (0.0, 0)
     last = last._replace(estimate=max(last.estimate, grown), runs=last.runs + made)
     limited = still and doubted and last.estimate <= tol  # energies hide how small errors are
     # a narrow place that steps are too long for looks like growth: round-off that was measured
@@ -225,7 +230,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     return None
 
 
-def _by_round_off(course: Course, found: Proved, wanted: float, tol: float) -> tuple[float, int]:
+def by_round_off(course: Course, found: Proved, wanted: float, tol: float) -> tuple[float, int]:
     """What round-off grows to, the start's included, with which all runs begin alike; in so many
     runs.
     """
@@ -254,6 +259,13 @@ def energy_errors(motion: Trajectory) -> list[float]:
         return quantiles(*energies_along(motion.system, *at, motion.c))
     few = motion[some]
     return quantiles(few.energy, np.abs((few.p * few.v).sum(axis=1)))
+
+
+def attempt_by_energies(run: Any, energy: np.ndarray, moving: np.ndarray) -> Attempt:
+    """A run whose energies and |p·v| at nodes are these; they are overwritten."""
+    whole, swing = LAST_DIGIT * abs(energy.item(0)), quantiles(energy, moving)
+    size = moving.item(len(moving) // 2)
+    return Attempt(run, swing, whole / size if size > 0 else 0.0)
 
 
 def quantiles(energy: np.ndarray, moving: np.ndarray) -> list[float]:
@@ -295,15 +307,15 @@ def _by_a_part(course: Course, steps: int, rough: float, p: int) -> tuple[int, i
     return steps, runs
 
 
-def _shrinkage(
-    before: list[float], after: list[float], ratio: float, p: int, linear: bool
-) -> float | None:
+def _shrinkage(before: Attempt, after: Attempt, ratio: float, p: int, linear: bool) -> float | None:
     """Part of the coarse run's error that the finer one has left; None where it does not shrink."""
-    sure = ratio ** (-CAUTION * p)
-    both = zip(before, after, strict=True)
-    left = max([max(b, ROUNDED) / a for a, b in both if a > EVIDENCE * ROUNDED], default=None)
+    sure, rounded = ratio ** (-CAUTION * p), max(before.hidden, ROUNDED)
+    both = zip(before.swing, after.swing, strict=True)
+    left = max([max(b, ROUNDED) / a for a, b in both if a > EVIDENCE * rounded], default=None)
+    if left is None and not linear:
+        return NOT_WORSE if rounded > ROUNDED else 0.5
     if left is None:
-        return sure if linear else 0.5
+        return sure
     if left > NO_SHRINKAGE:
         return NOT_WORSE if left < 1 else None
     return max(min(SAFETY * left, 0.5), sure)

@@ -9,19 +9,11 @@
 #include "lanes.h"
 #include "run.h"
 #include "tape.h"
+#include "look_ahead.h"
 
 typedef struct {
     Tape rate, step; /* (q, v) to w; (q, v, dt) and the sign to (q, v, dt) after dt, and to dt, w there, energy and p v here */
 } Scene;
-
-/* varint/codegen/look_ahead.py has the same layout */
-typedef struct {
-    const Scene *scene;
-    const double *start, *c; /* q and v; parameters */
-    double *told;            /* mean of w over time, its largest value, the time that was seen */
-    int64_t n, steps;
-    double angle, sign, total, astray; /* of w in a step; how long at most; energy error over p v where it ends */
-} LookAhead;
 
 enum { DT, RATE, ENERGY, SIZE, EACH };
 

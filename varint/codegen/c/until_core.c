@@ -7,6 +7,7 @@
 #include "lanes.h"
 #include "run.h"
 #include "rows.h"
+#include "until.h"
 
 #define AT_ONCE 8        /* steps before the clock is looked at */
 #define LOCATED 0x1p-50  /* of the time: the end is there */
@@ -15,27 +16,6 @@
 #define SAMPLES 32       /* energies that are looked at */
 #define GROSS 0.25       /* of the largest p·v: a change of the energy that nothing in the scene can do */
 #define RESULTS 4
-
-/* varint/codegen/until.py has the same layouts */
-typedef struct {
-    int64_t steps, nodes, iterations, quiet; /* until the end; that are kept */
-    double residual;
-} Told;
-
-typedef struct {
-    int (*run)(const RunArguments *);
-    const void *scene;
-    int (*rows)(const RowsArguments *);
-    const void *energies; /* (q, p) to the energy that was E0 at the start, its |p·v|, the energy that is constant, its |p·v| */
-    int64_t n, carry, most;
-    double *nodes; /* (nodes, 3 n): q, p, v */
-    Told *told;
-    double *kept;
-    int64_t room; /* numbers that nodes may be */
-    const double *start, *c;
-    int64_t every;
-    double patience, h, level, total, expected, energy, off, t0; /* energy: that of the start, off by what part of |p·v| at most */
-} Until;
 
 typedef struct { double iterations, residual; int64_t last; } Work;
 

@@ -9,15 +9,24 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
+from varint.codegen.rows import RowFunction, row_function_or_none
+from varint.codegen.two_runs import UNASKED, Rates, rates_of
+from varint.discrete.legendre import velocity_function
 from varint.integration.time_transformation.flight_rate import flight_rate
 from varint.integration.time_transformation.local_rate import local_rate
 from varint.integration.time_transformation.rate_pilot import (
+    ANGLE,
+    ASTRAY,
     REMEMBERED,
+    STEPS,
     RatePilot,
     comes_from_afar,
     glance,
+    look_by,
+    rate_of_kind,
     rate_pilot,
 )
 from varint.scene.memory import per_scene, per_system
@@ -45,6 +54,14 @@ class Ahead(NamedTuple):
 
 
 NOTHING = Ahead(None, 0.0)
+
+
+def seen_along(
+    system: System, start: np.ndarray, c: np.ndarray, total: float, which: int
+) -> RatePilot | None:
+    """A look ahead at one of `kinds_of`, which varies along a run that went astray."""
+    n, flight = len(start) // 2, kinds_of(system)[which]
+    return rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
 
 
 def seen_ahead(system: System, start: np.ndarray, c: np.ndarray, total: float) -> Ahead:
@@ -84,6 +101,32 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
         if not frequency and duration <= BEYOND * abs(total):
             frequency = (FLYING if flight else 1.0) * largest
     return Ahead(None, frequency)
+
+
+@per_scene
+def rates_to_follow(system: System) -> list[Rates | None]:
+    """One: what is known of those of `kinds_of` as data."""
+    return [UNASKED]
+
+
+def ask_for_rates(system: System) -> Rates | None:
+    """Those of `kinds_of`, where they are data."""
+    looks = [look_by(system, flight) for flight in kinds_of(system)]
+    rows, known = _rate_rows(system), [look for look in looks if look is not None]
+    if rows is None or len(known) < len(looks):
+        return None
+    return rates_of(rows, known, STEPS, ANGLE, ASTRAY, WORTH)
+
+
+def _rate_rows(system: System) -> RowFunction | None:
+    """(q, p) → the rates of `kinds_of` and velocities at many nodes, where they are data."""
+    velocity = velocity_function(system)
+    if not velocity.is_a("SXFunction"):
+        return None
+    s, p = system, ca.SX.sym("p", system.structure.n)
+    v = velocity(s.q, p, ca.SX.zeros(1), s.c)
+    rates = [ca.substitute(rate_of_kind(s, flight), s.v, v) for flight in kinds_of(s)]
+    return row_function_or_none("rates", [s.q, p], s.c, [ca.densify(x) for x in (*rates, v)])
 
 
 @per_scene

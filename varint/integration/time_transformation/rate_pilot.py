@@ -78,7 +78,7 @@ def _looked_at(
     flight: bool,
 ) -> RatePilot | None:
     """In the core, where the scene has a form as data."""
-    end, look = math.inf if total is None else abs(total), _look(system, flight)
+    end, look = math.inf if total is None else abs(total), look_by(system, flight)
     if look is None:
         seen = _without_core(system, q, v, c, end, backwards, flight)
     else:
@@ -146,7 +146,7 @@ def glance(
     """What `rate_pilot` sees from the coordinates and velocities `start`, with all digits, in less
     time.
     """
-    look = _look(system, flight)
+    look = look_by(system, flight)
     if look is not None:
         return _by_core(look, start, c, abs(total), total < 0)
     n = len(start) // 2
@@ -167,16 +167,19 @@ def comes_from_afar(system: System, start: np.ndarray, c: np.ndarray) -> bool:
 @per_system
 def _both_rates(system: System) -> ca.Function:
     """(q, v), c → ω and the rate in flight."""
-    at, both = ca.vertcat(system.q, system.v), [_rate(system, flight) for flight in (False, True)]
+    at, both = (
+        ca.vertcat(system.q, system.v),
+        [rate_of_kind(system, flight) for flight in (False, True)],
+    )
     return ca.Function("rates", [at, system.c], [ca.vertcat(*both)], {"cse": True})
 
 
 @per_system
-def _look(system: System, flight: bool) -> Look | None:
+def look_by(system: System, flight: bool) -> Look | None:
     """The pilot's operations as data."""
     inputs, (after, *each) = _step(system, flight)
     at = ca.vertcat(system.q, system.v)
-    rate = at, _rate(system, flight)
+    rate = at, rate_of_kind(system, flight)
     return look_of(system.structure.n, rate, (inputs, [after, ca.vertcat(*each)]), system.c)
 
 
@@ -184,10 +187,11 @@ def _look(system: System, flight: bool) -> Look | None:
 def _rate_function(system: System, flight: bool) -> ca.Function:
     """(q, v), c → ω."""
     at = ca.vertcat(system.q, system.v)
-    return ca.Function("rate", [at, system.c], [_rate(system, flight)], {"cse": True})
+    return ca.Function("rate", [at, system.c], [rate_of_kind(system, flight)], {"cse": True})
 
 
-def _rate(system: System, flight: bool) -> ca.SX:
+def rate_of_kind(system: System, flight: bool) -> ca.SX:
+    """ω as an expression of q and c, or the rate in flight, of v, too."""
     square = flight_rate(system).square if flight else local_rate(system).square
     assert square is not None
     if flight:
@@ -217,7 +221,7 @@ def _step(system: System, flight: bool) -> tuple[list[ca.SX], list[ca.SX]]:
     dt, sign = ca.SX.sym("dt"), ca.SX.sym("sign")
     push = ca.gradient(s.lagrangian, q) - ca.jtimes(s.momentum, q, v)
     slope = ca.Function("slope", [q, v, c], [mass_solve(s.mass_matrix, push)])
-    rate = ca.Function("rate", [q, v, c], [_rate(s, flight)])
+    rate = ca.Function("rate", [q, v, c], [rate_of_kind(s, flight)])
     h = sign * dt
     ways = [(v, slope(q, v, c))]  # the classical Runge–Kutta method
     for part in (0.5, 0.5, 1.0):

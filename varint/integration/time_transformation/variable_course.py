@@ -29,7 +29,12 @@ from varint.integration.time_transformation.plain_course import (
     physical_run,
     velocities,
 )
-from varint.integration.time_transformation.rate_ahead import WORTH, kinds_of, seen_ahead
+from varint.integration.time_transformation.rate_ahead import (
+    WORTH,
+    kinds_of,
+    seen_ahead,
+    seen_along,
+)
 from varint.integration.time_transformation.rate_pilot import rate_pilot, rate_varies
 from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
 from varint.integration.time_transformation.transformed_run import (
@@ -54,9 +59,9 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 ATTEMPTS = 16  # equal steps, which are left else, would be far more
-# encounters magnify what iterations leave, which no number of steps mends: a coarse run may be lost
-# by that alone, and the next one's leave less
-CLOSER = 0.1
+# encounters magnify what iterations leave, which no number of steps mends: a coarse run would be
+# lost by that alone, or its energy say that it is
+CLOSER = 0.01
 # growth of what iterations leave where two bodies meet: an iteration more in each step, where
 # one that was expected too late costs another run
 FORESEEN = 1e5
@@ -71,19 +76,21 @@ def choose_varying_steps(
     start: Start,
     options: RunOptions,
     tol: float,
-    astray: Trajectory | None = None,
+    astray: Trajectory | int | None = None,
 ) -> Choice | None:
     """The run with steps that follow the local rate of the scene; None where that is not worth it
     or not possible, or where neither an error below tol nor that there is none can be shown.
 
     The look ahead sees no more than the beginning: a run with equal steps that went `astray` later
-    on shows whether the rate varies till there.
+    on shows whether the rate varies till there, or has shown which one of `kinds_of`.
     """
     if not _possible(system, rule, options) or problem.steps > 1:
         return None
     total, v = problem.h, start_velocity(system, problem, start.v0)
     if astray is None:
         pilot = seen_ahead(system, np.concatenate((problem.q0, v)), problem.c, total).pilot
+    elif isinstance(astray, int):
+        pilot = seen_along(system, np.concatenate((problem.q0, v)), problem.c, total, astray)
     else:
         kinds = (x for x in kinds_of(system) if rate_varies(system, astray, WORTH, x))
         looks = (rate_pilot(system, problem.q0, v, problem.c, total, total < 0, x) for x in kinds)

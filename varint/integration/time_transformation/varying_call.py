@@ -18,9 +18,14 @@ import varint.codegen.nearness as nearness
 from varint.codegen.cache import CompileError
 from varint.codegen.nearness import Nearness, Places, nearness_of
 from varint.codegen.rows import as_data
+from varint.codegen.two_runs import NOT_SHORT
+from varint.codegen.varying_runs import Course as VaryingCourse
+from varint.codegen.varying_runs import varying_course, varying_runs
 from varint.integration.energy_check import energy_rows
 from varint.integration.error_scale import angles, bodies
+from varint.integration.gears import kernel_after
 from varint.integration.plain_start import begin_at
+from varint.integration.proof_limits import proof_limits
 from varint.integration.round_off import ROUNDED
 from varint.integration.rule_choice import cheapest_of, first_steps, iteration_level
 from varint.integration.time_transformation.inner_run import How, asked_until_end, until_end
@@ -33,6 +38,7 @@ from varint.integration.time_transformation.physical_call import (
     start_of,
     with_other_digits_of,
 )
+from varint.integration.time_transformation.physical_end import FIRST_CHUNK, PATIENCE
 from varint.integration.time_transformation.plain_course import velocity_rows
 from varint.integration.time_transformation.rate_pilot import RatePilot
 from varint.integration.time_transformation.time_scale import AUTO, FLIGHT
@@ -44,7 +50,18 @@ from varint.integration.time_transformation.variable_course import (
     prices_for,
 )
 from varint.integration.trajectories import with_stats
-from varint.integration.two_runs import FLOOR, QUANTILES, SAMPLES, Attempt, Course, run_twice
+from varint.integration.two_runs import (
+    CHANCE,
+    FLOOR,
+    HOPELESS,
+    QUANTILES,
+    SAMPLES,
+    Attempt,
+    Course,
+    Proved,
+    by_round_off,
+    run_twice,
+)
 from varint.numerics.limits import MOST_STEPS, check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -67,9 +84,11 @@ def varying_call(
     tol: float,
     pilot: RatePilot,
     began: float,
+    before: int,
 ) -> Trajectory | int | None:
     """The motion from a start (q0, v0, t0, params) with steps that follow its rate, which the pilot
-    saw; NOT_VARYING where they do not prove its error, None where another way is to be taken.
+    saw, after so many other runs; NOT_VARYING where they do not prove its error, None where another
+    way is to be taken.
     """
     span = pilot.mean * duration
     price = cheapest_of(prices_for(system, rule), abs(span), tol)
@@ -91,19 +110,10 @@ def varying_call(
             return None
         check_steps(start[2], h, 1)
         asked = looks, begun.places, (float(start[2]), duration), span
-        trial = partial(_trial, ready, begun, *asked)
-        parted = partial(_parted, system, ready, begun, *asked)
-        apart = partial(_apart, looks, begun.places)
-        course = Course(
-            trial,
-            apart,
-            abs(span),
-            attempts=ATTEMPTS,
-            closer=CLOSER,
-            parted=parted,
-            foreseen=FORESEEN,
-        )
-        found = run_twice(price.rule, course, first_steps(price, abs(span), tol), tol, FLOOR)
+        first = first_steps(price, abs(span), tol)
+        found = _at_once(system, ready, begun, price.rule, asked, first, tol)
+        if found is None:
+            found = run_twice(price.rule, _course(system, ready, begun, asked), first, tol, FLOOR)
     except _NotPlain:
         return None
     finally:
@@ -117,9 +127,96 @@ def varying_call(
         tol=tol,
         error_estimate=found.estimate,
         rule=str(price.rule),
-        runs=found.runs,
+        runs=before + found.runs,
         seconds=perf_counter() - began,
     )
+
+
+# how runs are looked at, places, (t0, duration) and the fictitious time that it is foreseen to take
+Asked = tuple[Nearness, Places, tuple[float, float], float]
+
+
+def _at_once(
+    system: System,
+    ready: Ready,
+    begun: BegunStart,
+    rule: Rule,
+    asked: Asked,
+    first: int,
+    tol: float,
+) -> Proved | None:
+    """`run_twice` by one call of the core; None where it does not prove the error.
+
+    Raises
+    ------
+    _NotPlain
+        If a run comes to no good end.
+    """
+    _, places, (t0, total), span = asked
+    called = ready.called
+    entries, course = called.loop(ready.moving, "auto"), _varying_course(system, rule, called.most)
+    if entries is None or course is None:
+        return None
+    began = perf_counter()
+    h = span / first
+    place = asked_until_end(begun.at, h, 0.0, (t0, total), float(first), begun.energy, 1)
+    found = varying_runs(course, places, entries, place, first, abs(span), span, tol)
+    seconds = perf_counter() - began
+    if entries.kernel.is_native and called.gears:
+        kernel_after(called.gears, seconds, 0.0)
+    if isinstance(found, int):
+        if found == NOT_SHORT:
+            raise _NotPlain
+        return None
+    steps, runs, estimate, until, doubt = found
+    proved = Proved(steps, (span / steps, begun.constants, until, seconds), estimate, runs)
+    return proved if doubt is None else _looked_at(system, ready, begun, asked, proved, doubt, tol)
+
+
+def _looked_at(
+    system: System,
+    ready: Ready,
+    begun: BegunStart,
+    asked: Asked,
+    proved: Proved,
+    doubt: tuple[float, bool],
+    tol: float,
+) -> Proved | None:
+    """The same with what round-off of the start makes of it; None where that may be too much."""
+    (wanted, unseen), course = doubt, _course(system, ready, begun, asked)
+    grown, made = by_round_off(course, proved, wanted, tol)
+    grown *= CHANCE if unseen else 1.0
+    if grown > tol and unseen:
+        return None
+    return proved._replace(estimate=max(proved.estimate, grown), runs=proved.runs + made)
+
+
+def _course(system: System, ready: Ready, begun: BegunStart, asked: Asked) -> Course:
+    looks, places, _, span = asked
+    trial = partial(_trial, ready, begun, *asked)
+    parted = partial(_parted, system, ready, begun, *asked)
+    apart = partial(_apart, looks, places)
+    return Course(
+        trial,
+        apart,
+        abs(span),
+        attempts=ATTEMPTS,
+        closer=CLOSER,
+        parted=parted,
+        foreseen=FORESEEN,
+    )
+
+
+@per_scene
+def _varying_course(system: System, rule: Rule, most: float) -> VaryingCourse | None:
+    """None where the core cannot make such runs."""
+    looks = _nearness(system)
+    limits = proof_limits(ATTEMPTS, 1, CLOSER, FORESEEN, HOPELESS)
+    patience = float(PATIENCE), float(FIRST_CHUNK), most
+    try:
+        return looks and varying_course(looks, rule.order, patience, limits)
+    except CompileError:
+        return None
 
 
 @per_scene

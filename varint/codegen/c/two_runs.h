@@ -1,0 +1,170 @@
+/* A coarse run, the run itself, their energies and their difference: how the error of a motion is proved.
+
+   varint/integration/two_runs.py says why, and decides alike where runs are of another kind; its numbers are `limits`.
+
+   Before this file: a Case, with `limits`, order, linear, first, radians, tol and `found`, which counts the runs; an Attempt
+   that has `seen`; and what is declared here. */
+typedef struct { double wanted, estimate; int unseen; } Doubt; /* of a run: round-off of the start; may it be more than was seen? */
+
+/* A run of one of so many parts of the steps; 0 where another way is to be taken. One of `watched` parts, more than one, ends
+   with the first of them where that is none. */
+static int try_run(const Case *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to);
+static void release(Attempt *run);
+/* The largest difference of two runs, no number where one of them is none, and the least that an early one lets expect in the
+   middle: those of regular motions grow with the square of time at most. */
+static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early);
+/* What round-off grows to, the start's included, with which all runs begin alike; less than none where it is looked at
+   elsewhere. */
+static double by_round_off(const Case *a, const Attempt *run, const Doubt *of);
+/* The number of a rate that steps should follow, since it varies along a run that went astray; less than none: of none. */
+static int64_t varying_rate(const Case *a, const Attempt *run);
+static void keep(const Case *a, Attempt *run, double estimate);
+
+/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+static double level_for(const Case *a, double wanted, int64_t steps) {
+    const double often = a->limits->secular / ((double)steps * (double)steps);
+    return wanted * (a->limits->level < often ? a->limits->level : often);
+}
+
+static double expected_of(const Case *a, const Seen *run) {
+    return run->lost ? INFINITY : a->limits->gain * run->swing[QUANTILES - 1] * (a->radians > 1 ? a->radians : 1);
+}
+
+/* Parts of a coarse run, the first of which is looked at while it is made; 1 where it is too short for that. */
+static int64_t watched_parts(const Case *a, int64_t steps) {
+    const int64_t each = steps / (int64_t)a->limits->first_part, most = (int64_t)a->limits->watched,
+                  parts = each < most ? each : most;
+    return steps <= a->limits->most_without_a_part && parts >= a->limits->fewest ? parts : 1;
+}
+
+static double ratio_for(const Case *a, double error, double wanted, double most) {
+    if (!(error - error == 0)) return most;
+    double x = pow(error / wanted, 1 / (double)a->order);
+    x = x > a->limits->least ? x : a->limits->least;
+    return x < most ? x : most;
+}
+
+static int64_t shared(double steps) {
+    const int64_t parts = steps > 256 ? 16 : steps > 96 ? 8 : 4; /* SHARED */
+    const double each = ceil(steps / parts);
+    return parts * (each > 2 ? (int64_t)each : 2);
+}
+
+/* Part of the coarse run's error that the finer one has left; no number where it does not shrink. */
+static double shrinkage(const Case *a, const Seen *before, const Seen *after) {
+    const Limits *const l = a->limits;
+    const double sure = pow((double)after->steps / (double)before->steps, -l->caution * a->order);
+    const double rounded = before->hidden > l->rounded ? before->hidden : l->rounded;
+    double left = -1;
+    for (int i = 0; i < QUANTILES; i++)
+        if (before->swing[i] > l->evidence * rounded) {
+            const double rest = (after->swing[i] > l->rounded ? after->swing[i] : l->rounded) / before->swing[i];
+            left = rest > left ? rest : left;
+        }
+    if (left < 0) return a->linear ? sure : rounded > l->rounded ? l->not_worse : 0.5;
+    if (left > l->no_shrinkage) return left < 1 ? l->not_worse : NO_NUMBER;
+    left = l->safety * left < 0.5 ? l->safety * left : 0.5;
+    return left > sure ? left : sure;
+}
+
+static int prove(const Case *a) {
+    const Limits *const l = a->limits;
+    Attempt coarse = {0}, fine = {0};
+    int result = NOT_SHORT, known = 0, compared = 0, doubted = 0, measured = 0;
+    const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
+    double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1, start_growth = 1;
+    const double close = l->rough * l->closer, level = rough < close ? rough : close;
+    int64_t steps = shared((double)a->first), rate;
+    a->found->runs = 0;
+    for (int looks = 0; steps > l->most_without_a_part && looks < 3; looks++) {
+        if (!try_run(a, steps, rough, (int64_t)l->parts, 1, &coarse)) goto end;
+        const double likely = expected_of(a, &coarse.seen);
+        if (coarse.seen.lost && (rate = varying_rate(a, &coarse)) >= 0) goto varies;
+        if (rough / l->part_close < likely && likely < rough * l->part_close) break;
+        double factor = likely - likely == 0 ? pow((likely > 1e-300 ? likely : 1e-300) / rough, 1 / p) : 2;
+        factor = factor < 0.5 ? 0.5 : factor > 2 ? 2 : factor;
+        steps = shared(steps * factor);
+    }
+    for (int attempt = 0; attempt < l->attempts; attempt++) {
+        if (!known) {
+            if (!try_run(a, steps, level, 1, watched_parts(a, steps), &coarse)) goto end;
+            expected = expected_of(a, &coarse.seen);
+            if (coarse.seen.lost || !(expected <= l->lost)) {
+                if ((rate = varying_rate(a, &coarse)) >= 0) goto varies;
+                steps = shared(steps * ratio_for(a, expected, rough, 2));
+                continue;
+            }
+            const double wanted = ratio_for(a, l->margin * expected, a->tol, INFINITY);
+            if (wanted > (expected <= clear ? l->far : l->most)) {
+                steps = shared(steps * wanted / l->good), clear = l->lost;
+                continue;
+            }
+            known = 1;
+        }
+        double finer = ratio_for(a, l->margin * expected, a->tol, l->far);
+        if (compared && finer < l->again) finer = l->again;
+        const int64_t more = shared(steps * finer);
+        const double wanted = a->tol / (growth > l->foreseen ? growth : l->foreseen);
+        double early = 0;
+        if (!try_run(a, more, wanted, 1, 1, &fine)) goto end;
+        if (fine.seen.lost && (rate = varying_rate(a, &fine)) >= 0) goto varies;
+        if (fine.seen.lost) break;
+        const double apart = apart_from(a, &coarse, &fine, &early), made = coarse.seen.swing[MIDDLE],
+                     regular = l->secular_growth * (early > l->rounded ? early : l->rounded),
+                     grown = apart / (made > regular ? made : regular), /* growth_of */
+                     often = l->magnified * grown, begun = apart / regular < often ? apart / regular : often; /* magnified */
+        start_growth = begun > start_growth ? begun : start_growth;
+        growth = grown > growth ? grown : growth;
+        const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
+                     rounded = apart < walk ? apart : walk, left = shrinkage(a, &coarse.seen, &fine.seen);
+        if (walk > l->hopeless * a->tol) goto end; /* it is shown elsewhere that no steps mend it */
+        const int stalls = apart > l->stalled * before;
+        if (!(apart - apart == 0) || (stalls && rounded > a->tol)) break;
+        const int shrinks = left == left;
+        if (!shrinks) {
+            expected = expected_of(a, &fine.seen), expected = apart > expected ? apart : expected;
+            if (doubted || !(expected <= l->lost)) break;
+        }
+        const double uneven = start_growth < l->uneven ? start_growth : l->uneven,
+                     spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
+        const int unseen = growth >= l->grows && rounded > a->tol && !measured; /* other runs show what round-off makes */
+        double shown = spread * apart * left / (1 - left);
+        shown = shown > rounded || unseen ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
+        const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth;
+        double estimate = shown > iterated ? shown : iterated;
+        const int near = apart < l->rough * l->evidence;
+        if (shrinks && near && estimate <= a->tol) {
+            const double turns = a->radians > (double)more ? a->radians : (double)more;
+            const double likely = l->chance * l->rounding * turns * sqrt((double)more) * start_growth;
+            const int grows = start_growth >= l->grows;
+            double rounded_to = 0;
+            if (likely <= a->tol) rounded_to = grows || l->foreseen > 1 ? likely : 0;
+            else if (grows) rounded_to = by_round_off(a, &fine, &(Doubt){wanted, estimate, unseen});
+            if (rounded_to < 0) {
+                result = DOUBTED;
+                keep(a, &fine, estimate);
+                goto end;
+            }
+            if (rounded_to > a->tol && !unseen) goto end;
+            if (unseen) rounded_to *= l->chance, measured = 1;
+            if (rounded_to <= a->tol) {
+                result = PROVED;
+                keep(a, &fine, rounded_to > estimate ? rounded_to : estimate);
+                goto end;
+            }
+        }
+        compared = 1;
+        const Attempt older = coarse;
+        coarse = fine, fine = older;
+        steps = more;
+        if (shrinks) before = apart, expected = near ? shown : apart;
+        else doubted = 1;
+    }
+    if (start_growth < l->grows && !doubted) result = NOT_PROVED; /* elsewhere it may be shown to be out of reach */
+    goto end;
+varies:
+    result = VARIES + (int)rate;
+end:
+    release(&coarse), release(&fine);
+    return result;
+}
