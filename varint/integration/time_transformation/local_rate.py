@@ -85,8 +85,9 @@ class _Graph:
 
 
 def gyration(system: System) -> ca.SX:
-    """−½ tr B², by which charges go round, where the mass is constant."""
-    turn = ca.jacobian(system.momentum, system.q)
+    """−½ tr B², by which charges go round."""
+    at_rest = ca.substitute(system.momentum, system.v, ca.SX.zeros(system.structure.n))
+    turn = ca.jacobian(at_rest, system.q)
     spin = _inverse(system) @ (turn - turn.T)
     return -ca.trace(spin @ spin) / 2
 
@@ -96,13 +97,18 @@ def rate_of_potential(system: System) -> ca.SX:
     """Σ tr((M⁻¹ ∂²V_k/∂q²)²)^½, or of the whole where a term is no function of one form."""
     terms = potential_terms(system)
     if terms is None:
-        a = _inverse(system) @ ca.hessian(potential_of(system), system.q)[0]
-        return _root(ca.sum1(ca.vec(a * a.T)), system)
+        return rate_of_whole(system)
     found, of_distance = ca.SX(0), _like_distances(system, terms)
     powers = _powers(system, [x for x, like in zip(terms, of_distance, strict=True) if like])
     for term, like in zip(terms, of_distance, strict=True):
         found += _of_distance(system, term, *next(powers)) if like else _of_form(system, term)
     return found
+
+
+def rate_of_whole(system: System, beside: ca.SX | float = 0.0) -> ca.SX:
+    """(tr((M⁻¹ ∂²V/∂q²)²) + beside²)^½."""
+    a = _inverse(system) @ ca.hessian(potential_of(system), system.q)[0]
+    return _root(ca.sum1(ca.vec(a * a.T)) + beside**2, system)
 
 
 @per_system
