@@ -24,7 +24,7 @@ from varint.integration.time_transformation.local_rate import (
     potential_of,
     potential_terms,
     rate_of_potential,
-    rate_of_whole,
+    root_of,
 )
 from varint.integration.time_transformation.metric_rate import metric_rate
 from varint.scene.memory import per_system
@@ -49,8 +49,10 @@ def flight_rate(system: System) -> LocalRate:
         change = metric_rate(system)
         if change is None:
             return LocalRate(None, "the mass matrix changes by about as much everywhere")
+        a = mass_solve(system.mass_matrix, ca.hessian(potential_of(system), system.q)[0])
         inertial = TWICE_KINETIC * change  # under the root: it is smooth where ∂²V/∂q² vanishes
-        return LocalRate(rate_of_whole(system, inertial) + gyration(system))
+        whole = ca.sum1(ca.vec(a * a.T)) + inertial**2
+        return LocalRate(root_of(whole, system) + gyration(system))
     turn = gyration(system)
     change = _of_terms(system) + _of_gyration(system, turn)
     if change.is_zero():
