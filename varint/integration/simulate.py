@@ -97,8 +97,9 @@ def simulate(
         step ends there). Give h and either steps or duration; see `close_encounters`. ``"auto"`` is
         σ = 1/ω with the scene's own local rate ω(q), from ∂a/∂q: h is then the angle in radians by
         which the fastest small motions turn in a step, the same number for all scenes (0.5 to 1
-        for `gauss(8)`). It takes scenes with constant mass, no constraints, and forces whose
-        change depends on q alone.
+        for `gauss(8)`). It takes scenes without constraints whose forces' change depends on
+        q alone; where inertia varies, as in polar coordinates, the speed that the start's energy
+        leaves is part of the rate.
     tol : float, optional
         Wanted error of every coordinate at every node, divided by its `scale`. With `duration`
         alone it is 1e-9. Rule (where none is given) and number of steps are found by runs that

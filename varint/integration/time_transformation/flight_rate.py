@@ -24,7 +24,9 @@ from varint.integration.time_transformation.local_rate import (
     potential_of,
     potential_terms,
     rate_of_potential,
+    root_of,
 )
+from varint.integration.time_transformation.metric_rate import metric_rate
 from varint.scene.memory import per_system
 from varint.scene.system import System
 
@@ -41,8 +43,16 @@ SAME = 1e-9
 def flight_rate(system: System) -> LocalRate:
     """The square of the rate, of q, c, `SLOWEST_RATE` and `TWICE_KINETIC`."""
     s = system.structure
-    if s.constraints or s.nonholonomic or not (s.constant_mass and s.quadratic_kinetic):
+    if s.constraints or s.nonholonomic or not s.quadratic_kinetic:
         return LocalRate(None, "∂a/∂q depends on more than coordinates")
+    if not s.constant_mass:
+        change = metric_rate(system)
+        if change is None:
+            return LocalRate(None, "the mass matrix changes by about as much everywhere")
+        a = mass_solve(system.mass_matrix, ca.hessian(potential_of(system), system.q)[0])
+        inertial = TWICE_KINETIC * change  # under the root: it is smooth where ∂²V/∂q² vanishes
+        whole = ca.sum1(ca.vec(a * a.T)) + inertial**2
+        return LocalRate(root_of(whole, system) + gyration(system))
     turn = gyration(system)
     change = _of_terms(system) + _of_gyration(system, turn)
     if change.is_zero():

@@ -85,8 +85,9 @@ class _Graph:
 
 
 def gyration(system: System) -> ca.SX:
-    """−½ tr B², by which charges go round, where the mass is constant."""
-    turn = ca.jacobian(system.momentum, system.q)
+    """−½ tr B², by which charges go round."""
+    at_rest = ca.substitute(system.momentum, system.v, ca.SX.zeros(system.structure.n))
+    turn = ca.jacobian(at_rest, system.q)
     spin = _inverse(system) @ (turn - turn.T)
     return -ca.trace(spin @ spin) / 2
 
@@ -97,7 +98,7 @@ def rate_of_potential(system: System) -> ca.SX:
     terms = potential_terms(system)
     if terms is None:
         a = _inverse(system) @ ca.hessian(potential_of(system), system.q)[0]
-        return _root(ca.sum1(ca.vec(a * a.T)), system)
+        return root_of(ca.sum1(ca.vec(a * a.T)), system)
     found, of_distance = ca.SX(0), _like_distances(system, terms)
     powers = _powers(system, [x for x, like in zip(terms, of_distance, strict=True) if like])
     for term, like in zip(terms, of_distance, strict=True):
@@ -133,7 +134,7 @@ def _inverse(system: System) -> ca.SX:
     return mass_solve(system.mass_matrix, ca.SX.eye(system.structure.n))
 
 
-def _root(fourth: ca.SX, system: System, power: int = 2) -> ca.SX:
+def root_of(fourth: ca.SX, system: System, power: int = 2) -> ca.SX:
     """ω² from ω⁴, or from ω⁸ with the power 4; with slopes where it is zero."""
     if not ca.depends_on(fourth, system.q):
         return fourth ** (1 / power)
@@ -274,9 +275,9 @@ def _of_form(system: System, x: Term) -> ca.SX:
         if beside.is_zero():
             return ca.fabs(x.at_form(x.second) * x.speed)
         eighth = x.at_form(x.second**4 + beside**2) * x.speed**4
-        return _root(eighth, system, 4)
+        return root_of(eighth, system, 4)
     one, two = x.at_form(x.first), x.at_form(x.second)
-    return _root(one**2 * x.size + 2 * one * two * x.gap + (two * x.speed) ** 2, system)
+    return root_of(one**2 * x.size + 2 * one * two * x.gap + (two * x.speed) ** 2, system)
 
 
 def _of_distance(system: System, x: Term, rank: int, power: float | None) -> ca.SX:
@@ -287,7 +288,7 @@ def _of_distance(system: System, x: Term, rank: int, power: float | None) -> ca.
         size = abs(power) * bracket**0.5 * ca.fabs(share * x.factor)
         return size * ca.fabs(x.term / x.form)  # of one sign
     inner = (x.first + 2 * x.s * x.second) ** 2 + (rank - 1) * x.first**2
-    return _root(share**2 * x.at_form(inner), system)
+    return root_of(share**2 * x.at_form(inner), system)
 
 
 def _parameters(system: System, random: Random) -> np.ndarray:

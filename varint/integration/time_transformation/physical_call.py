@@ -41,6 +41,7 @@ from varint.integration.time_transformation.rate_pilot import rate_pilot
 from varint.integration.time_transformation.time_scale import (
     FLIGHT,
     TransformedScene,
+    own_scale,
     rate_of,
     transformed_scene,
 )
@@ -91,7 +92,7 @@ def physical_call(
         if not (rule is None or type(rule) is Rule):
             return None
         own = isinstance(sigma, str)
-        scale = sigma if own else transformed_scene(system, sigma)
+        scale = own_scale(system, sigma) if own else transformed_scene(system, sigma)
         ready = ready_for(system, rule, scale)
         if own:  # expressions may change
             system.__dict__[_LAST] = rule, sigma, ready
@@ -108,7 +109,8 @@ def physical_call(
             return None
         if begun.known is not room.known or not same:
             if begun.known is not room.known or begun.total != total:
-                begin_start(begun, system, c, total, sigma if isinstance(sigma, str) else None)
+                word = own_scale(system, sigma) if isinstance(sigma, str) else None
+                begin_start(begun, system, c, total, word)
             if not _ask(begun, run):
                 return None
         constants = begun.constants

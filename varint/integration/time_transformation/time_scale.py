@@ -107,6 +107,13 @@ def rate_of(system: System, word: str) -> LocalRate:
     return local_rate(system) if word == AUTO else flight_rate(system)
 
 
+def own_scale(system: System, word: str) -> str:
+    """Which rate a scene's own time scale is of: that in flight where inertia varies, since ∂a/∂q
+    then depends on velocities.
+    """
+    return FLIGHT if word == AUTO and not system.structure.constant_mass else word
+
+
 def natural_time_scale(system: System, word: str = AUTO) -> ca.SX:
     """σ(q) = (ω(q)² + ω₀²)^(−1/2), the inverse of the scene's local rate; ω₀ is `SLOWEST_RATE`.
     In FLIGHT it is of `INITIAL_ENERGY`, too.

@@ -48,6 +48,7 @@ from varint.integration.time_transformation.time_scale import (
     AUTO,
     FLIGHT,
     TransformedScene,
+    own_scale,
     rate_of,
     transformed_scene,
 )
@@ -74,6 +75,7 @@ def simulate_transformed(
     if total is not None and not total * number("h", h) > 0:
         raise InputError(f"h={h} and duration={duration} must have the same sign and not be zero")
     if isinstance(sigma, str):
+        sigma = own_scale(system, sigma)
         transformed_scene(system, sigma)
         if reason := rate_of(system, sigma).reason:
             return _equal_steps(system, rule, reason, start, options)

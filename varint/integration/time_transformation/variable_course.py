@@ -144,7 +144,6 @@ def may_vary(system: System, rule: Rule | None) -> bool:
     return (
         (rule is None or bool(rule.points))
         and s.n <= MOST_COORDINATES
-        and s.constant_mass
         and not (s.controls or s.constraints or s.linear)
         and shows_its_error(system)
         and bool(kinds_of(system))
