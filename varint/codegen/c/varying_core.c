@@ -17,7 +17,7 @@
 typedef struct {
     int64_t steps, runs;     /* steps of the whole duration at the pace that was foreseen */
     double estimate, wanted; /* wanted, unseen: of a run that is doubted */
-    int64_t unseen, failed;  /* failed: a run came to no good end */
+    int64_t unseen, failed;  /* failed: so many runs came to no good end */
 } Proved;
 
 typedef struct {
@@ -45,14 +45,23 @@ static void release(Attempt *run) { free(run->kept); }
 
 static int64_t size_of(const Until *run, const Told *told) { return (3 + 2 * run->n) * told->nodes; }
 
+#define MOST_LOST 3 /* runs, beyond which it is found out elsewhere why */
+
 static int try_run(const Case *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to) {
     const Varying *const of = a->of;
     Until run = of->run;
     run.h = of->span / (double)steps, run.level = level_for(a, wanted, steps);
     run.expected = steps / part > 1 ? (double)(steps / part) : 1, run.total = of->run.total / (double)part;
     run.patience = of->patience * (run.expected + of->sooner);
-    a->found->failed = of->until(&run) != DONE || (double)run.told->iterations > of->poor * (double)(run.told->steps + 1);
-    if (a->found->failed) return 0;
+    if (of->until(&run) != DONE) { /* as steps too long for the motion are, a few times */
+        a->found->runs++, a->found->failed++;
+        to->seen.steps = steps, to->seen.lost = 1;
+        return a->found->failed <= MOST_LOST;
+    }
+    if ((double)run.told->iterations > of->poor * (double)(run.told->steps + 1)) {
+        a->found->failed++;
+        return 0;
+    }
     free(to->kept);
     const size_t size = (size_t)size_of(&run, run.told) * sizeof(double);
     *to = (Attempt){.told = *run.told, .kept = malloc(size), .seen = {.steps = steps}};
@@ -86,5 +95,6 @@ static void keep(const Case *a, Attempt *run, double estimate) {
 }
 
 int varying_runs(const Varying *a) {
+    a->found->failed = 0;
     return prove(&(Case){a->limits, a->found, a->order, 0, a->first, a->radians, a->tol, a});
 }

@@ -162,9 +162,12 @@ def run_prepared(prepared: Prepared, problem: InitialValueProblem) -> Trajectory
         inner = collect(run, stop=stop, watches=watches, progress=options.progress, on_failure=None)
         require_level(scene, run, inner)
     except ConvergenceError as error:
-        motion = in_physical_time(system, t0, error.trajectory)
+        motion, failure = in_physical_time(system, t0, error.trajectory), error
         raise ConvergenceError(
-            f"in fictitious time (dt = σ dτ): {error}; it is physical time t = {motion.t[-1]:g}",
+            lambda _: (
+                f"in fictitious time (dt = σ dτ): {failure}; it is physical time "
+                f"t = {motion.t[-1]:g}"
+            ),
             step=error.step,
             time=float(motion.t[-1]),
             residual=error.residual,
