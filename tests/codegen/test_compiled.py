@@ -14,8 +14,10 @@ from varint.codegen.explicit import explicit_kernel
 from varint.codegen.gauss import gauss_form, gauss_kernel
 from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import run_loop
+from varint.codegen.native import native_explicit
 from varint.codegen.tableau import gauss_tableau
 
+EXPLICIT = explicit_kernel, native_explicit
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
 
@@ -186,6 +188,29 @@ def test_compositions_give_what_kick_and_drift_give(name):
     found = simulated(free, [0.4, 0], [0, 2.0], 0.01, 50)
     q, p = composition_by_numpy(kepler(), rule, np.array([0.4, 0]), np.array([0, 2.0]), 0.01, 50)
     assert np.abs(found.rows[-1] - [q, p, p]).max() < 1e-14
+
+
+def coupled(count):
+    """Pendulums in a row, each coupled with the next."""
+    q, v = vi.coordinates(*(f"a{i}" for i in range(count)))
+    potential = -ca.sum1(ca.cos(q)) - 0.3 * ca.sum1(ca.cos(q[1:] - q[:-1]))
+    return vi.System(q, v, ca.sumsqr(v) / 2 - potential)
+
+
+@pytest.mark.parametrize("count", (3, 7))
+def test_the_code_of_a_long_force_does_not_grow_with_the_number_of_kicks(
+    count, monkeypatch, tmp_path
+):
+    """In line or out of it: the bytes are those of the operations as data."""
+    sizes, start = {}, (np.linspace(0.1, 0.8, count), np.zeros(count))
+    for name in ("verlet", "kahan-li8"):
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / name))
+        kernels = [make(coupled(count), vi.composition(name)) for make in EXPLICIT]
+        runs = [simulated(kernel, *start, 0.1, 200) for kernel in kernels]
+        assert runs[0].rows.tobytes() == runs[1].rows.tobytes()
+        (made,) = (tmp_path / name / "varint").glob("*.so")
+        sizes[name] = made.stat().st_size
+    assert sizes["kahan-li8"] < 1.3 * sizes["verlet"]
 
 
 def slope(errors, steps):

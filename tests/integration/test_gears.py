@@ -14,6 +14,11 @@ import varint as vi
 from varint.codegen import cache
 from varint.codegen.cache import compiler
 from varint.codegen.gauss import gauss_source
+from varint.codegen.kernel import run_loop
+from varint.codegen.native import native_gauss
+from varint.codegen.native_newton import native_newton
+from varint.codegen.newton import newton_source
+from varint.codegen.source import compiled
 from varint.integration import compiled_loop, gears
 from varint.integration.gears import BY_STAGES, gears_of, high_gear
 
@@ -122,20 +127,62 @@ def heavier(mass: float) -> vi.System:
     return vi.System(q, v, kinetic + 2 * mass * ca.cos(q[0]) + ca.cos(q[1]))
 
 
-def test_a_new_scene_of_a_size_is_compiled_without_the_loop_around_it(monkeypatch, tmp_path):
+def spring(stiffness: float) -> vi.System:
+    q, v = vi.coordinates("a", "b")
+    return vi.System(q, v, ca.sumsqr(v) / 2 - stiffness * (q[1] - q[0]) ** 2 - q[0] ** 2)
+
+
+def bead(weight: float) -> vi.System:
+    q, v = vi.coordinates("x", "y")
+    return vi.System(q, v, ca.sumsqr(v) / 2 - weight * q[1], constraint=ca.sumsqr(q) - 1)
+
+
+def disc(weight: float) -> vi.System:
+    """On an edge: it moves where it points to."""
+    q, v = vi.coordinates("x", "y", "turned")
+    kinetic = ca.sumsqr(v[:2]) / 2 + (1 + weight * q[0] ** 2) * v[2] ** 2 / 2
+    across = ca.horzcat(ca.sin(q[2]), -ca.cos(q[2]), 0)
+    return vi.System(q, v, kinetic - weight * q[1], nonholonomic=across)
+
+
+LINKS = {"q0": [1.0, 0.4], "v0": [0.1, -0.2]}
+OF_A_SIZE = {
+    "stages": (gauss_source, heavier, vi.gauss(6), LINKS),
+    "closed form": (newton_source, heavier, vi.midpoint(), LINKS),
+    "band": (newton_source, heavier, vi.lobatto(3), LINKS),
+    "loop over nodes": (newton_source, heavier, vi.gauss(4), LINKS),
+    "map": (newton_source, spring, vi.lobatto(3), LINKS),
+    "multipliers alone": (newton_source, bead, vi.lobatto(2), {"q0": [1.0, 0], "v0": [0, 0.3]}),
+    "path and multipliers": (newton_source, bead, vi.lobatto(3), {"q0": [1.0, 0], "v0": [0, 0.3]}),
+    "rolling": (newton_source, disc, vi.lobatto(2), {"q0": [0.1, 0.2, 0], "v0": [1.0, 0, 0.5]}),
+}
+
+
+@pytest.mark.parametrize("kind", OF_A_SIZE)
+def test_a_new_scene_of_a_size_is_compiled_without_the_loop_around_it(kind, monkeypatch, tmp_path):
     """The loop's source is the same for both, and compiled with the first of them alone."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    rule = vi.gauss(6)
-    sources = [gauss_source(heavier(mass), rule) for mass in (1.0, 1.5)]
+    cache.library.cache_clear()  # other tests have scenes of these sizes
+    source_of, make, rule, start = OF_A_SIZE[kind]
+    scenes = {weight: make(weight) for weight in (1.0, 1.5)}
+    sources = [source_of(system, rule) for system in scenes.values()]
     assert sources[0].loop == sources[1].loop
     assert sources[0].text != sources[1].text
-    start = {"q0": [1.0, 0.4], "v0": [0.1, -0.2], "h": 0.02, "steps": 500}
-    for mass, libraries in ((1.0, 2), (1.5, 3)):
-        high = vi.simulate(heavier(mass), rule, **start, backend="compiled")
-        assert len(list((tmp_path / "varint").glob("*.so"))) == libraries
-        low = vi.simulate(heavier(mass), rule, **start, backend="native")
-        assert high.q.tobytes() == low.q.tobytes()
-        assert high.p.tobytes() == low.p.tobytes()
+    for (weight, system), libraries in zip(scenes.items(), (2, 3), strict=True):
+        kernel = compiled(source_of(system, rule))
+        assert len(list((tmp_path / "varint").glob("*.so"))) == libraries, weight
+        q0, c = np.array(start["q0"], float), system.default_vector
+        p0 = ca.Function("p", [system.q, system.v], [system.momentum])(q0, start["v0"])
+        runs = [
+            run_loop(k, q0, np.array(p0).ravel(), c, t0=0.0, h=0.02, steps=500)
+            for k in (kernel, natively(source_of, system, rule))
+        ]
+        assert all(run.done for run in runs)
+        assert runs[0].rows.tobytes() == runs[1].rows.tobytes()
+
+
+def natively(source_of, system: vi.System, rule: vi.Rule):
+    return (native_gauss if source_of is gauss_source else native_newton)(system, rule)
 
 
 def test_scene_and_loop_are_compiled_beside_a_run_one_after_the_other(

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from ctypes import Structure, c_double, c_int64, c_void_p
 from enum import IntEnum
 from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @cache
@@ -43,6 +47,16 @@ def c_table(kind: str, name: str, values: Iterable[str]) -> str:
     """A constant array in C, of one zero where there are no values."""
     entries = ", ".join(values) or "0"
     return f"static const {kind} {name}[] __attribute__((unused)) = {{{entries}}};\n"
+
+
+def c_tables(arrays: Mapping[str, np.ndarray]) -> str:
+    """Arrays of whole or other numbers in C."""
+    return "".join(
+        c_table("int", name, map(str, x.tolist()))
+        if x.dtype.kind == "i"
+        else c_table("double", name, map(float.hex, x.tolist()))
+        for name, x in arrays.items()
+    )
 
 
 Status = IntEnum("Status", c_names(c_source("run.h"), "enum Status {"), start=0)  # type: ignore[misc]  # how a run ended

@@ -14,6 +14,10 @@ from varint.rules.rule import Rule
 from varint.scene.system import System
 
 LOOPS_FROM = 2000  # operations of a force; the compiler vectorises loops over pairs and neighbours
+# operations of a force that take far longer than a call: it is written out once, not wherever it is
+# needed, where every copy takes the compiler as long as all the rest
+IN_LINE = 200
+OF_A_FUNCTION = 15  # operations of a sine, a cosine or an exponential besides itself, in line
 UNROLLED_OPERATIONS = 400  # a whole sequence of kicks up to this size is straight-line code
 
 
@@ -46,9 +50,12 @@ def explicit_kernel(system: System, rule: Rule) -> Kernel:
 @kernel_per_system
 def explicit_source(system: System, rule: Rule) -> Source:
     """The C source of `explicit_kernel`."""
-    functions = emitted(explicit_functions(system, rule), written_out=LOOPS_FROM)
+    arranged = explicit_functions(system, rule)
+    functions = emitted(arranged, written_out=LOOPS_FROM)
     kicks = len(rule.kicks)
-    unrolled = kicks if functions["rhs"].operations * kicks <= UNROLLED_OPERATIONS else 1
+    written_out = sum(node[0] in ("sin", "cos", "exp") for node in arranged["rhs"].graph.nodes)
+    operations = functions["rhs"].operations + OF_A_FUNCTION * written_out
+    unrolled = kicks if operations * kicks <= UNROLLED_OPERATIONS else 1
     data = "".join(
         f"static const double {name}[] = {{{', '.join(float(x).hex() for x in values)}}};\n"
         for name, values in zip(("KICK", "DRIFT", "NODE"), sequence(rule), strict=True)
@@ -58,7 +65,12 @@ def explicit_source(system: System, rule: Rule) -> Source:
         system,
         kicks,
         functions,
-        {"LANES": 1, "KICKS": kicks, "UNROLLED": f'"GCC unroll {unrolled}"'},
+        {
+            "LANES": 1,
+            "KICKS": kicks,
+            "UNROLLED": f'"GCC unroll {unrolled}"',
+            "LONG_FORCE": int(operations > IN_LINE),
+        },
         data,
         "explicit.c",
         contraction=AS_WRITTEN,

@@ -26,7 +26,7 @@ from varint.scene.system import System
 def native_newton(system: System, rule: Rule) -> Kernel:
     """The kernel of `newton_kernel` with the scene as data; raises as `native_gauss` does."""
     x = newton_scheme(system, rule)
-    if x.by_nodes:
+    if x.node_tables:
         raise NotCompilable(TOO_LARGE)
     functions = newton_routines(system, rule)
     tapes = tapes_of(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from varint.codegen.arguments import c_table
+from varint.codegen.arguments import c_source, c_tables
 from varint.codegen.band import Band, band
 from varint.codegen.cache import AS_WRITTEN
 from varint.codegen.continuation import FORCED_HISTORY, HISTORY, continuation_tables, force_table
@@ -23,7 +23,7 @@ from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
 from varint.codegen.routines import Routine, routines
 from varint.codegen.solution import Functions, Solution, solution_of
-from varint.codegen.source import Source, compiled, emitted, source_of
+from varint.codegen.source import Source, c_head, compiled, emitted, source_of
 from varint.discrete.composed import base_of, shares
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
 from varint.discrete.constraints import hidden_functions as tangent_parts
@@ -45,6 +45,7 @@ CALLED = (
     "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
     "affine", "driven", "legendre", "independence", "lengths", "frozen",
 )  # fmt: skip
+OWN = ("C", "COUPLED")  # numbers that scenes of a size may have differently
 NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
 
@@ -79,20 +80,23 @@ def newton_kernel(system: System, rule: Rule) -> Kernel:
 def newton_source(system: System, rule: Rule) -> Source:
     """The C source of `newton_kernel`."""
     x = newton_scheme(system, rule)
-    data = "".join(c_table("int", name, map(str, t.tolist())) for name, t in x.places.items())
-    numbers = {name: map(float.hex, t.tolist()) for name, t in x.tables.items()}
-    data += "".join(c_table("double", name, table) for name, table in numbers.items())
+    heads = {"LANES": 1, **x.counts, **x.limits}
+    data = c_tables(x.places | x.tables)
+    sizes = {name: number for name, number in heads.items() if name not in OWN}
+    loop = map(c_source, ("newton_apart.h", "newton.c", "parts.c"))
     return source_of(
         x.about,
         system,
         len(rule.nodes),
         emitted(newton_routines(system, rule)),
-        {"LANES": 1, **{f"{name.upper()}_W": 0 for name in x.idle}, **x.counts, **x.limits},
-        data,
-        *(("nodes.c", "newton.c") if x.by_nodes else ("newton.c",)),
+        heads | {f"{name.upper()}_W": 0 for name in x.idle},
+        data + c_tables(x.node_tables),
+        *(("nodes.c",) if x.node_tables else ()),
+        "newton_functions.c",
         opening=x.opening,
         rows=x.rows,
         contraction=AS_WRITTEN,
+        apart=c_head(sizes, data) + "".join(loop),
     )
 
 
@@ -119,8 +123,9 @@ class Scheme:
         Numbers by the names in c/newton.c.
     places, tables : dict of array
         The same for arrays of whole and other numbers.
-    by_nodes : bool
-        Whether the equations are a loop over the nodes of the rule, c/nodes.c.
+    node_tables : dict of array
+        Those of the rule and of a node's derivatives where the equations are a loop over the nodes,
+        c/nodes.c.
     opening : callable
         See `Kernel`.
     """
@@ -133,7 +138,7 @@ class Scheme:
     limits: dict[str, float]
     places: dict[str, np.ndarray]
     tables: dict[str, np.ndarray]
-    by_nodes: bool
+    node_tables: dict[str, np.ndarray]
     opening: Callable[..., np.ndarray]
 
     @property
@@ -210,9 +215,9 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
             "VANISHED": VANISHED,
         },
         _places(solve, projection),
-        _tables(rule, solve, forced, history)
+        _tables(rule, forced, history)
         | {"SHARES": np.array(parts)[:, 0], "BEGUN": np.append(np.array(parts)[:, 1], 1.0)},
-        bool(solve.tables),
+        solve.tables,
         _opening_values(system),
     )
 
@@ -307,18 +312,16 @@ def _counts(
 def _places(solve: Solution, projection: _Projection | None) -> dict[str, np.ndarray]:
     order = projection.band if projection else NO_BAND
     places = {"PERM": solve.band.order, "AT": solve.band.places}
-    places |= {"HIDDEN_PERM": order.order, "HIDDEN_PLACES": order.places}
-    return places | {name: x for name, x in solve.tables.items() if x.dtype.kind == "i"}
+    return places | {"HIDDEN_PERM": order.order, "HIDDEN_PLACES": order.places}
 
 
 def _history(rule: Rule, forced: bool) -> int:
     return (FORCED_HISTORY if forced else HISTORY).get(rule.degree, 1)
 
 
-def _tables(rule: Rule, solve: Solution, forced: bool, history: int) -> dict[str, np.ndarray]:
+def _tables(rule: Rule, forced: bool, history: int) -> dict[str, np.ndarray]:
     tables = {"POINTS": np.array(rule.points[1:]), **continuation_tables(rule, history)}
-    tables["AHEAD_FORCES"] = force_table(rule, history) if forced else np.zeros(1)
-    return tables | {name: x for name, x in solve.tables.items() if x.dtype.kind == "f"}
+    return tables | {"AHEAD_FORCES": force_table(rule, history) if forced else np.zeros(1)}
 
 
 def _opening_values(system: System):

@@ -17,6 +17,13 @@ int64_t carry_size(const Scene *of) { scene = of; return CARRY_SIZE; }
 #else
 const int64_t carry_size = CARRY_SIZE;
 #endif
+#if LONG_FORCE
+static __attribute__((noinline)) void force_at(const double *q, const double *t, const double *u, const double *w, double *force) {
+    rhs(q, t, u, w, force);
+}
+#else
+#define force_at rhs
+#endif
 #define COPY(to, from) memcpy(to, from, (size_t)N * sizeof(double))
 
 /* q, p, v of a node; not in line, so that a node is rounded alike wherever it is saved */
@@ -48,7 +55,7 @@ int run(const RunArguments *a) {
         double t = t0 + h * (double)first;
         COPY(q, a->start), COPY(p, a->start + N);
         for (int d = 0; d < N; d++) rest_q[d] = rest_p[d] = 0;
-        rhs(q, &t, u, w, force);
+        force_at(q, &t, u, w, force);
     }
     save(rows, q, p, rest_p, pending, force, t0 + h * (double)first, node), rows += 3 * N;
     int status = DONE;
@@ -59,7 +66,7 @@ int run(const RunArguments *a) {
         for (int d = 0; d < N; d++) last_q[d] = q[d], last_p[d] = p[d], last_f[d] = force[d];
         if (NU) {
             double opening[N];
-            rhs(q, &t, u, w, opening);
+            force_at(q, &t, u, w, opening);
             for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], v_fma(pending, force[d], hk[0] * opening[d]));
         } else
             for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], (pending + hk[0]) * force[d]);
@@ -67,7 +74,7 @@ int run(const RunArguments *a) {
             double v[N], at = t + h * NODE[i];
             velocity(q, p, &at, node, v);
             for (int d = 0; d < N; d++) compensated(&q[d], &rest_q[d], hd[i - 1] * v[d]);
-            rhs(q, &at, u + i * NU, w, force);
+            force_at(q, &at, u + i * NU, w, force);
             if (i < KICKS - 1)
                 for (int d = 0; d < N; d++) compensated(&p[d], &rest_p[d], hk[i] * force[d]);
         }

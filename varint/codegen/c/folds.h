@@ -17,8 +17,8 @@ INLINE int is_seen(const double *node, int64_t k) { return is_kept(node, k) && n
 
 LARGE void look(const Folds *s, double *node, double t, const double *w) {
     double pivot = 0;
-    independence(node + 2, &t, w + INDEPENDENCE_AT, &pivot);
-    if (KICKED) lengths(node + 2, &t, w + LENGTHS_AT, node + 2 + 2 * N);
+    independence_of(node + 2, &t, w, &pivot);
+    if (KICKED) lengths_of(node + 2, &t, w, node + 2 + 2 * N);
     node[1] = pivot < 0 ? 0 : pivot;
     *s->farthest = pivot > *s->farthest ? pivot : *s->farthest;
 }
@@ -48,7 +48,7 @@ INLINE int watch(const Folds *s, const double *q, const double *p, int64_t k, do
     double *const node = node_at(s, k), *const before = node_at(s, k - (k > 0));
     node[0] = (double)k, node[1] = UNSEEN;
     COPY(node + 2, q, N), COPY(node + 2 + N, p, N);
-    if (!KICKED) lengths(q, &(double){t0 + h * (double)k}, w + LENGTHS_AT, node + 2 + 2 * N);
+    if (!KICKED) lengths_of(q, &(double){t0 + h * (double)k}, w, node + 2 + 2 * N);
     const int known = k > 0 && is_kept(before, k - 1), seen = known && is_seen(before, k - 1);
     if (!regular || k % OFTEN == 0 || (seen && (KICKED ? VERY_NEARLY : NEARLY) * before[1] < *s->farthest)) {
         look(s, node, t0 + h * (double)k, w);

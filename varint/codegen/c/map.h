@@ -11,7 +11,7 @@
 /* o at this time; `parts` is room for l and f. */
 INLINE void offset_now(const double *matrix, double t, const double *u, const double *w, double *parts, double *o) {
     const double *const from_left = matrix + FROM_LEFT_AT;
-    driven(&t, u, w + DRIVEN_AT, parts);
+    driven_of(&t, u, w, parts);
     for (int i = 0; i < BOTH; i++) o[i] = parts[Y + i];
     for (int k = 0; k < Y; k++)
         for (int i = 0; i < BOTH; i++) o[i] = v_fma(from_left[k * BOTH + i], parts[k], o[i]);
@@ -22,7 +22,7 @@ LARGE void prepare_map(const double *w, double *matrix, const int *pivots) {
     const int width = BELOW + REACH;
     double jacobian[NONZEROS + 1], parts[2 * BOTH * Y + BOTH * BOTH], a[BAND_SIZE], b[Y + REACH], low[BOTH * Y];
     double *const map = matrix + MAP_AT, *const from_left = matrix + FROM_LEFT_AT;
-    slope(w + SLOPE_AT, jacobian), affine(w + AFFINE_AT, parts);
+    slope_of(w, jacobian), affine_of(w, parts);
     ZEROS(a, BAND_SIZE);
     for (int i = 0; i < NONZEROS; i++) a[AT[i]] = jacobian[i];
     const double *const left = parts, *const by_y = left + BOTH * Y, *const by_start = by_y + BOTH * Y;
@@ -81,12 +81,12 @@ INLINE void mapped(const double *matrix, const double *q, const double *p, doubl
 LARGE void checked(const double *matrix, const int *pivots, const double *q, const double *p, double t, const double *u,
                    const double *w, double *remains) {
     double parts[2 * BOTH * Y + BOTH * BOTH], l[Y + BOTH], b[Y + REACH], y[Y], increment[N], gain[N];
-    affine(w + AFFINE_AT, parts), driven(&t, u, w + DRIVEN_AT, l);
+    affine_of(w, parts), driven_of(&t, u, w, l);
     ZEROS(b, Y + REACH);
     for (int j = 0; j < BOTH; j++)
         for (int k = 0; k < Y; k++) l[k] = v_fma(parts[j * Y + k], j < N ? q[j] : p[j - N], l[k]);
     for (int k = 0; k < Y; k++) b[k] = l[PERM[k]];
     substitute(Y, BELOW, REACH, matrix, pivots, b);
     for (int k = 0; k < Y; k++) y[PERM[k]] = -b[k];
-    finished(y, q, p, &t, u, w + FINISH_AT, increment, gain, remains);
+    finished(y, q, p, &t, u, w, increment, gain, remains);
 }

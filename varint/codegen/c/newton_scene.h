@@ -89,25 +89,42 @@
 #define LENGTHS_W scene->lengths.registers
 #define FROZEN_W scene->frozen.registers
 
-INLINE void residual_of(In y, In q, In p, In t, In u, In w, double *b) { CALL(equations, ARGUMENTS(y, q, p, t, u), b); }
+#include "newton_places.h"
+#define CALL_AT(place, name, arguments, ...) evaluate_tape(&scene->name, arguments, (V *const[]){__VA_ARGS__}, 1, w + (place))
+INLINE void prepare_functions(In k, double *w) {
+    finish_prepare(k, w + FINISH_AT);
+    if (FROZEN) frozen_prepare(k, w + FROZEN_AT);
+    if (INVERTED) legendre_prepare(k, w + LEGENDRE_AT);
+    else speed_prepare(k, w + SPEED_AT);
+    if (MAP) affine_prepare(k, w + AFFINE_AT), driven_prepare(k, w + DRIVEN_AT);
+    else equations_prepare(k, w + EQUATIONS_AT), units_prepare(k, w + UNITS_AT);
+    if (KICKED) kick_prepare(k, w + KICK_AT);
+    if (HELD) {
+        sized_prepare(k, w + SIZED_AT), hidden_prepare(k, w + HIDDEN_AT);
+        pulled_prepare(k, w + PULLED_AT);
+    }
+    if (WATCHED) independence_prepare(k, w + INDEPENDENCE_AT), lengths_prepare(k, w + LENGTHS_AT);
+    if (LINEAR) slope_prepare(k, w + SLOPE_AT);
+}
+INLINE void residual_of(In y, In q, In p, In t, In u, In w, double *b) { CALL_AT(EQUATIONS_AT, equations, ARGUMENTS(y, q, p, t, u), b); }
 INLINE void residual_and_slope(In y, In q, In p, In t, In u, In w, double *b, double *jacobian) {
-    CALL(equations, ARGUMENTS(y, q, p, t, u), b, jacobian);
+    CALL_AT(EQUATIONS_AT, equations, ARGUMENTS(y, q, p, t, u), b, jacobian);
 }
 INLINE void finished(In y, In q, In p, In t, In u, In w, double *increment, double *gain, double *remains) {
-    CALL(finish, ARGUMENTS(y, q, p, t, u), increment, gain, remains);
+    CALL_AT(FINISH_AT, finish, ARGUMENTS(y, q, p, t, u), increment, gain, remains);
 }
-INLINE void units(In w, double *size) { CALL(units, 0, size); }
-INLINE void speed_of(In x, In q_or_p, In t, In w, double *v) { CALL(speed, ARGUMENTS(x, q_or_p, t), v); }
-INLINE void kick(In q, In t, In u, In w, double *force) { CALL(kick, ARGUMENTS(q, t, u), force); }
-INLINE void sized(In q, In t, In w, double *sizes) { CALL(sized, ARGUMENTS(q, t), sizes); }
-INLINE void hidden(In q, In p, In t, In w, double *b, double *jacobian) { CALL(hidden, ARGUMENTS(q, p, t), b, jacobian); }
-INLINE void pulled(In x, In q, In p, In t, In w, double *pull) { CALL(pulled, ARGUMENTS(x, q, p, t), pull); }
-INLINE void frozen(In y, In q, In t, In w, double *jacobian) { CALL(frozen, ARGUMENTS(y, q, t), jacobian); }
-INLINE void slope(In w, double *jacobian) { CALL(slope, 0, jacobian); }
-INLINE void affine(In w, double *parts) { CALL(affine, 0, parts); }
-INLINE void driven(In t, In u, In w, double *parts) { CALL(driven, ARGUMENTS(t, u), parts); }
+INLINE void units_of(In w, double *size) { CALL_AT(UNITS_AT, units, 0, size); }
+INLINE void speed_of(In x, In q_or_p, In t, In w, double *v) { CALL_AT(SPEED_AT, speed, ARGUMENTS(x, q_or_p, t), v); }
+INLINE void kick_of(In q, In t, In u, In w, double *force) { CALL_AT(KICK_AT, kick, ARGUMENTS(q, t, u), force); }
+INLINE void sized_of(In q, In t, In w, double *sizes) { CALL_AT(SIZED_AT, sized, ARGUMENTS(q, t), sizes); }
+INLINE void hidden_of(In q, In p, In t, In w, double *b, double *jacobian) { CALL_AT(HIDDEN_AT, hidden, ARGUMENTS(q, p, t), b, jacobian); }
+INLINE void pulled_of(In x, In q, In p, In t, In w, double *pull) { CALL_AT(PULLED_AT, pulled, ARGUMENTS(x, q, p, t), pull); }
+INLINE void frozen_of(In y, In q, In t, In w, double *jacobian) { CALL_AT(FROZEN_AT, frozen, ARGUMENTS(y, q, t), jacobian); }
+INLINE void slope_of(In w, double *jacobian) { CALL_AT(SLOPE_AT, slope, 0, jacobian); }
+INLINE void affine_of(In w, double *parts) { CALL_AT(AFFINE_AT, affine, 0, parts); }
+INLINE void driven_of(In t, In u, In w, double *parts) { CALL_AT(DRIVEN_AT, driven, ARGUMENTS(t, u), parts); }
 INLINE void legendre(In v, In q, In p, In t, In w, double *missing, double *correction) {
-    CALL(legendre, ARGUMENTS(v, q, p, t), missing, correction);
+    CALL_AT(LEGENDRE_AT, legendre, ARGUMENTS(v, q, p, t), missing, correction);
 }
-INLINE void independence(In q, In t, In w, double *pivot) { CALL(independence, ARGUMENTS(q, t), pivot); }
-INLINE void lengths(In q, In t, In w, double *squares) { CALL(lengths, ARGUMENTS(q, t), squares); }
+INLINE void independence_of(In q, In t, In w, double *pivot) { CALL_AT(INDEPENDENCE_AT, independence, ARGUMENTS(q, t), pivot); }
+INLINE void lengths_of(In q, In t, In w, double *squares) { CALL_AT(LENGTHS_AT, lengths, ARGUMENTS(q, t), squares); }

@@ -1,0 +1,27 @@
+/* What the loop of newton.c has of a scene that is compiled apart: its functions, and what differs between scenes of a size.
+
+   Functions find their prepared numbers in w, which begins with the address of this table; those that a scene does not need
+   do nothing. */
+typedef const double *In;
+struct Run;
+typedef struct Scene {
+    int64_t prepared, parameters; /* how many numbers */
+    void (*prepare)(In k, double *w);
+    void (*residual)(In y, In q, In p, In t, In u, In w, double *b);
+    void (*residual_and_slope)(In y, In q, In p, In t, In u, In w, double *b, double *jacobian);
+    void (*finish)(In y, In q, In p, In t, In u, In w, double *increment, double *gain, double *remains);
+    void (*units)(In w, double *size);
+    void (*speed)(In x, In q_or_p, In t, In w, double *v);
+    void (*kick)(In q, In t, In u, In w, double *force);
+    void (*sized)(In q, In t, In w, double *sizes);
+    void (*hidden)(In q, In p, In t, In w, double *b, double *jacobian);
+    void (*pulled)(In x, In q, In p, In t, In w, double *pull);
+    void (*frozen)(In y, In q, In t, In w, double *jacobian);
+    void (*slope)(In w, double *jacobian);
+    void (*affine)(In w, double *parts);
+    void (*driven)(In t, In u, In w, double *parts);
+    void (*legendre)(In v, In q, In p, In t, In w, double *missing, double *correction);
+    void (*independence)(In q, In t, In w, double *pivot);
+    void (*lengths)(In q, In t, In w, double *squares);
+    int (*step)(struct Run *r, double t, double end);
+} Scene;
