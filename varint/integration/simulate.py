@@ -161,19 +161,17 @@ def simulate(
         require_system(system)
     began, tried = perf_counter(), None
     plain = (
-        p0 is None  # one by one: in less time than as a chain
-        and u is None
-        and at is None
+        at is None  # one by one: in less time than as a chain
         and scale is None
         and until is None
         and events is None
         and checkpoint is None
-        and v0 is not None
         and (progress is None or progress is False)
         and type(save_every) is int
         and on_failure == "raise"
     )
-    if plain and time_scale is not None and tol is None and steps is None:
+    moving = plain and p0 is None and u is None and v0 is not None
+    if moving and time_scale is not None and tol is None and steps is None:
         run = h, duration, t0, iteration_tol, save_every, backend
         motion = _physical_call()(system, rule, time_scale, q0, v0, params, run, began)
         if motion is not None:
@@ -185,12 +183,14 @@ def simulate(
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     if type(h) is _FLOAT64 or type(duration) is _FLOAT64 or type(t0) is _FLOAT64:
         h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
-    if plain and time_scale is None and save_every == 1 and backend == "auto":
-        known, grid = (q0, v0, t0, params), (h, steps, duration)
-        if h is None and steps is None:
-            tried = _short_call().short_call(system, rule, known, duration, tol, began)
-        else:
-            tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol, began)
+    if plain and time_scale is None and backend == "auto":
+        if h is not None or steps is not None:
+            known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
+            few_steps_call = _few_steps().few_steps_call
+            tried = few_steps_call(system, rule, known, grid, save_every, iteration_tol, began)
+        elif moving and save_every == 1:
+            begin = q0, v0, t0, params
+            tried = _short_call().short_call(system, rule, begin, duration, tol, began)
         if type(tried) is Trajectory:
             return tried
     start = Start(q0, v0, p0, t0, params, u)

@@ -4,17 +4,18 @@
 
 typedef struct {
     int (*rows)(const RowsArguments *);
-    const void *balance; /* (q, p, t), or (q, v, t), to the energy and the power of what changes it */
+    const void *balance; /* (q, p, t), or (q, v, t), and controls to the energy and the power of what changes it */
     const double *c;
-    int64_t n, second; /* where p or v begins in a node (q, p, v) */
-    double missed;     /* times the work that nodes show is what is done at most */
+    int64_t n, second, controls; /* where p or v begins in a node (q, p, v); controls at a node */
+    double missed;               /* times the work that nodes show is what is done at most */
 } Balance;
 
 /* Energies of so many nodes, one behind the other, and the powers there of what changes them. */
-static int set_energies(const Balance *b, const double *nodes, int64_t count, const double *t, double *energy, double *power) {
+static int set_energies(const Balance *b, const double *nodes, int64_t count, const double *t, const double *u, double *energy,
+                        double *power) {
     const int64_t n = b->n;
-    const RowsArguments asked = {.count = count, .c = b->c, .scene = b->balance, .arguments = {nodes, nodes + b->second, t},
-                                 .apart = {3 * n, 3 * n, 1}, .results = {energy, power}, .widths = {1, 1}};
+    const RowsArguments asked = {.count = count, .c = b->c, .scene = b->balance, .arguments = {nodes, nodes + b->second, t, u},
+                                 .apart = {3 * n, 3 * n, 1, b->controls}, .results = {energy, power}, .widths = {1, 1}};
     return b->rows(&asked) == DONE;
 }
 

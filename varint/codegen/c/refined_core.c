@@ -170,10 +170,10 @@ static double size_of(const Refined *a, const Attempt *run, const double *scales
    parts of the first steps. `t`, `room`: times of both, and twice as many numbers. */
 static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *t, double *room) {
     const int64_t nodes = run->count + 1, more = fine->count + 1;
-    const Balance b = {a->rows, a->balance, a->c, a->n, a->n, a->limits->missed};
+    const Balance b = {a->rows, a->balance, a->c, a->n, a->n, 0, a->limits->missed};
     double *const energy = room, *const power = energy + nodes + more, largest = 0, given = 0;
-    if (!set_energies(&b, fine->rows, more, t + nodes, energy + nodes, power + nodes)) return 0;
-    if (!set_energies(&b, run->rows, nodes, t, energy, power)) return 0;
+    if (!set_energies(&b, fine->rows, more, t + nodes, 0, energy + nodes, power + nodes)) return 0;
+    if (!set_energies(&b, run->rows, nodes, t, 0, energy, power)) return 0;
     for (int64_t k = 0; k < nodes; k++) largest = fabs(energy[k]) > largest ? fabs(energy[k]) : largest;
     for (int64_t k = 0; k < nodes; k++) {
         if (k) {
