@@ -90,6 +90,16 @@ def test_a_few_steps_from_momenta_are_those_of_the_loop(monkeypatch, scene):
     assert few.p[0].tolist() == call["p0"]
 
 
+@pytest.mark.parametrize("h", [0.1, -0.1])
+@pytest.mark.parametrize("scene", ["pendulum", "linear", "pushed"])
+def test_times_that_are_asked_for_are_met_alike(monkeypatch, scene, h):
+    times = 0.7 + h * np.array([0.0, 0.4, 1.0, 1.0, 3.7, 8.2, 11.0])
+    system, call = asked(scene, 12, h=h, at=times)
+    few, _ = told(system, vi.gauss(4), call)
+    assert_alike(few, in_general(monkeypatch, system, vi.gauss(4), call)[0])
+    assert few.t.tobytes() == times.tobytes()
+
+
 @pytest.mark.parametrize("u", [0.4, [0.4], np.full((30, 4, 1), 0.2)])
 def test_controls_of_any_shape_are_those_of_the_loop(monkeypatch, u):
     system, call = asked("pushed", 30, u=u)

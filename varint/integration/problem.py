@@ -54,7 +54,6 @@ class RunOptions(NamedTuple):
     backend: str = "auto"
     checkpoint: Any = None
     on_failure: str = "raise"
-    at: Any = None
 
 
 def initial_value_problem(

@@ -160,9 +160,12 @@ def simulate(
     if type(system) is not System:
         require_system(system)
     began, tried = perf_counter(), None
+    if at is not None:
+        times = times_of(at)
+        grid = until_last(times, t0, save_every, (h, steps, duration), time_scale is not None)
+        h, steps, duration = grid
     plain = (
-        at is None  # one by one: in less time than as a chain
-        and scale is None
+        scale is None  # one by one: in less time than as a chain
         and until is None
         and events is None
         and checkpoint is None
@@ -171,7 +174,7 @@ def simulate(
         and on_failure == "raise"
     )
     moving = plain and p0 is None and u is None and v0 is not None
-    if moving and time_scale is not None and tol is None and steps is None:
+    if moving and at is None and time_scale is not None and tol is None and steps is None:
         run = h, duration, t0, iteration_tol, save_every, backend
         motion = _physical_call()(system, rule, time_scale, q0, v0, params, run, began)
         if motion is not None:
@@ -192,7 +195,7 @@ def simulate(
             begin = q0, v0, t0, params
             tried = _short_call().short_call(system, rule, begin, duration, tol, began)
         if type(tried) is Trajectory:
-            return tried
+            return tried if at is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)
     options = RunOptions(
         h,
@@ -208,10 +211,7 @@ def simulate(
         backend,
         checkpoint,
         on_failure,
-        at,
     )
-    if at is not None:
-        options = until_last(start, options, time_scale is not None)
     if time_scale is not None:
         if u is not None:
             raise InputError(
@@ -229,7 +229,7 @@ def simulate(
             motion = simulate_steps(system, rule, start, options)
         except ConvergenceError as failure:
             motion = over_switches_after(failure, system, rule, start, options)
-    return motion if at is None else only_at(motion, times_of(at))
+    return motion if at is None else only_at(motion, times)
 
 
 @cache
