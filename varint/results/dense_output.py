@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from varint.errors import InputError
+from varint.results.records import changed
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.scene.rays import with_unit_rays
@@ -23,6 +24,13 @@ def node_tolerance(motion: Trajectory) -> float:
     """
     first, last, size = abs(motion.t.item(0)), abs(motion.t.item(-1)), abs(motion.h)
     return ROUNDING * max(first, last, size) / size
+
+
+def nodes_at(motion: Trajectory, times: np.ndarray, side: str) -> Trajectory:
+    """The motion with nodes at these times; see `states_at`."""
+    q, p, k, active_set = states_at(motion, times, side)
+    found = dict(t=times, q=q, p=p, k=k, active_set=active_set)
+    return changed(motion, **found, events=(), solution=None, closure=None)
 
 
 def states_at(
