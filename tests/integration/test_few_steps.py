@@ -140,6 +140,21 @@ def test_steps_too_large_are_told_of_alike(monkeypatch, every):
     assert len(found) >= (5 if every == 1 else 3)  # an explosion alone tells of nodes far apart
 
 
+@pytest.mark.parametrize("wanted", [("until",), ("events",), ("until", "events")])
+@pytest.mark.parametrize("scene", SCENES)
+def test_short_runs_that_are_watched_are_those_made_in_blocks(monkeypatch, scene, wanted):
+    system, call = asked(scene, 90, save_every=2)
+    x, v = system.q[0], system.v[0]
+    watched = {"until": (v - 0.11, -1), "events": {"place": x - 0.8, "speed": v - 0.25}}
+    call |= {name: watched[name] for name in wanted}
+    short, said = told(system, vi.gauss(4), call)
+    monkeypatch.setattr(fixed_steps, "short_run", lambda *_: None)
+    other, said_there = told(system, vi.gauss(4), call)
+    assert_alike(short, other)
+    assert np.array_equal(short.v, other.v) and short.events == other.events
+    assert said == said_there
+
+
 def test_speeds_that_are_false_are_told_of_alike(monkeypatch):
     held = vi.System(q1, v1, v1**2 / 2 + q1, force=-3 * ca.tanh(v1 / 1e-4))
     call = dict(q0=0.0, v0=2.0, h=0.1, steps=60)
