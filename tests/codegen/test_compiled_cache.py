@@ -14,7 +14,7 @@ import pytest
 
 import varint as vi
 from varint.codegen import cache, processes
-from varint.integration import backend, compiled_loop
+from varint.integration import backend, compiled_loop, few_steps
 
 pytestmark = pytest.mark.skipif(cache.compiler() is None, reason="no C compiler")
 SOURCE = "int answer(void) { return 42; }\n"
@@ -213,6 +213,7 @@ def test_a_full_disk_is_said_once_and_the_run_goes_on_interpreted(home, monkeypa
     monkeypatch.setattr(cache.os, "fsync", _full)
     monkeypatch.setattr(backend, "repays", lambda *_: True)
     monkeypatch.setattr(compiled_loop, "kernel_in_gear", lambda *_: None)
+    monkeypatch.setattr(few_steps, "gears_of", lambda *_: None)
     with pytest.warns(UserWarning, match="No space left"):
         motion = vi.simulate(scene, vi.composition("verlet"), **start)
     assert motion.stats["backend"] == "interpreted"

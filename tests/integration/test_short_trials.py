@@ -11,6 +11,7 @@ import pytest
 import varint as vi
 from varint.codegen.two_runs import NOT_PROVED, NOT_SHORT
 from varint.integration import short_call
+from varint.integration import simulate as module
 from varint.integration.plain_trials import by_plain_trials, plain_motion
 from varint.integration.problem import RunOptions, Start, initial_value_problem
 from varint.integration.short_trials import by_short_trials
@@ -161,6 +162,21 @@ def test_a_call_that_asks_for_no_more_gives_what_the_long_way_gives(monkeypatch,
     for name in ("rule", "origin", "functions", "active_sets", "active_set", "events", "sizes"):
         assert getattr(short, name) == getattr(long, name)
     assert np.array_equal(short.energy, long.energy)
+
+
+@pytest.mark.parametrize("case", ["pendulum", "cart", "polar", "chaotic"])
+def test_momenta_are_as_good_a_start_as_velocities(monkeypatch, case):
+    system, q0, _, duration = CASES[case]
+    asked = dict(q0=q0, p0=[1.1, 0.3][: len(q0)], duration=duration / 3, tol=1e-6)
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "_to_tolerance", None)  # the way of all other calls
+        short = vi.simulate(system, **asked)
+    monkeypatch.setattr(short_call, "short_call", lambda *_: None)
+    long = vi.simulate(system, **asked)
+    for name in "tqpkuhc":
+        assert np.array_equal(getattr(short, name), getattr(long, name))
+    for name in ("error_estimate", "iterations", "runs", "rule"):
+        assert short.stats[name] == long.stats[name]
 
 
 def test_starts_one_after_the_other_and_one_within_another_have_memory_of_their_own():

@@ -4,6 +4,8 @@ none; the states that events hold.
 
 from __future__ import annotations
 
+import warnings
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -265,3 +267,14 @@ def test_three_substeps_locate_a_zero_and_functions_are_built_once():
     again = c.crossing_search(OSCILLATOR, c.Watch("other", Q - 0.3, 1))
     assert again.values is search.values and again.box is search.box
     assert c.crossing_search(OSCILLATOR, c.Watch("zero", Q - 0.31, 0)).values is not search.values
+
+
+def test_zeros_in_steps_too_large_for_fixed_points_are_found_in_one_coordinate():
+    """The sub-steps begin with the velocities of the step around them, of which there is one."""
+    (q, v), t = vi.coordinates("x"), vi.time()
+    pushed = -0.1 * v + 0.3 * ca.cos(1.2 * t)
+    duffing = vi.System(q, v, v**2 / 2 + q**2 / 2 - q**4 / 4, force=pushed, t=t)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the energy leaps
+        motion = vi.simulate(duffing, vi.midpoint(), q0=0.99, v0=0, h=5.5, steps=9, until=q - 0.8)
+    assert abs(motion.q[-1, 0] - 0.8) < 1e-9

@@ -1,4 +1,4 @@
-"""A few steps and the energies of their nodes in one call of c/few_steps_core.c."""
+"""A run of few steps and a look at its energies in one call of c/few_steps_core.c."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 
 from varint.codegen.arguments import DONE
 from varint.codegen.core import few_steps_entry, rows_entry
-from varint.codegen.kernel import Kernel, new_address
+from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 # FewSteps, what belongs to the loop and to what is asked; between them the place of the start
-_LOOP, _ASKED = struct.Struct("4P3q"), struct.Struct("Pq3d")
-_PLACE, _TOLD = struct.Struct("3P"), struct.Struct("4d")
+_LOOP, _ASKED = struct.Struct("5P7q"), struct.Struct("5P5q3d")
+_PLACE, _TOLD = struct.Struct("3P"), struct.Struct("3d")
 TOLD = 6  # numbers that there is room for where something is told
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
 
 class Entries(NamedTuple):
-    """Addresses of a loop and of the energy (q, p, t) → H, |p·v| of its scene, and what lies
-    there; `head` is how the core is told of them.
+    """Addresses of a loop and of a function of nodes, (q, p, t) → H, |p·v|, of its scene, and what
+    lies there.
     """
 
     n: int
@@ -32,7 +32,6 @@ class Entries(NamedTuple):
     run: int
     rows: int
     energy: int
-    head: bytes
     held: tuple
 
 
@@ -46,9 +45,45 @@ def entries_of(kernel: Kernel, energy: RowFunction) -> Entries:
     """
     entries: tuple[Any, ...] = (kernel.entry, rows_entry())
     run, rows = (cast(entry, c_void_p).value or 0 for entry in entries)
-    n, carry, scene = kernel.n, kernel.carry_size, kernel.scene
-    head = _LOOP.pack(run, scene, rows, energy.at, n, carry, FIXED_POINT_ITERATIONS)
-    return Entries(n, carry, scene, run, rows, energy.at, head, (kernel, energy))
+    return Entries(
+        kernel.n, kernel.carry_size, kernel.scene, run, rows, energy.at, (kernel, energy)
+    )
+
+
+class Looks(NamedTuple):
+    """How energies of nodes are looked at.
+
+    Attributes
+    ----------
+    energy : RowFunction
+        (q, p, t) → H, |p·v|; of scenes whose energy may change (q, p, t, u) → H and the power of
+        what changes it. By velocity (q, v, t).
+    by_velocity, works : bool
+    limits : array
+        Limits in c/few_steps_core.c.
+    """
+
+    energy: RowFunction
+    by_velocity: bool
+    works: bool
+    limits: np.ndarray
+
+
+class FewSteps(NamedTuple):
+    """A loop, as the core is told of it, and what lies there."""
+
+    n: int
+    head: bytes
+    held: tuple
+
+
+def few_steps_of(kernel: Kernel, looks: Looks) -> FewSteps:
+    """How runs by a loop are made and looked at; raises as `entries_of`."""
+    on, limits = entries_of(kernel, looks.energy), looks.limits
+    counts = on.n, on.carry, FIXED_POINT_ITERATIONS, kernel.nodes, kernel.controls
+    places = on.run, on.scene, on.rows, on.energy, address_of(limits)
+    head = _LOOP.pack(*places, *counts, looks.by_velocity, looks.works)
+    return FewSteps(on.n, head, (on, limits))
 
 
 class Place(NamedTuple):
@@ -82,14 +117,60 @@ def nodes_of(n: int, nodes: int, room: int = 0) -> tuple[int, Nodes]:
     )
 
 
-def few_steps(
-    entries: Entries, place: Place, t0: float, h: float, steps: int, level: float
-) -> tuple[Nodes, float, float, float, float] | None:
-    """The motion with every node from a start: nodes, iterations, residual, the largest change of
-    the energy and the largest energy; None where a step cannot be solved.
+class Controlled(NamedTuple):
+    """Controls of a run.
+
+    Attributes
+    ----------
+    u : array (steps, 1 or r, k)
+        As they are given.
+    each : array (steps, r, k)
+        At the nodes of all steps.
+    mean : array (steps, 1, k) or (steps, k)
+        Their means over each.
     """
-    at, nodes = nodes_of(entries.n, steps + 1)
-    asked = entries.head + place.head + _ASKED.pack(at, steps, t0, h, level)
-    if few_steps_entry()(asked) != DONE:
+
+    u: np.ndarray
+    each: np.ndarray
+    mean: np.ndarray
+
+
+def few_steps(
+    how: FewSteps,
+    place: Place,
+    asked: tuple[float, float, int, int, float, int],
+    looked: tuple[int, int, np.ndarray],
+    controlled: Controlled | None,
+    opening: np.ndarray | None,
+) -> tuple[Nodes, float, float, bool] | None:
+    """The motion from a start: nodes, iterations, residual, and whether their energies are quiet;
+    None where a step cannot be solved, or another loop should go on.
+
+    Parameters
+    ----------
+    how : FewSteps
+    place : Place
+        The start, and parameters.
+    asked : tuple
+        t0, h, steps, how many of them lie between two nodes that are kept, where iterations stop,
+        and after how many steps they must have contracted (0: they need not).
+    looked : tuple
+        Where the numbers of the nodes lie whose energies are looked at, how many they are, and what
+        lies there.
+    controlled : Controlled, optional
+    opening : array, optional
+        What the loop is told at a fresh start.
+    """
+    t0, h, steps, every, level, pilot = asked
+    at, nodes = nodes_of(how.n, steps // every + 1)
+    u, mean, told, opens = 0, 0, 0, 0
+    if controlled is not None:
+        u, mean = address_of(controlled.each), address_of(controlled.mean)
+    if opening is not None:
+        told, opens = address_of(opening), opening.size
+    places = at, u, mean, told, looked[0]
+    numbers = _ASKED.pack(*places, opens, looked[1], steps, every, pilot, t0, h, level)
+    if few_steps_entry()(how.head + place.head + numbers) != DONE:
         return None
-    return nodes, *_TOLD.unpack_from(place.told)
+    iterations, residual, quiet = _TOLD.unpack_from(place.told)
+    return nodes, iterations, residual, quiet == 1

@@ -256,7 +256,7 @@ def take_parts(
     rows, good = np.empty((count, 3, n)), np.empty(count, dtype=np.int64)
     most = FIXED_POINT_ITERATIONS
     arrays = (start, t, h, c, u, opening, rows, good)
-    places = [x.ctypes.data if x.size else 0 for x in arrays]
+    places = [address_of(x) if x.size else 0 for x in arrays]
     kernel.parts(_PARTS.pack(count, opening.shape[1], u.shape[1], most, *places, kernel.scene))
     return rows, good > 0
 

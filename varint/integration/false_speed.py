@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
@@ -25,13 +26,18 @@ def _damped(system: System) -> bool:
     return bool(ca.depends_on(system.force, system.v))
 
 
+def may_be_false(system: System, rule: Rule) -> bool:
+    """Whether the rule leaves such speeds of the scene."""
+    nodes = rule.nodes
+    if len(nodes) < 3 or len(nodes) % 2 == 0 or nodes[0] != 0 or nodes[-1] != 1:
+        return False
+    return system.structure.forced and not system.rays and _damped(system)
+
+
 def false_speed(motion: Trajectory) -> str | None:
     """What is wrong with the speeds at the end of a run, and what to do."""
     nodes = motion.rule.nodes
-    if len(nodes) < 3 or len(nodes) % 2 == 0 or nodes[0] != 0 or nodes[-1] != 1:
-        return None
-    s = motion.system.structure
-    if not s.forced or s.contacts or motion.system.rays or not _damped(motion.system):
+    if not may_be_false(motion.system, motion.rule) or motion.system.structure.contacts:
         return None
     if len(motion) < 3 or motion.k[-1] - motion.k[-3] != 2:
         return None

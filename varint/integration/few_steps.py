@@ -1,35 +1,62 @@
-"""Runs of a few steps, with a look at their energy, in one call of the core."""
+"""Runs that are over before anyone could watch them, and a look at their energy, in one call of the
+core.
+
+What follows from the scene alone is looked up once, and numbers go from the user to the core and
+back by one block of memory. `simulate_steps` does the same where more is asked for, or a run comes
+to no good end, and says what.
+"""
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from varint.codegen.cache import CompileError
-from varint.codegen.few_steps import Entries, entries_of, few_steps
-from varint.codegen.kernel import Kernel
-from varint.integration.compiled_loop import POOR, scheme_of
-from varint.integration.energy_check import NOTHING, SAMPLES, energy_rows
+from varint.codegen.few_steps import Controlled, FewSteps, Looks, few_steps, few_steps_of
+from varint.codegen.kernel import Kernel, address_of
+from varint.discrete.legendre import velocity_function
+from varint.integration.compiled_loop import NODES_IN_BLOCK, POOR, first_piece, next_piece
+from varint.integration.energy_check import (
+    GROSS,
+    HUGE,
+    NOTHING,
+    energy_rows,
+    energy_rows_by_velocity,
+    nodes_looked_at,
+)
 from varint.integration.energy_leap import energy_alarm
-from varint.integration.false_speed import false_speed
-from varint.integration.gears import BY_STAGES, Gears, gears_of, kernel_after, kernel_now
+from varint.integration.false_speed import false_speed, may_be_false
+from varint.integration.gears import (
+    BY_STAGES,
+    Gears,
+    gears_of,
+    kernel_after,
+    kernel_now,
+    scheme_of,
+)
 from varint.integration.plain_start import (
     Room,
     begin_at,
-    is_plain,
+    begin_by_momentum,
     is_plain_number,
+    moves_freely,
     room_of,
     rooms,
 )
 from varint.integration.plan import Plan, plan
-from varint.integration.problem import LEVEL, Grid, time_grid
+from varint.integration.problem import LEVEL, Grid, controls, time_grid
 from varint.integration.trajectories import plain_motion_of
-from varint.integration.work_bound import keeps_energy
+from varint.integration.work_bound import (
+    MISSED,
+    balance_rows,
+    balance_rows_by_velocity,
+    keeps_energy,
+)
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -37,76 +64,109 @@ from varint.scene.memory import per_scene
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
 
-FEW = SAMPLES - 1  # steps of which every node is looked at
+# in the order of c/few_steps_core.c
+_LIMITS = np.array([GROSS, NOTHING, HUGE, MISSED, POOR])
 
 
 def few_steps_call(
     system: System,
     rule: Rule | None,
-    start: tuple[Any, Any, Any, ParameterValues | None],
+    start: tuple[Any, Any, Any, Any, ParameterValues | None, Any],
     grid: Grid,
+    save_every: int,
     iteration_tol: float | None,
     began: float,
 ) -> Trajectory | None:
-    """The motion from a start (q0, v0, t0, params); None where it is no such run, or comes to no
-    good end, and another way is to be taken. A warning where the energy does not stay.
+    """The motion from a start (q0, v0, p0, t0, params, u); None where it is no such run, or comes
+    to no good end, and another way is to be taken. A warning where the energy is not what it can
+    be.
     """
-    t0 = start[2]
+    q0, v0, p0, t0, params, u = start
     h, steps = time_grid(*grid)
     called = None
-    if steps <= FEW and (rule is None or type(rule) is Rule) and is_plain_number(t0):
+    if (rule is None or type(rule) is Rule) and is_plain_number(t0) and save_every > 0:
         called = _called(system, rule)
-    if called is None:
+    if called is None or (v0 is None) == (p0 is None) or (u is None) == called.controlled:
         return None
+    kernel = kernel_now(called.gears)
+    loop = called.last
+    if loop is None or loop.kernel is not kernel:
+        loop = called.last = _loop_of(system, called.plan.rule, kernel)
+    how, longest, pilot = loop.how, loop.longest, loop.pilot
+    if how is None or steps > longest or steps % save_every:
+        return None
+    if pilot and save_every != 1:
+        pilot = next_piece(0, steps, save_every, pilot)[0]
+        if pilot % save_every:  # nodes are further apart
+            return None
     pool = called.rooms
     room = pool.pop() if pool else room_of(system, False)
     try:
-        c = begin_at(room, system, *start)
+        used = None
+        if u is not None:
+            used = _controls_of(system, called.plan.rule, u, steps)
+            room.u[:], room.known = used.u[0, 0], None
+        if v0 is None:
+            c = begin_by_momentum(room, system, q0, p0, t0, params)
+        else:
+            c = begin_at(room, system, q0, v0, t0, params)
         if c is None:
             return None
         check_steps(t0, h, steps)
-        kernel = kernel_now(called.gears)
-        if kernel is not called.last[0]:
-            called.last = kernel, _entries(system, kernel)
-        entries, now = called.last[1], perf_counter()
-        if entries is None:
-            return None
+        opening = None
+        if kernel.opening:
+            opening = _opening_of(kernel, room, used, t0, h, c)
+        now = perf_counter()
         level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
-        found = few_steps(entries, room.place, t0, h, steps, level)
+        asked = t0, h, steps, save_every, level, pilot
+        found = few_steps(how, room.place, asked, _looked_at(steps // save_every), used, opening)
     finally:
         pool.append(room)
     if kernel.is_native:
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None:
         return None
-    nodes, iterations, residual, change, largest = found
-    if iterations > called.most * steps:
-        return None
+    nodes, iterations, residual, quiet = found
     motion = plain_motion_of(
         system,
         called.plan,
         kernel,
         nodes,
-        (h, float(t0), np.empty((steps, 1, 0)), c),
+        (h, float(t0), np.empty((steps, 1, 0)) if used is None else used.u, c),
         (int(iterations), residual),
         seconds=perf_counter() - began,
     )
-    if not change <= NOTHING * largest and (alarm := energy_alarm(motion) or false_speed(motion)):
+    alarm = None if quiet else energy_alarm(motion)
+    if called.may_be_false and not alarm:
+        alarm = false_speed(motion)
+    if alarm:
         warnings.warn(alarm, stacklevel=3)
     return motion
 
 
+class _Loop(NamedTuple):
+    """A loop, how it is called, if it can be, how many steps that is for, and after how many its
+    iteration must have contracted (0: it need not).
+    """
+
+    kernel: Kernel
+    how: FewSteps | None
+    longest: int
+    pilot: int
+
+
 @dataclass(eq=False)
 class _Called:
-    """Of a scene and a rule: the plan, the gears, how many iterations a step may take, rooms that
-    nobody uses, and the loop that ran last, with what is called of it.
+    """Of a scene and a rule: the plan, the gears, whether there are controls, whether speeds may be
+    false, rooms that nobody uses, and the loop that ran last.
     """
 
     plan: Plan
     gears: Gears
-    most: float
+    controlled: bool
+    may_be_false: bool
     rooms: list[Room]
-    last: tuple[Kernel | None, Entries | None] = (None, None)
+    last: _Loop | None = None
 
 
 @per_scene
@@ -114,23 +174,65 @@ def _called(system: System, rule: Rule | None) -> _Called | None:
     """None where more than coordinates and momenta at nodes makes the motion, or there is no loop
     that need not be compiled first.
     """
-    if not (is_plain(system) and keeps_energy(system)):
+    if not moves_freely(system):
         return None
     chosen = plan(system, rule)
-    scheme = scheme_of(system, chosen.rule)
-    gears = gears_of(system, chosen.rule, scheme)
+    gears = gears_of(system, chosen.rule, scheme_of(system, chosen.rule))
     if gears is None:
         return None
-    most = POOR if scheme is BY_STAGES else math.inf
-    return _Called(chosen, gears, most, rooms(system, False))
+    controlled, false = system.structure.controls > 0, may_be_false(system, chosen.rule)
+    return _Called(chosen, gears, controlled, false, rooms(system, False))
 
 
-def _entries(system: System, kernel: Kernel) -> Entries | None:
-    """What is called; None where the core cannot."""
-    energy = energy_rows(system)
-    if kernel.opening or kernel.note[0] or energy is None:
-        return None
+def _loop_of(system: System, rule: Rule, kernel: Kernel) -> _Loop:
+    looks = _looks(system)
+    none = _Loop(kernel, None, 0, 0)
+    if kernel.note[0] or looks is None:
+        return none
+    longest = min(first_piece(kernel, False), NODES_IN_BLOCK)
+    piloted = scheme_of(system, rule) is BY_STAGES and not kernel.opening
     try:
-        return entries_of(kernel, energy)
+        how = few_steps_of(kernel, looks)
     except CompileError:
-        return None
+        return none
+    return _Loop(kernel, how, longest, first_piece(kernel, True) if piloted else 0)
+
+
+@per_scene
+def _looks(system: System) -> Looks | None:
+    """How energies of nodes are looked at; None where they are not data."""
+    kept, by_velocity = keeps_energy(system), not velocity_function(system).is_a("SXFunction")
+    if kept:
+        energy = energy_rows_by_velocity(system) if by_velocity else energy_rows(system)
+    else:
+        energy = balance_rows_by_velocity(system) if by_velocity else balance_rows(system)
+    return None if energy is None else Looks(energy, by_velocity, not kept, _LIMITS)
+
+
+@lru_cache(maxsize=256)
+def _looked_at(last: int) -> tuple[int, int, np.ndarray]:
+    """Address of the numbers of nodes 0 … last that are looked at, how many they are, and what lies
+    there.
+    """
+    nodes = nodes_looked_at(last)
+    return address_of(nodes), len(nodes), nodes
+
+
+def _controls_of(system: System, rule: Rule, u: Any, steps: int) -> Controlled:
+    given, nodes = controls(system, rule, u, steps), len(rule.nodes)
+    if given.shape[1] == 1:
+        mean, each = given, np.empty((steps, nodes, given.shape[2]))
+        each[:] = given  # in a tenth of the time of `np.broadcast_to`
+    else:
+        mean, each = given.mean(axis=1), given
+    return Controlled(given, each, mean)
+
+
+def _opening_of(
+    kernel: Kernel, room: Room, used: Controlled | None, t0: float, h: float, c: np.ndarray
+) -> np.ndarray:
+    """What the loop is told at a fresh start."""
+    assert kernel.opening is not None
+    sizes = None if used is None else np.abs(used.each).max(axis=(0, 1))
+    at, p = np.array([float(t0)]), room.values[: room.n]
+    return kernel.opening(room.q[None], p[None], sizes, at, np.array([h]), c)[0]

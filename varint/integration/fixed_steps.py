@@ -58,8 +58,8 @@ def simulate_steps(
         problem = problem._replace(save_every=1)
     motion = None
     waits = asked.progress is None or asked.progress is False
-    if waits and not (stop or watches or file) and asked.on_failure == "raise":
-        motion = short_run(system, chosen, problem, began, asked.backend)
+    if waits and file is None and asked.on_failure == "raise":
+        motion = short_run(system, chosen, problem, began, asked.backend, stop, watches)
     if motion is None:
         begin = partial(
             start_run,

@@ -78,25 +78,28 @@ def with_folds_watched(
         return lost and (lost[0] - 1, _why(scene, problem, lost[1], lost[0]))
 
     def watched(at: RunState | None) -> Iterator[NodeBlock]:
-        recent, most = _seen(scene, problem, _start(problem, at)), 0.0
+        recent, most = None, 0.0
         for block in blocks_from(at):
             passed = block.passed
             if passed is None or not len(passed.k):
                 yield block
                 continue
+            seen, found = _seen(scene, problem, passed), None
             if passed.notes is None:
-                seen = _joined(recent, _seen(scene, problem, passed))
+                before = recent or _seen(scene, problem, _start(problem, at))
+                seen = _joined(before, seen)
                 found = _noted(seen, len(seen.nodes.k) - len(passed.k), most)
                 most = float(np.fmax.reduce(seen.nodes.far, initial=most))
-            else:
-                seen, found = _seen(scene, problem, passed), _as_noted(passed, scene)
-            wrong = look(*found)
+            elif len(passed.notes):
+                found = _as_noted(passed, scene)
+            wrong = found and look(*found)
             if wrong:
                 yield from _up_to(block, int((block.k[: block.good] <= wrong[0]).sum()))
                 raise StepRefused(wrong[1], wrong[0])
             recent = seen.last(KEPT)
             yield block
-        if wrong := look(_behind(recent), None):
+        behind = _behind(recent) if recent else None
+        if behind and (wrong := look(behind, None)):
             raise StepRefused(wrong[1], wrong[0])
 
     return watched
@@ -171,10 +174,13 @@ def _as_noted(passed: Passed, scene: System) -> Found:
     return windows.at(notes[:, 0] != ON_FOLD), at
 
 
-def _behind(recent: _Seen) -> Windows:
-    """Windows of steps over folds at the very end of a run, which have no nodes behind them."""
+def _behind(recent: _Seen) -> Windows | None:
+    """Windows of steps over folds at the very end of a run, which have no nodes behind them; None
+    where there are none.
+    """
     over = crossed_folds(recent.nodes.far)
-    return windows_around(over[over + OVER + 1 >= len(recent.nodes.k)], recent.nodes)
+    over = over[over + OVER + 1 >= len(recent.nodes.k)]
+    return windows_around(over, recent.nodes) if len(over) else None
 
 
 def _up_to(block: NodeBlock, good: int) -> Iterator[NodeBlock]:

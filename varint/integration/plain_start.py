@@ -39,8 +39,8 @@ class Room:
     ----------
     n : int
         Coordinates.
-    q, v, t, c : array
-        To be written: coordinates, velocities, the time, parameters.
+    q, v, t, u, c : array
+        To be written: coordinates, velocities, the time, controls, parameters.
     start : array
         q and v, one behind the other.
     values : array
@@ -77,6 +77,7 @@ class Room:
     q: np.ndarray
     v: np.ndarray
     t: np.ndarray
+    u: np.ndarray
     c: np.ndarray
     start: np.ndarray
     values: np.ndarray
@@ -102,16 +103,21 @@ def is_plain_number(x: Any) -> bool:
 
 
 @per_scene
-def has_plain_nodes(system: System) -> bool:
-    """Whether nothing but coordinates and momenta at nodes makes the motion."""
+def moves_freely(system: System) -> bool:
+    """Whether nothing but coordinates and momenta at nodes and controls makes the motion."""
     s = system.structure
     held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
-    return not (held or s.controls or system.rays)
+    return not (held or system.rays)
+
+
+def has_plain_nodes(system: System) -> bool:
+    """Whether the same, without controls."""
+    return moves_freely(system) and not system.structure.controls
 
 
 @per_scene
 def is_plain(system: System) -> bool:
-    """Whether the same, and velocities are functions of symbols."""
+    """Whether that is so, and velocities are functions of symbols."""
     return has_plain_nodes(system) and velocity_function(system).is_a("SXFunction")
 
 
@@ -129,7 +135,8 @@ def room_of(system: System, looks: bool) -> Room:
     block = np.zeros(ends[-1])
     q, v, t, _, values, local, told, c = np.split(block, ends[:-1])
     at, mass_at, told_at, c_at = (address_of(block) + 8 * ends[i] for i in (2, 4, 5, 6))
-    begin, one = _on(start_function(system), (q, v, np.empty(0), t, c), (values,))
+    u = np.zeros(system.structure.controls)
+    begin, one = _on(start_function(system), (q, v, u, t, c), (values,))
     look, other, half = None, (), n * n
     if looks:
         if system.structure.quadratic_kinetic:
@@ -137,7 +144,7 @@ def room_of(system: System, looks: bool) -> Room:
         else:
             of, at_start = local_function(system), v
         look, other = _on(of, (q, at_start, t, c), (local[:half], local[half:]))
-    parts = n, q, v, t, c, block[: 2 * n], values, local, block.data
+    parts = n, q, v, t, u, c, block[: 2 * n], values, local, block.data
     pack, begun = (struct.Struct(f"{count}d") for count in (2 * n, ends[4]))
     put = block.data.cast("B")[: 8 * ends[3]]
     regular, constant = regular_at(system), system.structure.constant_mass
@@ -190,6 +197,17 @@ def begin_at(
         check_mass(system, room.values[2 * n + 1 :], c)
     if params is None:
         room.given, room.known = c, asked
+    return c
+
+
+def begin_by_momentum(
+    room: Room, system: System, q0: Any, p0: Any, t0: float, params: ParameterValues | None
+) -> np.ndarray | None:
+    """`begin_at` from momenta, looked at as if nothing moved."""
+    c = begin_at(room, system, q0, [0.0] * room.n, t0, params)
+    if c is not None:
+        room.known = None  # these are not what belongs to that start
+        room.values[: room.n] = vector("p0", p0, room.n, system.names)
     return c
 
 

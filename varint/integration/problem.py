@@ -54,7 +54,6 @@ class RunOptions(NamedTuple):
     backend: str = "auto"
     checkpoint: Any = None
     on_failure: str = "raise"
-    at: Any = None
 
 
 def initial_value_problem(
@@ -164,7 +163,7 @@ def controls(system: System, rule: Rule, u: Any, steps: int) -> np.ndarray:
             steps * k,
             "let the control be a force or a parameter of the scene",
         )
-        value = np.broadcast_to(value, (steps, k))
+        value = value[None].repeat(steps, axis=0)
     if value.shape == (steps, k):
         value = value[:, None, :]
     allowed = {(steps, 1, k), (steps, r, k)} if rule.points else {(steps, 1, k)}

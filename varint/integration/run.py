@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from varint.codegen.frozen import no_whole_derivatives
 from varint.discrete.constraints import ActiveSet
+from varint.discrete.legendre import velocity_function
 from varint.discrete.row_independence import folds
 from varint.errors import InputError, StepRefused
 from varint.integration.backend import (
@@ -34,7 +34,9 @@ from varint.integration.trajectories import (
     trajectory_of,
     with_velocities,
 )
+from varint.numerics.arrays import call
 from varint.numerics.progress import progress_bar
+from varint.results.records import changed
 from varint.results.trajectory import Trajectory
 from varint.scene.system import System
 
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
 # nodes that are searched together for zeros, and coordinates of nodes where there are few: many
 # cost little more than a few
 AT_ONCE, NUMBERS_AT_ONCE = 10_000, 50_000
+FIRST = 1000  # steps of a run that is searched as a whole: a longer one may end soon
 
 
 def start_run(
@@ -125,7 +128,13 @@ def start_run(
 
 
 def short_run(
-    system: System, chosen: Plan, problem: InitialValueProblem, began: float, backend: str
+    system: System,
+    chosen: Plan,
+    problem: InitialValueProblem,
+    began: float,
+    backend: str,
+    stop: Watch | None = None,
+    watches: Sequence[Watch] = (),
 ) -> Trajectory | None:
     """A run that is over before anyone could watch it, of a scene whose nodes need no look: in one
     call, without the blocks of the long ones. None where it is no such run, or comes to no good
@@ -136,14 +145,47 @@ def short_run(
     InputError
         If the backend is unknown.
     """
-    s = system.structure
+    s, looks = system.structure, bool(stop or watches)
     if s.contacts or s.constraints or s.nonholonomic:
+        return None
+    if looks and (system.rays or problem.steps > FIRST):
         return None
     kernel = kernel_for(system, chosen.rule, problem, backend)
     found = None if kernel is None else run_at_once(system, chosen.rule, problem, kernel)
     if found is None or not found.done:
         return None
-    return motion_at_once(Run(system, chosen, problem, [], iter(()), kernel, began), found)
+    run = Run(system, chosen, problem, [], iter(()), kernel, began)
+    motion = motion_at_once(run, found)
+    return looked_along(motion, found.rows[:, 2], kernel, stop, watches) if looks else motion
+
+
+@np.errstate(all="ignore")  # what is not finite has no zero
+def looked_along(
+    motion: Trajectory,
+    v: np.ndarray,
+    kernel: Kernel | None,
+    stop: Watch | None,
+    watches: Sequence[Watch],
+) -> Trajectory:
+    """A whole motion, whose nodes after the first have these velocities, with what is watched for
+    on the way, or until `stop` crosses zero.
+    """
+    from varint.integration.events.crossings import crossing_search
+    from varint.integration.events.first_crossing import find_first
+    from varint.integration.events.native_crossings import log_crossings
+
+    moving = changed(motion)
+    moving.__dict__["v"] = v = v.copy()
+    velocity = velocity_function(motion.system)
+    v[0] = call(velocity, motion.q[0], motion.p[0], motion.t[:1], motion.c)[0]
+    end = None
+    if stop:
+        end = find_first(kernel, crossing_search(motion.system, stop), moving, {}, 0)
+    if watches:
+        searches = [crossing_search(motion.system, watch) for watch in watches]
+        noted = log_crossings(searches, moving, {}, kernel)
+        motion = changed(motion, events=in_order([*motion.events, *noted], motion.h))
+    return cut_at(motion, 0, end) if end and len(end.jump) else motion
 
 
 def motion_at_once(run: Run, found: LoopResult) -> Trajectory:
@@ -194,7 +236,7 @@ def collect(
             whole = len(pending) == len(nodes) and not interrupted
             pending[:] = [last_node(pending)]
             if whole:
-                return replace(motion, events=in_order([*motion.events, *noted], problem.h))
+                return changed(motion, events=in_order([*motion.events, *noted], problem.h))
         return trajectory_of(run, nodes, noted, interrupted)
 
     try:

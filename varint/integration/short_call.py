@@ -15,6 +15,7 @@ import numpy as np
 
 from varint.codegen.kernel import Kernel
 from varint.codegen.two_runs import NOT_PROVED, VARIES, Course, Rates, runs_made
+from varint.discrete.legendre import velocity_function
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.gears import Gears, gears_of, kernel_now
@@ -22,6 +23,7 @@ from varint.integration.linear_run import MAPPED, runs_driven
 from varint.integration.plain_start import (
     Room,
     begin_at,
+    begin_by_momentum,
     has_plain_nodes,
     is_plain,
     is_plain_number,
@@ -57,6 +59,7 @@ from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of, with_stats
 from varint.integration.two_runs import shows_its_error
 from varint.integration.work_bound import balance_rows
+from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
@@ -69,13 +72,14 @@ def short_call(
     system: System,
     rule: Rule | None,
     start: tuple[Any, Any, Any, ParameterValues | None],
+    p0: Any,
     duration: Any,
     tol: float | None,
     began: float,
 ) -> Trajectory | int | None:
-    """The motion from a start (q0, v0, t0, params), if two short runs prove its error, or some more
-    of a scene with forces; what `by_short_trials` says if not; None where another way is to be
-    taken.
+    """The motion from a start (q0, v0, t0, params), or from momenta in place of v0, if two short
+    runs prove its error, or some more of a scene with forces; what `by_short_trials` says if not;
+    None where another way is to be taken.
     """
     t0, tol = start[2], DEFAULT_TOL if tol is None else tol
     if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
@@ -83,16 +87,24 @@ def short_call(
     if not (is_plain_number(duration) and duration and is_plain_number(t0)):
         return None
     known = _known(system, rule)
-    if known is None:
+    if known is None or not (p0 is None or known.by_momentum):
         return None
     pool = known.rooms
     room = pool.pop() if pool else room_of(system, True)
     try:
-        c = begin_at(room, system, *start)
+        if p0 is None:
+            c = begin_at(room, system, *start)
+        else:
+            c = begin_by_momentum(room, system, start[0], p0, t0, start[3])
         if c is None:
             return None
         check_steps(float(t0), float(duration), 1)
-        ahead = seen_ahead(system, room.start, c, float(duration)) if known.varies else NOTHING
+        ahead, begin = NOTHING, room.start
+        if known.varies:
+            if p0 is not None:
+                v = call(velocity_function(system), room.q, room.values[: room.n], room.t, c)[0]
+                begin = np.concatenate((room.q, v))
+            ahead = seen_ahead(system, begin, c, float(duration))
         pilot, runs = ahead.pilot, 0
         if pilot is None:
             span = float(t0), float(duration)
@@ -100,11 +112,13 @@ def short_call(
             if not isinstance(found, int) or found < VARIES:
                 return found
             runs = runs_made(room.places)
-            pilot = seen_along(system, room.start, c, float(duration), found - VARIES)
+            pilot = seen_along(system, begin, c, float(duration), found - VARIES)
             if pilot is None:
                 return None
     finally:
         pool.append(room)
+    if p0 is not None:
+        return None
     return varying_call(system, rule, start, float(duration), tol, pilot, began, runs)
 
 
@@ -189,8 +203,8 @@ class _Loop:
 class _Known:
     """Of a scene: coordinates, rooms that nobody uses, rules, their prices and which is the
     cheapest when, their loops as far as they were asked for, whether steps may vary and the
-    rates that they may follow, and the last local numbers of a start as bytes and the fastest
-    frequency of these.
+    rates that they may follow, whether momenta will do for all of that, and the last local numbers
+    of a start as bytes and the fastest frequency of these.
     """
 
     n: int
@@ -200,6 +214,7 @@ class _Known:
     loops: list[_Loop | None]
     varies: bool
     rates: list[Rates | None]
+    by_momentum: bool
     last: list[tuple[bytes, float | None]]
 
 
@@ -218,10 +233,11 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
     rules = {MAPPED: 1.0} if driven else rules
     prices = priced(rules)
     varies = may_vary(system, rule)
+    by_momentum = system.structure.quadratic_kinetic
     rates: list[Rates | None] = rates_to_follow(system) if varies else [None]
     loops: list[_Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
-    return _Known(n, *begin, loops, varies, rates, [(b"", 0.0)])
+    return _Known(n, *begin, loops, varies, rates, by_momentum, [(b"", 0.0)])
 
 
 def _begins_by_symbols(system: System) -> bool:

@@ -161,20 +161,22 @@ def simulate(
     if type(system) is not System:
         require_system(system)
     began, tried = perf_counter(), None
+    if at is not None:
+        times = times_of(at)
+        grid = until_last(times, t0, save_every, (h, steps, duration), time_scale is not None)
+        h, steps, duration = grid
     plain = (
-        p0 is None  # one by one: in less time than as a chain
-        and u is None
-        and at is None
-        and scale is None
+        scale is None  # one by one: in less time than as a chain
         and until is None
         and events is None
         and checkpoint is None
-        and v0 is not None
         and (progress is None or progress is False)
         and type(save_every) is int
         and on_failure == "raise"
     )
-    if plain and time_scale is not None and tol is None and steps is None:
+    moving = plain and u is None and (p0 is None) != (v0 is None)
+    scaled = moving and p0 is None and at is None and time_scale is not None
+    if scaled and tol is None and steps is None:
         run = h, duration, t0, iteration_tol, save_every, backend
         motion = _physical_call()(system, rule, time_scale, q0, v0, params, run, began)
         if motion is not None:
@@ -186,14 +188,16 @@ def simulate(
         tol, iteration_tol = _tolerances(tol, iteration_tol, h is not None or steps is not None)
     if type(h) is _FLOAT64 or type(duration) is _FLOAT64 or type(t0) is _FLOAT64:
         h, duration, t0 = map(_own, (h, duration, t0))  # as Python's own they go the short ways
-    if plain and time_scale is None and save_every == 1 and backend == "auto":
-        known, grid = (q0, v0, t0, params), (h, steps, duration)
-        if h is None and steps is None:
-            tried = _short_call().short_call(system, rule, known, duration, tol, began)
-        else:
-            tried = _few_steps().few_steps_call(system, rule, known, grid, iteration_tol, began)
+    if plain and time_scale is None and backend == "auto":
+        if h is not None or steps is not None:
+            known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
+            few_steps_call = _few_steps().few_steps_call
+            tried = few_steps_call(system, rule, known, grid, save_every, iteration_tol, began)
+        elif moving and save_every == 1:
+            begin = q0, v0, t0, params
+            tried = _short_call().short_call(system, rule, begin, p0, duration, tol, began)
         if type(tried) is Trajectory:
-            return tried
+            return tried if at is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)
     options = RunOptions(
         h,
@@ -209,10 +213,7 @@ def simulate(
         backend,
         checkpoint,
         on_failure,
-        at,
     )
-    if at is not None:
-        options = until_last(start, options, time_scale is not None)
     if time_scale is not None:
         if u is not None:
             raise InputError(
@@ -230,7 +231,7 @@ def simulate(
             motion = simulate_steps(system, rule, start, options)
         except ConvergenceError as failure:
             motion = over_switches_after(failure, system, rule, start, options)
-    return motion if at is None else only_at(motion, times_of(at))
+    return motion if at is None else only_at(motion, times)
 
 
 @cache

@@ -82,7 +82,7 @@ def guided_step_function(system: System, rule: Rule) -> ca.Function | None:
         return None
     inputs, means = _inputs(system, rule), ca.MX.sym("means", n * rule.degree)
     first = state_parts(stepper.start(*_of_stepper(inputs)), n)
-    memory = ca.vertcat(means, first.memory[means.numel() :])
+    memory = ca.vertcat(means, first.memory[means.numel() :, :])
     after = _step_from(system, stepper, first._replace(memory=memory).vector, inputs)
     return ca.Function("guided_step", [*inputs, means], [after.q, after.p])
 

@@ -204,9 +204,8 @@ def choose_steps(
             rescued=not smooth or steps > UNRESCUED,
         )
         try:
-            way, motion = plan(system, chosen), None
-            if stop is None:
-                motion = short_run(system, way, problem, began, backend)
+            way = plan(system, chosen)
+            motion = short_run(system, way, problem, began, backend, stop)
             if motion is None:
                 run = start_run(system, way, problem, began, backend=backend)
                 motion = collect(run, stop=stop, progress=False)

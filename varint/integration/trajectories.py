@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +15,7 @@ from varint.integration.plan import Plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.state import NodeBlock
 from varint.results.dense_output import node_tolerance
-from varint.results.records import IMPACTS, Event
+from varint.results.records import IMPACTS, Event, changed
 from varint.results.trajectory import Trajectory
 from varint.scene.rays import make_nodes_unit
 from varint.scene.system import System
@@ -256,7 +255,7 @@ def cut_at(motion: Trajectory, first: int, end: Crossings) -> Trajectory:
     if end.jump[0]:  # by the impact at the next node, which is kept as the motion leaves it
         late = motion.t[node + 2 :][:1] * np.sign(motion.h)
         events = tuple(e for e in motion.events if not (e.time * np.sign(motion.h) >= late).any())
-        return replace(motion[: node + 2], events=events)
+        return changed(motion[: node + 2], events=events)
     last = end.after
     times, q, p = (
         np.concatenate([getattr(motion, name)[: node + 1], getattr(last, name)[:1]])
@@ -269,4 +268,4 @@ def cut_at(motion: Trajectory, first: int, end: Crossings) -> Trajectory:
         else np.concatenate([motion.active_set[: node + 1], motion.active_set[node : node + 1]])
     )
     before = tuple(event for event in motion.events if (t - event.time) * motion.h >= 0)
-    return replace(motion, t=times, q=q, p=p, k=k, active_set=active_set, events=before)
+    return changed(motion, t=times, q=q, p=p, k=k, active_set=active_set, events=before)

@@ -84,19 +84,28 @@ def _power_function(system: System) -> ca.Function:
 
 @per_scene
 def balance_rows(system: System) -> RowFunction | None:
-    """(q, p, t) → H, F·v − ∂L/∂t of scenes without controls as data; None where they have no such
-    form.
-    """
-    from varint.codegen.rows import row_function_or_none
-
+    """(q, p, t, u) → H, F·v − ∂L/∂t as data; None where they have no such form."""
     s, velocity = system, velocity_function(system)
     if not velocity.is_a("SXFunction"):
         return None
     p = ca.SX.sym("p", s.structure.n)
-    v, none = velocity(s.q, p, s.t, s.c), ca.SX.zeros(s.control.shape)
+    return _balance(system, p, velocity(s.q, p, s.t, s.c))
+
+
+@per_scene
+def balance_rows_by_velocity(system: System) -> RowFunction | None:
+    """(q, v, t, u) → the same."""
+    return _balance(system, system.v, system.v)
+
+
+def _balance(system: System, given: ca.SX, v: ca.SX) -> RowFunction | None:
+    """Of what is given beside q, from which v follows."""
+    from varint.codegen.rows import row_function_or_none
+
+    s = system
     energy = ca.Function("energy", [s.q, s.v, s.t, s.c], [ca.densify(s.energy)])
-    results = [energy(s.q, v, s.t, s.c), _power_function(s)(s.q, v, none, s.t, s.c)]
-    return row_function_or_none("balance", [s.q, p, s.t], s.c, results)
+    results = [energy(s.q, v, s.t, s.c), _power_function(s)(s.q, v, s.control, s.t, s.c)]
+    return row_function_or_none("balance", [s.q, given, s.t, s.control], s.c, results)
 
 
 def given_by_impacts(motion: Trajectory, times: np.ndarray) -> np.ndarray:

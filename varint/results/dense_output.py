@@ -9,19 +9,28 @@ from collections.abc import Iterator
 import numpy as np
 
 from varint.errors import InputError
+from varint.results.records import changed
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
 from varint.scene.rays import with_unit_rays
 from varint.scene.system import System
 
-ROUNDING = 8 * np.finfo(float).eps  # of t0 + k h
+ROUNDING = 8 * float(np.finfo(float).eps)  # of t0 + k h
 
 
 def node_tolerance(motion: Trajectory) -> float:
     """Of a step: a time this close to a node is the node. It is the round-off of the times
     themselves.
     """
-    return float(ROUNDING * max(np.abs(motion.t).max(), abs(motion.h)) / abs(motion.h))
+    first, last, size = abs(motion.t.item(0)), abs(motion.t.item(-1)), abs(motion.h)
+    return ROUNDING * max(first, last, size) / size
+
+
+def nodes_at(motion: Trajectory, times: np.ndarray, side: str) -> Trajectory:
+    """The motion with nodes at these times; see `states_at`."""
+    q, p, k, active_set = states_at(motion, times, side)
+    found = dict(t=times, q=q, p=p, k=k, active_set=active_set)
+    return changed(motion, **found, events=(), solution=None, closure=None)
 
 
 def states_at(
@@ -36,10 +45,12 @@ def states_at(
         If a time lies outside the trajectory.
     """
     slack = require_within(motion, times)
-    direction = 1.0 if motion.h > 0 else -1.0
-    shifted = direction * times + (slack if side == "after" else -slack)
-    node = np.searchsorted(direction * motion.t, shifted, side="right") - 1
-    node = np.clip(node, 0, len(motion) - 1)
+    slack = slack if side == "after" else -slack
+    if motion.h > 0:
+        node = motion.t.searchsorted(times + slack, side="right") - 1
+    else:
+        node = (-motion.t).searchsorted(slack - times, side="right") - 1
+    np.maximum(node, 0, out=node)
     states = [motion.q[node], motion.p[node], motion.k[node]]
     ahead = times - motion.t[node]
     _require_steps(motion, node, ahead)
@@ -51,9 +62,10 @@ def states_at(
 
 def require_within(motion: Trajectory, times: np.ndarray) -> float:
     """Refuse times before the first and after the last node; the round-off allowed for."""
-    low, high = min(motion.t[0], motion.t[-1]), max(motion.t[0], motion.t[-1])
+    first, last = motion.t.item(0), motion.t.item(-1)
+    low, high = min(first, last), max(first, last)
     slack = node_tolerance(motion) * abs(motion.h)
-    if not ((times >= low - slack) & (times <= high + slack)).all():
+    if len(times) and not (times.min() >= low - slack and times.max() <= high + slack):
         raise InputError(f"times must lie between {low:g} and {high:g}, got {times}")
     return slack
 
@@ -61,7 +73,8 @@ def require_within(motion: Trajectory, times: np.ndarray) -> float:
 def _require_steps(motion: Trajectory, node: np.ndarray, ahead: np.ndarray) -> None:
     """Refuse nodes that lie further apart than the steps between them reach."""
     size = abs(motion.h) if motion.sizes is None else np.abs(motion.sizes).max()
-    steps = np.diff(motion.k, append=motion.k[-1])[node] + 2  # parts of the first and last one
+    after = np.minimum(node + 1, len(motion) - 1)
+    steps = motion.k[after] - motion.k[node] + 2  # parts of the first and last one
     if (far := np.abs(ahead) > steps * size).any():
         raise InputError(
             f"the time {motion.t[node[far]][0] + ahead[far][0]:g} is further from its node than "
@@ -86,28 +99,25 @@ def steps_ahead(
     first, done = k.copy(), np.zeros(len(t))
     while True:
         left, full = ahead - done, _sizes(motion, k)
-        going = left / full > close
+        part = left / full
+        going = part > close
         if not going.any():
             return
-        whole = going & (left / full > 1 - close)
+        whole = going & (part > 1 - close)
         size = np.where(whole, full, left)
         for i, held in enumerate((None,) if active_set is None else motion.active_sets):
             active = going if active_set is None else going & (active_set == i)
             if not active.any():
                 continue
             scene = motion.system if held is None else held.scene(motion.system)
-            u = step_controls(motion, k[active], (size / full)[active], (t + done)[active])
-            arguments = (
-                q[active],
-                p[active],
-                u,
-                motion.c,
-                (t + done)[active][:, None],
-                size[active][:, None],
-            )
-            yield active, scene, arguments
+            begin, each = (t + done)[active], size[active]
+            u = step_controls(motion, k[active], (size / full)[active], begin)
+            start = q[active], p[active], u
+            yield active, scene, (*start, motion.c, begin[:, None], each[:, None])
             ends = motion.functions.ends(scene, motion.c)
-            q[active], p[active] = ends(q[active], p[active], u, (t + done)[active], size[active])
+            q[active], p[active] = ends(*start, begin, each)
+        if not whole.any():  # these were the last parts
+            return
         k += whole
         done = np.where(
             whole, (k - first) * motion.h if motion.sizes is None else done + size, done

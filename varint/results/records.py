@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+from varint.scene.rays import make_nodes_unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -39,6 +41,19 @@ def made_at_first_look(instance: Any, name: str) -> Any:
     if name in instance.__dataclass_fields__ and "_make" in own:
         return own.setdefault(name, own["_make"](name))
     return object.__getattribute__(instance, name)  # or the error that led here
+
+
+def changed(motion: Any, **changes: Any) -> Any:
+    """`replace` of a trajectory in a quarter of the time."""
+    own = motion.__dict__
+    if "_make" in own:  # some fields are made at the first look
+        return replace(motion, **changes)
+    other = object.__new__(type(motion))
+    kept = {name: own[name] for name in motion.__dataclass_fields__ if name in own}
+    other.__dict__.update(kept, **changes)
+    if motion.system.rays:
+        make_nodes_unit(other)
+    return other
 
 
 class State(NamedTuple):

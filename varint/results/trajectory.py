@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,14 @@ from varint.discrete.constraints import ActiveSet, every_row_function, multiplie
 from varint.discrete.legendre import velocity_function
 from varint.errors import InputError, renamed_attribute
 from varint.numerics.arrays import over_columns
-from varint.results.records import FICTITIOUS, Costates, State, StepsAgain, made_at_first_look
+from varint.results.records import (
+    FICTITIOUS,
+    Costates,
+    State,
+    StepsAgain,
+    changed,
+    made_at_first_look,
+)
 from varint.rules.rule import Rule
 from varint.scene.expressions import in_own_symbols
 from varint.scene.inputs import times_of
@@ -143,7 +150,7 @@ class Trajectory:
         if isinstance(index, (slice, np.ndarray, list)):
             if not len(self.t[index]):
                 raise InputError(f"no node of the {len(self)} is left in [{index}]")
-            part = replace(
+            part = changed(
                 self,
                 t=self.t[index],
                 q=self.q[index],
@@ -424,20 +431,9 @@ class Trajectory:
         if self.dense_output is not None:  # whoever made it knows its clock, or its bounds
             found = self.dense_output(self, times)
         else:
-            from varint.results.dense_output import states_at
+            from varint.results.dense_output import nodes_at
 
-            q, p, k, active_set = states_at(self, times, side)
-            found = replace(
-                self,
-                t=times,
-                q=q,
-                p=p,
-                k=k,
-                active_set=active_set,
-                events=(),
-                solution=None,
-                closure=None,
-            )
+            found = nodes_at(self, times, side)
         return found[0] if np.ndim(t) == 0 else found
 
     @property

@@ -95,11 +95,14 @@ def parameter_values(system: System, overrides: ParameterValues | None) -> np.nd
     given = given_parameters(system, overrides)
     if not given:
         return system.default_vector
-    parts = [
-        parameter_array(name, given.get(name, default), default.shape, "default")
-        for name, default in system.defaults.items()
-    ]
-    return np.concatenate([part.ravel(order="F") for part in parts])
+    values, first = system.default_vector.copy(), 0
+    for name, default in system.defaults.items():
+        last = first + default.size
+        if name in given:
+            value = parameter_array(name, given[name], default.shape, "default")
+            values[first:last] = value.ravel(order="F")
+        first = last
+    return values
 
 
 def parameters_by_name(system: System, c: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,5 +1,7 @@
-/* A few steps of a motion and the energies of its nodes, in one call. The name ends in LEVEL, the instructions that are
-   used. */
+/* The steps of a motion and a look at the energies of its nodes, in one call. The name ends in LEVEL, the instructions that
+   are used.
+
+   varint/integration/energy_check.py looks closer where an energy is not quiet. */
 #define NAMED(name, level) name##_##level
 #define WITH_ALL(name, ...) NAMED(name, __VA_ARGS__)
 #define few_steps WITH_ALL(few_steps, LEVEL)
@@ -7,46 +9,133 @@
 #include "lanes.h"
 #include "run.h"
 #include "rows.h"
+#include "balance.h"
+#include "order.h"
 
-/* varint/codegen/few_steps.py has the same layout */
+/* varint/codegen/few_steps.py has the same layouts */
+typedef struct { double gross, nothing, huge, missed, poor; } Limits;
+
 typedef struct {
     int (*run)(const RunArguments *);
     const void *scene;
     int (*rows)(const RowsArguments *);
-    const void *energy; /* (q, p, t) to the energy and |p v| */
-    int64_t n, carry, most;
-    const double *start, *c;
-    double *told;  /* iterations, residual, largest change of the energy and largest energy */
-    double *nodes; /* q of all of them, p, t and their numbers k */
-    int64_t steps;
+    const void *energy; /* (q, p, t) to the energy and |p v|, or the power of what changes it; by velocity (q, v, t); controls */
+    const Limits *limits;
+    int64_t n, carry, most, nodes_of_step, controls, by_velocity, works; /* works: what acts on the scene may change the energy */
+    const double *start, *c; /* q and p; parameters */
+    double *told;            /* iterations, residual, whether the energy is quiet */
+    double *nodes;           /* q of all of them, p, t and their numbers k */
+    const double *u, *mean;  /* controls at the nodes of all steps, and their means over each */
+    const double *opening;   /* what the loop is told at a fresh start, so many numbers */
+    const int64_t *looked;   /* nodes whose energy is looked at */
+    int64_t opens, looks, steps, save_every, pilot; /* pilot: steps after which the iteration must have contracted; 0: it need not */
     double t0, h, level;
 } FewSteps;
 
+/* Whether energies at nodes are that of the start, but for less than what others have looked at closely and found to be
+   nothing; `given` may have been given until each of them. */
+static int is_quiet(const double *energy, const double *given, const int64_t *looked, int64_t looks, double nothing) {
+    for (int64_t i = 0; i < looks; i++) {
+        const int64_t k = looked ? looked[i] : i;
+        if (!(fabs(energy[k] - energy[0]) <= nothing + (given ? given[k] : 0))) return 0;
+    }
+    return 1;
+}
+
+static double size_of(double x, double largest) {
+    const double size = power_of(x);
+    return size > largest ? size : largest;
+}
+
+/* Energies of a scene that keeps its own, at nodes that are looked at. */
+static int keeps(const FewSteps *a, const double *rows, double *room) {
+    const int64_t n = a->n, looks = a->looks;
+    double *const energy = room, *const moving = energy + looks, *const at = moving + looks, largest = 0, fastest = 0;
+    for (int64_t i = 0; i < looks; i++) {
+        const double *const node = rows + 3 * n * a->looked[i];
+        memcpy(at + 2 * n * i, node, n * sizeof(double));
+        memcpy(at + 2 * n * i + n, node + (a->by_velocity ? 2 * n : n), n * sizeof(double));
+    }
+    const RowsArguments asked = {.count = looks, .c = a->c, .scene = a->energy, .arguments = {at, at + n, &a->t0},
+                                 .apart = {2 * n, 2 * n, 0}, .results = {energy, moving}, .widths = {1, 1}};
+    if (a->rows(&asked) != DONE) return 0;
+    for (int64_t i = 0; i < looks; i++) {
+        moving[i] = power_of(moving[i]);
+        largest = size_of(energy[i], largest), fastest = size_of(moving[i], fastest);
+    }
+    place(moving, 0, looks - 1, (looks - 1) / 2);
+    const double gross = a->limits->gross, size = gross * fastest > largest ? gross * fastest : largest,
+                 nothing = a->limits->nothing * size, usual = gross * moving[(looks - 1) / 2];
+    return is_quiet(energy, 0, 0, looks, usual > nothing ? usual : nothing);
+}
+
+/* The mean controls of the step that begins at each node, or of that which ends there. */
+static void set_controls(const FewSteps *a, int64_t nodes, int64_t before, double *u) {
+    for (int64_t i = 0; i < nodes; i++) {
+        int64_t k = i * a->save_every - before;
+        k = k < 0 ? 0 : k >= a->steps ? a->steps - 1 : k;
+        memcpy(u + a->controls * i, a->mean + a->controls * k, a->controls * sizeof(double));
+    }
+}
+
+/* Energies and the work of what changes them. Nodes that lie several steps apart bound that poorly: an explosion alone tells. */
+static int balances(const FewSteps *a, const double *rows, const double *t, double *room) {
+    const int64_t nodes = a->steps / a->save_every + 1;
+    const Balance b = {a->rows, a->energy, a->c, a->n, a->by_velocity ? 2 * a->n : a->n, a->controls, a->limits->missed};
+    double *const energy = room, *const power = energy + nodes, *const other = power + nodes, *const u = other + nodes, largest = 0, early = 0;
+    if (a->controls) {
+        set_controls(a, nodes, 1, u);
+        if (!set_energies(&b, rows, nodes, t, u, energy, other)) return 0;
+        set_controls(a, nodes, 0, u);
+    }
+    if (!set_energies(&b, rows, nodes, t, u, energy, power)) return 0;
+    if (a->controls) /* they jump at a node */
+        for (int64_t k = 0; k < nodes; k++)
+            if (power[k] - power[k] == 0 && !(fabs(other[k]) <= fabs(power[k]))) power[k] = other[k];
+    double *const given = other;
+    given[0] = 0;
+    for (int64_t k = 1; k < nodes; k++) given[k] = given[k - 1] + work_before(&b, t, power, k);
+    for (int64_t i = 0; i < a->looks; i++) {
+        largest = size_of(energy[a->looked[i]], largest);
+        if (i < (a->looks + 1) / 2) early = largest;
+    }
+    const double nothing = a->limits->nothing * largest, huge = a->save_every > 1 ? a->limits->huge * early : 0;
+    return is_quiet(energy, given, a->looked, a->looks, huge > nothing ? huge : nothing);
+}
+
 int few_steps(const FewSteps *a) {
-    const int64_t n = a->n, nodes = a->steps + 1;
+    const int64_t n = a->n, width = 3 * n, nodes = a->steps / a->save_every + 1;
     double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
     int64_t *const numbers = (int64_t *)(t + nodes);
-    double rows[3 * n * nodes], carry[a->carry], energy[nodes], moving[nodes], stats[sizeof(RunStats) / sizeof(double) + 3 * n];
+    const int64_t looked = a->works ? (3 + a->controls) * nodes : (2 + 2 * n) * a->looks;
+    double *const rows = malloc((width * nodes + a->carry + sizeof(RunStats) / sizeof(double) + width + looked) * sizeof(double));
+    if (!rows) return NOT_FINITE;
+    double *const carry = rows + width * nodes, *const stats = carry + a->carry, *const room = stats + sizeof(RunStats) / sizeof(double) + width;
     RunStats *const of = (RunStats *)stats;
+    double iterations = 0, residual = 0;
+    int status = DONE;
     carry[0] = 0;
-    const RunArguments asked = {.steps = a->steps, .save_every = 1, .most = a->most, .t0 = a->t0, .h = a->h, .level = a->level,
-                                .start = a->start, .c = a->c, .rows = rows, .carry = carry, .stats = of, .scene = a->scene,
-                                .without_velocities = 1};
-    const int status = a->run(&asked);
-    if (status != DONE) return status;
-    for (int64_t k = 0; k < nodes; k++) {
-        memcpy(q + n * k, k ? rows + 3 * n * k : a->start, n * sizeof(double));
-        memcpy(p + n * k, k ? rows + 3 * n * k + n : a->start + n, n * sizeof(double));
-        numbers[k] = k, t[k] = a->h * (double)k + a->t0;
+    memcpy(carry + 1, a->opening, a->opens * sizeof(double));
+    for (int64_t k = 0, end; k < a->steps && status == DONE; k = end) {
+        end = k < a->pilot && a->pilot < a->steps ? a->pilot : a->steps;
+        const RunArguments asked = {.steps = end - k, .save_every = a->save_every, .first = k, .most = a->most, .t0 = a->t0,
+                                    .h = a->h, .level = a->level, .start = a->start, .c = a->c,
+                                    .u = a->u + a->nodes_of_step * a->controls * k, .rows = rows + width * (k / a->save_every),
+                                    .carry = carry, .stats = of, .scene = a->scene, .without_velocities = !a->by_velocity};
+        status = a->run(&asked);
+        iterations += of->iterations, residual = of->residual > residual ? of->residual : residual;
+        if (!k && a->pilot && iterations > a->limits->poor * (double)end) status = NOT_CONVERGED;
     }
-    const RowsArguments looked = {.count = nodes, .c = a->c, .scene = a->energy, .arguments = {q, p, &a->t0},
-                                  .apart = {n, n, 0}, .results = {energy, moving}, .widths = {1, 1}};
-    double change = 0, largest = 0;
-    if (a->rows(&looked) != DONE) energy[0] = INFINITY; /* no memory */
-    for (int64_t k = 0; k < nodes; k++) {
-        const double off = fabs(energy[k] - energy[0]), size = fabs(energy[k]);
-        change = off <= change ? change : off, largest = size > largest ? size : largest;
+    if (status == DONE) {
+        memcpy(q, a->start, n * sizeof(double)), memcpy(p, a->start + n, n * sizeof(double));
+        for (int64_t k = 1; k < nodes; k++) {
+            memcpy(q + n * k, rows + width * k, n * sizeof(double));
+            memcpy(p + n * k, rows + width * k + n, n * sizeof(double));
+        }
+        for (int64_t k = 0; k < nodes; k++) numbers[k] = k * a->save_every, t[k] = a->h * (double)numbers[k] + a->t0;
+        a->told[0] = iterations, a->told[1] = residual;
+        a->told[2] = a->works ? balances(a, rows, t, room) : keeps(a, rows, room);
     }
-    a->told[0] = of->iterations, a->told[1] = of->residual, a->told[2] = change, a->told[3] = largest;
-    return DONE;
+    free(rows);
+    return status;
 }

@@ -10,6 +10,7 @@
 #include "lanes.h"
 #include "run.h"
 #include "rows.h"
+#include "balance.h"
 #include "scales.h"
 #include "order.h"
 
@@ -165,34 +166,20 @@ static double size_of(const Refined *a, const Attempt *run, const double *scales
     return size;
 }
 
-static double power_of(double x) { return x - x == 0 ? fabs(x) : 0; }
-
-/* Energies of a run's nodes, and the powers there of what changes them. */
-static int set_energies(const Refined *a, const Attempt *run, const double *t, double *energy, double *power) {
-    const int64_t n = a->n;
-    const RowsArguments asked = {.count = run->count + 1, .c = a->c, .scene = a->balance, .arguments = {run->rows, run->rows + n, t},
-                                 .apart = {3 * n, 3 * n, 1}, .results = {energy, power}, .widths = {1, 1}};
-    return a->rows(&asked) == DONE;
-}
-
-/* What is given in the step before node k at most. */
-static double work_before(const Refined *a, const double *t, const double *power, int64_t k) {
-    const double before = power_of(power[k - 1]), after = power_of(power[k]);
-    return a->limits->missed * (before > after ? before : after) * fabs(t[k] - t[k - 1]);
-}
-
 /* Whether the energy is clearly that of the start and the work of forces, which `fine` shows too where motions begin: so many
    parts of the first steps. `t`, `room`: times of both, and twice as many numbers. */
 static int balanced(const Refined *a, const Attempt *run, const Attempt *fine, int64_t parts, const double *t, double *room) {
     const int64_t nodes = run->count + 1, more = fine->count + 1;
+    const Balance b = {a->rows, a->balance, a->c, a->n, a->n, 0, a->limits->missed};
     double *const energy = room, *const power = energy + nodes + more, largest = 0, given = 0;
-    if (!set_energies(a, fine, t + nodes, energy + nodes, power + nodes) || !set_energies(a, run, t, energy, power)) return 0;
+    if (!set_energies(&b, fine->rows, more, t + nodes, 0, energy + nodes, power + nodes)) return 0;
+    if (!set_energies(&b, run->rows, nodes, t, 0, energy, power)) return 0;
     for (int64_t k = 0; k < nodes; k++) largest = fabs(energy[k]) > largest ? fabs(energy[k]) : largest;
     for (int64_t k = 0; k < nodes; k++) {
         if (k) {
             double early = 0;
-            for (int64_t i = parts * (k - 1) + 1; i <= parts * k && i < more; i++) early += work_before(a, t + nodes, power + nodes, i);
-            const double rough = work_before(a, t, power, k);
+            for (int64_t i = parts * (k - 1) + 1; i <= parts * k && i < more; i++) early += work_before(&b, t + nodes, power + nodes, i);
+            const double rough = work_before(&b, t, power, k);
             given += early > rough ? early : rough;
         }
         if (!(fabs(energy[k] - energy[0]) <= given + a->limits->given * largest)) return 0;

@@ -175,6 +175,11 @@ def in_time(
     """Zeros and, where the expression changes its sign between the states in which the motion comes
     to some nodes and leaves them, jumps.
     """
+    if not len(come.t):  # nothing jumps: in a quarter of the time
+        late = zeros.t * np.sign(motion.h)
+        if not (late[1:] >= late[:-1]).all():
+            zeros = zeros.at(np.argsort(late, kind="stable"))
+        return Crossings(zeros, zeros, np.zeros(len(late), dtype=bool))
     before = after = zeros
     jumps = _jumps(come.value, leave.value)
     jumps = jumps[is_wanted(search, np.sign(come.value[jumps]))]
