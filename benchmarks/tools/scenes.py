@@ -65,6 +65,23 @@ def encounters(model: Model, duration: float = 0.0) -> Scene:
     return Scene(model, duration or model.duration, 0, bodies=bodies, encounters=True)
 
 
+def polar_passage() -> Scene:
+    """A perturbed Kepler problem in polar coordinates that comes near the centre."""
+    q, v = vi.coordinates("r", "phi")
+    kinetic = v[0] ** 2 / 2 + q[0] ** 2 * v[1] ** 2 / 2
+    model = Model(
+        name="polar_passage",
+        system=vi.System(q, v, kinetic + 1 / q[0] - 0.01 * q[0] ** 2),
+        q0=[1.5, 0.0],
+        v0=[0.0, 0.15],
+        duration=400.0,
+        h=0.01,
+        claim="An orbit that turns by itself, in polar coordinates.",
+        source="",
+    )
+    return encounters(model)
+
+
 def chain(links: int, steps: int) -> Scene:
     """Links of unit mass and length as angles, released from rest: a slight zigzag half a radian
     off the vertical.
@@ -113,6 +130,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "kepler 0.99": lambda: replace(
         encounters(vi.models.kepler(e=0.99), 20 * np.pi), bodies=([1.0, 0.0], 1.0)
     ),
+    "polar passage": polar_passage,
     "fpu": lambda: Scene(vi.models.fpu_chain(), 200.0, 3000),
     "chain of 10": lambda: chain(10, 13),
     "chain of 30": lambda: chain(30, 24),

@@ -364,8 +364,10 @@ def test_an_energy_that_is_no_number_far_away_is_told_without_a_warning_of_numpy
         vi.simulate(system, q0=[3e-305, 0.0], v0=[0.0, 0.0], h=1.0, steps=1, backend="interpreted")
 
 
-def test_a_cause_is_looked_for_when_somebody_reads_it(monkeypatch):
-    """A search for steps has runs that fail, and nobody asks why."""
+def test_a_cause_is_looked_for_when_somebody_reads_it(monkeypatch, tmp_path):
+    """A search for equal steps, as a checkpoint needs them, has runs that fail, and nobody asks
+    why.
+    """
 
     def never(*_):
         raise AssertionError("a cause is looked for")
@@ -377,7 +379,8 @@ def test_a_cause_is_looked_for_when_somebody_reads_it(monkeypatch):
         vi.simulate(kepler(), vi.gauss(2), **motion, h=1.0, steps=5)
     with monkeypatch.context() as patched:
         patched.setattr(failures, "likely_cause", never)
-        assert vi.simulate(polar, **motion, duration=3.0, tol=1e-6).stats["runs"] > 3
+        equal = {"duration": 3.0, "tol": 1e-6, "checkpoint": tmp_path / "run"}
+        assert vi.simulate(polar, **motion, **equal).stats["runs"] > 3
         with pytest.raises(AssertionError, match="a cause"):
             str(caught.value)
     copy = pickle.loads(pickle.dumps(caught.value))
