@@ -57,7 +57,7 @@ def kernel_for(
     in_gear = _compiled_loop().kernel_in_gear(system, rule) if backend == "auto" else None
     if in_gear is not None:
         return in_gear
-    if backend == "auto" and not repays(system, rule, problem.steps):
+    if backend == "auto" and not repays(system, rule, problem.steps + problem.ahead):
         return None
     loop = _compiled_loop()
     try:

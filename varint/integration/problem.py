@@ -195,6 +195,7 @@ class InitialValueProblem(NamedTuple):
     level: float = 0.0
     # whether another method takes over where the loop's iteration fails; a trial had better fail
     rescued: bool = True
+    ahead: int = 0  # steps of other runs that are likely to follow, which the same loop would take
 
     def controls(self, k: int, count: int) -> np.ndarray:
         """Controls of `count` steps from step k on, at every node."""

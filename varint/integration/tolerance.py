@@ -81,6 +81,7 @@ if TYPE_CHECKING:
 LEAST_TOL, MOST_TOL = 1e-13, 0.1
 # of a duration alone, as users of every package for differential equations expect
 DEFAULT_TOL = 1e-9
+FOLLOW = 3  # times the steps of a run: those that are likely to be made after it
 
 
 def choose_steps(
@@ -202,6 +203,7 @@ def choose_steps(
             level=0.0 if unproved else iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
             rescued=not smooth or steps > UNRESCUED,
+            ahead=FOLLOW * steps,
         )
         try:
             way = plan(system, chosen)
