@@ -11,6 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import varint as vi
+from varint.codegen.two_runs import NOT_PROVED
+from varint.integration import to_tolerance
+from varint.integration.time_transformation import varying_call
 from varint.integration.time_transformation.flight_rate import flight_rate
 from varint.integration.time_transformation.metric_rate import SHARE, metric_rate
 
@@ -101,3 +104,19 @@ def test_it_runs_backwards_to_where_it_came_from():
     there = vi.simulate(system, q0=[1, 0], v0=[0, 0.1], duration=20.0, tol=1e-10)
     back = vi.simulate(system, q0=there.q[-1], v0=there.v[-1], duration=-20.0, tol=1e-10)
     assert np.abs(back.q[-1] - [1, 0]).max() < 1e-6
+
+
+def test_a_coarse_run_that_is_lost_is_followed_by_one_of_more_steps_in_the_core_as_in_python(
+    monkeypatch,
+):
+    system = in_polar(ca.log(POLAR[0] ** 2 + 0.04) / 2)
+    asked = dict(q0=[1.0, 0.0], v0=[0.0, 0.05], duration=100.0, tol=1e-6)
+    with monkeypatch.context() as patched:  # without Python's own search
+        patched.setattr(to_tolerance, "simulate_to_tolerance", None)
+        whole = vi.simulate(system, **asked)
+    assert whole.stats["runs"] == 3  # the first of them is lost
+    monkeypatch.setattr(varying_call, "varying_runs", lambda *_: NOT_PROVED)
+    again = vi.simulate(system, **asked)
+    assert again.q.tobytes() == whole.q.tobytes()
+    for name in ("steps", "runs", "error_estimate"):
+        assert again.stats[name] == whole.stats[name]
