@@ -20,7 +20,7 @@ LOOKS = 2  # of those of the rule in a step: mostly they rule out that it hides 
 BENDS, SHOWN = 100.0, 1.0
 NOTHING = 0.01  # of tol: what a force may do all along the run without being looked at
 # groups of steps that bounds are made for at once, and steps whose forces these are compared to
-GROUPS, SAMPLED = 8, 32
+GROUPS, SAMPLED = 8, 16
 AT_ONCE = 20_000  # points of forces in one call
 BLIND = 64  # parts into which steps are cut without such bounds
 
@@ -87,7 +87,7 @@ def _smooth_at_once(
     system: System, motion: Trajectory, every: Parts, nodes: np.ndarray, nothing: np.ndarray
 ) -> bool:
     """Whether bounds for many steps at once show that none of them hides anything, beside the force
-    in the middle of some of them.
+    in the middle of some of them, or the least of those that belong to these steps.
     """
     of_many, count = bounds_of_many(system), len(every.step)
     if of_many is None:
@@ -105,7 +105,8 @@ def _smooth_at_once(
     begin, end = motion.t[first, None], motion.t[last, None]
     low, high, down, up = of_many(motion.c, *ends, begin, end)
     longest = np.maximum.reduceat(h**2, first)
-    bends = np.maximum(-down, up) * longest <= BENDS * np.median(size, axis=0)
+    here = np.minimum.reduceat(size, np.searchsorted(some, first))
+    bends = np.maximum(-down, up) * longest <= BENDS * np.maximum(here, np.median(size, axis=0))
     return bool((bends | (np.maximum(-low, high) <= nothing.min(axis=0))).all())
 
 

@@ -110,7 +110,7 @@ def refine(
                 break
             steps *= 2
             continue
-        ratio, last = steps / before[0], apart
+        ratio, last, coarse = steps / before[0], apart, before[0]
         seen, early = with_early(differences(before[1], before[0], motion, steps, scales))
         if smooth:  # elsewhere it may be a force that begins to act
             growth = max(growth, growth_of(seen, early))
@@ -151,7 +151,7 @@ def refine(
                 if over_jumps:
                     missed = missed_impulse(system, rule, motion, scales, tol)
                 hidden = max(
-                    transient(trial, rule, steps, motion, scales),
+                    transient(trial, rule, coarse, steps, motion, scales),
                     missed,
                     luck(system, trial, rule, start.steps, steps, motion, scales),
                 )

@@ -23,22 +23,30 @@ from varint.scene.system import System
 OTHER_STEPS = (0.87, 0.38), (0.77, -0.38), (0.67, 0.62), (0.81, -0.24), (0.73, 0.24), (0.93, -0.62)
 DRAWS = 3  # of them, that come to their end
 CHANCE = 1.5  # of the largest difference: the other runs err as well
-TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 4  # first steps that are done once more, in so many parts
+TRANSIENT_STEPS, TRANSIENT_PARTS = 4, 2  # most first steps done once more, in so many parts
 
 # (rule, steps, one of so many parts of them, `beyond` the end, the way of the start's last
 # `digits`) → the run; None where it failed
 Trial = Callable[..., Trajectory | None]
 
 
+def before_shared(coarse: int, steps: int) -> int:
+    """How many of so many steps end before the first node that a coarser run has, too; one at
+    least, TRANSIENT_STEPS at most.
+    """
+    return min(max(steps // math.gcd(coarse, steps) - 1, 1), TRANSIENT_STEPS)
+
+
 def transient(
     trial: Trial,
     rule: Rule,
+    coarse: int,
     steps: int,
     motion: Trajectory,
     scales: np.ndarray,
 ) -> float:
-    """Error of the first nodes, which lie within the first step of a coarser run."""
-    few = min(TRANSIENT_STEPS, steps)
+    """Error of the first nodes, which are no nodes of the coarser run."""
+    few = before_shared(coarse, steps)
     fine = trial(rule, steps * TRANSIENT_PARTS, steps // few)
     if fine is None:
         return math.inf

@@ -36,7 +36,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     priced,
 )
-from varint.integration.second_looks import TRANSIENT_PARTS, TRANSIENT_STEPS
+from varint.integration.second_looks import TRANSIENT_PARTS, before_shared
 from varint.integration.two_runs import FLOOR, LEFT, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
 from varint.results.trajectory import Trajectory
@@ -48,7 +48,6 @@ PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of
 TELLS = 0.1  # difference of two runs that tells of an order
 SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
-FEW = 3  # first steps are no more than a third of a run
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
 
@@ -160,7 +159,7 @@ def by_short_refinement(
             made = made_at_once(before[1], before[0], motion, steps, off, scales)
             estimate = max(estimate, made)
         if off < NO_DIGITS and estimate <= tol:
-            few = max(min(TRANSIENT_STEPS, steps // FEW), 1)
+            few = before_shared(before[0], steps)
             fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS)
             if fine is None:
                 return None

@@ -57,7 +57,7 @@ _REFINED = np.array(
     [
         *(searched.CAUTION, refined.LESS, refined.LEAST_ORDER, refined.TELLS),
         *(refined.SHARED, decided.STALLED, refined.PATIENCE),
-        *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS, refined.FEW),
+        *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
         *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN),

@@ -18,7 +18,7 @@
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 
 typedef struct {
-    double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs, few,
+    double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
         at_once, part_of_it, narrow_parts, uncertain, repeated;
 } Limits;
@@ -279,10 +279,13 @@ static int shows_at_once(const Refined *a, const Attempt *run, const double *t, 
     if (a->rows(&asked) != DONE || !look_at_forces(a, run, t, some, 0, a->few, largest, rest)) return 0;
     for (int64_t d = 0; d < n; d++) {
         for (int64_t k = 0; k < some; k++) rest[k] = largest[n * k + d];
-        const double smooth = a->limits->bends * middle_of(rest, some),
+        const double middle = middle_of(rest, some),
                      nothing = a->limits->nothing * a->tol / (error_of(a, d, total, scales) * total);
-        for (int64_t g = 0; g < groups; g++) {
-            const int64_t i = n * g + d;
+        for (int64_t g = 0, k = 0; g < groups; g++) {
+            const int64_t i = n * g + d, last = (g + 1) * steps / groups;
+            double here = INFINITY;
+            for (; k < some && k * steps / some < last; k++) here = largest[n * k + d] < here ? largest[n * k + d] : here;
+            const double smooth = a->limits->bends * (here > middle ? here : middle);
             if (-down[i] * longest[g] <= smooth && up[i] * longest[g] <= smooth) continue;
             if (!(-low[i] <= nothing && high[i] <= nothing)) return 0;
         }
@@ -379,8 +382,8 @@ int refined(const Refined *a) {
                 estimate = estimate > made ? estimate : made;
             }
             if (off < l->no_digits && estimate <= a->tol) {
-                const int64_t third = steps / (int64_t)l->few > 1 ? steps / (int64_t)l->few : 1, most = (int64_t)l->transient_steps,
-                              few = third < most ? third : most, parts = (int64_t)l->transient_parts;
+                const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
+                              few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
                 if (!try_run(a, parts * steps, parts * few, &before)) goto end;
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
