@@ -11,9 +11,8 @@ from varint.codegen.few_steps import entries_of
 from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import Course
-from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
-_COURSE = struct.Struct("11P11q")  # Refined, what belongs to the course
+_COURSE = struct.Struct("11P10q")  # Refined, what belongs to the course
 
 
 def refined_course(
@@ -57,5 +56,5 @@ def refined_course(
     arrays = limits, body, turns, places
     calls = on.run, on.scene, on.rows, on.energy, *pushed, *map(address_of, arrays)
     counts = on.n, on.carry, order, int(forces is not None), len(places), *counted
-    head = _COURSE.pack(*calls, *counts, FIXED_POINT_ITERATIONS, *pieces)
+    head = _COURSE.pack(*calls, *counts, *pieces)
     return Course(entry, kernel, on.n, False, head, (on, forces, *arrays))

@@ -9,7 +9,7 @@ import numpy as np
 
 from varint.errors import InputError
 from varint.integration.start import check_rows, put_on_manifold, start_momentum_of
-from varint.numerics.limits import MOST_STEPS, check_memory
+from varint.numerics.limits import FIXED_POINT_ITERATIONS, MOST_STEPS, check_memory
 from varint.rules.rule import Rule
 from varint.scene.inputs import number, positive_integer, vector
 from varint.scene.parameters import ParameterValues
@@ -193,6 +193,7 @@ class InitialValueProblem(NamedTuple):
     first: int = 0
     # relative error of a step's unknowns where a compiled iteration may stop; 0: round-off
     level: float = 0.0
+    most: int = FIXED_POINT_ITERATIONS  # of a step, by a compiled loop
     # whether another method takes over where the loop's iteration fails; a trial had better fail
     rescued: bool = True
     ahead: int = 0  # steps of other runs that are likely to follow, which the same loop would take

@@ -84,4 +84,5 @@ def _piece(
         first=first,
         carry=carry,
         level=problem.level,
+        most=problem.most,
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.choice import Choice
+from varint.integration.compiled_loop import POOR
 from varint.integration.energy_check import NOTHING
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.error_scale import error_scales, scales_of_nodes
@@ -78,7 +79,7 @@ def by_short_refinement(
 
     def run(steps: int, count: int, begin: InitialValueProblem = start) -> PlainTrial | None:
         problem = first_steps_of(begin, rule, steps, count, tol)
-        problem = problem._replace(level=iteration_level(tol, count))
+        problem = problem._replace(level=iteration_level(tol, count), most=POOR)
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
         found = kernel and run_at_once(system, rule, problem, kernel, short=False)

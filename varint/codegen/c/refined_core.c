@@ -39,7 +39,7 @@ typedef struct {
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
     const double *looks;         /* parts of a step at which forces are looked at, a few of them first */
-    int64_t n, carry, order, timed, looked, few, groups, sampled, most, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
+    int64_t n, carry, order, timed, looked, few, groups, sampled, pilot, longest; /* whether forces depend on time; steps of a first piece, and of a run that is short */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
@@ -74,7 +74,7 @@ static int try_from(const Refined *a, const double *start, double t0, int64_t st
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
-            .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = t0, .h = a->duration / steps,
+            .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)a->limits->poor, .t0 = t0, .h = a->duration / steps,
             .level = level_for(a, count), .start = start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
         to->iterations += stats->iterations;
