@@ -43,7 +43,7 @@ from tools import peers
 from tools.peers import Setting
 from tools.record import kept, save, table, with_scene, write
 from tools.reference import reference
-from tools.scenes import SCENES, Scene
+from tools.scenes import FORCED, SCENES, Scene
 
 import varint as vi
 from varint.discrete.lagrangian import point_function
@@ -59,7 +59,7 @@ LONG, TRIED, SPENT = 0.05, 0.3, 2.0  # seconds of a call, of all trials, of all 
 STALLED = 100
 WARM, PAUSE, ONCE = 6.0, 0.5, 0.1  # seconds of calls at most, of waiting for the compiler, of calls
 NOT_THESE = ("chain of 30", "chain of 50")  # heyoka compiles for minutes
-THESE = [name for name in SCENES if name not in NOT_THESE]
+THESE = {name: make for name, make in (SCENES | FORCED).items() if name not in NOT_THESE}
 SWEEP = 10.0 ** (np.arange(-3, -53, -1) / 3)  # tolerances of heyoka, from 0.1 on
 TUNED = "heyoka, tuned"
 TO_OURS = "heyoka, tuned to varint's error"
@@ -87,11 +87,11 @@ def settings(scene: Scene) -> Iterator[tuple[float, Setting]]:
     p0 = call(point_function(system), q0, v0, np.zeros(0), np.zeros(1), system.default_vector)[1]
     start = system, q0, v0, p0, scene.duration
     yield from varint_settings(scene)
-    tools = [peers.compiled_dop853(*start)]
+    tools = [] if scene.forced else [peers.compiled_dop853(*start)]
     if not scene.slow:
         most = STALLED * scene.steps
         tools.append(peers.heyoka(*start, SWEEP, ("velocities",), most))
-    if not (scene.slow or scene.long):
+    if not (scene.slow or scene.long or scene.forced):
         tools.append(peers.scipy_dop853(*start, WANTED))
         tools.append(peers.casadi_integrators(*start, WANTED[1:]))  # IDAS hangs at 1e-3
     if scene.bodies:
@@ -252,8 +252,8 @@ def main(names: list[str]) -> None:
     warnings.simplefilter("ignore")
     rows = [row for row in kept("one_knob") if row["scene"] in THESE]
     for name in names or THESE:
-        new = measured(name, SCENES[name]())
-        rows = with_scene(rows, new, THESE)
+        new = measured(name, THESE[name]())
+        rows = with_scene(rows, new, list(THESE))
         table(new)
         write("one_knob", rows, means=means_of(rows))
         sys.stdout.flush()

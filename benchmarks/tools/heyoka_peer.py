@@ -45,17 +45,18 @@ def taylor(system: System, form: str, tol: float):
     if form == "velocities":
         if system.structure.separable:
             right = acceleration(system)
-        else:  # M a = ∂L/∂q + F − ∂p/∂q v
-            right = mass_solve(system.mass_matrix, force(system) - ca.jtimes(system.momentum, q, v))
-        f = ca.Function("f", [q, v, system.c], [v, ca.cse(right)])
+        else:  # M a = ∂L/∂q + F − ∂p/∂q v − ∂p/∂t
+            changes = ca.jtimes(system.momentum, q, v) + ca.jacobian(system.momentum, system.t)
+            right = mass_solve(system.mass_matrix, force(system) - changes)
+        f = ca.Function("f", [q, v, system.t, system.c], [v, ca.cse(right)])
     else:
         p = ca.SX.sym("p", n)
         speed = velocity(system, p)
         f = ca.Function(
-            "f", [q, p, system.c], ca.cse([speed, ca.substitute(force(system), v, speed)])
+            "f", [q, p, system.t, system.c], ca.cse([speed, ca.substitute(force(system), v, speed)])
         )
     numbers = system.default_vector.tolist()
-    rows = expressions(graph_of(f), [x[:n], x[n:], numbers])
+    rows = expressions(graph_of(f), [x[:n], x[n:], [hy.time], numbers])
     # a constant is a float
     rates = [y if isinstance(y, hy.expression) else hy.expression(y) for y in rows[0] + rows[1]]
     return hy.taylor_adaptive(list(zip(x, rates, strict=True)), np.zeros(2 * n), tol=tol)

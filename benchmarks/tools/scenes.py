@@ -29,8 +29,7 @@ class Scene:
         (masses, G) where REBOUND can run it.
     slow : bool
         Leave out the tools that need minutes for it.
-    encounters : bool
-    long : bool
+    encounters, forced, long : bool
     """
 
     model: Model
@@ -41,6 +40,8 @@ class Scene:
     slow: bool = False
     # close encounters: steps follow the scene's own rate, and equal ones are not tried
     encounters: bool = False
+    # forces or explicit time, which most of the tools here are not told of
+    forced: bool = False
     # repeats another one for longer: the slowest tools need not show what they do again
     long: bool = False
 
@@ -80,6 +81,44 @@ def polar_passage() -> Scene:
         source="",
     )
     return encounters(model)
+
+
+def forced(
+    name: str, system: vi.System, q0: list, v0: list, duration: float, steps: int, claim: str
+) -> Scene:
+    """A scene whose energy tells nothing of errors: forces, or explicit time."""
+    model = Model(
+        name=name, system=system, q0=q0, v0=v0, duration=duration, h=0.01, claim=claim, source=""
+    )
+    return Scene(model, duration, steps, forced=True)
+
+
+def drag() -> Scene:
+    q, v = vi.coordinates("x", "y", "z")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 - 9.81 * q[2], force=-0.05 * ca.norm_2(v) * v)
+    claim = "A projectile slowed by the square of its speed."
+    return forced("drag", system, [0.0, 0.0, 1.0], [20.0, 3.0, 15.0], 3.0, 20, claim)
+
+
+def van_der_pol() -> Scene:
+    q, v = vi.coordinates("x")
+    system = vi.System(q, v, v**2 / 2 - q**2 / 2, force=2.0 * (1 - q**2) * v)
+    return forced("van_der_pol", system, [0.5], [0.0], 20.0, 300, "Relaxation to a limit cycle.")
+
+
+def duffing() -> Scene:
+    (q, v), t = vi.coordinates("x"), vi.time()
+    push = -0.1 * v + 0.3 * ca.cos(1.2 * t)
+    system = vi.System(q, v, v**2 / 2 + q**2 / 2 - q**4 / 4, force=push, t=t)
+    return forced("duffing", system, [1.0], [0.0], 50.0, 300, "A driven, damped double well.")
+
+
+def growing_mass() -> Scene:
+    (q, v), t = vi.coordinates("x", "y"), vi.time()
+    spring = ca.sumsqr(q) / 2 + 0.3 * q[0] ** 2 * q[1]
+    system = vi.System(q, v, (1 + 0.1 * t) * ca.sumsqr(v) / 2 - spring, t=t)
+    claim = "A mass that grows in an anharmonic well."
+    return forced("growing_mass", system, [0.5, 0.2], [0.0, 0.6], 30.0, 60, claim)
 
 
 def chain(links: int, steps: int) -> Scene:
@@ -152,3 +191,9 @@ LONGER = {
 SCENES = {
     f"{name} ×{by}": (lambda f=SCENES[name], by=by: longer(f(), by)) for name, by in LONGER.items()
 } | SCENES
+FORCED: dict[str, Callable[[], Scene]] = {
+    "projectile with drag": drag,
+    "van der pol": van_der_pol,
+    "driven duffing": duffing,
+    "growing mass": growing_mass,
+}
