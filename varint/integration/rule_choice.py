@@ -154,9 +154,10 @@ def steps_for(rule: Rule, radians: float, tol: float) -> int:
 
 def first_steps(rule: Priced, radians: float, tol: float) -> int:
     """`steps_for` of a rule whose errors are known."""
-    turned, rough = max(radians, 1.0), min(ROUGH, tol * rule.more)
-    each = (turned * rule.error / rough) ** rule.root
-    return math.ceil(ANHARMONIC * turned * max(each, 1 / RADIANS))
+    # without `max` and `min`, whose calls a short run notices
+    turned, rough = radians if radians > 1.0 else 1.0, tol * rule.more
+    each = (turned * rule.error / (rough if rough < ROUGH else ROUGH)) ** rule.root
+    return math.ceil(ANHARMONIC * turned * (each if each > 1 / RADIANS else 1 / RADIANS))
 
 
 def steps_of_map(rule: Rule, radians: float, tol: float) -> int:

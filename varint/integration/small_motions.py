@@ -14,6 +14,7 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 MOST_COORDINATES = 60  # beyond, eigenvalues cost more than what they tell
+MOST_TURNED = 1e6  # radians: more than any first run is for
 FASTER = 2.0  # times the frequency at the start: steps that suit that one are lost
 FEW = 6  # coordinates whose uncoupled parts are looked for: one or two have a formula
 
@@ -22,15 +23,20 @@ def angle_turned(duration: float, fastest: float | None) -> float:
     """By how much motions of this frequency turn, for the choice of steps: 0 where it is not
     known.
     """
-    turned = abs(duration) * (fastest or 0.0)
-    return min(float(turned), 1e6) if math.isfinite(turned) else 0.0
+    turned = float(abs(duration) * (fastest or 0.0))
+    if turned < MOST_TURNED:
+        return turned
+    return MOST_TURNED if math.isfinite(turned) else 0.0
 
 
 def angles_turned(duration: float, fastest: float | None, ahead: float) -> tuple[float, float]:
     """`angle_turned` by the fastest motion at the start, and by the one that the first steps are
     for: by what is seen `ahead`, where the start tells of nothing as fast.
     """
-    here, there = angle_turned(duration, fastest), angle_turned(duration, ahead)
+    here = angle_turned(duration, fastest)
+    if not ahead:
+        return here, here
+    there = angle_turned(duration, ahead)
     return here, there if there > FASTER * here else here
 
 
