@@ -19,7 +19,7 @@ from varint.discrete.legendre import velocity_function
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.gears import Gears, gears_of, kernel_now
-from varint.integration.linear_run import MAPPED, runs_driven
+from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map
 from varint.integration.plain_start import (
     Room,
     begin_at,
@@ -148,11 +148,13 @@ def _by_the_core(
     if course is None:
         return None
     first = steps_to_begin(system, price, begin, tol)
+    if first is None:
+        return None
     how = system, rule, course
     asked = t0, duration, first, radians, tol
     found = two_short_runs(how, room.places, asked, known.rates)
-    if isinstance(found, int):
-        return found
+    if isinstance(found, int):  # where one map does not do, steps of another rule may
+        return None if found == NOT_PROVED and is_one_map(system, rule) else found
     steps = found.steps
     motion = plain_motion_of(
         system,
@@ -226,7 +228,7 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
         return None
     if (energy_known(system) if shows_its_error(system) else balance_rows(system)) is None:
         return None
-    driven = rule is None and runs_driven(system)
+    driven = rule is None and driven_kernel(system, MAPPED) is not None
     if rule is None and not (driven or runs_by_stages(system, gauss(8), "auto")):
         return None
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
