@@ -4,6 +4,8 @@ and its error in one call of the core, which decides as `run_twice` does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -96,7 +98,7 @@ def by_short_trials(
     at, told = address_of(room), 3 * n + start.c.size
     place = place_of(at, at + 24 * n, at + 8 * told, room[told:].data)
     places = places_of(place, at + 16 * n, 1)
-    first = steps_to_begin(system, priced({rule: 1.0})[0], begin, tol)
+    first = steps_to_begin(system, rule)(priced({rule: 1.0})[0], begin, tol)
     if first is None:
         return NOT_SHORT
     asked = start.t0, start.h, first, radians, tol
@@ -119,13 +121,17 @@ def by_short_trials(
     return Choice(rule, steps, motion, estimate, found.runs, True, True)
 
 
-def steps_to_begin(system: System, rule: Priced, radians: float, tol: float) -> int | None:
-    """Those of the first run; None where it is not to be made in the core."""
-    if is_one_map(system, rule.rule):
-        return first_of_map(rule.rule, radians, tol)
+Begins = Callable[[Priced, float, float], int | None]
+
+
+@per_scene
+def steps_to_begin(system: System, rule: Rule) -> Begins:
+    """(rule, radians, tol) → steps of the first run; None where the core is not to make it."""
+    if is_one_map(system, rule):
+        return lambda price, radians, tol: first_of_map(price.rule, radians, tol)
     if decided.shows_its_error(system):
-        return first_steps(rule, radians, tol)
-    return refined.refined_first(system, rule, radians, tol)
+        return first_steps
+    return partial(refined.refined_first, system)
 
 
 def two_short_runs(
