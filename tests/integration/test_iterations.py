@@ -153,3 +153,13 @@ def test_a_divided_step_counts_its_parts():
     )
     parts = [int(event.kind.removeprefix("divided in ")) for event in motion.events]
     assert parts and motion.stats["iterations"] >= 200 - len(parts) + sum(parts)
+
+
+def test_a_loose_step_whose_start_is_far_off_gives_it_up_early():
+    """Until the last step's number of iterations it exploded: 21 of them a step, not 15."""
+    steps, start = 8, {"q0": [2.0, 1.5], "v0": [0.0, 0.0], "duration": 5.0}
+    asked = start | {"steps": steps, "iteration_tol": 1e-3}
+    loose = vi.simulate(double_pendulum(), vi.gauss(8), **asked)
+    tight = vi.simulate(double_pendulum(), vi.gauss(8), **asked | {"iteration_tol": 1e-12})
+    assert loose.stats["iterations"] < 18 * steps
+    assert np.abs(loose.q - tight.q).max() < 1e-3

@@ -94,3 +94,16 @@ def test_first_steps_are_for_what_is_seen_where_the_start_tells_of_nothing_as_fa
     assert angles_turned(-10.0, 1.0, 5.0) == (10.0, 50.0)
     assert angles_turned(10.0, 1.0, 1.5) == (10.0, 10.0)
     assert angles_turned(10.0, None, 3.0) == (0.0, 30.0)
+
+
+def test_a_field_that_vanishes_on_the_way_is_not_followed():
+    """Its relative change has no bound there, where the look ahead stays for good."""
+    q, v = vi.coordinates("x", "y")
+    reversal = ca.sumsqr(v) / 2 + (2 * ca.tanh(q[0]) * q[0] + q[0] ** 2 / 2) * v[1]
+    start = {"q0": [0.2, 0.0], "v0": [0.8, 0.3], "duration": 40.0}
+    system = vi.System(q, v, reversal)
+    motion = vi.simulate(system, **start)
+    finer = vi.simulate(system, vi.gauss(8), **start, steps=1000)
+    assert motion.fictitious is None
+    off = np.abs(motion.q - finer.at(motion.t).q).max() / np.abs(motion.q).max()
+    assert off < motion.stats["error_estimate"] < 1e-9

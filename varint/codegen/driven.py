@@ -72,7 +72,8 @@ def native_driven(system: System, rule: Rule) -> Kernel:
     tables = np.array(active, dtype=float), np.array(rule.nodes), *polynomials(rule)
     members = [n, stages, len(active), *tables, tapes["slopes"], tapes.get("drive", NOTHING_TO_DO)]
     block = block_of(members)
-    about = f"one linear map a step of {stages} stages, and the drive at its nodes"
+    about = f"one linear map a step of {stages} stages"
+    about += ", and the drive at its nodes" if active else ""
     operations = 2 * n * (2 * n + len(active))
     return Kernel(
         *(about, n, 0, stages, operations, driven_entry()),

@@ -20,7 +20,7 @@ from varint.numerics.limits import FIXED_POINT_ITERATIONS
 _FOUND = struct.Struct("qq3dP")  # Proved
 # TwoRuns, what belongs to the course, to the mass matrix, and to what is asked; the place of the
 # start stands behind the first
-_COURSE, _MASS, _ASKED = struct.Struct("7P8q"), struct.Struct("Pq"), struct.Struct("q4dP")
+_COURSE, _MASS, _ASKED = struct.Struct("7P9q"), struct.Struct("Pq"), struct.Struct("q4dP")
 _RATES = struct.Struct("4P2q3d")  # Rates
 MOST_RATES = 2
 _TAKEN = struct.Struct("2P3q2d")  # Taken
@@ -49,6 +49,7 @@ def course_of(
     pieces: tuple[int, int],
     linear: bool,
     by_velocity: bool,
+    exact: bool,
     body: np.ndarray,
     turns: np.ndarray,
     limits: np.ndarray,
@@ -69,6 +70,8 @@ def course_of(
         Whether the order is sure.
     by_velocity : bool
         Whether velocities, which have no formula, are made by the runs.
+    exact : bool
+        Whether all steps are one map, which keeps energies but for round-off.
     body, turns : array (n,) of int64
         The first coordinate of each one's body; whether it is an angle.
     limits : array
@@ -82,9 +85,10 @@ def course_of(
     entry = two_runs_entries()[0]
     on = entries_of(kernel, energy)
     arrays = limits, body, turns
-    numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces, int(by_velocity)
+    numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces
+    kind = int(by_velocity), int(exact)
     calls = on.run, on.scene, on.rows, on.energy
-    head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers)
+    head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers, *kind)
     return Course(entry, kernel, on.n, by_velocity, head, (on, *arrays))
 
 

@@ -22,8 +22,9 @@ from varint.codegen.graph import NotCompilable
 from varint.codegen.kernel import Kernel, LoopResult
 from varint.discrete.legendre import velocity_function
 from varint.integration.problem import InitialValueProblem
+from varint.integration.rule_choice import steps_of_map
 from varint.integration.second_looks import has_steps
-from varint.integration.two_runs import shows_its_error
+from varint.integration.two_runs import SAME_STEP, shows_its_error
 from varint.numerics.arrays import call
 from varint.numerics.linear_maps import gauss_change, orbit
 from varint.rules.rule import Rule, gauss
@@ -31,9 +32,8 @@ from varint.scene.memory import per_scene
 from varint.scene.system import System
 
 MOST_STEPS = 2**17  # beyond, loops that watch the run on its way
-# of a motion in a step, for the round-off of the map is the same in all of them; the wanted error
-# is so many times as large as that, or steps are solved one by one
-ROUND_OFF, FAR_ABOVE = 2e-15, 4.0
+# times the round-off of all steps, which the wanted error is, or they are solved one by one
+FAR_ABOVE = 4.0
 # of the motion, times the square of the steps, where a map is driven: what it makes of something
 # that drifts adds up, all the way
 REPEATED = 5e-17
@@ -60,13 +60,20 @@ def runs_driven(system: System) -> bool:
 
 @per_scene
 def driven_kernel(system: System, rule: Rule) -> Kernel | None:
-    """The loop of such runs; None where there is none."""
-    if not (runs_driven(system) and has_driven_map(system, rule)):
+    """The loop of such runs, and of those of one map alone; None where there is none."""
+    same = runs_driven(system) or is_one_map(system, rule)
+    if not (same and has_driven_map(system, rule)):
         return None
     try:
         return native_driven(system, rule)
     except (NotCompilable, CompileError):
         return None
+
+
+def first_of_map(rule: Rule, radians: float, tol: float) -> int | None:
+    """Steps to begin with where they are one map; None where they are to be solved one by one."""
+    few = steps_of_map(rule, radians, tol)
+    return few if few < MOST_STEPS and tol > FAR_ABOVE * SAME_STEP * few else None
 
 
 def nodes_by_map(system: System, rule: Rule, problem: InitialValueProblem) -> LoopResult | None:

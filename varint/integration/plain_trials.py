@@ -13,23 +13,22 @@ from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.energy_check import energies_along, energies_by_velocity
 from varint.integration.error_scale import error_scales, scales_of_nodes
 from varint.integration.linear_run import (
-    FAR_ABOVE,
-    MOST_STEPS,
-    ROUND_OFF,
     TOLD,
+    first_of_map,
     is_one_map,
     nodes_by_map,
 )
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.round_off import with_other_digits
-from varint.integration.rule_choice import iteration_level, steps_for, steps_of_map
+from varint.integration.rule_choice import iteration_level, steps_for
 from varint.integration.run import motion_at_once
 from varint.integration.run_distance import with_early
 from varint.integration.trajectories import Run, with_stats
 from varint.integration.two_runs import (
     FLOOR,
     QUANTILES,
+    SAME_STEP,
     SAMPLES,
     SLOW,
     WATCHED,
@@ -100,12 +99,11 @@ def by_plain_trials(
     (radians, begin), time = turned, np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
     still = np.zeros(system.structure.n)
-    mapped = backend == "auto" and is_one_map(system, rule)
-    first, floor = steps_for(rule, begin, tol), FLOOR
-    if mapped:
-        few = steps_of_map(rule, radians, tol)
-        mapped = few < MOST_STEPS and tol > FAR_ABOVE * ROUND_OFF * few
-        first, floor = (few, max(FLOOR, ROUND_OFF * few)) if mapped else (first, FLOOR)
+    one_map = backend == "auto" and is_one_map(system, rule)
+    few = first_of_map(rule, radians, tol) if one_map else None
+    mapped = few is not None
+    first = steps_for(rule, begin, tol) if few is None else few
+    floor = FLOOR if few is None else max(FLOOR, SAME_STEP * few)
 
     def trial(
         steps: int, wanted: float, part: int, start: InitialValueProblem = start

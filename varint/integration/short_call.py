@@ -19,7 +19,7 @@ from varint.discrete.legendre import velocity_function
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.gears import Gears, gears_of, kernel_now
-from varint.integration.linear_run import MAPPED, runs_driven
+from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map
 from varint.integration.plain_start import (
     Room,
     begin_at,
@@ -41,6 +41,7 @@ from varint.integration.rule_choice import (
 from varint.integration.second_looks import has_switches
 from varint.integration.short_refinement import looked_at_closely
 from varint.integration.short_trials import (
+    Begins,
     course_by,
     energy_known,
     steps_to_begin,
@@ -108,13 +109,17 @@ def short_call(
         pilot, runs = ahead.pilot, 0
         if pilot is None:
             span = float(t0), float(duration)
-            found = _by_the_core(system, known, room, c, span, tol, ahead.frequency, began)
+            how = system, known, room, c, span, tol, ahead.frequency, began
+            found = _by_the_core(*how, known.rates)
             if not isinstance(found, int) or found < VARIES:
                 return found
             runs = runs_made(room.places)
             pilot = seen_along(system, begin, c, float(duration), found - VARIES)
             if pilot is None:
-                return None
+                again = _by_the_core(*how, [None])
+                if type(again) is not Trajectory:
+                    return again
+                return with_stats(again, runs=runs + again.stats["runs"])
     finally:
         pool.append(room)
     if p0 is not None:
@@ -131,6 +136,7 @@ def _by_the_core(
     tol: float,
     ahead: float,
     began: float,
+    rates: list[Rates | None],
 ) -> Trajectory | int | None:
     assert room.look is not None
     (t0, duration), _ = span, room.look()
@@ -147,12 +153,14 @@ def _by_the_core(
     course = loop.last[1]
     if course is None:
         return None
-    first = steps_to_begin(system, price, begin, tol)
+    first = loop.begins(price, begin, tol)
+    if first is None:
+        return None
     how = system, rule, course
     asked = t0, duration, first, radians, tol
-    found = two_short_runs(how, room.places, asked, known.rates)
-    if isinstance(found, int):
-        return found
+    found = two_short_runs(how, room.places, asked, rates)
+    if isinstance(found, int):  # where one map does not do, steps of another rule may
+        return None if found == NOT_PROVED and is_one_map(system, rule) else found
     steps = found.steps
     motion = plain_motion_of(
         system,
@@ -191,11 +199,12 @@ def looked_at(rule: Rule, motion: Trajectory, estimate: float, tol: float) -> Tr
 @dataclass(eq=False)
 class _Loop:
     """Of a scene and a rule: the plan, the gears if there are some, and the loop that ran last,
-    with its course.
+    with its course; how many steps are begun with.
     """
 
     plan: Plan
     gears: Gears | None
+    begins: Begins
     last: tuple[Kernel | None, Course | None] = (None, None)
 
 
@@ -226,7 +235,7 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
         return None
     if (energy_known(system) if shows_its_error(system) else balance_rows(system)) is None:
         return None
-    driven = rule is None and runs_driven(system)
+    driven = rule is None and driven_kernel(system, MAPPED) is not None
     if rule is None and not (driven or runs_by_stages(system, gauss(8), "auto")):
         return None
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
@@ -249,4 +258,5 @@ def _begins_by_symbols(system: System) -> bool:
 
 @per_scene
 def _loop(system: System, rule: Rule) -> _Loop:
-    return _Loop(plan(system, rule), gears_of(system, rule, scheme_of(system, rule)))
+    gears = gears_of(system, rule, scheme_of(system, rule))
+    return _Loop(plan(system, rule), gears, steps_to_begin(system, rule))

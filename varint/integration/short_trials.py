@@ -4,6 +4,8 @@ and its error in one call of the core, which decides as `run_twice` does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -40,7 +42,7 @@ from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by
 from varint.integration.error_scale import angles, bodies
 from varint.integration.force_bounds import forces_as_data
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
-from varint.integration.linear_run import REPEATED, driven_kernel
+from varint.integration.linear_run import REPEATED, driven_kernel, first_of_map, is_one_map
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
 from varint.integration.proof_limits import proof_limits
@@ -96,7 +98,9 @@ def by_short_trials(
     at, told = address_of(room), 3 * n + start.c.size
     place = place_of(at, at + 24 * n, at + 8 * told, room[told:].data)
     places = places_of(place, at + 16 * n, 1)
-    first = steps_to_begin(system, priced({rule: 1.0})[0], begin, tol)
+    first = steps_to_begin(system, rule)(priced({rule: 1.0})[0], begin, tol)
+    if first is None:
+        return NOT_SHORT
     asked = start.t0, start.h, first, radians, tol
     found = two_short_runs(
         (system, rule, course), places, asked, rates_to_follow(system) if follow else [None]
@@ -117,11 +121,17 @@ def by_short_trials(
     return Choice(rule, steps, motion, estimate, found.runs, True, True)
 
 
-def steps_to_begin(system: System, rule: Priced, radians: float, tol: float) -> int:
-    """Those of the first run."""
+Begins = Callable[[Priced, float, float], int | None]
+
+
+@per_scene
+def steps_to_begin(system: System, rule: Rule) -> Begins:
+    """(rule, radians, tol) → steps of the first run; None where the core is not to make it."""
+    if is_one_map(system, rule):
+        return lambda price, radians, tol: first_of_map(price.rule, radians, tol)
     if decided.shows_its_error(system):
-        return first_steps(rule, radians, tol)
-    return refined.refined_first(system, rule, radians, tol)
+        return first_steps
+    return partial(refined.refined_first, system)
 
 
 def two_short_runs(
@@ -160,7 +170,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     """How the runs are made; None where the core cannot make them."""
     s, kept = system.structure, decided.shows_its_error(system)
     energy = energy_known(system) if kept else balance_rows(system)
-    driven = None if kept else driven_kernel(system, rule)
+    driven = driven_kernel(system, rule)
     kernel = driven or kernel
     if kernel.opening or kernel.note[0] or energy is None:
         return None
@@ -175,6 +185,8 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     piloted = scheme_of(system, rule) is BY_STAGES
     slow = kernel.is_native and driven is None
     longest = first_piece(kernel, False) * (1 if slow else COMPILED)
+    if is_one_map(system, rule):  # a step is one product, not one for each of its nodes
+        longest *= kernel.nodes
     pieces = first_piece(kernel, True) if piloted else 0, longest
     try:
         if not kept:
@@ -185,7 +197,7 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
             return refined_course(*how, body, turns, repeated)
-        kind = s.linear, not s.quadratic_kinetic, body, turns
+        kind = s.linear, not s.quadratic_kinetic, driven is not None, body, turns
         return course_of(kernel, energy, rule.order, pieces, *kind, proof_limits())
     except CompileError:
         return None

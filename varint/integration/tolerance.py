@@ -153,6 +153,12 @@ def choose_steps(
     found: Choice | int | None
     by_two_runs = start.steps == 1 and shows_its_error(system)
     plain = by_two_runs and stop is None and has_plain_trials(system, start)
+    with_map = MAPPED if rule is None else own
+    one_map = tried is None and backend == "auto" and is_one_map(system, with_map)
+    if plain and scale is None and mass is not None and one_map:
+        found = by_short_trials(system, with_map, start, mass, tol, turned, backend, began)
+        if isinstance(found, Choice):
+            return found
     if plain and scale is None and mass is not None and not mapped:
         found = tried
         if tried is None:

@@ -68,6 +68,7 @@ CHANCE = 4.0  # of a difference that is round-off: two random walks may come to 
 # of a map that is the same in all steps: where something drifts freely, its round-off grows with
 # the square of their number; of 700 runs, some of them drifting, one had five times the difference
 SAME_ROUNDING, SAME_CHANCE = 2e-16, 10.0
+SAME_STEP = 2e-15  # of a motion in a step of such a map: the floor of what runs resolve
 LEFT = 4.0  # of what the iterations of all steps leave, as a random walk
 
 

@@ -79,6 +79,8 @@ INLINE void velocity(const V *q, const V *p, const V *t, const double *w, V *v) 
 #define CAREFUL 200 /* steps that start from a low degree after a start of high degree has failed */
 #define ALWAYS 0x7fffffff
 #define DIVERGED 2 /* times the first change: the start was too far off */
+#define BEYOND 1e3 /* how far off nothing brings an iteration back: the start was too far off */
+#define GLANCE 4 /* iterations of a loose step between looks at that: sines of huge numbers take hundreds of nanoseconds */
 #define TRIAL 32 /* steps in either order, after which it is known in which the halves converge sooner */
 #define LATELY 8 /* steps that count in a mean that fades */
 #define WORSE 1.3 /* times as many evaluations as lately: the other order is not tried to the end */
@@ -172,7 +174,7 @@ typedef struct {
 
 /* The largest relative change of an iteration; row by row only where it no longer shrinks. */
 typedef struct {
-    double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, work, best[MOST_ROWS];
+    double scale[MOST_ROWS], inverse[MOST_ROWS], noise[MOST_ROWS], now, left, first, rate, lowest, work, off, best[MOST_ROWS];
     int checks, stalled, idle[MOST_ROWS];
 } Change;
 

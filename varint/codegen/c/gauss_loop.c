@@ -158,7 +158,7 @@ INLINE int solve(Run *r, int64_t k) {
     if (AHEAD && begun) set_momenta(&r->now, STAGE_M1, r->now.x, 0, 0);
     for (;;) {
         if (!r->now.count) place_start(r, &r->now, r->known, r->last, r->older);
-        c->checks = 0;
+        c->checks = 0, c->off = 0;
         const int end = iterated(r, k, begun);
         r->iterations += r->now.count;
         if (end) return 1;

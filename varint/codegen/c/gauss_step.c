@@ -88,6 +88,17 @@ LARGE void evaluate(Step *s, const Nodes *at, double h, const double *w, int sei
     s->count++;
 }
 
+/* How far off the unknowns are that still change by a good part of what they have become, relative to the size of their row.
+   Where a row has just begun to be there, large changes are none. */
+INLINE double going_off(const Step *s, const Unknowns fresh, const Change *c) {
+    const V none = splat(0.0);
+    V off = none;
+    for (int r = 0; r < ROWS; r++)
+        for (int k = 0; k < VECTORS; k++) /* in this order the maximum of what is no number is none */
+            off += v_fmax(none, (v_fabs(fresh[r][k] - s->x[r][k]) - v_fabs(fresh[r][k]) * 0.125) * c->inverse[r]);
+    return lane(in_all_lanes(off), 0);
+}
+
 /* Has the iteration come to its end: is the change at round-off, or what contraction at the present rate leaves below the
    level, or is there stagnation? Changes are relative to the size of their row. Where the start of the step has moved, the
    change says nothing about contraction. */
@@ -142,7 +153,8 @@ INLINE int improve_step(Run *r, double t_next, int64_t first_count) {
     if (r->now.count + 1 >= r->expected || ALWAYS_LOOK) { /* before, the last step needed more: no look at the change */
         if (!r->known && !(LEGENDRE_ITERATIONS && r->change.checks)) set_first_scale(r, fresh);
         end = settled(&r->now, fresh, &r->change, r->level, r->now.count == first_count);
-    }
+    } else if (r->known && r->level > LOOSE && r->now.count % GLANCE == 0) /* coarse ones: others may come back */
+        r->change.off = going_off(&r->now, fresh, &r->change);
     copy_unknowns(r->now.x, fresh);
     return end;
 }
@@ -158,7 +170,7 @@ int iterated(Run *r, int64_t k, int begun) {
     const double t_next = r->t0 + r->h * (double)(k + 1);
     const int64_t first_count = begun ? r->now.count + 1 : 0; /* its change is that of the start of the step, too */
     int end = 0;
-    while (r->now.count < r->most && !end && !((r->known || LEGENDRE_ITERATIONS) && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
+    while (r->now.count < r->most && !end && c->off <= BEYOND && !((r->known || LEGENDRE_ITERATIONS) && c->checks > 1 && !(c->now <= DIVERGED * c->first)))
         end = improve_step(r, t_next, first_count);
     return end;
 }

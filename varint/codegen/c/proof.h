@@ -8,8 +8,8 @@ typedef struct {
     double rough, half, floor, lost, gain, margin, safety, spread, evidence, rounded, no_shrinkage, not_worse, rounding,
         stalled, part_close, caution, least, good, most, far, clear, secular_growth, left,
         uneven, chance, grows, ways, parted, far_below, magnified, again;
-    double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, slow, poor, secular, level,
-        closer, foreseen, hopeless;
+    double samples, most_without_a_part, parts, attempts, watched, first_part, fewest, seen_parts, slow, same_rounding, same_chance,
+        same_step, poor, secular, level, closer, foreseen, hopeless;
     double quantiles[QUANTILES];
 } Limits;
 

@@ -2,7 +2,7 @@
 
    varint/integration/two_runs.py says why, and decides alike where runs are of another kind; its numbers are `limits`.
 
-   Before this file: a Case, with `limits`, order, linear, first, radians, tol and `found`, which counts the runs; an Attempt
+   Before this file: a Case, with `limits`, order, linear, exact, first, radians, tol and `found`, which counts the runs; an Attempt
    that has `seen`; and what is declared here. */
 typedef struct { double wanted, estimate; int unseen; } Doubt; /* of a run: round-off of the start; may it be more than was seen? */
 
@@ -67,6 +67,14 @@ static double shrinkage(const Case *a, const Seen *before, const Seen *after) {
     return left > sure ? left : sure;
 }
 
+/* Of what two runs differ by, what round-off may have made; that of one map is the same in all steps. */
+static double by_steps_alike(const Case *a, int64_t steps, double apart, double rounded) {
+    if (!a->exact) return rounded;
+    const double all = a->limits->same_rounding * (double)steps * (double)steps, most = a->limits->same_chance * apart,
+                 alike = most < all ? most : all;
+    return alike > rounded ? alike : rounded;
+}
+
 static int prove(const Case *a) {
     const Limits *const l = a->limits;
     Attempt coarse = {0}, fine = {0};
@@ -74,9 +82,10 @@ static int prove(const Case *a) {
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
     double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1, start_growth = 1;
     const double close = l->rough * l->closer, level = rough < close ? rough : close;
+    const double alike = a->exact ? l->same_step * (double)a->first : 0, floor = alike > l->floor ? alike : l->floor;
     int64_t steps = shared((double)a->first), rate;
     a->found->runs = 0;
-    for (int looks = 0; steps > l->most_without_a_part && looks < 3; looks++) {
+    for (int looks = 0; !a->exact && steps > l->most_without_a_part && looks < 3; looks++) {
         if (!try_run(a, steps, rough, (int64_t)l->parts, 1, &coarse)) goto end;
         const double likely = expected_of(a, &coarse.seen);
         if (coarse.seen.lost && (rate = varying_rate(a, &coarse)) >= 0) goto varies;
@@ -87,7 +96,7 @@ static int prove(const Case *a) {
     }
     for (int attempt = 0; attempt < l->attempts; attempt++) {
         if (!known) {
-            if (!try_run(a, steps, level, 1, watched_parts(a, steps), &coarse)) goto end;
+            if (!try_run(a, steps, level, 1, a->exact ? 1 : watched_parts(a, steps), &coarse)) goto end;
             expected = expected_of(a, &coarse.seen);
             if (coarse.seen.lost || !(expected <= l->lost)) {
                 if ((rate = varying_rate(a, &coarse)) >= 0) goto varies;
@@ -116,7 +125,8 @@ static int prove(const Case *a) {
         start_growth = begun > start_growth ? begun : start_growth;
         growth = grown > growth ? grown : growth;
         const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
-                     rounded = apart < walk ? apart : walk, left = shrinkage(a, &coarse.seen, &fine.seen);
+                     rounded = by_steps_alike(a, more, apart, apart < walk ? apart : walk),
+                     left = shrinkage(a, &coarse.seen, &fine.seen);
         if (walk > l->hopeless * a->tol) goto end; /* it is shown elsewhere that no steps mend it */
         const int stalls = apart > l->stalled * before;
         if (!(apart - apart == 0) || (stalls && rounded > a->tol)) break;
@@ -129,7 +139,7 @@ static int prove(const Case *a) {
                      spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
         const int unseen = growth >= l->grows && rounded > a->tol && !measured; /* other runs show what round-off makes */
         double shown = spread * apart * left / (1 - left);
-        shown = shown > rounded || unseen ? shown : rounded, shown = shown > l->floor ? shown : l->floor;
+        shown = shown > rounded || unseen ? shown : rounded, shown = shown > floor ? shown : floor;
         const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth;
         double estimate = shown > iterated ? shown : iterated;
         const int near = apart < l->rough * l->evidence;

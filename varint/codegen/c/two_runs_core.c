@@ -42,6 +42,7 @@ typedef struct {
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
     int64_t n, carry, order, linear, most, pilot, longest; /* steps of a first piece, and of a run that is short */
     int64_t by_velocity; /* velocities are made by the runs, for they have no formula */
+    int64_t exact;       /* all steps are one map, which keeps energies but for round-off */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
@@ -110,7 +111,8 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     }
     a->found->runs++;
     to->seen.lost = status != DONE || slow;
-    if (!to->seen.lost && !early) energy_errors(a, to->rows, count + 1, &to->seen, room);
+    if (a->exact) memset(to->seen.swing, 0, sizeof to->seen.swing), to->seen.hidden = 0;
+    else if (!to->seen.lost && !early) energy_errors(a, to->rows, count + 1, &to->seen, room);
     return 1;
 }
 

@@ -32,7 +32,7 @@ typedef struct {
     int64_t first;
     double radians, span, tol; /* span: the fictitious time that was foreseen */
 } Varying;
-typedef struct { const Limits *limits; Proved *found; int64_t order, linear, first; double radians, tol; const Varying *of; } Case;
+typedef struct { const Limits *limits; Proved *found; int64_t order, linear, exact, first; double radians, tol; const Varying *of; } Case;
 
 typedef struct {
     Seen seen;
@@ -96,5 +96,5 @@ static void keep(const Case *a, Attempt *run, double estimate) {
 
 int varying_runs(const Varying *a) {
     a->found->failed = 0;
-    return prove(&(Case){a->limits, a->found, a->order, 0, a->first, a->radians, a->tol, a});
+    return prove(&(Case){a->limits, a->found, a->order, 0, 0, a->first, a->radians, a->tol, a});
 }

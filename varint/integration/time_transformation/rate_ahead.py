@@ -38,6 +38,9 @@ WORTH = 8.0
 # the same of a flight whose start tells of nothing, where few steps are
 # needed but for the encounter; of a charge in a field, whose rate has many operations
 IN_FLIGHT, IN_FIELD = 5.0, 8.0
+# the same where a magnetic field vanishes on the way: its relative change has no bound there, the
+# look ahead goes no farther, and nothing is fast
+VANISHES = 1e4
 # of the largest rate in flight, for the first equal steps: it is larger than the own one
 FLYING = 0.5
 BEYOND = 2.0  # times the duration: a look that leapt so far did not see the motion
@@ -59,9 +62,17 @@ NOTHING = Ahead(None, 0.0)
 def seen_along(
     system: System, start: np.ndarray, c: np.ndarray, total: float, which: int
 ) -> RatePilot | None:
-    """A look ahead at one of `kinds_of`, which varies along a run that went astray."""
+    """A look ahead at one of `kinds_of`, which varies along a run that went astray; None where it
+    is not to be followed.
+    """
     n, flight = len(start) // 2, kinds_of(system)[which]
-    return rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
+    found = rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight)
+    return None if found is None or _vanishes(system, found.mean, found.largest) else found
+
+
+def _vanishes(system: System, mean: float, largest: float) -> bool:
+    """Whether a rate is so uneven for a magnetic field vanishes on the way."""
+    return largest >= VANISHES * mean and bool(local_rate(system).reason)
 
 
 def seen_ahead(system: System, start: np.ndarray, c: np.ndarray, total: float) -> Ahead:
@@ -92,6 +103,8 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
         if seen is None:
             continue
         mean, largest, duration = seen
+        if _vanishes(system, mean, largest):
+            continue
         if frequency or not flight:
             least = WORTH
         else:
