@@ -86,6 +86,7 @@ def assert_told_alike(monkeypatch, system, rule, call):
     else:
         for name in ("t", "q", "p", "k", "u", "v", "multipliers"):
             assert np.array_equal(getattr(few, name), getattr(other, name), equal_nan=True)
+        assert few.events == other.events
         for name in ("iterations", "residual", "steps", "backend"):
             assert few.stats[name] == other.stats[name]
         assert list(few.stats) == list(other.stats)
@@ -109,6 +110,20 @@ def test_a_few_held_steps_are_those_of_the_loop(monkeypatch, scene, rule, steps,
     for seed in range(3):
         system, call = asked(scene, seed, steps, save_every=every)
         assert_told_alike(monkeypatch, system, rule, call)
+
+
+@pytest.mark.parametrize("h", [0.02, -0.02])
+@pytest.mark.parametrize("scene", SCENES)
+def test_held_steps_that_are_watched_are_those_of_the_loop(monkeypatch, scene, h):
+    seen = 0
+    for seed in range(3):
+        system, call = asked(scene, seed, 80, h)
+        x, v = system.q[0], system.v[1]
+        for more in ({"until": x - 0.3}, {"events": {"place": x - 0.3, "speed": (v + 0.4, -1)}}):
+            assert_told_alike(monkeypatch, system, None, call | more)
+            motion, _ = told(system, None, call | more)
+            seen += len(getattr(motion, "events", ()))
+    assert seen or scene == "linkage"
 
 
 @pytest.mark.parametrize("scene", [scene for scene in SCENES if scene != "linkage"])

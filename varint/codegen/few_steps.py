@@ -15,7 +15,7 @@ from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 # FewSteps, what belongs to the loop and to what is asked; between them the place of the start
-_LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("5P5q3d")
+_LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("6P5q3d")
 _PLACE, _TOLD = struct.Struct("3P"), struct.Struct("3d")
 TOLD = 6  # numbers that there is room for where something is told
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
@@ -149,9 +149,11 @@ def few_steps(
     looked: tuple[int, int, np.ndarray],
     controlled: Controlled | None,
     opening: np.ndarray | None,
-) -> tuple[Nodes, float, float, bool] | None:
-    """The motion from a start: nodes, iterations, residual, and whether their energies are quiet;
-    None where a step cannot be solved, or another loop should go on.
+    moving: bool = False,
+) -> tuple[Nodes, float, float, bool, np.ndarray | None] | None:
+    """The motion from a start: nodes, iterations, residual, whether their energies are quiet, and
+    the velocities of the nodes if it is to be told how they are `moving`; None where a step cannot
+    be solved, or another loop should go on.
 
     Parameters
     ----------
@@ -167,17 +169,19 @@ def few_steps(
     controlled : Controlled, optional
     opening : array, optional
         What the loop is told at a fresh start.
+    moving : bool, optional
     """
     t0, h, steps, every, level, pilot = asked
     at, nodes = nodes_of(how.n, steps // every + 1)
+    v = np.empty_like(nodes[2]) if moving else None
     u, mean, told, opens = 0, 0, 0, 0
     if controlled is not None:
         u, mean = address_of(controlled.each), address_of(controlled.mean)
     if opening is not None:
         told, opens = address_of(opening), opening.size
-    places = at, u, mean, told, looked[0]
+    places = at, 0 if v is None else new_address(v), u, mean, told, looked[0]
     numbers = _ASKED.pack(*places, opens, looked[1], steps, every, pilot, t0, h, level)
     if few_steps_entry()(how.head + place.head + numbers) != DONE:
         return None
     iterations, residual, quiet = _TOLD.unpack_from(place.told)
-    return nodes, iterations, residual, quiet == 1
+    return nodes, iterations, residual, quiet == 1, v

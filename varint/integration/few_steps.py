@@ -22,6 +22,7 @@ from varint.codegen.kernel import Kernel
 from varint.integration.compiled_loop import NODES_IN_BLOCK, first_piece, next_piece
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.false_speed import false_speed, may_be_false
+from varint.integration.fixed_steps import watches_of
 from varint.integration.gears import (
     BY_STAGES,
     Gears,
@@ -42,6 +43,7 @@ from varint.integration.plain_start import (
 )
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import LEVEL, Grid, controls, time_grid
+from varint.integration.run import FIRST, looked_along
 from varint.integration.short_looks import looked_at, short_looks
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.work_bound import moves_constraints
@@ -61,13 +63,19 @@ def few_steps_call(
     save_every: int,
     iteration_tol: float | None,
     began: float,
+    watched: tuple[Any, Any] = (None, None),
 ) -> Trajectory | None:
-    """The motion from a start (q0, v0, p0, t0, params, u); None where it is no such run, or comes
+    """The motion from a start (q0, v0, p0, t0, params, u), with `events` that are `watched` for or
+    until an expression crosses zero (until, events); None where it is no such run, or comes
     to no good end, and another way is to be taken. A warning where the energy is not what it can
     be.
     """
     q0, v0, p0, t0, params, u = start
+    stop, watches = watches_of(*watched)
+    looks = stop is not None or bool(watches)
     h, steps = time_grid(*grid)
+    if looks and (steps > FIRST or save_every != 1):
+        return None
     called = None
     if (rule is None or type(rule) is Rule) and is_plain_number(t0) and save_every > 0:
         called = _called(system, rule)
@@ -108,14 +116,15 @@ def few_steps_call(
         now = perf_counter()
         level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
         asked = t0, h, steps, save_every, level, pilot
-        found = few_steps(how, room.place, asked, looked_at(steps // save_every), used, opening)
+        looked = looked_at(steps // save_every)
+        found = few_steps(how, room.place, asked, looked, used, opening, looks)
     finally:
         pool.append(room)
     if kernel.is_native:
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None:
         return None
-    nodes, iterations, residual, quiet = found
+    nodes, iterations, residual, quiet, v = found
     motion = plain_motion_of(
         system,
         called.plan,
@@ -125,6 +134,9 @@ def few_steps_call(
         (int(iterations), residual),
         seconds=perf_counter() - began,
     )
+    if v is not None:
+        motion = looked_along(motion, v, kernel, stop, watches)
+        quiet = quiet and motion.q is nodes[2]  # the node where it is cut is another one
     alarm = None if quiet else energy_alarm(motion)
     if called.may_be_false and not alarm:
         alarm = false_speed(motion)

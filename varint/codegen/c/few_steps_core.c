@@ -30,6 +30,7 @@ typedef struct {
     const double *start, *c; /* q and p; parameters */
     double *told;            /* iterations, residual, whether the energy is quiet */
     double *nodes;           /* q of all of them, p, t and their numbers k */
+    double *speeds;          /* v of all of them; 0: not wanted */
     const double *u, *mean;  /* controls at the nodes of all steps, and their means over each */
     const double *opening;   /* what the loop is told at a fresh start, so many numbers */
     const int64_t *looked;   /* nodes whose energy is looked at */
@@ -179,7 +180,7 @@ int few_steps(const FewSteps *a) {
                                     .h = a->h, .level = a->level, .start = a->start, .c = a->c,
                                     .u = a->u + a->nodes_of_step * a->controls * k, .rows = rows + width * (k / a->save_every),
                                     .carry = carry, .stats = of, .scene = a->scene, .notes = noted ? notes : 0,
-                                    .without_velocities = !a->by_velocity};
+                                    .without_velocities = !a->by_velocity && !a->speeds};
         status = a->run(&asked);
         iterations += of->iterations, residual = of->residual > residual ? of->residual : residual;
         if (!k && a->pilot && iterations > a->limits->poor * (double)end) status = NOT_CONVERGED;
@@ -192,6 +193,7 @@ int few_steps(const FewSteps *a) {
             memcpy(p + n * k, rows + width * k + n, n * sizeof(double));
         }
         for (int64_t k = 0; k < nodes; k++) numbers[k] = k * a->save_every, t[k] = a->h * (double)numbers[k] + a->t0;
+        for (int64_t k = 0; a->speeds && k < nodes; k++) memcpy(a->speeds + n * k, rows + width * k + 2 * n, n * sizeof(double));
         a->told[0] = iterations, a->told[1] = residual;
         a->told[2] = a->works ? balances(a, rows, t, room) : keeps(a, rows, room) && (!a->leaps || leaps_nowhere(a, rows, room));
     }
