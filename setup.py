@@ -34,6 +34,7 @@ NAMES = (
     "varying_",
     "refined_",
     "few_steps_",
+    "held_",
     "until_",
     "nearness_",
     "look_ahead_",

@@ -155,6 +155,44 @@ def test_short_runs_that_are_watched_are_those_made_in_blocks(monkeypatch, scene
     assert said == said_there
 
 
+@pytest.mark.parametrize("wanted", [("until",), ("events",), ("until", "events")])
+@pytest.mark.parametrize("h", [0.03, -0.03, 0.4])
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_few_steps_that_are_watched_are_those_of_the_loop(monkeypatch, scene, h, wanted):
+    system, call = asked(scene, 90, h)
+    x, v = system.q[0], system.v[0]
+    watched = {"until": v - 0.11, "events": {"place": x - 0.8, "speed": (v - 0.25, 1)}}
+    call |= {name: watched[name] for name in wanted}
+    try:
+        few, said = told(system, vi.gauss(4), call)
+    except ConvergenceError:
+        pytest.skip("steps too large")
+    other, said_there = in_general(monkeypatch, system, vi.gauss(4), call)
+    assert_alike(few, other)
+    assert few.events == other.events
+    assert said == said_there
+
+
+def test_the_core_takes_runs_that_are_watched(monkeypatch):
+    def none(*_):
+        raise AssertionError("not by the core")
+
+    monkeypatch.setattr(fixed_steps, "simulate_steps", none)
+    system, call = asked("pendulum", 90)
+    motion = vi.simulate(system, **call, until=(system.v[0], 1), events={"low": system.q[0]})
+    assert abs(motion.v[-1, 0]) < 1e-12 and len(motion.events) == 1
+
+
+def test_expressions_written_anew_are_those_that_were_watched_before():
+    """And others, however alike, are not."""
+    system, call = asked("pendulum", 60)
+    for level in (0.5, 0.5, 0.25, 0.5, -0.25):
+        motion = vi.simulate(system, **call, until=2 * system.q[0] - level)
+        assert abs(2 * motion.q[-1, 0] - level) < 1e-12
+    with pytest.raises(vi.InputError, match="phi"):
+        vi.simulate(system, **call, until=2 * ca.SX.sym("phi") - 0.5)
+
+
 def test_speeds_that_are_false_are_told_of_alike(monkeypatch):
     held = vi.System(q1, v1, v1**2 / 2 + q1, force=-3 * ca.tanh(v1 / 1e-4))
     call = dict(q0=0.0, v0=2.0, h=0.1, steps=60)

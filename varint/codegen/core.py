@@ -158,6 +158,14 @@ def few_steps_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def held_entry() -> Callable[[bytes], int]:
+    """c/held_core.c; raises CompileError as `gauss_loop` does."""
+    (entry,) = _entries("held_core.c", ("held",), "{name}_{level}", {})
+    entry.argtypes, entry.restype = [c_char_p], c_int
+    return entry
+
+
+@cache
 def until_entry() -> Callable[[bytes], int]:
     """c/until_core.c; raises CompileError as `gauss_loop` does."""
     (entry,) = _entries("until_core.c", ("until",), "{name}_{level}", {})

@@ -15,7 +15,7 @@ from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
 # FewSteps, what belongs to the loop and to what is asked; between them the place of the start
-_LOOP, _ASKED = struct.Struct("5P7q"), struct.Struct("5P5q3d")
+_LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("6P5q3d")
 _PLACE, _TOLD = struct.Struct("3P"), struct.Struct("3d")
 TOLD = 6  # numbers that there is room for where something is told
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
@@ -61,12 +61,18 @@ class Looks(NamedTuple):
     by_velocity, works : bool
     limits : array
         Limits in c/few_steps_core.c.
+    leaps : bool
+        Whether energies may leap from one node to the next.
+    pivots : RowFunction, optional
+        (q, t) → the least pivot of constraint rows that may come to depend on one another.
     """
 
     energy: RowFunction
     by_velocity: bool
     works: bool
     limits: np.ndarray
+    leaps: bool = False
+    pivots: RowFunction | None = None
 
 
 class FewSteps(NamedTuple):
@@ -81,9 +87,10 @@ def few_steps_of(kernel: Kernel, looks: Looks) -> FewSteps:
     """How runs by a loop are made and looked at; raises as `entries_of`."""
     on, limits = entries_of(kernel, looks.energy), looks.limits
     counts = on.n, on.carry, FIXED_POINT_ITERATIONS, kernel.nodes, kernel.controls
-    places = on.run, on.scene, on.rows, on.energy, address_of(limits)
-    head = _LOOP.pack(*places, *counts, looks.by_velocity, looks.works)
-    return FewSteps(on.n, head, (on, limits))
+    pivots = 0 if looks.pivots is None else looks.pivots.at
+    places = on.run, on.scene, on.rows, on.energy, address_of(limits), pivots
+    kinds = looks.by_velocity, looks.works, kernel.note[1], looks.leaps
+    return FewSteps(on.n, _LOOP.pack(*places, *counts, *kinds), (on, looks))
 
 
 class Place(NamedTuple):
@@ -142,9 +149,11 @@ def few_steps(
     looked: tuple[int, int, np.ndarray],
     controlled: Controlled | None,
     opening: np.ndarray | None,
-) -> tuple[Nodes, float, float, bool] | None:
-    """The motion from a start: nodes, iterations, residual, and whether their energies are quiet;
-    None where a step cannot be solved, or another loop should go on.
+    moving: bool = False,
+) -> tuple[Nodes, float, float, bool, np.ndarray | None] | None:
+    """The motion from a start: nodes, iterations, residual, whether their energies are quiet, and
+    the velocities of the nodes if it is to be told how they are `moving`; None where a step cannot
+    be solved, or another loop should go on.
 
     Parameters
     ----------
@@ -160,17 +169,19 @@ def few_steps(
     controlled : Controlled, optional
     opening : array, optional
         What the loop is told at a fresh start.
+    moving : bool, optional
     """
     t0, h, steps, every, level, pilot = asked
     at, nodes = nodes_of(how.n, steps // every + 1)
+    v = np.empty_like(nodes[2]) if moving else None
     u, mean, told, opens = 0, 0, 0, 0
     if controlled is not None:
         u, mean = address_of(controlled.each), address_of(controlled.mean)
     if opening is not None:
         told, opens = address_of(opening), opening.size
-    places = at, u, mean, told, looked[0]
+    places = at, 0 if v is None else new_address(v), u, mean, told, looked[0]
     numbers = _ASKED.pack(*places, opens, looked[1], steps, every, pilot, t0, h, level)
     if few_steps_entry()(how.head + place.head + numbers) != DONE:
         return None
     iterations, residual, quiet = _TOLD.unpack_from(place.told)
-    return nodes, iterations, residual, quiet == 1
+    return nodes, iterations, residual, quiet == 1, v

@@ -21,6 +21,7 @@ from varint.codegen.continuation import FORCED_HISTORY, HISTORY, continuation_ta
 from varint.codegen.graph import NotCompilable, kernel_per_system
 from varint.codegen.kernel import Kernel
 from varint.codegen.mechanics import velocity
+from varint.codegen.opening import opening_values
 from varint.codegen.routines import Routine, routines
 from varint.codegen.solution import Functions, Solution, solution_of
 from varint.codegen.source import Source, c_head, compiled, emitted, source_of
@@ -29,13 +30,12 @@ from varint.discrete.constrained_equations import constrained_equations, size_ex
 from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.kick_drift import kick_function
-from varint.discrete.legendre import HALVINGS, legendre_expressions, velocity_function
+from varint.discrete.legendre import HALVINGS, legendre_expressions
 from varint.discrete.row_independence import FOLDED, VANISHED, folds, pivot_and_lengths
-from varint.discrete.scales import SMALLEST, UNKNOWN, scale_function
+from varint.discrete.scales import SMALLEST, UNKNOWN
 from varint.discrete.shake_equations import eliminates_path, shake_equations
 from varint.discrete.shake_equations import hidden_functions as multiplier_parts
 from varint.discrete.tolerances import RESIDUAL_LIMIT
-from varint.numerics.arrays import over_columns
 from varint.numerics.limits import LEGENDRE_ITERATIONS, STEP_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.system import System
@@ -218,7 +218,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         _tables(rule, forced, history)
         | {"SHARES": np.array(parts)[:, 0], "BEGUN": np.append(np.array(parts)[:, 1], 1.0)},
         solve.tables,
-        _opening_values(system),
+        opening_values(system),
     )
 
 
@@ -322,24 +322,3 @@ def _history(rule: Rule, forced: bool) -> int:
 def _tables(rule: Rule, forced: bool, history: int) -> dict[str, np.ndarray]:
     tables = {"POINTS": np.array(rule.points[1:]), **continuation_tables(rule, history)}
     return tables | {"AHEAD_FORCES": force_table(rule, history) if forced else np.zeros(1)}
-
-
-def _opening_values(system: System):
-    """(q0, p0, u, t, h, c) → typical sizes and velocity at fresh starts, a row each; u are the
-    sizes of the controls.
-    """
-    none = np.zeros(system.control.numel())
-
-    def told(
-        q: np.ndarray,
-        p: np.ndarray,
-        u: np.ndarray | None,
-        t: np.ndarray,
-        h: np.ndarray,
-        c: np.ndarray,
-    ) -> np.ndarray:
-        used = none if u is None else u
-        scale = over_columns(scale_function(system), q, p, used, t[:, None], h[:, None], c)[0]
-        return np.hstack([scale, over_columns(velocity_function(system), q, p, t[:, None], c)[0]])
-
-    return told

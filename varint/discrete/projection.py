@@ -19,6 +19,7 @@ from varint.scene.system import System, parameter_values, require_system
 
 # of what the coordinates themselves contribute to g: larger is a wrong start, smaller is round-off
 OFF = 1e-11
+LEAST = 1e-3  # of the largest coordinate: the size of one that is smaller, or at zero
 NEARLY = 1e-4  # of the coordinates: steps within which Newton's method converges by itself
 HALVINGS = 12  # of a step that would not come nearer
 FREE = 1e-10  # of the largest singular value of the gradients: directions that stay on the manifold
@@ -32,7 +33,7 @@ def row_sizes(slope: np.ndarray, q: np.ndarray) -> np.ndarray:
     """
     size = np.abs(q)
     far = size.max(axis=-1, keepdims=True, initial=0.0)
-    least = np.where(far > 0, 1e-3 * far, 1.0)
+    least = np.where(far > 0, LEAST * far, 1.0)
     return (np.abs(slope) @ np.maximum(size, least)[..., None])[..., 0]
 
 

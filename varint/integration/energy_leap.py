@@ -15,6 +15,8 @@ from varint.integration.energy_check import energies, energy_jump
 from varint.integration.work_bound import keeps_energy
 from varint.numerics.arrays import median
 from varint.results.trajectory import Trajectory
+from varint.scene.memory import per_scene
+from varint.scene.system import System
 
 APART = 500  # steps between two energies that are compared in long runs: they cost little then
 ALL = 100  # nodes of a run of which every one is looked at
@@ -68,15 +70,20 @@ def energy_leap(motion: Trajectory, wanted: float = 0.0) -> EnergyLeap | None:
     not one within the error that is `wanted`, as part of the largest p·v, away from folds: steps in
     which all happens err by more than others.
     """
-    system = motion.system
-    s = system.structure
-    if not s.constraints or s.contacts or s.nonholonomic or s.degenerate:
-        return None
-    if not (folds(system) and keeps_energy(system)):
+    if not may_leap(motion.system):
         return None
     if motion.active_set is not None or len(motion) <= FEW:
         return None
     return _leap_of(motion, wanted)
+
+
+@per_scene
+def may_leap(system: System) -> bool:
+    """Whether constraint rows may let the energy leap, and nothing else changes it."""
+    s = system.structure
+    if not s.constraints or s.contacts or s.nonholonomic or s.degenerate:
+        return False
+    return folds(system) and keeps_energy(system)
 
 
 @np.errstate(all="ignore")  # what is not finite is no leap, and told elsewhere

@@ -10,27 +10,19 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from functools import lru_cache
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from varint.codegen.cache import CompileError
-from varint.codegen.few_steps import Controlled, FewSteps, Looks, few_steps, few_steps_of
-from varint.codegen.kernel import Kernel, address_of
-from varint.discrete.legendre import velocity_function
-from varint.integration.compiled_loop import NODES_IN_BLOCK, POOR, first_piece, next_piece
-from varint.integration.energy_check import (
-    GROSS,
-    HUGE,
-    NOTHING,
-    energy_rows,
-    energy_rows_by_velocity,
-    nodes_looked_at,
-)
+from varint.codegen.core import held_entry
+from varint.codegen.few_steps import Controlled, FewSteps, few_steps, few_steps_of
+from varint.codegen.kernel import Kernel
+from varint.integration.compiled_loop import NODES_IN_BLOCK, first_piece, next_piece
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.false_speed import false_speed, may_be_false
+from varint.integration.fixed_steps import watches_of
 from varint.integration.gears import (
     BY_STAGES,
     Gears,
@@ -39,6 +31,7 @@ from varint.integration.gears import (
     kernel_now,
     scheme_of,
 )
+from varint.integration.held_rows import is_held
 from varint.integration.plain_start import (
     Room,
     begin_at,
@@ -50,22 +43,16 @@ from varint.integration.plain_start import (
 )
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import LEVEL, Grid, controls, time_grid
+from varint.integration.run import FIRST, looked_along
+from varint.integration.short_looks import looked_at, short_looks
 from varint.integration.trajectories import plain_motion_of
-from varint.integration.work_bound import (
-    MISSED,
-    balance_rows,
-    balance_rows_by_velocity,
-    keeps_energy,
-)
+from varint.integration.work_bound import moves_constraints
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System
-
-# in the order of c/few_steps_core.c
-_LIMITS = np.array([GROSS, NOTHING, HUGE, MISSED, POOR])
 
 
 def few_steps_call(
@@ -76,17 +63,25 @@ def few_steps_call(
     save_every: int,
     iteration_tol: float | None,
     began: float,
+    watched: tuple[Any, Any] = (None, None),
 ) -> Trajectory | None:
-    """The motion from a start (q0, v0, p0, t0, params, u); None where it is no such run, or comes
+    """The motion from a start (q0, v0, p0, t0, params, u), with `events` that are `watched` for or
+    until an expression crosses zero (until, events); None where it is no such run, or comes
     to no good end, and another way is to be taken. A warning where the energy is not what it can
     be.
     """
     q0, v0, p0, t0, params, u = start
+    stop, watches = watches_of(*watched)
+    looks = stop is not None or bool(watches)
     h, steps = time_grid(*grid)
+    if looks and (steps > FIRST or save_every != 1):
+        return None
     called = None
     if (rule is None or type(rule) is Rule) and is_plain_number(t0) and save_every > 0:
         called = _called(system, rule)
     if called is None or (v0 is None) == (p0 is None) or (u is None) == called.controlled:
+        return None
+    if called.held and v0 is None:
         return None
     kernel = kernel_now(called.gears)
     loop = called.last
@@ -115,18 +110,21 @@ def few_steps_call(
         check_steps(t0, h, steps)
         opening = None
         if kernel.opening:
-            opening = _opening_of(kernel, room, used, t0, h, c)
+            opening = _opening_of(system, room, used, h)
+            if opening is None:
+                return None
         now = perf_counter()
         level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
         asked = t0, h, steps, save_every, level, pilot
-        found = few_steps(how, room.place, asked, _looked_at(steps // save_every), used, opening)
+        looked = looked_at(steps // save_every)
+        found = few_steps(how, room.place, asked, looked, used, opening, looks)
     finally:
         pool.append(room)
     if kernel.is_native:
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None:
         return None
-    nodes, iterations, residual, quiet = found
+    nodes, iterations, residual, quiet, v = found
     motion = plain_motion_of(
         system,
         called.plan,
@@ -136,6 +134,9 @@ def few_steps_call(
         (int(iterations), residual),
         seconds=perf_counter() - began,
     )
+    if v is not None:
+        motion = looked_along(motion, v, kernel, stop, watches)
+        quiet = quiet and motion.q is nodes[2]  # the node where it is cut is another one
     alarm = None if quiet else energy_alarm(motion)
     if called.may_be_false and not alarm:
         alarm = false_speed(motion)
@@ -157,13 +158,15 @@ class _Loop(NamedTuple):
 
 @dataclass(eq=False)
 class _Called:
-    """Of a scene and a rule: the plan, the gears, whether there are controls, whether speeds may be
-    false, rooms that nobody uses, and the loop that ran last.
+    """Of a scene and a rule: the plan, the gears, whether there are controls, whether constraint
+    rows hold the motion, whether speeds may be false, rooms that nobody uses, and the loop that ran
+    last.
     """
 
     plan: Plan
     gears: Gears
     controlled: bool
+    held: bool
     may_be_false: bool
     rooms: list[Room]
     last: _Loop | None = None
@@ -171,51 +174,34 @@ class _Called:
 
 @per_scene
 def _called(system: System, rule: Rule | None) -> _Called | None:
-    """None where more than coordinates and momenta at nodes makes the motion, or there is no loop
-    that need not be compiled first.
+    """None where more than coordinates and momenta at nodes and constraint rows makes the motion,
+    or there is no loop that need not be compiled first.
     """
-    if not moves_freely(system):
+    held = is_held(system)
+    if not (moves_freely(system) or (held and not moves_constraints(system))):
         return None
     chosen = plan(system, rule)
     gears = gears_of(system, chosen.rule, scheme_of(system, chosen.rule))
     if gears is None:
         return None
     controlled, false = system.structure.controls > 0, may_be_false(system, chosen.rule)
-    return _Called(chosen, gears, controlled, false, rooms(system, False))
+    return _Called(chosen, gears, controlled, held, false, rooms(system, False))
 
 
 def _loop_of(system: System, rule: Rule, kernel: Kernel) -> _Loop:
-    looks = _looks(system)
+    looks = short_looks(system)
     none = _Loop(kernel, None, 0, 0)
-    if kernel.note[0] or looks is None:
+    if looks is None:
         return none
     longest = min(first_piece(kernel, False), NODES_IN_BLOCK)
     piloted = scheme_of(system, rule) is BY_STAGES and not kernel.opening
     try:
+        if is_held(system):
+            held_entry()
         how = few_steps_of(kernel, looks)
     except CompileError:
         return none
     return _Loop(kernel, how, longest, first_piece(kernel, True) if piloted else 0)
-
-
-@per_scene
-def _looks(system: System) -> Looks | None:
-    """How energies of nodes are looked at; None where they are not data."""
-    kept, by_velocity = keeps_energy(system), not velocity_function(system).is_a("SXFunction")
-    if kept:
-        energy = energy_rows_by_velocity(system) if by_velocity else energy_rows(system)
-    else:
-        energy = balance_rows_by_velocity(system) if by_velocity else balance_rows(system)
-    return None if energy is None else Looks(energy, by_velocity, not kept, _LIMITS)
-
-
-@lru_cache(maxsize=256)
-def _looked_at(last: int) -> tuple[int, int, np.ndarray]:
-    """Address of the numbers of nodes 0 … last that are looked at, how many they are, and what lies
-    there.
-    """
-    nodes = nodes_looked_at(last)
-    return address_of(nodes), len(nodes), nodes
 
 
 def _controls_of(system: System, rule: Rule, u: Any, steps: int) -> Controlled:
@@ -228,11 +214,14 @@ def _controls_of(system: System, rule: Rule, u: Any, steps: int) -> Controlled:
     return Controlled(given, each, mean)
 
 
-def _opening_of(
-    kernel: Kernel, room: Room, used: Controlled | None, t0: float, h: float, c: np.ndarray
-) -> np.ndarray:
-    """What the loop is told at a fresh start."""
-    assert kernel.opening is not None
-    sizes = None if used is None else np.abs(used.each).max(axis=(0, 1))
-    at, p = np.array([float(t0)]), room.values[: room.n]
-    return kernel.opening(room.q[None], p[None], sizes, at, np.array([h]), c)[0]
+def _opening_of(system: System, room: Room, used: Controlled | None, h: float) -> np.ndarray | None:
+    """What the loop is told at a fresh start; None where that is no numbers."""
+    if room.opening is None:
+        from varint.codegen.opening import opening_on
+
+        room.opening = opening_on(system, room.q, room.values[: room.n], room.t, room.c)
+    sizes, step, told, look, _ = room.opening
+    step[0] = h
+    if used is not None:
+        sizes[:] = np.abs(used.each).max(axis=(0, 1))
+    return told if look() else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from varint.errors import ConvergenceError
 from varint.integration.energy_leap import energy_alarm
@@ -37,7 +37,7 @@ def simulate_steps(
     `level` is where compiled iterations end, where it is not `options.iteration_tol` that says so.
     """
     began, asked = perf_counter(), options
-    stop, watches = watches_of(asked)
+    stop, watches = watches_of(asked.until, asked.events)
     chosen = plan(system, rule)
     problem = initial_value_problem(system, chosen.rule, start, options)
     problem = problem if level is None else problem._replace(level=level)
@@ -107,7 +107,8 @@ def over_switches_after(
     if not system.structure.contacts:  # beside contacts that has been tried
         rule = plan(system, rule).rule
         problem = initial_value_problem(system, rule, start, options)
-        motion = _over_switches(system, rule, problem, options, watches_of(options), began)
+        watched = watches_of(options.until, options.events)
+        motion = _over_switches(system, rule, problem, options, watched, began)
     if motion is None:
         raise failure
     warnings.warn(
@@ -140,11 +141,11 @@ def _over_switches(
     return switched_steps(system, rule, problem, asked, *watched, began)
 
 
-def watches_of(asked: RunOptions) -> tuple[Watch | None, list[Watch]]:
+def watches_of(until: Any, events: Any) -> tuple[Watch | None, list[Watch]]:
     """What is looked for on the way: `until`, and `events`."""
-    if asked.until is None and asked.events is None:
+    if until is None and events is None:
         return None, []
     from varint.integration.events.crossings import parse_watch, parse_watches
 
-    stop = None if asked.until is None else parse_watch("until", asked.until)
-    return stop, parse_watches(asked.events)
+    stop = None if until is None else parse_watch("until", until)
+    return stop, parse_watches(events)

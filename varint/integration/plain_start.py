@@ -8,22 +8,25 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
 from varint.codegen.few_steps import TOLD, Place, place_of
 from varint.codegen.kernel import address_of
 from varint.codegen.two_runs import Places, places_of
 from varint.discrete.legendre import velocity_function
+from varint.integration.held_rows import is_held, momentum_put_on_rows
 from varint.integration.small_motions import local_function, local_function_of_momentum
 from varint.integration.start import check_mass, regular_at, start_function
-from varint.numerics.arrays import hand_over, is_clearly_definite
+from varint.numerics.arrays import is_clearly_definite, trigger_on
 from varint.scene.inputs import vector
 from varint.scene.memory import per_scene
 from varint.scene.parameters import ParameterValues
 from varint.scene.system import System, parameter_values
+
+if TYPE_CHECKING:
+    from varint.codegen.opening import Opening
 
 LARGE = 2.0**53  # whole numbers below are numbers of double precision
 FLOAT = np.dtype(float)
@@ -65,10 +68,14 @@ class Room:
         What two runs are.
     begin, look : callable
         `look` is None in a room without.
+    put_on_rows : callable, optional
+        () → whether constraint rows hold the start beyond doubt, and p is along them.
     held : tuple
         What lies behind them.
     given : array, optional
         The parameters that are there, known to be good once; a system's own are always the same.
+    opening : Opening, optional
+        What loops of Newton's method are told besides, once it was asked for.
     known : bytes, float, optional
         The start that is there, known to be good with them: q and v, and the time.
     """
@@ -92,8 +99,10 @@ class Room:
     places: Places
     begin: Callable[[], object]
     look: Callable[[], object] | None
+    put_on_rows: Callable[[], bool] | None
     held: tuple
     given: np.ndarray | None = None
+    opening: Opening | None = None
     known: tuple[bytes, float] | None = None
 
 
@@ -136,28 +145,34 @@ def room_of(system: System, looks: bool) -> Room:
     q, v, t, _, values, local, told, c = np.split(block, ends[:-1])
     at, mass_at, told_at, c_at = (address_of(block) + 8 * ends[i] for i in (2, 4, 5, 6))
     u = np.zeros(system.structure.controls)
-    begin, one = _on(start_function(system), (q, v, u, t, c), (values,))
+    begin, one = trigger_on(start_function(system), (q, v, u, t, c), (values,))
     look, other, half = None, (), n * n
     if looks:
         if system.structure.quadratic_kinetic:
             of, at_start = local_function_of_momentum(system), values[:n]
         else:
             of, at_start = local_function(system), v
-        look, other = _on(of, (q, at_start, t, c), (local[:half], local[half:]))
+        look, other = trigger_on(of, (q, at_start, t, c), (local[:half], local[half:]))
+    put_on_rows, rows = None, ()
+    if is_held(system):
+        put_on_rows, rows = momentum_put_on_rows(
+            system, q, v, t, c, values[:n], values[2 * n + 1 :]
+        )
     parts = n, q, v, t, u, c, block[: 2 * n], values, local, block.data
     pack, begun = (struct.Struct(f"{count}d") for count in (2 * n, ends[4]))
     put = block.data.cast("B")[: 8 * ends[3]]
     regular, constant = regular_at(system), system.structure.constant_mass
     place = place_of(at, c_at, told_at, told.data)
     how = pack.pack, put, begun.unpack_from, regular, constant, place
-    return Room(*parts, *how, places_of(place, mass_at, n + 1), begin, look, (one, other))
+    behind = places_of(place, mass_at, n + 1), begin, look, put_on_rows, (one, other, rows)
+    return Room(*parts, *how, *behind)
 
 
 def begin_at(
     room: Room, system: System, q0: Any, v0: Any, t0: float, params: ParameterValues | None
 ) -> np.ndarray | None:
-    """Write the start; the parameters, or None where something of the start is not finite. Where
-    it is there already nothing is to be done.
+    """Write the start; the parameters, or None where something of the start is not finite, or it is
+    in doubt whether constraint rows hold it. Where it is there already nothing is to be done.
 
     Raises
     ------
@@ -192,9 +207,13 @@ def begin_at(
         for what, x in (("q0", q0), ("v0", v0)):
             vector(what, x, n, system.names)
         return None
-    sure = (there and room.constant) or is_clearly_definite(begun[-n * n :])
-    if not sure and c.tobytes() not in room.regular:
-        check_mass(system, room.values[2 * n + 1 :], c)
+    if room.put_on_rows is not None:
+        if not room.put_on_rows():
+            return None
+    else:
+        sure = (there and room.constant) or is_clearly_definite(begun[-n * n :])
+        if not sure and c.tobytes() not in room.regular:
+            check_mass(system, room.values[2 * n + 1 :], c)
     if params is None:
         room.given, room.known = c, asked
     return c
@@ -226,11 +245,3 @@ def _numbers(what: str, x: Any, n: int, names: tuple[str, ...]) -> Sequence[floa
     elif n == 1 and (kind is float or is_plain_number(x)):
         return (x,)
     return vector(what, x, n, names).tolist()
-
-
-def _on(
-    function: ca.Function, inputs: tuple[np.ndarray, ...], outputs: tuple[np.ndarray, ...]
-) -> tuple[Callable[[], object], tuple]:
-    buffer, trigger = function.buffer()
-    hand_over(buffer, inputs, outputs)
-    return trigger, (buffer, inputs, outputs)

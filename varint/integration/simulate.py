@@ -167,14 +167,13 @@ def simulate(
         h, steps, duration = grid
     plain = (
         scale is None  # one by one: in less time than as a chain
-        and until is None
-        and events is None
         and checkpoint is None
         and (progress is None or progress is False)
         and type(save_every) is int
         and on_failure == "raise"
     )
-    moving = plain and u is None and (p0 is None) != (v0 is None)
+    moving = plain and until is None and events is None and u is None
+    moving = moving and (p0 is None) != (v0 is None)
     scaled = moving and p0 is None and at is None and time_scale is not None
     if scaled and tol is None and steps is None:
         run = h, duration, t0, iteration_tol, save_every, backend
@@ -191,8 +190,9 @@ def simulate(
     if plain and time_scale is None and backend == "auto":
         if h is not None or steps is not None:
             known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
-            few_steps_call = _few_steps().few_steps_call
-            tried = few_steps_call(system, rule, known, grid, save_every, iteration_tol, began)
+            few_steps_call, watched = _few_steps().few_steps_call, (until, events)
+            how = save_every, iteration_tol, began, watched
+            tried = few_steps_call(system, rule, known, grid, *how)
         elif moving and save_every == 1:
             begin = q0, v0, t0, params
             tried = _short_call().short_call(system, rule, begin, p0, duration, tol, began)

@@ -63,7 +63,7 @@ def simulate_to_tolerance(
         )
     tol = DEFAULT_TOL if options.tol is None else options.tol
     every = positive_integer("save_every", options.save_every)
-    stop, watches = watches_of(options)
+    stop, watches = watches_of(options.until, options.events)
     rows = _rows(system, start)
     whole = RunOptions(steps=rows, duration=options.duration)
     problem = initial_value_problem(system, plan(system, rule).rule, start, whole)

@@ -185,6 +185,17 @@ def hand_over(
         buffer.set_res(i, memoryview(output))  # type: ignore[arg-type]
 
 
+def trigger_on(
+    function: ca.Function, inputs: tuple[np.ndarray, ...], outputs: tuple[np.ndarray, ...]
+) -> tuple[Callable[[], object], tuple]:
+    """The call of a function whose arguments and results have this memory, and what it needs to
+    stay there.
+    """
+    buffer, trigger = function.buffer()
+    hand_over(buffer, inputs, outputs)
+    return trigger, (buffer, inputs, outputs)
+
+
 def call(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """Function values as flat arrays of the outputs' nonzeros; arguments are C-contiguous doubles,
     column after column.

@@ -12,8 +12,11 @@
 #include "balance.h"
 #include "order.h"
 
+#define SURE 0.9 /* of a limit: others come to the same energies another way */
+#define WIDTHS 2 /* of a note of a fold: numbers before q and p of a node (folds.h) */
+
 /* varint/codegen/few_steps.py has the same layouts */
-typedef struct { double gross, nothing, huge, missed, poor; } Limits;
+typedef struct { double gross, nothing, huge, missed, poor, least, round_off, leap, apart, all, few; } Limits;
 
 typedef struct {
     int (*run)(const RunArguments *);
@@ -21,10 +24,13 @@ typedef struct {
     int (*rows)(const RowsArguments *);
     const void *energy; /* (q, p, t) to the energy and |p v|, or the power of what changes it; by velocity (q, v, t); controls */
     const Limits *limits;
+    const void *pivots; /* (q, t) to the least pivot of the constraint rows; 0: they never come to depend on one another */
     int64_t n, carry, most, nodes_of_step, controls, by_velocity, works; /* works: what acts on the scene may change the energy */
+    int64_t folds, leaps; /* numbers of a node of a note of a fold, 0: none is made; whether energies may leap from node to node */
     const double *start, *c; /* q and p; parameters */
     double *told;            /* iterations, residual, whether the energy is quiet */
     double *nodes;           /* q of all of them, p, t and their numbers k */
+    double *speeds;          /* v of all of them; 0: not wanted */
     const double *u, *mean;  /* controls at the nodes of all steps, and their means over each */
     const double *opening;   /* what the loop is told at a fresh start, so many numbers */
     const int64_t *looked;   /* nodes whose energy is looked at */
@@ -47,18 +53,25 @@ static double size_of(double x, double largest) {
     return size > largest ? size : largest;
 }
 
-/* Energies of a scene that keeps its own, at nodes that are looked at. */
-static int keeps(const FewSteps *a, const double *rows, double *room) {
-    const int64_t n = a->n, looks = a->looks;
-    double *const energy = room, *const moving = energy + looks, *const at = moving + looks, largest = 0, fastest = 0;
-    for (int64_t i = 0; i < looks; i++) {
-        const double *const node = rows + 3 * n * a->looked[i];
+/* Energies and |p v| of so many nodes, every so many; `at` has room for their states. */
+static int set_own_energies(const FewSteps *a, const double *rows, const int64_t *which, int64_t every, int64_t count, double *energy,
+                            double *moving, double *at) {
+    const int64_t n = a->n;
+    for (int64_t i = 0; i < count; i++) {
+        const double *const node = rows + 3 * n * (which ? which[i] : i * every);
         memcpy(at + 2 * n * i, node, n * sizeof(double));
         memcpy(at + 2 * n * i + n, node + (a->by_velocity ? 2 * n : n), n * sizeof(double));
     }
-    const RowsArguments asked = {.count = looks, .c = a->c, .scene = a->energy, .arguments = {at, at + n, &a->t0},
+    const RowsArguments asked = {.count = count, .c = a->c, .scene = a->energy, .arguments = {at, at + n, &a->t0},
                                  .apart = {2 * n, 2 * n, 0}, .results = {energy, moving}, .widths = {1, 1}};
-    if (a->rows(&asked) != DONE) return 0;
+    return a->rows(&asked) == DONE;
+}
+
+/* Energies of a scene that keeps its own, at nodes that are looked at. */
+static int keeps(const FewSteps *a, const double *rows, double *room) {
+    const int64_t looks = a->looks;
+    double *const energy = room, *const moving = energy + looks, largest = 0, fastest = 0;
+    if (!set_own_energies(a, rows, a->looked, 0, looks, energy, moving, moving + looks)) return 0;
     for (int64_t i = 0; i < looks; i++) {
         moving[i] = power_of(moving[i]);
         largest = size_of(energy[i], largest), fastest = size_of(moving[i], fastest);
@@ -67,6 +80,49 @@ static int keeps(const FewSteps *a, const double *rows, double *room) {
     const double gross = a->limits->gross, size = gross * fastest > largest ? gross * fastest : largest,
                  nothing = a->limits->nothing * size, usual = gross * moving[(looks - 1) / 2];
     return is_quiet(energy, 0, 0, looks, usual > nothing ? usual : nothing);
+}
+
+/* How many nodes lie between two whose energies are compared (energy_leap.py: _leap_of). */
+static int64_t apart(const FewSteps *a) {
+    const int64_t last = a->steps / a->save_every, some = (int64_t)a->limits->apart * last / a->steps,
+                  rare = last / (int64_t)a->limits->all, most = some < rare ? some : rare;
+    return most > 1 ? most : 1;
+}
+
+/* Whether no energy of a node is off that of the one before by more than others nearby (energy_leap.py: _leap_of). */
+static int leaps_nowhere(const FewSteps *a, const double *rows, double *room) {
+    const int64_t every = apart(a), last = a->steps / a->save_every / every, few = (int64_t)a->limits->few;
+    if (a->steps / a->save_every < few) return 1;
+    double *const energy = room, *const moving = energy + last + 1, *const changes = moving + last + 1, largest = 0, fastest = 0, most = 0;
+    if (!set_own_energies(a, rows, 0, every, last + 1, energy, moving, changes)) return 0;
+    for (int64_t i = 0; i <= last; i++) largest = size_of(energy[i], largest), fastest = size_of(moving[i], fastest);
+    for (int64_t i = 0; i < last; i++) changes[i] = fabs(energy[i + 1] - energy[i]), most = size_of(changes[i], most);
+    const double least = a->limits->least * fastest, nothing = a->limits->round_off * largest;
+    if (most <= SURE * (least > nothing ? least : nothing)) return 1;
+    place(changes, 0, last - 1, (last - 1) / 2);
+    return most <= SURE * a->limits->leap * changes[(last - 1) / 2];
+}
+
+/* Whether no fold of the constraint rows was noted on the way, and there is none at the very end, where a loop has noted none yet
+   (fold_watch.py: _behind). */
+static int is_unfolded(const FewSteps *a, const double *carry, const RunStats *of) {
+    const double *const lately = carry + a->carry - LATELY * a->folds;
+    double far[LATELY];
+    int64_t count = 0;
+    if (of->noted) return 0;
+    if (!a->pivots) return 1;
+    for (int64_t k = a->steps < LATELY ? 0 : a->steps - LATELY + 1; k <= a->steps; k++, count++) {
+        const double *const node = lately + k % LATELY * a->folds, t = a->t0 + a->h * (double)k;
+        const RowsArguments asked = {.count = 1, .c = a->c, .scene = a->pivots, .arguments = {node + WIDTHS, &t},
+                                     .results = {far + count}, .widths = {1}};
+        if (node[0] != (double)k || a->rows(&asked) != DONE) return 0;
+        far[count] = sqrt(fmax(far[count], 0));
+    }
+    for (int64_t i = 1; i < count; i++) {
+        const double change = (far[i] - far[i - 1]) / SURE;
+        if (!(far[i] + change > 0 && far[i - 1] - change > 0)) return 0;
+    }
+    return 1;
 }
 
 /* The mean controls of the step that begins at each node, or of that which ends there. */
@@ -107,10 +163,12 @@ int few_steps(const FewSteps *a) {
     const int64_t n = a->n, width = 3 * n, nodes = a->steps / a->save_every + 1;
     double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
     int64_t *const numbers = (int64_t *)(t + nodes);
-    const int64_t looked = a->works ? (3 + a->controls) * nodes : (2 + 2 * n) * a->looks;
-    double *const rows = malloc((width * nodes + a->carry + sizeof(RunStats) / sizeof(double) + width + looked) * sizeof(double));
+    const int64_t noted = a->folds ? MOST_NOTED * (1 + LATELY * a->folds) : 0;
+    const int64_t kept = (2 + 2 * n) * (a->leaps ? nodes : a->looks), looked = a->works ? (3 + a->controls) * nodes : kept;
+    const int64_t told = sizeof(RunStats) / sizeof(double) + width;
+    double *const rows = malloc((width * nodes + a->carry + told + noted + looked) * sizeof(double));
     if (!rows) return NOT_FINITE;
-    double *const carry = rows + width * nodes, *const stats = carry + a->carry, *const room = stats + sizeof(RunStats) / sizeof(double) + width;
+    double *const carry = rows + width * nodes, *const stats = carry + a->carry, *const notes = stats + told, *const room = notes + noted;
     RunStats *const of = (RunStats *)stats;
     double iterations = 0, residual = 0;
     int status = DONE;
@@ -121,10 +179,12 @@ int few_steps(const FewSteps *a) {
         const RunArguments asked = {.steps = end - k, .save_every = a->save_every, .first = k, .most = a->most, .t0 = a->t0,
                                     .h = a->h, .level = a->level, .start = a->start, .c = a->c,
                                     .u = a->u + a->nodes_of_step * a->controls * k, .rows = rows + width * (k / a->save_every),
-                                    .carry = carry, .stats = of, .scene = a->scene, .without_velocities = !a->by_velocity};
+                                    .carry = carry, .stats = of, .scene = a->scene, .notes = noted ? notes : 0,
+                                    .without_velocities = !a->by_velocity && !a->speeds};
         status = a->run(&asked);
         iterations += of->iterations, residual = of->residual > residual ? of->residual : residual;
         if (!k && a->pilot && iterations > a->limits->poor * (double)end) status = NOT_CONVERGED;
+        if (status == DONE && a->folds && !is_unfolded(a, carry, of)) status = NOT_CONVERGED;
     }
     if (status == DONE) {
         memcpy(q, a->start, n * sizeof(double)), memcpy(p, a->start + n, n * sizeof(double));
@@ -133,8 +193,9 @@ int few_steps(const FewSteps *a) {
             memcpy(p + n * k, rows + width * k + n, n * sizeof(double));
         }
         for (int64_t k = 0; k < nodes; k++) numbers[k] = k * a->save_every, t[k] = a->h * (double)numbers[k] + a->t0;
+        for (int64_t k = 0; a->speeds && k < nodes; k++) memcpy(a->speeds + n * k, rows + width * k + 2 * n, n * sizeof(double));
         a->told[0] = iterations, a->told[1] = residual;
-        a->told[2] = a->works ? balances(a, rows, t, room) : keeps(a, rows, room);
+        a->told[2] = a->works ? balances(a, rows, t, room) : keeps(a, rows, room) && (!a->leaps || leaps_nowhere(a, rows, room));
     }
     free(rows);
     return status;

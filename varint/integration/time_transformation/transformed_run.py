@@ -130,7 +130,7 @@ def prepare(
         until = inside(until, "until")
     if isinstance(events, Mapping):
         events = {name: inside(wanted, name) for name, wanted in events.items()}
-    stop, watches = watches_of(options._replace(until=until, events=events))
+    stop, watches = watches_of(until, events)
     rate, pilot = 0.0, None
     if isinstance(sigma, str):
         v = start_velocity(system, problem, start.v0)
