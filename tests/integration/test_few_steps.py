@@ -11,6 +11,7 @@ import pytest
 import varint as vi
 from varint.errors import ConvergenceError
 from varint.integration import few_steps, fixed_steps
+from varint.results import dense_output
 
 q1, v1 = vi.coordinates("theta")
 q2, v2 = vi.coordinates("x", "y")
@@ -98,6 +99,24 @@ def test_times_that_are_asked_for_are_met_alike(monkeypatch, scene, h):
     few, _ = told(system, vi.gauss(4), call)
     assert_alike(few, in_general(monkeypatch, system, vi.gauss(4), call)[0])
     assert few.t.tobytes() == times.tobytes()
+
+
+@pytest.mark.parametrize("side", ["before", "after"])
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("scene", SCENES)
+def test_times_within_a_step_are_met_as_those_steps_away(monkeypatch, scene, every, side):
+    for h in (0.05, -0.05):
+        system, call = asked(scene, 12, h, save_every=every)
+        motion = vi.simulate(system, vi.gauss(2), **call)
+        parts = np.array([0.0, 1e-16, 0.2, 3.0, 3.4, 6.0 - 1e-15, 6.999, 9.0, 11.6, 12.0])
+        for some in (parts, parts[[0, 3, 7]], parts[[2, 4, 6]]):
+            times = call["t0"] + h * some
+            found = motion.at(times, side)
+            with monkeypatch.context() as patch:
+                patch.setattr(dense_output, "_within_a_step", lambda *_: False)
+                other = motion.at(times, side)
+            for name in "tqpk":
+                assert np.array_equal(getattr(found, name), getattr(other, name))
 
 
 @pytest.mark.parametrize("u", [0.4, [0.4], np.full((30, 4, 1), 0.2)])

@@ -247,7 +247,8 @@ def take_parts(
     q and p are (M, n), t and h (M,), u (M, nodes · controls).
     """
     count, n = q.shape
-    start = np.hstack([q, p])
+    start = np.empty((count, 2 * n))
+    start[:, :n], start[:, n:] = q, p
     t, h, u = (np.ascontiguousarray(x, dtype=float) for x in (t, h, u))
     opening = np.empty((count, 0))
     if kernel.opening:
