@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import varint as vi
 from varint.integration.error_scale import angles, error_scales
+from varint.integration.run_distance import beyond_shared
 
 
 def exact(system, q0, v0, times, longest=np.inf):
@@ -292,6 +293,35 @@ def test_errors_that_grow_are_not_hidden_by_how_few_nodes_two_runs_share(
     estimate = motion.stats["error_estimate"]
     assert true <= estimate
     assert estimate <= tol or "out of reach" in str(told[0].message)
+
+
+@pytest.mark.parametrize(
+    ("turning", "duration", "tol"),
+    [(0.07, 11.1, 1e-7), (0.09, 8.7, 1e-7), (0.05, 12.0, 1e-7), (0.1, 14.2, 5e-8)],
+)
+def test_an_angle_that_flies_past_its_axis_errs_no_more_than_is_asked(turning, duration, tol):
+    q, v = vi.coordinates("rho", "phi", "z")
+    r = ca.sqrt(q[0] ** 2 + q[2] ** 2)
+    attraction = 1 / r - 1e-4 / r**3 - 0.03 * q[0] * ca.cos(q[1])
+    system = vi.System(q, v, (v[0] ** 2 + (q[0] * v[1]) ** 2 + v[2] ** 2) / 2 + attraction)
+    q0, v0 = [0.8, 0.0, 0.6], [0.0, turning, 0.0]
+    motion = vi.simulate(system, q0=q0, v0=v0, duration=duration, tol=tol)
+    assert motion.stats["error_estimate"] <= tol
+    assert error(motion, exact(system, q0, v0, motion.t)) <= tol
+
+
+def test_what_a_late_run_is_off_by_between_shared_nodes_is_foreseen_by_how_fast_it_is_there():
+    """A run that is late by a time that grows with time, in an angle atan2(b sin t, cos t)."""
+    t = np.linspace(0.0, 20.0, 1601)
+    fast = 0.1 / (np.cos(t) ** 2 + (0.1 * np.sin(t)) ** 2)
+    angle = np.unwrap(np.arctan2(0.1 * np.sin(t), np.cos(t)))[:, None]
+    off = (1e-6 * t * fast)[:, None]
+    shared = np.arange(0, len(t), 400)
+    foreseen = beyond_shared(off[shared], angle, shared, t)
+    true = off.max() / off[shared].max()
+    assert true > 5
+    assert foreseen == pytest.approx(true, rel=0.05)
+    assert beyond_shared(off, angle, slice(None), t) == 1.0
 
 
 @pytest.mark.parametrize("tol", [1e-5, 1e-9])

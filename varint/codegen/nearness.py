@@ -93,16 +93,17 @@ def swing(nearness: Nearness, places: Places, run: Until) -> list[float]:
 
 def apart(
     nearness: Nearness, places: Places, one: Until, few: int, other: Until, many: int
-) -> tuple[float, float]:
-    """Largest difference of two runs with so many steps, every node of which was kept, and the
-    least that an early one lets expect in the middle.
+) -> tuple[float, float, float]:
+    """Largest difference of two runs with so many steps, every node of which was kept, the least
+    that an early one lets expect in the middle, and how many times larger it is between the nodes
+    that were compared.
     """
     runs = _place(one), one.nodes, _place(other), other.nodes
     asked = _APART.pack(*runs, few, many, places.at)
     if nearness.apart(nearness.head + places.head + asked) != DONE:
         raise MemoryError(f"no memory for the differences at {other.nodes} nodes")
-    largest, early, *_ = places.told
-    return largest, early
+    largest, early, beyond, *_ = places.told
+    return largest, early, beyond
 
 
 def _place(run: Until) -> int:

@@ -23,7 +23,7 @@ from varint.integration.problem import InitialValueProblem
 from varint.integration.round_off import with_other_digits
 from varint.integration.rule_choice import iteration_level, steps_for
 from varint.integration.run import motion_at_once
-from varint.integration.run_distance import with_early
+from varint.integration.run_distance import beyond_shared, with_early
 from varint.integration.trajectories import Run, with_stats
 from varint.integration.two_runs import (
     FLOOR,
@@ -127,7 +127,9 @@ def by_plain_trials(
             energy = energies_by_velocity(system, some, time, start.c)
         return attempt_by_energies(PlainTrial(problem, kernel, found), *energy)
 
-    def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> tuple[float, float]:
+    def apart(
+        one: PlainTrial, few: int, other: PlainTrial, many: int
+    ) -> tuple[float, float, float]:
         q = other.found.rows[:, 0].copy()  # side by side: three times as fast
         if scale is None:
             v = still if quadratic else np.nan_to_num(other.found.rows[0, 2])
@@ -136,7 +138,8 @@ def by_plain_trials(
             scales = error_scales(system, plain_motion(system, rule, other, 0.0), scale)
         unit = math.gcd(few, many)
         off = one.found.rows[:: few // unit, 0] - q[:: many // unit]
-        return with_early(np.abs(off, out=off) / scales)
+        off = np.abs(off, out=off) / scales
+        return *with_early(off), beyond_shared(off, q, slice(None, None, many // unit))
 
     def parted(steps: int, wanted: float, way: int) -> Attempt | None:
         q0, p0 = with_other_digits(start.q0, start.p0, way)

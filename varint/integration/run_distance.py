@@ -25,14 +25,49 @@ def differences(
     one: Trajectory, few: int, other: Trajectory, many: int, scales: np.ndarray
 ) -> np.ndarray:
     """All of them, node by node."""
+    i, j = shared_nodes(one, few, other, many)
+    return np.abs(one.q[i] - other.q[j]) / scales
+
+
+def shared_nodes(
+    one: Trajectory, few: int, other: Trajectory, many: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the nodes of two runs with so many steps that both have."""
     unit = math.gcd(few, many)
     if _equally_spaced(one) and _equally_spaced(other):
-        q1, q2 = one.q[:: few // unit], other.q[:: many // unit]
-        count = min(len(q1), len(q2))
-        return np.abs(q1[:count] - q2[:count]) / scales
-    (k1, q1), (k2, q2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
+        i, j = np.arange(0, len(one), few // unit), np.arange(0, len(other), many // unit)
+        count = min(len(i), len(j))
+        return i[:count], j[:count]
+    (k1, at1), (k2, at2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
     _, i, j = np.intersect1d(k1, k2, return_indices=True)
-    return np.abs(q1[i] - q2[j]) / scales
+    return at1[i], at2[j]
+
+
+def beyond_shared(
+    off: np.ndarray, q: np.ndarray, shared: np.ndarray | slice, t: np.ndarray | None = None
+) -> float:
+    """How many times larger than at shared nodes, where they are off (shared, n), errors of a run
+    q (N + 1, n) at times t, equal steps apart where none are given, may be at its other ones.
+
+    A run that is late by a time is off by that times how fast it is: most, where an angle flies
+    past the centre of its coordinates, which few shared nodes may all be far from. What it is late
+    by grows with time, at least.
+    """
+    if len(q) < 3:
+        return 1.0
+    k = np.arange(1, len(q))
+    low, high = k - 1, np.minimum(k + 1, len(q) - 1)
+    way = np.abs(q[high] - q[low])
+    if t is None:
+        speed = k[:, None] * way / (high - low)[:, None]
+    else:
+        speed = np.abs(t[k] - t[0])[:, None] * way / np.abs(t[high] - t[low])[:, None]
+    at = np.arange(len(q))[shared]
+    seen = np.maximum(speed[at[at > 0] - 1].max(axis=0, initial=0.0), speed[-1])
+    most, each = speed.max(axis=0), off.max(axis=0)
+    between = each * np.divide(most, seen, out=np.ones_like(most), where=seen > 0)
+    largest, beyond = float(each.max()), float(between.max())
+    return beyond / largest if beyond > largest > 0 else 1.0
 
 
 def with_early(off: np.ndarray) -> tuple[float, float]:
@@ -80,8 +115,8 @@ def ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
 
 
 def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Steps, times a factor, and coordinates at the nodes that do not belong to an event."""
+    """Steps, times a factor, of the nodes that do not belong to an event, and their indices."""
     assert motion.origin is not None
     close = 1e-6 * abs(motion.h)
-    grid = np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close
-    return motion.k[grid] * factor, motion.q[grid]
+    grid = np.flatnonzero(np.abs(motion.t - (motion.origin + motion.h * motion.k)) <= close)
+    return motion.k[grid] * factor, grid

@@ -48,7 +48,7 @@ from varint.integration.rule_choice import (
     steps_for,
 )
 from varint.integration.run import collect, short_run, start_run, trajectory_of
-from varint.integration.run_distance import differences, ends_apart, with_early
+from varint.integration.run_distance import beyond_shared, ends_apart, shared_nodes, with_early
 from varint.integration.second_looks import Trial, has_steps
 from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
@@ -249,10 +249,15 @@ def _from_two_runs(
     """The choice that two runs and their energies prove, where they do."""
     radians, begin = turned
 
-    def apart(one: Trajectory, few: int, other: Trajectory, many: int) -> tuple[float, float]:
+    def apart(
+        one: Trajectory, few: int, other: Trajectory, many: int
+    ) -> tuple[float, float, float]:
         scales = error_scales(system, other, scale)
-        seen, half = with_early(differences(one, few, other, many, scales))
-        return max(seen, ends_apart(one, other, scales)) if ends_early else seen, half
+        i, j = shared_nodes(one, few, other, many)
+        off = np.abs(one.q[i] - other.q[j]) / scales
+        seen, half = with_early(off)
+        beyond = beyond_shared(off, other.q, j, other.t)
+        return max(seen, ends_apart(one, other, scales)) if ends_early else seen, half, beyond
 
     def run(steps: int, wanted: float, part: int) -> Attempt | None:
         motion = trial(rule, steps, part, wanted)

@@ -81,8 +81,9 @@ class Attempt(NamedTuple):
 
 
 Trial = Callable[[int, float, int], Attempt | None]  # (steps, wanted error, part of the run)
-# two runs and their steps → largest difference, and that of their first half
-Apart = Callable[[Any, int, Any, int], tuple[float, float]]
+# two runs and their steps → largest difference, that of their first half, and how many times larger
+# it is between shared nodes
+Apart = Callable[[Any, int, Any, int], tuple[float, float, float]]
 
 
 class Course(NamedTuple):
@@ -144,7 +145,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
     level = min(rough, ROUGH * course.closer)
     expected = before = math.inf
     clear, doubted = CLEAR, False  # once, for steps may lie in a resonance
-    growth = start_growth = 1.0
+    growth = start_growth = between = 1.0
     last, still, short, measured = None, False, False, False
     other_starts = course.parted is not None and not course.exact
     for _ in range(course.attempts):
@@ -161,23 +162,26 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
             coarse = tried
         finer = _ratio(MARGIN * expected, tol, p, FAR)
         more = _shared(steps * (max(finer, AGAIN) if last else finer))
-        wanted = tol / max(growth, course.foreseen)
+        wanted = tol / max(growth * between, course.foreseen)
         fine, runs = course.trial(more, wanted, 1), runs + 1
         if fine is None:
             break
-        apart, early = course.apart(coarse.run, steps, fine.run, more)
+        apart, early, beyond = course.apart(coarse.run, steps, fine.run, more)
         seen = apart, early, coarse.swing[MIDDLE]
         growth, start_growth = max(growth, growth_of(*seen)), max(start_growth, magnified(*seen))
-        left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth
+        between = max(between, beyond)
+        left = LEFT * iteration_level(wanted, more) * math.sqrt(more) * growth * beyond
         uneven = min(start_growth, UNEVEN)
-        spread = SPREAD * (uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven))
+        likely = uneven if math.gcd(steps, more) < SEEN_PARTS else math.sqrt(uneven)
+        spread = SPREAD * max(likely, beyond)
         limit = rounding(math.inf, course.radians, more, growth)
         calm = start_growth < GROWS and fine.swing[MIDDLE] < STILL
         if limit > HOPELESS * tol and calm:
             sure = (more / steps) ** (-CAUTION * p)  # energies hide how much smaller errors are
             by_steps = max(spread * apart * sure / (1 - sure), left, floor)
             if by_steps < limit and apart < ROUGH * EVIDENCE:
-                return Proved(more, fine.run, max(by_steps, min(limit, CHANCE * apart)), runs)
+                rounded = beyond * min(limit, CHANCE * apart)
+                return Proved(more, fine.run, max(by_steps, rounded), runs)
         rounded, ratio = min(apart, limit), more / steps
         if course.exact:
             rounded = max(rounded, min(SAME_CHANCE * apart, SAME_ROUNDING * more**2))
@@ -187,7 +191,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         still = not course.linear and fine.swing[MIDDLE] > NO_SHRINKAGE * coarse.swing[MIDDLE]
         fewer = before < ROUGH * EVIDENCE and EVIDENCE * before * ratio ** (-CAUTION * p) < apart
         short = still and fewer
-        last = Proved(more, fine.run, max(max(CHANCE, spread) * apart, left, floor), runs)
+        last = Proved(more, fine.run, max(max(CHANCE * beyond, spread) * apart, left, floor), runs)
         shrinkage = _shrinkage(coarse, fine, ratio, p, course.linear)
         if (short or apart > STALLED * before) and rounded > tol:
             break
@@ -200,10 +204,11 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         # no reason for more steps: runs from other starts show what round-off makes
         unseen = growth >= GROWS and rounded > tol and other_starts and not measured
         by_steps = spread * apart * shrinkage / (1 - shrinkage)
-        shown = max(by_steps, 0.0 if unseen else rounded, floor)
+        shown = max(by_steps, 0.0 if unseen else beyond * rounded, floor)
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             found = Proved(more, fine.run, max(shown, left), runs)
-            likely = CHANCE * rounding(math.inf, max(course.radians, more), more, start_growth)
+            walk = rounding(math.inf, max(course.radians, more), more, start_growth)
+            likely = CHANCE * walk * beyond
             regular = start_growth < GROWS
             if regular and course.foreseen <= 1:
                 return found

@@ -28,5 +28,5 @@ typedef struct {
     Places at;
     Kept one, other;
     int64_t few, many; /* steps of the whole duration */
-    double *told;      /* the largest difference, and the least that an early one lets expect in the middle */
+    double *told;      /* the largest difference, the least that an early one lets expect in the middle, how much larger between */
 } Apart;

@@ -44,25 +44,27 @@ int apart(const Apart *a) {
     const int64_t i = step * each, j = step * of_other, middle = (looked + 1) / 2,
                   first = (looked + 1) / EARLIEST > 1 ? (looked + 1) / EARLIEST : 1;
     const double *const q = places(other), *const p = q + width * other->nodes, *const t = times(other);
-    double *const v = malloc(looked * n * sizeof(double)), scales[n], largest = 0, zero = 0, least = INFINITY;
+    double *const v = malloc(looked * n * sizeof(double)), scales[n], most[n], largest = 0, zero = 0, least = INFINITY;
     if (!v) return NOT_FINITE;
     const RowsArguments asked = {.count = looked, .c = a->at.c, .scene = a->on.velocity, .arguments = {q, p, t},
                                  .apart = {width * j, width * j, j}, .results = {v}, .widths = {n}};
     const int status = a->on.rows(&asked);
     set_scales(&(Measures){n, a->at.apart, a->on.body, a->on.turns, a->at.mass}, q, width, other->nodes - 1, scales);
+    memset(most, 0, n * sizeof(double));
     for (int64_t k = 0; k <= looked; k++) {
         const int64_t at = k < looked ? i * k : one->nodes - 1, by = k < looked ? j * k : other->nodes - 1;
         const double late = k < looked ? times(one)[at] - t[by] : 0;
         for (int64_t d = 0; d < n; d++) {
             const double between = places(one)[width * at + d] - q[width * by + d];
             const double off = fabs(k < looked ? between - late * v[n * k + d] : between) / scales[d];
-            zero += off * 0, largest = off > largest ? off : largest;
+            zero += off * 0, largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
         }
         if (first <= k && k <= middle) {
             const double expected = expected_in_the_middle(largest, a->on.rounded, k, middle);
             least = expected < least ? expected : least;
         }
     }
+    a->told[2] = beyond_shared(&(Shared){n, width, other->nodes, j, looked, q, t}, most);
     a->told[0] = zero == 0 ? largest : zero, a->told[1] = zero == 0 ? least : zero;
     free(v);
     return status;

@@ -48,6 +48,40 @@ static void set_scales(const Measures *a, const double *rows, int64_t width, int
         }
 }
 
+/* Every so many of a run's nodes, and the last one; times, or 0 where steps are equal. */
+typedef struct {
+    int64_t n, width, nodes, each, shared;
+    const double *q, *t;
+} Shared;
+
+/* How fast a coordinate is at node k, times how long it has been on the way. */
+static double weighed_speed(const Shared *a, int64_t d, int64_t k) {
+    const int64_t low = k - 1, high = k + 1 < a->nodes ? k + 1 : k;
+    const double way = fabs(a->q[a->width * high + d] - a->q[a->width * low + d]);
+    if (!a->t) return (double)k * way / (double)(high - low);
+    return fabs(a->t[k] - a->t[0]) * way / fabs(a->t[high] - a->t[low]);
+}
+
+/* How many times larger than at shared nodes, where each coordinate has at most this error, errors may be between them
+   (varint/integration/run_distance.py). */
+static double beyond_shared(const Shared *a, const double *off) {
+    double largest = 0, beyond = 0;
+    for (int64_t d = 0; d < a->n; d++) {
+        double most = 0, seen = weighed_speed(a, d, a->nodes - 1);
+        for (int64_t k = 1; k < a->nodes; k++) {
+            const double here = weighed_speed(a, d, k);
+            most = here > most ? here : most;
+        }
+        for (int64_t i = 1; i < a->shared; i++) {
+            const double here = weighed_speed(a, d, i * a->each);
+            seen = here > seen ? here : seen;
+        }
+        const double between = seen > 0 ? off[d] * (most / seen) : off[d];
+        largest = off[d] > largest ? off[d] : largest, beyond = between > beyond ? between : beyond;
+    }
+    return beyond > largest && largest > 0 ? beyond / largest : 1;
+}
+
 /* The least that the largest difference `so_far`, up to node k, lets expect in the middle: those of regular motions grow with
    the square of time at most (varint/integration/run_distance.py). */
 #define EARLIEST 8

@@ -11,8 +11,9 @@ typedef struct { double wanted, estimate; int unseen; } Doubt; /* of a run: roun
 static int try_run(const Case *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to);
 static void release(Attempt *run);
 /* The largest difference of two runs, no number where one of them is none, and the least that an early one lets expect in the
-   middle: those of regular motions grow with the square of time at most. */
-static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early);
+   middle: those of regular motions grow with the square of time at most. `beyond`: how many times larger it is between the
+   nodes that both share. */
+static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early, double *beyond);
 /* What round-off grows to, the start's included, with which all runs begin alike; less than none where it is looked at
    elsewhere. */
 static double by_round_off(const Case *a, const Attempt *run, const Doubt *of);
@@ -80,7 +81,8 @@ static int prove(const Case *a) {
     Attempt coarse = {0}, fine = {0};
     int result = NOT_SHORT, known = 0, compared = 0, doubted = 0, measured = 0;
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
-    double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1, start_growth = 1;
+    double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1, start_growth = 1,
+           between = 1;
     const double close = l->rough * l->closer, level = rough < close ? rough : close;
     const double alike = a->exact ? l->same_step * (double)a->first : 0, floor = alike > l->floor ? alike : l->floor;
     int64_t steps = shared((double)a->first), rate;
@@ -113,17 +115,18 @@ static int prove(const Case *a) {
         double finer = ratio_for(a, l->margin * expected, a->tol, l->far);
         if (compared && finer < l->again) finer = l->again;
         const int64_t more = shared(steps * finer);
-        const double wanted = a->tol / (growth > l->foreseen ? growth : l->foreseen);
-        double early = 0;
+        const double magnifies = growth * between, wanted = a->tol / (magnifies > l->foreseen ? magnifies : l->foreseen);
+        double early = 0, beyond = 1;
         if (!try_run(a, more, wanted, 1, 1, &fine)) goto end;
         if (fine.seen.lost && (rate = varying_rate(a, &fine)) >= 0) goto varies;
         if (fine.seen.lost) break;
-        const double apart = apart_from(a, &coarse, &fine, &early), made = coarse.seen.swing[MIDDLE],
+        const double apart = apart_from(a, &coarse, &fine, &early, &beyond), made = coarse.seen.swing[MIDDLE],
                      regular = l->secular_growth * (early > l->rounded ? early : l->rounded),
                      grown = apart / (made > regular ? made : regular), /* growth_of */
                      often = l->magnified * grown, begun = apart / regular < often ? apart / regular : often; /* magnified */
         start_growth = begun > start_growth ? begun : start_growth;
         growth = grown > growth ? grown : growth;
+        between = beyond > between ? beyond : between;
         const double walk = l->rounding * a->radians * sqrt((double)more) * growth,
                      rounded = by_steps_alike(a, more, apart, apart < walk ? apart : walk),
                      left = shrinkage(a, &coarse.seen, &fine.seen);
@@ -136,16 +139,18 @@ static int prove(const Case *a) {
             if (doubted || !(expected <= l->lost)) break;
         }
         const double uneven = start_growth < l->uneven ? start_growth : l->uneven,
-                     spread = l->spread * ((double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven));
+                     likely_between = (double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven),
+                     spread = l->spread * (likely_between > beyond ? likely_between : beyond);
         const int unseen = growth >= l->grows && rounded > a->tol && !measured; /* other runs show what round-off makes */
         double shown = spread * apart * left / (1 - left);
-        shown = shown > rounded || unseen ? shown : rounded, shown = shown > floor ? shown : floor;
-        const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth;
+        const double of_rounding = beyond * rounded;
+        shown = shown > of_rounding || unseen ? shown : of_rounding, shown = shown > floor ? shown : floor;
+        const double iterated = l->left * level_for(a, wanted, more) * sqrt((double)more) * growth * beyond;
         double estimate = shown > iterated ? shown : iterated;
         const int near = apart < l->rough * l->evidence;
         if (shrinks && near && estimate <= a->tol) {
             const double turns = a->radians > (double)more ? a->radians : (double)more;
-            const double likely = l->chance * l->rounding * turns * sqrt((double)more) * start_growth;
+            const double likely = l->chance * l->rounding * turns * sqrt((double)more) * start_growth * beyond;
             const int grows = start_growth >= l->grows;
             double rounded_to = 0;
             if (likely <= a->tol) rounded_to = grows || l->foreseen > 1 ? likely : 0;

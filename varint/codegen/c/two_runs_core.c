@@ -116,23 +116,24 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     return 1;
 }
 
-static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early) {
+static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early, double *beyond) {
     const int64_t n = a->n, unit = common_divisor(one->seen.steps, other->seen.steps), few = one->seen.steps / unit,
                   many = other->seen.steps / unit;
     const int64_t middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
-    double scales[n], largest = 0, zero = 0, least = INFINITY;
+    double scales[n], most[n], largest = 0, zero = 0, least = INFINITY;
+    memset(most, 0, n * sizeof(double));
     set_scales(&(Measures){n, a->apart, a->body, a->turns, a->mass}, other->rows, 3 * n, other->seen.steps, scales);
     for (int64_t k = 0; k <= unit; k++) {
         for (int64_t d = 0; d < n; d++) {
             const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
-            zero += off * 0, largest = off > largest ? off : largest;
+            zero += off * 0, largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
         }
         if (first <= k && k <= middle) {
             const double expected = expected_in_the_middle(largest, a->limits->rounded, k, middle);
             least = expected < least ? expected : least;
         }
     }
-    *early = least;
+    *early = least, *beyond = beyond_shared(&(Shared){n, 3 * n, other->seen.steps + 1, many, unit, other->rows, 0}, most);
     return zero == 0 ? largest : NO_NUMBER;
 }
 
@@ -153,10 +154,10 @@ static double by_round_off(const Case *a, const Attempt *run, const Doubt *of) {
             const double x = a->start[begin + i];
             start[begin + i] = x == 0 ? x : nextafter(x, (way ? i + 1 : i / 2) % 2 ? -INFINITY : INFINITY);
         }
-        double early, apart = INFINITY;
+        double early, beyond, apart = INFINITY;
         if (!try_run(&parted, run->seen.steps, of->wanted, 1, 1, &other)) most = INFINITY; /* no memory */
         if (!(most < INFINITY)) break;
-        if (!other.seen.lost) apart = a->limits->parted * apart_from(a, run, &other, &early);
+        if (!other.seen.lost) apart = a->limits->parted * apart_from(a, run, &other, &early, &beyond);
         most = !(apart <= most) ? apart : most;
         if (most < a->limits->far_below * of->estimate || (a->tol < most && most <= of->estimate)) break;
     }

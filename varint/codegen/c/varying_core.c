@@ -71,12 +71,12 @@ static int try_run(const Case *a, int64_t steps, double wanted, int64_t part, in
     return of->swing(&(Swing){of->on, of->at, {to->kept, to->told.nodes}, to->seen.swing}) == DONE;
 }
 
-static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early) {
-    double told[2] = {NO_NUMBER, NO_NUMBER};
+static double apart_from(const Case *a, const Attempt *one, const Attempt *other, double *early, double *beyond) {
+    double told[3] = {NO_NUMBER, NO_NUMBER, 1};
     const Varying *const of = a->of;
     const Kept kept[2] = {{one->kept, one->told.nodes}, {other->kept, other->told.nodes}};
     if (of->apart(&(Apart){of->on, of->at, kept[0], kept[1], one->seen.steps, other->seen.steps, told}) != DONE) return NO_NUMBER;
-    *early = told[1];
+    *early = told[1], *beyond = told[2];
     return told[0];
 }
 

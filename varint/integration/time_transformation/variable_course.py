@@ -22,7 +22,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     priced,
 )
-from varint.integration.run_distance import TELLING, with_early
+from varint.integration.run_distance import TELLING, beyond_shared, with_early
 from varint.integration.time_transformation.fictitious_start import start_velocity
 from varint.integration.time_transformation.plain_course import (
     PhysicalRun,
@@ -201,12 +201,13 @@ def apart_by(
     few: int,
     other: PhysicalRun,
     many: int,
-) -> tuple[float, float]:
-    """Largest difference of two runs with so many steps, and that of their first half: at nodes of
-    the same fictitious times, whose physical ones differ.
+) -> tuple[float, float, float]:
+    """Largest difference of two runs with so many steps, that of their first half, and how many
+    times larger it is between shared nodes: at nodes of the same fictitious times, whose physical
+    ones differ.
     """
     if ends_early and len(other.t) < TELLING:
-        return math.inf, math.inf
+        return math.inf, math.inf, 1.0
     if scale is None and system.structure.quadratic_kinetic:
         still = np.zeros(system.structure.n)
         scales = scales_of_nodes(system, other.q, still, other.t[:1], c)
@@ -225,4 +226,5 @@ def apart_by(
     if ends_early:
         last = slice(len(other.t) - 1, None)
         end += abs(one.t[-1] - other.t[-1]) * np.abs(velocities(system, c, other, last))
-    return with_early(np.concatenate((off, end)) / scales)
+    off = np.concatenate((off, end)) / scales
+    return *with_early(off), beyond_shared(off, other.q, j, other.t)

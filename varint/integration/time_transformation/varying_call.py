@@ -239,7 +239,7 @@ def _nearness(system: System) -> Nearness | None:
 
 def _apart(
     looks: Nearness, places: Places, one: How, few: int, other: How, many: int
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     return nearness.apart(looks, places, one[2], few, other[2], many)
 
 
