@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 
+from varint.codegen.angles import with_angles_together
 from varint.codegen.arranged import WRITTEN_OUT, arranged, forms_of
 from varint.codegen.dependence import needed, operations, sine_and_cosine, uniform_nodes
 from varint.codegen.graph import Graph
@@ -21,7 +21,8 @@ from varint.codegen.pieces import (
     repeats_of,
     worth_it,
 )
-from varint.codegen.rolled import INFIX, c_expression, c_loops
+from varint.codegen.prepared import PreparedNumbers
+from varint.codegen.rolled import c_expression, c_loops
 
 # operations from which on a function is not written into its callers: the compiler takes longer, no
 # gain
@@ -64,7 +65,14 @@ def emit(name: str, f: ca.Function, stride: str = "1", written_out: int = WRITTE
 
 
 def emit_graph(
-    name: str, graph: Graph, last: int, stride: str = "1", written_out: int = WRITTEN_OUT
+    name: str,
+    graph: Graph,
+    last: int,
+    stride: str = "1",
+    written_out: int = WRITTEN_OUT,
+    shared: PreparedNumbers | None = None,
+    fewest: int = 0,
+    rare: bool = False,
 ) -> Emitted:
     """C source of operations on inputs 0 to `last`, the last of which is the same in all lanes.
 
@@ -78,24 +86,25 @@ def emit_graph(
         C expression: component i of an argument is found at ``x[i * stride]``.
     written_out : int
         Operations from which on the source has loops over operations of the same form.
+    shared : PreparedNumbers, optional
+        What w has for several functions, one point each; the caller writes what prepares it.
+    fewest : int
+        Angles whose sines and cosines are asked for by one call of ``sines_and_cosines(w, angles,
+        sines, cosines)``, so many at least; 0: each by itself.
+    rare : bool
+        Whether the function is called so seldom that to compile it takes longer than it does.
     """
+    prepared = PreparedNumbers() if shared is None else shared
     uniform = uniform_nodes(graph, last)
     live = needed(graph)
-    names = {i: f"s{i}" for i in live if uniform[i] and graph.nodes[i][0] != "const"}
-    kept: dict[int, int] = {}  # uniform node: its place in w
+    names = prepared.enter(graph, live, uniform)
 
     def place(i: int) -> int:
-        return kept.setdefault(i, len(kept))
+        return prepared.place(names[i])
 
     def constant(i: int) -> str:
-        return _number(graph.nodes[i][1]) if graph.nodes[i][0] == "const" else f"w[{place(i)}]"
+        return names[i] if graph.nodes[i][0] == "const" else f"w[{place(i)}]"
 
-    def once(i: int) -> str:
-        return names.get(i) or constant(i)
-
-    prepare = [
-        f"const double {names[i]} = {_once(graph.nodes[i], once)};" for i in live if i in names
-    ]
     count, roots = operations(graph, last)
     forms = forms_of(graph, last, written_out)
     statements: list[Statement] = []
@@ -103,6 +112,8 @@ def emit_graph(
         body, places = c_loops(forms, stride, constant, place)
     else:
         statements = _statements(graph, live, uniform, stride, constant)
+        if fewest:
+            statements = with_angles_together(statements, fewest)
         body, places = [x.text for x in statements], {}
     stores: list[Statement] = []
     for k, output in enumerate(graph.outputs):
@@ -116,11 +127,8 @@ def emit_graph(
             store = f"o{k}[{r} * ({stride})] = {text};"
             stores.append(Statement(store, (), () if uniform[i] else (i,)))
     body += [store.text for store in stores]
-    prepare += [f"w[{place}] = {names[i]};" for i, place in kept.items()]
     arguments = [f"const V *i{k}" for k in range(last)] + ["const double *w"]
     arguments += [f"V *restrict o{k}" for k in range(len(graph.outputs))]
-    kind = "INLINE" if len(prepare) <= LARGEST else APART
-    source = c_function(kind, f"{name}_prepare", ["const double *c", "double *w"], prepare)
     if forms or len(body) <= LARGEST:
         pieces = Pieces("", body, len(body), len(body), len(body))
     else:
@@ -128,9 +136,13 @@ def emit_graph(
         found = repeats_of(graph, live, uniform)
         blocks = found and in_blocks(name, found, arguments, stride, constant, place)
         pieces = blocks if blocks and worth_it(blocks, parts) else parts
-    whole = c_function("INLINE" if len(body) <= LONG else APART, name, arguments, pieces.body)
-    source += pieces.before + whole
-    return Emitted(source, len(kept), count, roots, pieces.length, pieces.largest)
+    kind = "RARE" if rare else "INLINE" if len(body) <= LONG else APART
+    whole = c_function(kind, name, arguments, pieces.body)
+    source = pieces.before + whole
+    if shared is not None:
+        return Emitted(source, 0, count, roots, pieces.length, pieces.largest)
+    source = prepared.source(name) + source
+    return Emitted(source, len(prepared), count, roots, pieces.length, pieces.largest)
 
 
 def _statements(
@@ -159,18 +171,3 @@ def _statements(
             text = f"V x{sine}, x{cosine}; v_sincos({value(rest[0])}, &x{sine}, &x{cosine});"
             result.append(Statement(text, (sine, cosine), (rest[0],)))
     return result
-
-
-def _once(node: tuple, value: Callable[[int], str]) -> str:
-    """C expression of an operation on plain numbers."""
-    if node[0] == "input":
-        return f"c[{node[2]}]"
-    if node[0] in INFIX or node[0] == "neg":
-        return c_expression(node[0], [value(j) for j in node[1:]], [True] * (len(node) - 1))
-    return f"s_{node[0]}({', '.join(value(j) for j in node[1:])})"
-
-
-def _number(x: float) -> str:
-    if math.isfinite(x):
-        return f"({float(x)!r})" if x < 0 else repr(float(x))
-    return "(0.0 / 0.0)" if math.isnan(x) else ("(1.0 / 0.0)" if x > 0 else "(-1.0 / 0.0)")

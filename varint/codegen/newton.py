@@ -24,7 +24,7 @@ from varint.codegen.mechanics import velocity
 from varint.codegen.opening import opening_values
 from varint.codegen.routines import Routine, routines
 from varint.codegen.solution import Functions, Solution, solution_of
-from varint.codegen.source import Source, c_head, compiled, emitted, source_of
+from varint.codegen.source import Source, c_head, compiled, emitted_together, source_of
 from varint.discrete.composed import base_of, shares
 from varint.discrete.constrained_equations import constrained_equations, size_expressions
 from varint.discrete.constraints import hidden_functions as tangent_parts
@@ -40,12 +40,7 @@ from varint.numerics.limits import LEGENDRE_ITERATIONS, STEP_ITERATIONS
 from varint.rules.rule import Rule
 from varint.scene.system import System
 
-# the functions that c/newton.c calls, where the scene needs them
-CALLED = (
-    "equations", "finish", "units", "speed", "kick", "sized", "hidden", "pulled", "slope",
-    "affine", "driven", "legendre", "independence", "lengths", "frozen",
-)  # fmt: skip
-OWN = ("C", "COUPLED")  # numbers that scenes of a size may have differently
+OWN = ("C", "COUPLED", "BY_DIRECTIONS")  # numbers that scenes of a size may have differently
 NO_BAND = Band(np.zeros(0, dtype=int), 0, 0, np.zeros(0, dtype=int), 0)
 
 
@@ -81,21 +76,23 @@ def newton_source(system: System, rule: Rule) -> Source:
     """The C source of `newton_kernel`."""
     x = newton_scheme(system, rule)
     heads = {"LANES": 1, **x.counts, **x.limits}
-    data = c_tables(x.places | x.tables)
+    data, closed, parts = c_tables(x.places | x.tables), x.counts["CLOSED"], x.counts["PARTS"]
+    functions = newton_routines(system, rule)
     sizes = {name: number for name, number in heads.items() if name not in OWN}
     loop = map(c_source, ("newton_apart.h", "newton.c", "parts.c"))
     return source_of(
         x.about,
         system,
         len(rule.nodes),
-        emitted(newton_routines(system, rule)),
-        heads | {f"{name.upper()}_W": 0 for name in x.idle},
-        data + c_tables(x.node_tables),
+        emitted_together(functions, x.constants.numel(), closed > 0, parts > 1),
+        heads,
+        data + c_tables(x.node_tables) + c_source("newton_table.h"),
         *(("nodes.c",) if x.node_tables else ()),
         "newton_functions.c",
         opening=x.opening,
         rows=x.rows,
         contraction=AS_WRITTEN,
+        straight=not (closed or x.node_tables),
         apart=c_head(sizes, data) + "".join(loop),
     )
 
@@ -117,8 +114,6 @@ class Scheme:
         What does not change in a step: parameters, h, typical sizes.
     functions : dict
         Expressions by the names that c/newton.c calls them.
-    idle : list of str
-        Names of functions that this scene does not need.
     counts, limits : dict
         Numbers by the names in c/newton.c.
     places, tables : dict of array
@@ -133,7 +128,6 @@ class Scheme:
     about: str
     constants: ca.SX
     functions: Functions
-    idle: list[str]
     counts: dict[str, int]
     limits: dict[str, float]
     places: dict[str, np.ndarray]
@@ -198,12 +192,10 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         about = "one constant linear map a step"
     # steps of different sizes are not continued over several of them
     history = 1 if base else _history(rule, forced)
-    by_nodes = ("equations", "finish") if solve.tables else ()  # c/nodes.c has them
     return Scheme(
         about,
         ca.vertcat(e.c, e.h, e.scale, e.sizes),
         functions,
-        [name for name in CALLED if name not in functions and name not in by_nodes],
         _counts(system, rule, e, solve, projection, eliminates, forced)
         | {"HISTORY": history, "PARTS": len(parts)},
         {
@@ -306,6 +298,7 @@ def _counts(
     }
     if solve.tables:
         counts["COUPLED"] = len(solve.tables["COUPLED_ROW"])
+        counts["BY_DIRECTIONS"] = int("node_turn" in solve.functions)
     return counts
 
 

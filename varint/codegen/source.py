@@ -26,6 +26,21 @@ MOST_STATEMENTS = 50_000  # in C: more takes the compiler minutes
 # statements from which on the compiler's time matters more than the last tenth of the run's
 LARGE_SOURCE = 20_000
 FAST_COMPILATION = '#pragma GCC optimize ("O1")\n'
+# for long functions of single numbers without loops: passes that find next to nothing in these, and
+# take two fifths of the compiler's time
+STRAIGHT_LINES = """#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize ("O1", "tree-slp-vectorize", "no-tree-pta", "no-tree-dse", \
+    "no-tree-dominator-opts", "no-ipa-modref", "no-ipa-pure-const", "no-ipa-reference", \
+    "no-ipa-profile", "no-dce", "no-dse", "no-cprop-registers", "no-tree-reassoc", \
+    "no-tree-bit-ccp")
+#endif
+"""
+# angles whose sines are asked for by one call: where unknowns are few, two are faster one by one
+FEWEST, FEWEST_OF_FEW = 2, 3
+# functions of Newton's method that are called at a start, every RESIZED steps of c/newton.c, or
+# where folds are near; steps in parts prepare for each part
+RARE_IN_PARTS = frozenset({"sized", "independence"})
+RARE = RARE_IN_PARTS | {"shared", "units", "slope", "affine"}
 AT_STAGES = ("rhs", "kick", "drift", "inertia")
 
 
@@ -65,15 +80,17 @@ def source_of(
     rows: int = 0,
     contraction: str = WHEREVER,
     apart: str = "",
+    straight: bool = False,
 ) -> Source:
     """The loop (C files) around the emitted functions, the right-hand side first; `apart` is what
-    of it is compiled apart.
+    of it is compiled apart; `straight`: what is not has no loops that take time.
     """
     heads = {"N": system.q.numel(), "NU": system.control.numel(), **defines}
     heads |= {f"{name.upper()}_W": f.uniforms for name, f in functions.items()}
     if sum(f.roots for f in functions.values()) > FEW_ROOTS:
         heads["MANY_ROOTS"] = 1
-    source = FAST_COMPILATION if sum(f.length for f in functions.values()) > LARGE_SOURCE else ""
+    large = sum(f.length for f in functions.values()) > LARGE_SOURCE
+    source = FAST_COMPILATION if large else STRAIGHT_LINES if straight else ""
     source += c_head(heads, data) + "\n".join(f.source for f in functions.values())
     source += "".join(map(c_source, loop if apart else (*loop, "parts.c")))
     kernel = Kernel(
@@ -109,26 +126,53 @@ def _scene_in(compiled: CDLL) -> int:
     return addressof(c_char.in_dll(compiled, "scene"))
 
 
+def emitted_together(
+    functions: Mapping[str, Routine], parameters: int, few: bool, in_parts: bool
+) -> dict[str, Emitted]:
+    """The same as C at single points, and as "shared" what they all take that is prepared, behind
+    so many parameters; `few` unknowns, and whether steps are `in_parts`: see FEWEST and RARE.
+    """
+    from varint.codegen.emit import Emitted, emit_graph  # not all that is run is compiled
+    from varint.codegen.prepared import PreparedNumbers
+
+    fewest = FEWEST_OF_FEW if few else FEWEST
+    rare = RARE_IN_PARTS if in_parts else RARE
+    shared = PreparedNumbers(parameters)
+    result = {
+        name: emit_graph(name, f.graph, f.last, shared=shared, fewest=fewest, rare=name in rare)
+        for name, f in functions.items()
+    }
+    length = len(shared.statements)
+    prepare = shared.source("shared", "shared" in rare)
+    result["shared"] = Emitted(prepare, len(shared), 0, 0, length, length)
+    return _affordable(result)
+
+
 def emitted(
     functions: Mapping[str, Routine], stride: str = "1", written_out: int = WRITTEN_OUT
 ) -> dict[str, Emitted]:
     """The same as C. Those that are evaluated at the stages, not at nodes, have components so many
     vectors apart.
     """
-    from varint.codegen.emit import emit_graph  # not all that is run is compiled
+    from varint.codegen.emit import emit_graph
 
     result = {
         name: emit_graph(name, f.graph, f.last, stride if name in AT_STAGES else "1", written_out)
         for name, f in functions.items()
     }
-    for name, f in result.items():
+    return _affordable(result)
+
+
+def _affordable(functions: dict[str, Emitted]) -> dict[str, Emitted]:
+    """Themselves; raises NotCompilable where one of them is too long."""
+    for name, f in functions.items():
         if f.length > MOST_STATEMENTS:
             raise NotCompilable(
                 f"{name} has {f.length} statements; {MOST_STATEMENTS} compile in reasonable time; "
                 "use "
                 'backend="interpreted", or fewer coordinates'
             )
-    return result
+    return functions
 
 
 def emit_functions(

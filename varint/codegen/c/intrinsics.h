@@ -28,7 +28,7 @@ double sqrt(double), fabs(double), copysign(double, double), fmin(double, double
 double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), atan2(double, double);
 double sinh(double), cosh(double), tanh(double), asinh(double), acosh(double), atanh(double);
 double exp(double), expm1(double), log(double), log1p(double), pow(double, double), erf(double), hypot(double, double);
-double floor(double), ceil(double), fma(double, double, double), fmod(double, double), remainder(double, double);
+double floor(double), ceil(double), ldexp(double, int), fma(double, double, double), fmod(double, double), remainder(double, double);
 #endif
 
 #if defined(__x86_64__) && defined(__AVX__)

@@ -13,19 +13,28 @@ typedef int64_t I __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
 #endif
 #define INLINE static inline __attribute__((always_inline, unused))
 
+
+#if defined(__clang__)
+#define RARE static __attribute__((noinline, optnone, unused)) /* a function that is not worth the compiler's time */
+#else
+#define RARE static __attribute__((noinline, optimize("O0"), unused))
+#endif
+
+/* What is written for every operation are macros: an inline function takes the compiler several times as long. */
+#if LANES == 1
 INLINE V real_of(I x) { V y; memcpy(&y, &x, sizeof y); return y; }
 INLINE I bits_of(V x) { I y; memcpy(&y, &x, sizeof y); return y; }
-
-#if LANES == 1
-INLINE V splat(double x) { return x; }
-INLINE double lane(V x, int i) { (void)i; return x; }
-INLINE void set_lane(V *x, int i, double y) { (void)i; *x = y; }
+#define splat(x) (x)
+#define lane(x, i) (x)
+#define set_lane(x, i, y) (*(x) = (y))
 #define MASK(comparison) (-(I)(comparison))
 #define SPREAD(x, i) (x)
 #else
-INLINE V splat(double x) { return x - (V){0}; }
-INLINE double lane(V x, int i) { return x[i]; }
-INLINE void set_lane(V *x, int i, double y) { (*x)[i] = y; }
+#define real_of(x) ((V)(x))
+#define bits_of(x) ((I)(x))
+#define splat(x) ((x) - (V){0})
+#define lane(x, i) ((x)[i])
+#define set_lane(x, i, y) ((*(x))[i] = (y))
 #define MASK(comparison) ((I)(comparison))
 #if LANES == 8
 #define SPREAD(x, i) __builtin_shuffle(x, (I){i, i, i, i, i, i, i, i})
@@ -42,29 +51,36 @@ INLINE void set_lane(V *x, int i, double y) { (*x)[i] = y; }
 
 /* a b + c with one rounding where the machine has an instruction for it, else with two. Where a product is fused with a
    sum is written down, here and in what is generated, and not left to the compiler: the same numbers on every way. */
-#if LANES == 8 && defined(__AVX512F__)
-INLINE V v_fma(V a, V b, V c) { return (V)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c); }
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+#define s_fma(a, b, c) __builtin_fma(a, b, c)
+#else
+#define s_fma(a, b, c) ((a) * (b) + (c))
+#endif
+#if LANES == 1
+#define v_fma(a, b, c) s_fma(a, b, c)
+#elif LANES == 8 && defined(__AVX512F__)
+#define v_fma(a, b, c) ((V)_mm512_fmadd_pd((__m512d)(a), (__m512d)(b), (__m512d)(c)))
 #elif LANES == 4 && defined(__FMA__)
-INLINE V v_fma(V a, V b, V c) { return (V)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
+#define v_fma(a, b, c) ((V)_mm256_fmadd_pd((__m256d)(a), (__m256d)(b), (__m256d)(c)))
 #elif LANES == 2 && defined(__FMA__)
-INLINE V v_fma(V a, V b, V c) { return (V)_mm_fmadd_pd((__m128d)a, (__m128d)b, (__m128d)c); }
+#define v_fma(a, b, c) ((V)_mm_fmadd_pd((__m128d)(a), (__m128d)(b), (__m128d)(c)))
 #elif defined(__FMA__) || defined(__ARM_FEATURE_FMA)
 INLINE V v_fma(V a, V b, V c) { for (int i = 0; i < LANES; i++) set_lane(&c, i, __builtin_fma(lane(a, i), lane(b, i), lane(c, i))); return c; }
 #else
-INLINE V v_fma(V a, V b, V c) { return a * b + c; }
+#define v_fma(a, b, c) ((a) * (b) + (c))
 #endif
-#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
-INLINE double s_fma(double a, double b, double c) { return __builtin_fma(a, b, c); }
-#else
-INLINE double s_fma(double a, double b, double c) { return a * b + c; }
-#endif
-INLINE V v_fms(V a, V b, V c) { return v_fma(a, b, -c); } /* a b - c */
-INLINE V v_fnma(V a, V b, V c) { return v_fma(-a, b, c); } /* c - a b */
+#define v_fms(a, b, c) v_fma(a, b, -(c)) /* a b - c */
+#define v_fnma(a, b, c) v_fma(-(a), b, c) /* c - a b */
 #define K(x) splat(x)
 
-INLINE V choose(I mask, V a, V b) { return real_of((bits_of(a) & mask) | (bits_of(b) & ~mask)); }
+#if LANES == 1
+#define v_fabs fabs
+#define v_copysign copysign
+#else
 INLINE V v_fabs(V x) { return real_of(bits_of(x) & INT64_MAX); }
 INLINE V v_copysign(V x, V y) { return real_of((bits_of(x) & INT64_MAX) | (bits_of(y) & INT64_MIN)); }
+#endif
+INLINE V choose(I mask, V a, V b) { return real_of((bits_of(a) & mask) | (bits_of(b) & ~mask)); }
 
 #if LANES == 8 && defined(__AVX512F__)
 INLINE V v_sqrt(V x) { return (V)_mm512_sqrt_pd((__m512d)x); }
@@ -88,11 +104,12 @@ INLINE int within(V x, double bound) {
     return _mm256_movemask_pd(_mm256_cmp_pd((__m256d)v_fabs(x), _mm256_set1_pd(bound), _CMP_LE_OQ)) == 0xf;
 }
 #else
-INLINE V v_sqrt(V x) { for (int i = 0; i < LANES; i++) set_lane(&x, i, sqrt(lane(x, i))); return x; }
 #if LANES == 1
+#define v_sqrt sqrt
 INLINE V v_fmax(V a, V b) { return a > b ? a : b; }
 INLINE V v_fmin(V a, V b) { return a < b ? a : b; }
 #else
+INLINE V v_sqrt(V x) { for (int i = 0; i < LANES; i++) set_lane(&x, i, sqrt(lane(x, i))); return x; }
 INLINE V v_fmax(V a, V b) { return choose(MASK(a > b), a, b); }
 INLINE V v_fmin(V a, V b) { return choose(MASK(a < b), a, b); }
 #endif
@@ -158,14 +175,14 @@ INLINE void row_sums(const V *rows, int count, double *out) {
 }
 
 /* 1 / sqrt(x); with MANY_ROOTS their number counts, not their latency */
-INLINE V v_rsqrt_exact(V x) { return 1.0 / v_sqrt(x); }
+#define v_rsqrt_exact(x) (1.0 / v_sqrt(x))
 #if LANES == 8 && defined(__AVX512F__)
 INLINE V v_rsqrt_iterated(V x) { /* 14 bits by instruction, then one step of fourth order: cheaper than sqrt and / */
     V y = (V)_mm512_rsqrt14_pd((__m512d)x), e = v_fnma(x * y, y, K(1.0));
     return v_fma(y * e, v_fma(e, v_fma(K(0.3125), e, K(0.375)), K(0.5)), y);
 }
 #else
-INLINE V v_rsqrt_iterated(V x) { return v_rsqrt_exact(x); }
+#define v_rsqrt_iterated v_rsqrt_exact
 #endif
 #ifdef MANY_ROOTS
 #define v_rsqrt v_rsqrt_iterated
@@ -200,11 +217,7 @@ INLINE V v_cos(V x) { /* sin(x + pi / 2), reduced to the nearest odd multiple of
     V r = v_fnma(k, K(0x1.1a62633145c07p-53), v_fnma(k, K(0x1.921fb54442d18p+1), x));
     return real_of(bits_of(odd_sine(r)) ^ (~bits_of(n) << 63));
 }
-INLINE void v_sincos(V x, V *sine, V *cosine) {
-    if (__builtin_expect(!within(x, REDUCED), 0)) {
-        *sine = far_sin(x), *cosine = far_cos(x);
-        return;
-    }
+INLINE void near_sincos(V x, V *sine, V *cosine) { /* |x| <= REDUCED */
     V n = v_fma(x, K(0x1.45f306dc9c883p-1), K(ROUNDER)), k = n - ROUNDER;
     V r = v_fnma(k, K(0x1.1a62633145c07p-54), v_fnma(k, K(0x1.921fb54442d18p+0), x));
     V z = r * r, z2 = z * z, z4 = z2 * z2;
@@ -218,6 +231,10 @@ INLINE void v_sincos(V x, V *sine, V *cosine) {
     I quadrant = bits_of(n), swap = -(quadrant & 1);
     *sine = real_of(bits_of(choose(swap, u, s)) ^ ((quadrant & 2) << 62));
     *cosine = real_of(bits_of(choose(swap, s, u)) ^ (((quadrant + 1) & 2) << 62));
+}
+INLINE void v_sincos(V x, V *sine, V *cosine) {
+    if (__builtin_expect(!within(x, REDUCED), 0)) *sine = far_sin(x), *cosine = far_cos(x);
+    else near_sincos(x, sine, cosine);
 }
 INLINE V v_exp(V x) {
     if (__builtin_expect(!within(x, 708.0), 0)) return far_exp(x);

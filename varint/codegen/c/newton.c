@@ -86,7 +86,7 @@ int run(const RunArguments *a) {
     double *rows = a->rows, *rests = a->rests, k[C + 1 + 2 * N + SIZES], w[ALL_W], inverse[Y], speeds[N], *matrix = 0;
     double *const scale = k + C + 1, *const sizes = scale + 2 * N;
 #ifdef SCENE_APART
-    memcpy(w, &a->scene, sizeof a->scene);
+    memcpy(w, &a->scene, sizeof a->scene), memcpy(w + 1, &(Angles){sines_of}, sizeof(Angles));
 #endif
     const State state = state_in(a->carry);
     double *const q = state.q, *const p = state.p;

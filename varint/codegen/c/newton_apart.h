@@ -6,6 +6,20 @@ typedef const Scene *Table __attribute__((may_alias));
 #define TABLE (*(const Table *)w)
 #define C ((int)((const Scene *)a->scene)->parameters) /* of a run with the arguments a */
 #define ALL_W ((const Scene *)a->scene)->prepared
+
+/* Sines and cosines of ANGLES angles, of all at a time where none is far. */
+static void sines_of(const double *angle, double *sine, double *cosine) {
+#ifdef REDUCED
+    int far = 0;
+    for (int i = 0; i < ANGLES; i++) far |= !within(angle[i], REDUCED);
+    if (!far) {
+        for (int i = 0; i < ANGLES; i++) near_sincos(angle[i], &sine[i], &cosine[i]);
+        return;
+    }
+#endif
+    for (int i = 0; i < ANGLES; i++) v_sincos(angle[i], &sine[i], &cosine[i]);
+}
+
 #define prepare_functions(k, w) TABLE->prepare(k, w)
 #define residual_of(y, q, p, t, u, w, b) TABLE->residual(y, q, p, t, u, w, b)
 #define residual_and_slope(y, q, p, t, u, w, b, jacobian) TABLE->residual_and_slope(y, q, p, t, u, w, b, jacobian)

@@ -1,8 +1,13 @@
 /* What the loop of newton.c has of a scene that is compiled apart: its functions, and what differs between scenes of a size.
 
-   Functions find their prepared numbers in w, which begins with the address of this table; those that a scene does not need
-   do nothing. */
+   w begins with the addresses of this table and of what the loop has for many angles at once; the prepared numbers, which
+   all functions share, begin behind them. Functions that a scene does not need do nothing. */
 typedef const double *In;
+typedef void (*Angles)(const double *angle, double *sine, double *cosine);
+typedef const Angles *AnglesPlace __attribute__((may_alias));
+#define ANGLES 8 /* at once; varint/codegen/angles.py */
+#define PREPARED_AT 2
+#define sines_and_cosines(w, angle, sine, cosine) (*(AnglesPlace)((w) - 1))(angle, sine, cosine) /* for w behind the addresses */
 struct Run;
 typedef struct Scene {
     int64_t prepared, parameters; /* how many numbers */

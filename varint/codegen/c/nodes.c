@@ -7,22 +7,11 @@
    judged(y, q, p, t, w, sizes). With control points Q_j = q + h z_j the row j of the residual is
    sum_i b_i (h l_j(c_i) f_i + l'_j(c_i) p_i), in the last row minus the momentum at the start and the gain sum_i b_i h f_i. */
 
-#ifdef NODE_TURN_W
-#define NODE_SLOPES_W NODE_TURN_W
-#endif
-#define VALUES_AT NODE_SLOPES_W
-#define ROW_UNITS_AT (VALUES_AT + NODE_VALUES_W)
-#define JUDGED_AT (ROW_UNITS_AT + ROW_UNITS_W)
-#define EQUATIONS_W (JUDGED_AT + JUDGED_W)
-#define FINISH_W 0
-
-#ifdef NODE_TURN_W
-INLINE void node_slopes_prepare(const double *c, double *w) { node_turn_prepare(c, w); }
-
+#if BY_DIRECTIONS
 static __attribute__((noinline)) void node_slopes(const double *q, const double *v, const double *t, const double *u,
                                                   const double *w, double *momentum, double *push, double *p_q, double *p_v,
                                                   double *f_q, double *f_v) {
-    node_values(q, v, t, u, w + VALUES_AT, momentum, push);
+    node_values(q, v, t, u, w, momentum, push);
     double turn[2 * N] = {0}, dp[N], df[N];
     for (int k = 0; k < 2 * N; k++) {
         turn[k] = 1;
@@ -34,12 +23,6 @@ static __attribute__((noinline)) void node_slopes(const double *q, const double 
     }
 }
 #endif
-
-INLINE void equations_prepare(const double *c, double *w) {
-    node_slopes_prepare(c, w), node_values_prepare(c, w + VALUES_AT);
-    row_units_prepare(c, w + ROW_UNITS_AT), judged_prepare(c, w + JUDGED_AT);
-}
-INLINE void finish_prepare(const double *c, double *w) { (void)c, (void)w; }
 
 /* Residual, momentum gain and, where there is room for it, the derivative of the residual: block (j, k) of COUPLED numbers
    at (j DEGREE + k) COUPLED. */
@@ -59,7 +42,7 @@ static __attribute__((noinline)) void sum_over_nodes(const double *y, const doub
             at[a] = v_fma(h, path, q[a]);
         }
         if (slope) node_slopes(at, v, &time, u + i * NU, w, momentum, push, d[0], d[1], d[2], d[3]);
-        else node_values(at, v, &time, u + i * NU, w + VALUES_AT, momentum, push);
+        else node_values(at, v, &time, u + i * NU, w, momentum, push);
         for (int a = 0; a < N; a++) total[a] = v_fma(h * b, push[a], total[a]);
         for (int j = 0; j < DEGREE; j++) {
             const double of_push = h * b * (j == DEGREE - 1 ? basis[j] - 1 : basis[j]), of_momentum = b * rate[j];
@@ -80,20 +63,19 @@ static __attribute__((noinline)) void sum_over_nodes(const double *y, const doub
 INLINE void equations(const double *y, const double *q, const double *p, const double *t, const double *u, const double *w,
                       double *b, double *jacobian) {
     double units[N + 1], left[Y], total[N];
-    row_units(w + ROW_UNITS_AT, units);
+    row_units(w, units);
     sum_over_nodes(y, q, p, *t, u, w, units[0], left, total, jacobian);
     for (int k = 0; k < Y; k++) b[k] = left[PERM[k]] / units[1 + PERM[k] % N];
     for (int block = 0; block < DEGREE * DEGREE; block++)
         for (int e = 0; e < COUPLED; e++) jacobian[block * COUPLED + e] /= units[1 + COUPLED_ROW[e]];
 }
 
-INLINE void finish(const double *y, const double *q, const double *p, const double *t, const double *u, const double *w_behind,
+INLINE void finish(const double *y, const double *q, const double *p, const double *t, const double *u, const double *w,
                    double *increment, double *gain, double *remains) {
-    const double *const w = w_behind - EQUATIONS_W; /* what was prepared for the equations lies before */
     double units[N + 1], sizes[N];
-    row_units(w + ROW_UNITS_AT, units);
+    row_units(w, units);
     sum_over_nodes(y, q, p, *t, u, w, units[0], remains, gain, 0);
-    judged(y, q, p, t, w + JUDGED_AT, sizes);
+    judged(y, q, p, t, w, sizes);
     for (int a = 0; a < N; a++) increment[a] = units[0] * y[(DEGREE - 1) * N + a];
     for (int r = 0; r < Y; r++) remains[r] /= sizes[r % N];
 }
