@@ -60,43 +60,33 @@ def uniform_loop() -> Loop:
 @cache
 def driven_entry() -> Callable[[bytes], int]:
     """c/driven_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("driven_core.c", ("run",), "{name}_driven_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("driven_core.c", "run", names="{name}_driven_{level}")[0]
 
 
 @cache
 def arrange_entry() -> Callable[[bytes], int]:
     """c/tape_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("tape_core.c", ("arrange",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("tape_core.c", "arrange")[0]
 
 
 @cache
 def algebra_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
     """c/algebra_core.c, and what takes its graph; raises CompileError as `gauss_loop` does."""
-    entries = _entries("algebra_core.c", ("rearrange", "take_graph"), "{name}_{level}", {})
-    for entry in entries:
-        entry.argtypes, entry.restype = [c_char_p], c_int
-    return entries[0], entries[1]
+    first, second = _by_bytes("algebra_core.c", "rearrange", "take_graph")
+    return first, second
 
 
 @cache
 def dependence_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
     """c/dependence_core.c; raises CompileError as `gauss_loop` does."""
-    entries = _entries("dependence_core.c", ("fuse", "halve"), "{name}_{level}", {})
-    for entry in entries:
-        entry.argtypes, entry.restype = [c_char_p], c_int
-    return entries[0], entries[1]
+    first, second = _by_bytes("dependence_core.c", "fuse", "halve")
+    return first, second
 
 
 @cache
 def contacts_entry() -> Callable[[bytes], int]:
     """c/contacts.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("contacts_core.c", ("contacts",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("contacts_core.c", "contacts")[0]
 
 
 @cache
@@ -128,91 +118,69 @@ def linear_sweep_entries() -> tuple[Callable, ...]:
 @cache
 def rows_entry() -> Callable[[bytes], int]:
     """c/rows_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("rows_core.c", ("rows",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("rows_core.c", "rows")[0]
 
 
 @cache
 def crossings_entry() -> Callable[[bytes], int]:
     """c/crossings_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("crossings_core.c", ("crossings",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("crossings_core.c", "crossings")[0]
 
 
 @cache
 def switches_entry() -> Callable[[bytes], int]:
     """c/switches_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("switches_core.c", ("switches",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("switches_core.c", "switches")[0]
 
 
 @cache
 def few_steps_entry() -> Callable[[bytes], int]:
     """c/few_steps_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("few_steps_core.c", ("few_steps",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("few_steps_core.c", "few_steps")[0]
 
 
 @cache
 def held_entry() -> Callable[[bytes], int]:
     """c/held_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("held_core.c", ("held",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("held_core.c", "held")[0]
 
 
 @cache
 def until_entry() -> Callable[[bytes], int]:
     """c/until_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("until_core.c", ("until",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("until_core.c", "until")[0]
 
 
 @cache
 def nearness_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
     """c/nearness_core.c; raises CompileError as `gauss_loop` does."""
-    entries = _entries("nearness_core.c", ("swing", "apart"), "{name}_{level}", {})
-    for entry in entries:
-        entry.argtypes, entry.restype = [c_char_p], c_int
-    return entries[0], entries[1]
+    first, second = _by_bytes("nearness_core.c", "swing", "apart")
+    return first, second
 
 
 @cache
 def look_ahead_entry() -> Callable[[bytes], int]:
     """c/look_ahead_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("look_ahead_core.c", ("look_ahead",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("look_ahead_core.c", "look_ahead")[0]
 
 
 @cache
 def two_runs_entries() -> tuple[Callable[[bytes], int], Callable[[bytes], int]]:
     """c/two_runs_core.c, and what takes its run; raises CompileError as `gauss_loop` does."""
-    entries = _entries("two_runs_core.c", ("two_runs", "take_run"), "{name}_{level}", {})
-    for entry in entries:
-        entry.argtypes, entry.restype = [c_char_p], c_int
-    return entries[0], entries[1]
+    first, second = _by_bytes("two_runs_core.c", "two_runs", "take_run")
+    return first, second
 
 
 @cache
 def varying_runs_entry() -> Callable[[bytes], int]:
     """c/varying_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("varying_core.c", ("varying_runs",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("varying_core.c", "varying_runs")[0]
 
 
 @cache
 def refined_entry() -> Callable[[bytes], int]:
     """c/refined_core.c; raises CompileError as `gauss_loop` does."""
-    (entry,) = _entries("refined_core.c", ("refined",), "{name}_{level}", {})
-    entry.argtypes, entry.restype = [c_char_p], c_int
-    return entry
+    return _by_bytes("refined_core.c", "refined")[0]
 
 
 @lru_cache(maxsize=32)
@@ -223,6 +191,16 @@ def stage_sweep_entries(lanes: int, vectors: int) -> tuple[Callable, ...]:
     names = f"{{name}}_stages_{{level}}_{lanes}_{vectors}"
     shape = {"LANES": lanes, "VECTORS": vectors}
     return _entries("sweep_gauss_core.c", ("tangents", "adjoints"), names, shape)
+
+
+def _by_bytes(
+    file: str, *wanted: str, names: str = "{name}_{level}"
+) -> tuple[Callable[[bytes], int], ...]:
+    """Entries that are called with the bytes of what they are asked."""
+    entries = _entries(file, wanted, names, {})
+    for entry in entries:
+        entry.argtypes, entry.restype = [c_char_p], c_int
+    return entries
 
 
 def _loop(file: str, names: str, defines: dict[str, int]) -> Loop:

@@ -43,7 +43,7 @@ def _remembering(
             try:
                 return known[name]
             except KeyError:
-                pass
+                pass  # it is built below
         owner = whose(system)
         store = owner.__dict__.setdefault(place, {})
         system.__dict__[place] = store
