@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from ctypes import CFUNCTYPE, c_double, c_int, c_void_p, cast
 from typing import NamedTuple
 
 import numpy as np
 
+from varint.codegen.two_runs import opening_for
 from varint.discrete.legendre import velocity_function
 from varint.discrete.scales import scale_function
 from varint.numerics.arrays import over_columns, trigger_on
@@ -35,6 +37,9 @@ def opening_values(system: System) -> Callable[..., np.ndarray]:
     return told
 
 
+_OPEN = CFUNCTYPE(c_int, c_double)
+
+
 class Opening(NamedTuple):
     """The same at one start, which has memory of its own.
 
@@ -45,6 +50,10 @@ class Opening(NamedTuple):
     told : array (3n,)
     look : callable
         () → whether it is there.
+    by_core : bytes
+        How the core asks for it.
+    raised : list
+        What was raised meanwhile.
     held : tuple
         What lies behind that.
     """
@@ -53,6 +62,8 @@ class Opening(NamedTuple):
     h: np.ndarray
     told: np.ndarray
     look: Callable[[], bool]
+    by_core: bytes
+    raised: list[BaseException]
     held: tuple
 
 
@@ -72,4 +83,16 @@ def opening_on(
         find_velocity()
         return not (math.isnan(sizes[-1]) or math.isnan(v[-1]))
 
-    return Opening(u, h, told, look, (one, other))
+    raised: list[BaseException] = []
+
+    def look_for(step: float) -> bool:
+        try:
+            h[0] = step
+            return look()
+        except BaseException as error:  # nothing is raised through the core
+            raised.append(error)
+            return False
+
+    asked = _OPEN(look_for)
+    at = cast(asked, c_void_p).value or 0  # type: ignore[arg-type]
+    return Opening(u, h, told, look, opening_for(at, told), raised, (one, other, asked))

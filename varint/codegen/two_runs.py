@@ -20,13 +20,30 @@ from varint.numerics.limits import FIXED_POINT_ITERATIONS
 _FOUND = struct.Struct("qq3dP")  # Proved
 # TwoRuns, what belongs to the course, to the mass matrix, and to what is asked; the place of the
 # start stands behind the first
-_COURSE, _MASS, _ASKED = struct.Struct("7P9q"), struct.Struct("Pq"), struct.Struct("q4dP")
+_COURSE, _MASS, _ASKED = struct.Struct("9P11q"), struct.Struct("Pq"), struct.Struct("q4dP")
+_OPENING = struct.Struct("2Pq")
+NO_OPENING = _OPENING.pack(0, 0, 0)
 _RATES = struct.Struct("4P2q3d")  # Rates
 MOST_RATES = 2
 _TAKEN = struct.Struct("2P3q2d")  # Taken
 assert _FOUND.size == 8 * TOLD
 # VARIES and more: the error is not proved, since the first of the rates varies, or the next one
 PROVED, NOT_PROVED, NOT_SHORT, DOUBTED, VARIES = range(5)
+
+
+class HeldLooks(NamedTuple):
+    """How runs that constraint rows hold are looked at.
+
+    Attributes
+    ----------
+    pivots : RowFunction, optional
+        (q, t) → the least pivot of rows that may come to depend on one another.
+    leaps : array, optional
+        Limits of energies that may leap from one node to the next, in c/held.h.
+    """
+
+    pivots: RowFunction | None
+    leaps: np.ndarray | None
 
 
 class Course(NamedTuple):
@@ -53,6 +70,7 @@ def course_of(
     body: np.ndarray,
     turns: np.ndarray,
     limits: np.ndarray,
+    looks: HeldLooks | None = None,
 ) -> Course:
     """How a motion is run.
 
@@ -69,13 +87,16 @@ def course_of(
     linear : bool
         Whether the order is sure.
     by_velocity : bool
-        Whether velocities, which have no formula, are made by the runs.
+        Whether velocities, which have no formula, are made by the runs. Nodes have them where no
+        constraint rows hold the motion.
     exact : bool
         Whether all steps are one map, which keeps energies but for round-off.
     body, turns : array (n,) of int64
         The first coordinate of each one's body; whether it is an angle.
     limits : array
         Limits in c/two_runs_core.c.
+    looks : HeldLooks, optional
+        Of a motion that constraint rows hold.
 
     Raises
     ------
@@ -86,10 +107,13 @@ def course_of(
     on = entries_of(kernel, energy)
     arrays = limits, body, turns
     numbers = on.n, on.carry, order, int(linear), FIXED_POINT_ITERATIONS, *pieces
-    kind = int(by_velocity), int(exact)
+    kind = int(by_velocity), int(exact), int(looks is not None), kernel.note[1]
     calls = on.run, on.scene, on.rows, on.energy
-    head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *numbers, *kind)
-    return Course(entry, kernel, on.n, by_velocity, head, (on, *arrays))
+    pivots, leaps = looks or (None, None)
+    looked = 0 if pivots is None else pivots.at, 0 if leaps is None else address_of(leaps)
+    head = _COURSE.pack(*calls, *(address_of(x) for x in arrays), *looked, *numbers, *kind)
+    told = by_velocity and looks is None
+    return Course(entry, kernel, on.n, told, head, (on, looks, *arrays))
 
 
 class Places(NamedTuple):
@@ -132,6 +156,13 @@ def _rates(packed: bytes, *held: Any) -> Rates:
 UNASKED = _rates(bytes(_RATES.size))  # nobody has needed them
 
 
+def opening_for(open_at: int, told: np.ndarray) -> bytes:
+    """What the core is told of a loop that must be told more at a fresh start: the address of a
+    function of steps h, and where it writes that.
+    """
+    return _OPENING.pack(open_at, address_of(told), told.size)
+
+
 class Found(NamedTuple):
     """Steps of a run, runs that were made, its estimated error, iterations, residual, its nodes,
     with velocities where these have no formula, and whether more is to be looked at before it is
@@ -161,6 +192,7 @@ def two_runs(
     radians: float,
     tol: float,
     rates: Rates | None = None,
+    opening: bytes = NO_OPENING,
 ) -> Found | int:
     """A run whose error is below tol by the difference to a coarser one; NOT_PROVED where that
     cannot be shown, NOT_SHORT where a run is too long, or another loop should go on, VARIES where
@@ -179,10 +211,12 @@ def two_runs(
     tol : float
     rates : Rates, optional
         That steps could follow.
+    opening : bytes, optional
+        Of a loop that must be told more at a fresh start, see `opening_for`.
     """
     followed = 0 if rates is None else rates.at
     asked = _ASKED.pack(first, t0, duration, radians, tol, followed)
-    status = course.entry(course.head + places.head + asked)
+    status = course.entry(course.head + places.head + asked + opening)
     if status not in (PROVED, DOUBTED):
         return status
     steps, runs, estimate, iterations, residual, rows = _FOUND.unpack_from(places.told)

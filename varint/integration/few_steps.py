@@ -38,6 +38,7 @@ from varint.integration.plain_start import (
     begin_by_momentum,
     is_plain_number,
     moves_freely,
+    opening_in,
     room_of,
     rooms,
 )
@@ -216,12 +217,8 @@ def _controls_of(system: System, rule: Rule, u: Any, steps: int) -> Controlled:
 
 def _opening_of(system: System, room: Room, used: Controlled | None, h: float) -> np.ndarray | None:
     """What the loop is told at a fresh start; None where that is no numbers."""
-    if room.opening is None:
-        from varint.codegen.opening import opening_on
-
-        room.opening = opening_on(system, room.q, room.values[: room.n], room.t, room.c)
-    sizes, step, told, look, _ = room.opening
-    step[0] = h
+    opening = opening_in(room, system)
+    opening.h[0] = h
     if used is not None:
-        sizes[:] = np.abs(used.each).max(axis=(0, 1))
-    return told if look() else None
+        opening.u[:] = np.abs(used.each).max(axis=(0, 1))
+    return opening.told if opening.look() else None

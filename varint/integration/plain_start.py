@@ -168,6 +168,15 @@ def room_of(system: System, looks: bool) -> Room:
     return Room(*parts, *how, *behind)
 
 
+def opening_in(room: Room, system: System) -> Opening:
+    """What loops of Newton's method are told besides at the start that is there."""
+    if room.opening is None:
+        from varint.codegen.opening import opening_on
+
+        room.opening = opening_on(system, room.q, room.values[: room.n], room.t, room.c)
+    return room.opening
+
+
 def begin_at(
     room: Room, system: System, q0: Any, v0: Any, t0: float, params: ParameterValues | None
 ) -> np.ndarray | None:

@@ -29,11 +29,12 @@ def proof_limits(
     closer: float = 1.0,
     foreseen: float = 1.0,
     hopeless: float = math.inf,
+    ways: int = limited.WAYS,
 ) -> np.ndarray:
     """Those of runs whose `Course` has these numbers, given up where round-off makes so many times
-    what is wanted.
+    what is wanted; in how many ways the last digits of their start may be others.
     """
-    own = {"ATTEMPTS": attempts, "WATCHED": watched}
+    own = {"ATTEMPTS": attempts, "WATCHED": watched, "WAYS": ways}
     known = vars(limited) | vars(decided) | own
     others = POOR, SECULAR, LEVEL, closer, foreseen, hopeless
     return np.array([*(float(known[x]) for x in _NAMES), *others, *decided.QUANTILES])

@@ -7,6 +7,7 @@ not as it should be, and says what.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -18,8 +19,10 @@ from varint.codegen.two_runs import NOT_PROVED, VARIES, Course, Rates, runs_made
 from varint.discrete.legendre import velocity_function
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
+from varint.integration.energy_leap import energy_leap
 from varint.integration.gears import Gears, gears_of, kernel_now
-from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map
+from varint.integration.held_rows import is_held
+from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map, runs_driven
 from varint.integration.plain_start import (
     Room,
     begin_at,
@@ -27,6 +30,7 @@ from varint.integration.plain_start import (
     has_plain_nodes,
     is_plain,
     is_plain_number,
+    opening_in,
     room_of,
     rooms,
 )
@@ -59,7 +63,7 @@ from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of, with_stats
 from varint.integration.two_runs import shows_its_error
-from varint.integration.work_bound import balance_rows
+from varint.integration.work_bound import balance_rows, moves_constraints
 from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
@@ -158,7 +162,15 @@ def _by_the_core(
         return None
     how = system, rule, course
     asked = t0, duration, first, radians, tol
-    found = two_short_runs(how, room.places, asked, rates)
+    if known.held:
+        opening = opening_in(room, system)
+        found = two_short_runs(how, room.places, asked, rates, opening.by_core)
+        if opening.raised:
+            raise opening.raised.pop()
+        if isinstance(found, int):
+            return None
+    else:
+        found = two_short_runs(how, room.places, asked, rates)
     if isinstance(found, int):  # where one map does not do, steps of another rule may
         return None if found == NOT_PROVED and is_one_map(system, rule) else found
     steps = found.steps
@@ -175,7 +187,13 @@ def _by_the_core(
         rule=rule.name,
         runs=found.runs,
     )
-    return looked_at(rule, motion, found.estimate, tol) if found.doubted else motion
+    if not found.doubted:
+        return motion
+    if not known.held:
+        return looked_at(rule, motion, found.estimate, tol)
+    if (leap := energy_leap(motion, tol)) and (alarm := leap.alarm()):
+        warnings.warn(alarm, stacklevel=4)
+    return motion
 
 
 def _fastest(known: _Known, local: np.ndarray) -> float | None:
@@ -212,8 +230,9 @@ class _Loop:
 class _Known:
     """Of a scene: coordinates, rooms that nobody uses, rules, their prices and which is the
     cheapest when, their loops as far as they were asked for, whether steps may vary and the
-    rates that they may follow, whether momenta will do for all of that, and the last local numbers
-    of a start as bytes and the fastest frequency of these.
+    rates that they may follow, whether momenta will do for all of that, whether constraint rows
+    hold the motion, and the last local numbers of a start as bytes and the fastest frequency of
+    these.
     """
 
     n: int
@@ -224,29 +243,39 @@ class _Known:
     varies: bool
     rates: list[Rates | None]
     by_momentum: bool
+    held: bool
     last: list[tuple[bytes, float | None]]
 
 
 @per_scene
 def _known(system: System, rule: Rule | None) -> _Known | None:
     """None where another way is to be taken, whatever the start."""
-    n, own = system.structure.n, plan(system, rule).rule
-    if not (_begins_by_symbols(system) and n <= MOST_COORDINATES) or has_switches(system):
+    n, own, held = system.structure.n, plan(system, rule).rule, _is_plainly_held(system)
+    begins = held or _begins_by_symbols(system)
+    if not (begins and n <= MOST_COORDINATES) or has_switches(system):
         return None
     if (energy_known(system) if shows_its_error(system) else balance_rows(system)) is None:
         return None
     driven = rule is None and driven_kernel(system, MAPPED) is not None
-    if rule is None and not (driven or runs_by_stages(system, gauss(8), "auto")):
+    if rule is None and not (driven or held or runs_by_stages(system, gauss(8), "auto")):
         return None
     rules = candidates(system, False, True) if rule is None else {own: 1.0}
     rules = {MAPPED: 1.0} if driven else rules
     prices = priced(rules)
     varies = may_vary(system, rule)
-    by_momentum = system.structure.quadratic_kinetic
+    by_momentum = system.structure.quadratic_kinetic and not held
     rates: list[Rates | None] = rates_to_follow(system) if varies else [None]
     loops: list[_Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
-    return _Known(n, *begin, loops, varies, rates, by_momentum, [(b"", 0.0)])
+    return _Known(n, *begin, loops, varies, rates, by_momentum, held, [(b"", 0.0)])
+
+
+def _is_plainly_held(system: System) -> bool:
+    """Whether constraint rows alone hold the motion, and its energy tells of its error."""
+    if not is_held(system) or system.structure.controls or moves_constraints(system):
+        return False
+    solved_once = is_one_map(system, MAPPED) or runs_driven(system)
+    return system.structure.quadratic_kinetic and shows_its_error(system) and not solved_once
 
 
 def _begins_by_symbols(system: System) -> bool:

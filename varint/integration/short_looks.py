@@ -10,7 +10,8 @@ import numpy as np
 
 from varint.codegen.few_steps import Looks
 from varint.codegen.kernel import address_of
-from varint.codegen.rows import row_function_or_none
+from varint.codegen.rows import RowFunction, row_function_or_none
+from varint.codegen.two_runs import HeldLooks
 from varint.discrete.legendre import velocity_function
 from varint.discrete.row_independence import folds, pivot_and_lengths
 from varint.integration.compiled_loop import POOR
@@ -32,8 +33,9 @@ from varint.integration.work_bound import (
 from varint.scene.memory import per_scene
 from varint.scene.system import System
 
-# in the order of c/few_steps_core.c
-_LIMITS = np.array([GROSS, NOTHING, HUGE, MISSED, POOR, LEAST, ROUND_OFF, LEAP, APART, ALL, FEW])
+# in the order of c/held.h, and of c/few_steps_core.c
+_LEAPS = np.array([LEAST, ROUND_OFF, LEAP, APART, ALL, FEW])
+_LIMITS = np.array([GROSS, NOTHING, HUGE, MISSED, POOR, *_LEAPS])
 
 
 @per_scene
@@ -46,13 +48,32 @@ def short_looks(system: System) -> Looks | None:
         energy = balance_rows_by_velocity(system) if by_velocity else balance_rows(system)
     if energy is None:
         return None
-    pivots = None
-    if folds(system) and system.structure.velocity_rows > 1:  # one row alone has the pivot one
-        q, t, c = system.q, system.t, system.c
-        pivots = row_function_or_none("pivots", [q, t], c, [pivot_and_lengths(system)[0]])
-        if pivots is None:
-            return None
+    pivots = least_pivots(system)
+    if pivots is None and has_pivots(system):
+        return None
     return Looks(energy, by_velocity, not kept, _LIMITS, may_leap(system), pivots)
+
+
+def held_looks(system: System) -> HeldLooks | None:
+    """How folds of rows and leaps of the energy are looked at; None where they are not data."""
+    pivots = least_pivots(system)
+    if pivots is None and has_pivots(system):
+        return None
+    return HeldLooks(pivots, _LEAPS if may_leap(system) else None)
+
+
+def has_pivots(system: System) -> bool:
+    """Whether several constraint rows may come to depend on one another: one has the pivot one."""
+    return folds(system) and system.structure.velocity_rows > 1
+
+
+@per_scene
+def least_pivots(system: System) -> RowFunction | None:
+    """(q, t) → the least pivot of such rows; None where there are none, or they are not data."""
+    if not has_pivots(system):
+        return None
+    q, t, c = system.q, system.t, system.c
+    return row_function_or_none("pivots", [q, t], c, [pivot_and_lengths(system)[0]])
 
 
 @lru_cache(maxsize=256)

@@ -23,6 +23,7 @@ from varint.codegen.kernel import Kernel, address_of
 from varint.codegen.refined_runs import refined_course
 from varint.codegen.rows import RowFunction
 from varint.codegen.two_runs import (
+    NO_OPENING,
     NOT_PROVED,
     NOT_SHORT,
     UNASKED,
@@ -42,11 +43,13 @@ from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by
 from varint.integration.error_scale import angles, bodies
 from varint.integration.force_bounds import forces_as_data
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
+from varint.integration.held_rows import is_held
 from varint.integration.linear_run import REPEATED, driven_kernel, first_of_map, is_one_map
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
 from varint.integration.proof_limits import proof_limits
 from varint.integration.rule_choice import SECULAR, Priced, first_steps, priced
+from varint.integration.short_looks import held_looks
 from varint.integration.time_transformation.rate_ahead import ask_for_rates, rates_to_follow
 from varint.integration.trajectories import Run, motion_of
 from varint.integration.work_bound import MISSED, balance_rows
@@ -139,13 +142,14 @@ def two_short_runs(
     places: Places,
     asked: tuple[float, float, int, float, float],
     rates: list[Rates | None],
+    opening: bytes = NO_OPENING,
 ) -> Found | int:
     """`two_runs` of (t0, duration, first, radians, tol), and a look at whether another gear repays;
     VARIES and more where steps of a run that went astray should follow one of the rates.
     """
     system, rule, course = how
     now = perf_counter() if course.kernel.is_native else 0.0
-    found = two_runs(course, places, *asked, rates[0])
+    found = two_runs(course, places, *asked, rates[0], opening)
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
         found = two_runs(course, places, *asked, rates[0])
@@ -161,8 +165,13 @@ def energy_known(system: System) -> RowFunction | None:
     """The energy of a node as the core looks at it: by its momentum, or by its velocity where that
     has no formula.
     """
-    quadratic = system.structure.quadratic_kinetic
-    return energy_rows(system) if quadratic else energy_rows_by_velocity(system)
+    by_momentum = has_formula(system)
+    return energy_rows(system) if by_momentum else energy_rows_by_velocity(system)
+
+
+def has_formula(system: System) -> bool:
+    """Whether momenta alone tell of velocities."""
+    return system.structure.quadratic_kinetic and not is_held(system)
 
 
 @per_scene
@@ -172,7 +181,8 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
     energy = energy_known(system) if kept else balance_rows(system)
     driven = driven_kernel(system, rule)
     kernel = driven or kernel
-    if kernel.opening or kernel.note[0] or energy is None:
+    held = held_looks(system) if kept and is_held(system) else None
+    if energy is None or (held is None and (kernel.opening or kernel.note[0])):
         return None
     if not (kept or s.quadratic_kinetic):
         return None
@@ -197,7 +207,11 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
             how = kernel, energy, forces, looks, rule.order, pieces
             repeated = np.append(_REFINED, REPEATED if driven else 0.0)
             return refined_course(*how, body, turns, repeated)
-        kind = s.linear, not s.quadratic_kinetic, driven is not None, body, turns
-        return course_of(kernel, energy, rule.order, pieces, *kind, proof_limits())
+        kind = s.linear, not has_formula(system), driven is not None, body, turns
+        limits = proof_limits()
+        if held:  # as `tolerance` has them run, where long ones are looked at first
+            pieces = 0, min(longest, decided.LONG)
+            limits = proof_limits(watched=1, hopeless=decided.HOPELESS, ways=0)
+        return course_of(kernel, energy, rule.order, pieces, *kind, limits, held)
     except CompileError:
         return None

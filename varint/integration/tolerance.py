@@ -28,7 +28,6 @@ from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
-from varint.integration.error_scale import error_scales
 from varint.integration.linear_run import MAPPED, TURNS, is_one_map, runs_driven
 from varint.integration.plain_trials import (
     NotPlain,
@@ -45,11 +44,9 @@ from varint.integration.rule_choice import (
     candidates,
     choose_rule,
     iteration_level,
-    steps_for,
 )
 from varint.integration.run import collect, short_run, start_run, trajectory_of
-from varint.integration.run_distance import beyond_shared, ends_apart, shared_nodes, with_early
-from varint.integration.second_looks import Trial, has_steps
+from varint.integration.second_looks import has_steps
 from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
 from varint.integration.small_motions import (
@@ -59,16 +56,9 @@ from varint.integration.small_motions import (
     small_motions_at_start,
 )
 from varint.integration.trajectories import Run, first_node
-from varint.integration.two_runs import (
-    FLOOR,
-    UNRESCUED,
-    Attempt,
-    Course,
-    energy_errors,
-    run_twice,
-    shows_its_error,
-)
+from varint.integration.two_runs import UNRESCUED, shows_its_error
 from varint.integration.walls import Failure
+from varint.integration.watched_trials import by_watched_trials
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.polynomials import lagrange_values
@@ -192,14 +182,15 @@ def choose_steps(
     smooth = shows_its_error(system) and not has_steps(system)
     unproved = False  # by two runs: errors may grow, also what iterations leave
 
-    def trial(
+    def attempt(
         chosen: Rule,
         steps: int,
         part: int = 1,
         wanted: float = tol,
         beyond: float = 0.0,
         digits: int | None = None,
-    ) -> Trajectory | None:
+    ) -> tuple[Trajectory, Run | None] | None:
+        """A motion, and the run that made it where it was not over at once."""
         problem = problem_with_steps(chosen, start, steps)
         if digits is not None:
             q0, p0 = with_other_digits(start.q0, start.p0, digits)
@@ -213,7 +204,7 @@ def choose_steps(
         )
         try:
             way = plan(system, chosen)
-            motion = short_run(system, way, problem, began, backend, stop)
+            motion, run = short_run(system, way, problem, began, backend, stop), None
             if motion is None:
                 run = start_run(system, way, problem, began, backend=backend)
                 motion = collect(run, stop=stop, progress=False)
@@ -221,13 +212,17 @@ def choose_steps(
             failures.append((steps, error))
             return None
         failures.clear()
-        return motion
+        return motion, run
+
+    def trial(chosen: Rule, steps: int, *how: Any, **more: Any) -> Trajectory | None:
+        found = attempt(chosen, steps, *how, **more)
+        return None if found is None else found[0]
 
     first = 2 ** max(3, math.ceil(math.log2(max(begin / RADIANS, 1.0))))
     with np.errstate(all="ignore"), warnings.catch_warnings():  # of steps that are too large
         warnings.simplefilter("ignore")
         if by_two_runs:
-            found = _from_two_runs(system, own, tol, turned, trial, scale, stop is not None)
+            found = by_watched_trials(system, own, tol, turned, attempt, scale, stop is not None)
             if found:
                 return found
         failures.clear()
@@ -235,46 +230,6 @@ def choose_steps(
         few, ends_early = start.steps * first, stop is not None
         search = system, own, start, tol, radians, trial, failures, few, scale, ends_early
         return refine(*search, varying)
-
-
-def _from_two_runs(
-    system: System,
-    rule: Rule,
-    tol: float,
-    turned: tuple[float, float],
-    trial: Trial,
-    scale: Any,
-    ends_early: bool,
-) -> Choice | None:
-    """The choice that two runs and their energies prove, where they do."""
-    radians, begin = turned
-
-    def apart(
-        one: Trajectory, few: int, other: Trajectory, many: int
-    ) -> tuple[float, float, float]:
-        scales = error_scales(system, other, scale)
-        i, j = shared_nodes(one, few, other, many)
-        off = np.abs(one.q[i] - other.q[j]) / scales
-        seen, half = with_early(off)
-        beyond = beyond_shared(off, other.q, j, other.t)
-        return max(seen, ends_apart(one, other, scales)) if ends_early else seen, half, beyond
-
-    def run(steps: int, wanted: float, part: int) -> Attempt | None:
-        motion = trial(rule, steps, part, wanted)
-        return None if motion is None else Attempt(motion, energy_errors(motion))
-
-    def parted(steps: int, wanted: float, way: int) -> Attempt | None:
-        motion = trial(rule, steps, 1, wanted, digits=way)
-        return None if motion is None else Attempt(motion, [])
-
-    s = system.structure
-    free = not (s.constraints or s.nonholonomic or system.rays)
-    course = Course(run, apart, radians, s.linear, parted=parted if free else None)
-    found = run_twice(rule, course, steps_for(rule, begin, tol), tol, FLOOR)
-    if found is None:
-        return None
-    reached = found.estimate <= tol
-    return Choice(rule, found.steps, found.run, found.estimate, found.runs, reached, True)
 
 
 def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> InitialValueProblem:

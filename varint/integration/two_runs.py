@@ -16,7 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from varint.integration.energy_check import energies_along, keeps_energy
+from varint.integration.energy_check import (
+    energies_along,
+    energies_by_velocity,
+    keeps_energy,
+)
 from varint.integration.round_off import GROWS, ROUNDED, growth_of, magnified, parted, rounding
 from varint.integration.rule_choice import iteration_level
 from varint.results.trajectory import Trajectory
@@ -253,13 +257,16 @@ def by_round_off(course: Course, found: Proved, wanted: float, tol: float) -> tu
     return parted(apart, found.estimate, tol)
 
 
-def energy_errors(motion: Trajectory) -> list[float]:
+def energy_errors(motion: Trajectory, v: np.ndarray | None = None) -> list[float]:
     """Quantiles of |H − H0| over the middle one of |p·v|, the largest last; infinite where the
-    motion is lost.
+    motion is lost. Velocities may be known.
 
     The largest alone is where a node happens to lie nearest to where it is largest.
     """
     some = slice(None, None, max(1, len(motion) // SAMPLES))
+    if motion.active_set is None and v is not None:
+        rows = np.stack((motion.q[some], motion.p[some], v[some]), axis=1)
+        return quantiles(*energies_by_velocity(motion.system, rows, motion.t[:1], motion.c))
     if motion.active_set is None:
         at = motion.q[some], motion.p[some], motion.t[:1]
         return quantiles(*energies_along(motion.system, *at, motion.c))

@@ -11,12 +11,10 @@
 #include "rows.h"
 #include "balance.h"
 #include "order.h"
-
-#define SURE 0.9 /* of a limit: others come to the same energies another way */
-#define WIDTHS 2 /* of a note of a fold: numbers before q and p of a node (folds.h) */
+#include "held.h"
 
 /* varint/codegen/few_steps.py has the same layouts */
-typedef struct { double gross, nothing, huge, missed, poor, least, round_off, leap, apart, all, few; } Limits;
+typedef struct { double gross, nothing, huge, missed, poor; LeapLimits leap; } Limits;
 
 typedef struct {
     int (*run)(const RunArguments *);
@@ -48,30 +46,14 @@ static int is_quiet(const double *energy, const double *given, const int64_t *lo
     return 1;
 }
 
-static double size_of(double x, double largest) {
-    const double size = power_of(x);
-    return size > largest ? size : largest;
-}
-
-/* Energies and |p v| of so many nodes, every so many; `at` has room for their states. */
-static int set_own_energies(const FewSteps *a, const double *rows, const int64_t *which, int64_t every, int64_t count, double *energy,
-                            double *moving, double *at) {
-    const int64_t n = a->n;
-    for (int64_t i = 0; i < count; i++) {
-        const double *const node = rows + 3 * n * (which ? which[i] : i * every);
-        memcpy(at + 2 * n * i, node, n * sizeof(double));
-        memcpy(at + 2 * n * i + n, node + (a->by_velocity ? 2 * n : n), n * sizeof(double));
-    }
-    const RowsArguments asked = {.count = count, .c = a->c, .scene = a->energy, .arguments = {at, at + n, &a->t0},
-                                 .apart = {2 * n, 2 * n, 0}, .results = {energy, moving}, .widths = {1, 1}};
-    return a->rows(&asked) == DONE;
-}
+static Energies energies_of(const FewSteps *a) { return (Energies){a->rows, a->energy, a->c, &a->t0, a->n, a->by_velocity}; }
 
 /* Energies of a scene that keeps its own, at nodes that are looked at. */
 static int keeps(const FewSteps *a, const double *rows, double *room) {
     const int64_t looks = a->looks;
     double *const energy = room, *const moving = energy + looks, largest = 0, fastest = 0;
-    if (!set_own_energies(a, rows, a->looked, 0, looks, energy, moving, moving + looks)) return 0;
+    const Energies of = energies_of(a);
+    if (!set_own_energies(&of, rows, a->looked, 0, looks, energy, moving, moving + looks)) return 0;
     for (int64_t i = 0; i < looks; i++) {
         moving[i] = power_of(moving[i]);
         largest = size_of(energy[i], largest), fastest = size_of(moving[i], fastest);
@@ -80,49 +62,6 @@ static int keeps(const FewSteps *a, const double *rows, double *room) {
     const double gross = a->limits->gross, size = gross * fastest > largest ? gross * fastest : largest,
                  nothing = a->limits->nothing * size, usual = gross * moving[(looks - 1) / 2];
     return is_quiet(energy, 0, 0, looks, usual > nothing ? usual : nothing);
-}
-
-/* How many nodes lie between two whose energies are compared (energy_leap.py: _leap_of). */
-static int64_t apart(const FewSteps *a) {
-    const int64_t last = a->steps / a->save_every, some = (int64_t)a->limits->apart * last / a->steps,
-                  rare = last / (int64_t)a->limits->all, most = some < rare ? some : rare;
-    return most > 1 ? most : 1;
-}
-
-/* Whether no energy of a node is off that of the one before by more than others nearby (energy_leap.py: _leap_of). */
-static int leaps_nowhere(const FewSteps *a, const double *rows, double *room) {
-    const int64_t every = apart(a), last = a->steps / a->save_every / every, few = (int64_t)a->limits->few;
-    if (a->steps / a->save_every < few) return 1;
-    double *const energy = room, *const moving = energy + last + 1, *const changes = moving + last + 1, largest = 0, fastest = 0, most = 0;
-    if (!set_own_energies(a, rows, 0, every, last + 1, energy, moving, changes)) return 0;
-    for (int64_t i = 0; i <= last; i++) largest = size_of(energy[i], largest), fastest = size_of(moving[i], fastest);
-    for (int64_t i = 0; i < last; i++) changes[i] = fabs(energy[i + 1] - energy[i]), most = size_of(changes[i], most);
-    const double least = a->limits->least * fastest, nothing = a->limits->round_off * largest;
-    if (most <= SURE * (least > nothing ? least : nothing)) return 1;
-    place(changes, 0, last - 1, (last - 1) / 2);
-    return most <= SURE * a->limits->leap * changes[(last - 1) / 2];
-}
-
-/* Whether no fold of the constraint rows was noted on the way, and there is none at the very end, where a loop has noted none yet
-   (fold_watch.py: _behind). */
-static int is_unfolded(const FewSteps *a, const double *carry, const RunStats *of) {
-    const double *const lately = carry + a->carry - LATELY * a->folds;
-    double far[LATELY];
-    int64_t count = 0;
-    if (of->noted) return 0;
-    if (!a->pivots) return 1;
-    for (int64_t k = a->steps < LATELY ? 0 : a->steps - LATELY + 1; k <= a->steps; k++, count++) {
-        const double *const node = lately + k % LATELY * a->folds, t = a->t0 + a->h * (double)k;
-        const RowsArguments asked = {.count = 1, .c = a->c, .scene = a->pivots, .arguments = {node + WIDTHS, &t},
-                                     .results = {far + count}, .widths = {1}};
-        if (node[0] != (double)k || a->rows(&asked) != DONE) return 0;
-        far[count] = sqrt(fmax(far[count], 0));
-    }
-    for (int64_t i = 1; i < count; i++) {
-        const double change = (far[i] - far[i - 1]) / SURE;
-        if (!(far[i] + change > 0 && far[i - 1] - change > 0)) return 0;
-    }
-    return 1;
 }
 
 /* The mean controls of the step that begins at each node, or of that which ends there. */
@@ -163,7 +102,7 @@ int few_steps(const FewSteps *a) {
     const int64_t n = a->n, width = 3 * n, nodes = a->steps / a->save_every + 1;
     double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
     int64_t *const numbers = (int64_t *)(t + nodes);
-    const int64_t noted = a->folds ? MOST_NOTED * (1 + LATELY * a->folds) : 0;
+    const int64_t noted = room_of_notes(a->folds);
     const int64_t kept = (2 + 2 * n) * (a->leaps ? nodes : a->looks), looked = a->works ? (3 + a->controls) * nodes : kept;
     const int64_t told = sizeof(RunStats) / sizeof(double) + width;
     double *const rows = malloc((width * nodes + a->carry + told + noted + looked) * sizeof(double));
@@ -184,7 +123,8 @@ int few_steps(const FewSteps *a) {
         status = a->run(&asked);
         iterations += of->iterations, residual = of->residual > residual ? of->residual : residual;
         if (!k && a->pilot && iterations > a->limits->poor * (double)end) status = NOT_CONVERGED;
-        if (status == DONE && a->folds && !is_unfolded(a, carry, of)) status = NOT_CONVERGED;
+        const FoldNotes folds = {a->rows, a->pivots, a->c, carry + a->carry - LATELY * a->folds, a->folds, a->steps, a->t0, a->h};
+        if (status == DONE && a->folds && !is_unfolded(&folds, of)) status = NOT_CONVERGED;
     }
     if (status == DONE) {
         memcpy(q, a->start, n * sizeof(double)), memcpy(p, a->start + n, n * sizeof(double));
@@ -195,7 +135,9 @@ int few_steps(const FewSteps *a) {
         for (int64_t k = 0; k < nodes; k++) numbers[k] = k * a->save_every, t[k] = a->h * (double)numbers[k] + a->t0;
         for (int64_t k = 0; a->speeds && k < nodes; k++) memcpy(a->speeds + n * k, rows + width * k + 2 * n, n * sizeof(double));
         a->told[0] = iterations, a->told[1] = residual;
-        a->told[2] = a->works ? balances(a, rows, t, room) : keeps(a, rows, room) && (!a->leaps || leaps_nowhere(a, rows, room));
+        const Energies own = energies_of(a);
+        a->told[2] = a->works ? balances(a, rows, t, room)
+                              : keeps(a, rows, room) && (!a->leaps || leaps_nowhere(&own, &a->limits->leap, rows, a->steps, nodes - 1, room));
     }
     free(rows);
     return status;

@@ -68,6 +68,13 @@ static double shrinkage(const Case *a, const Seen *before, const Seen *after) {
     return left > sure ? left : sure;
 }
 
+/* Whether energies are round-off, and differences shrink by far less than truncation does. */
+static int stays_behind(const Case *a, const Seen *coarse, const Seen *fine, double before, double apart) {
+    const Limits *const l = a->limits;
+    if (a->linear || !(fine->swing[MIDDLE] > l->no_shrinkage * coarse->swing[MIDDLE]) || !(before < l->rough * l->evidence)) return 0;
+    return l->evidence * before * pow((double)fine->steps / (double)coarse->steps, -l->caution * a->order) < apart;
+}
+
 /* Of what two runs differ by, what round-off may have made; that of one map is the same in all steps. */
 static double by_steps_alike(const Case *a, int64_t steps, double apart, double rounded) {
     if (!a->exact) return rounded;
@@ -132,6 +139,7 @@ static int prove(const Case *a) {
                      left = shrinkage(a, &coarse.seen, &fine.seen);
         if (walk > l->hopeless * a->tol) goto end; /* it is shown elsewhere that no steps mend it */
         const int stalls = apart > l->stalled * before;
+        if (l->ways < 1 && rounded > a->tol && stays_behind(a, &coarse.seen, &fine.seen, before, apart)) goto end; /* as elsewhere */
         if (!(apart - apart == 0) || (stalls && rounded > a->tol)) break;
         const int shrinks = left == left;
         if (!shrinks) {
@@ -141,7 +149,7 @@ static int prove(const Case *a) {
         const double uneven = start_growth < l->uneven ? start_growth : l->uneven,
                      likely_between = (double)common_divisor(steps, more) < l->seen_parts ? uneven : sqrt(uneven),
                      spread = l->spread * (likely_between > beyond ? likely_between : beyond);
-        const int unseen = growth >= l->grows && rounded > a->tol && !measured; /* other runs show what round-off makes */
+        const int unseen = growth >= l->grows && rounded > a->tol && l->ways >= 1 && !measured; /* other runs show what round-off makes */
         double shown = spread * apart * left / (1 - left);
         const double of_rounding = beyond * rounded;
         shown = shown > of_rounding || unseen ? shown : of_rounding, shown = shown > floor ? shown : floor;

@@ -11,6 +11,7 @@
 #include "order.h"
 #include "proof.h"
 #include "look_ahead.h"
+#include "held.h"
 
 double nextafter(double, double);
 #define MOST_RATES 2
@@ -40,15 +41,21 @@ typedef struct {
     const void *energy; /* (q, p, t) to the energy and |p v|; (q, v, t) by velocity */
     const Limits *limits;
     const int64_t *body, *turns; /* first coordinate of the same body; is it an angle? */
+    const void *pivots;          /* (q, t) to the least pivot of constraint rows; 0: they never come to depend on one another */
+    const LeapLimits *leaps;     /* 0: energies cannot leap from node to node */
     int64_t n, carry, order, linear, most, pilot, longest; /* steps of a first piece, and of a run that is short */
     int64_t by_velocity; /* velocities are made by the runs, for they have no formula */
     int64_t exact;       /* all steps are one map, which keeps energies but for round-off */
+    int64_t held, folds; /* constraint rows hold the motion; numbers of a node of a note of a fold, 0: none is made */
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
     int64_t apart, first;
     double t0, duration, radians, tol;
-    const Rates *rates; /* 0: there are none */
+    const Rates *rates;      /* 0: there are none */
+    int (*open)(double h);   /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
+    const double *opening;
+    int64_t opens;
 } TwoRuns;
 typedef TwoRuns Case;
 
@@ -75,18 +82,20 @@ static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, S
 }
 
 /* A part whose iteration contracts poorly is none, nor is a run that is no longer than the first part of one which is
-   watched. */
+   watched. Held runs that fail, or may pass over a fold, are looked at elsewhere. */
 static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part, int64_t watched, Attempt *to) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
-    if (count > a->longest) return 0;
+    if (count > a->longest || (a->held && part > 1)) return 0;
     free(to->rows);
-    const int64_t samples = 4 * (int64_t)l->samples + 8;
-    to->rows = malloc((3 * n * (count + 1) + samples + a->carry + 3 * n + sizeof(RunStats) / sizeof(double)) * sizeof(double));
+    const int64_t samples = 4 * (int64_t)l->samples + 8, told = 3 * n + sizeof(RunStats) / sizeof(double);
+    to->rows = malloc((3 * n * (count + 1) + samples + a->carry + told + room_of_notes(a->folds)) * sizeof(double));
     if (!to->rows) return 0;
-    double *const room = to->rows + 3 * n * (count + 1), *const carry = room + samples;
+    double *const room = to->rows + 3 * n * (count + 1), *const carry = room + samples, *const notes = carry + a->carry + told;
     RunStats *const stats = (RunStats *)(carry + a->carry);
     carry[0] = 0;
+    if (a->opens && !a->open(a->duration / steps)) return 0;
+    memcpy(carry + 1, a->opening, a->opens * sizeof(double));
     to->seen.steps = steps, to->nodes = 1, to->seen.lost = 0, to->iterations = to->residual = 0;
     const int64_t seen = watched > 1 ? steps / watched : 0, first = a->pilot < count ? a->pilot : count;
     int status = DONE, early = 0, slow = 0;
@@ -97,7 +106,8 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
         status = a->run(&(RunArguments){
             .steps = end - k, .save_every = 1, .first = k, .most = a->most, .t0 = a->t0, .h = a->duration / steps,
             .level = level_for(a, wanted, steps), .start = a->start, .c = a->c,
-            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = !a->by_velocity});
+            .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .notes = a->folds ? notes : 0,
+            .without_velocities = !a->by_velocity});
         to->iterations += stats->iterations, to->nodes = k + (int64_t)stats->steps + 1;
         if (a->pilot && end == first && to->iterations > l->poor * end) {
             if (part == 1 && end > seen && count >= l->first_part * l->fewest) return 0;
@@ -109,10 +119,16 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
         energy_errors(a, to->rows, seen + 1, &to->seen, room);
         early = !(expected_of(a, &to->seen) <= l->lost);
     }
+    if (a->held) {
+        const FoldNotes folds = {a->rows, a->pivots, a->c, carry + a->carry - LATELY * a->folds, a->folds, count, a->t0, a->duration / steps};
+        if (status != DONE || (a->folds && !is_unfolded(&folds, stats))) return 0;
+        memcpy(to->rows + 2 * n, a->opening + 2 * n, n * sizeof(double)); /* a run in pieces has no other velocity there */
+    }
     a->found->runs++;
     to->seen.lost = status != DONE || slow;
     if (a->exact) memset(to->seen.swing, 0, sizeof to->seen.swing), to->seen.hidden = 0;
     else if (!to->seen.lost && !early) energy_errors(a, to->rows, count + 1, &to->seen, room);
+    if (a->held) to->seen.hidden = 0; /* as in other held runs (two_runs.py: energy_errors) */
     return 1;
 }
 
@@ -133,7 +149,11 @@ static double apart_from(const Case *a, const Attempt *one, const Attempt *other
             least = expected < least ? expected : least;
         }
     }
-    *early = least, *beyond = beyond_shared(&(Shared){n, 3 * n, other->seen.steps + 1, many, unit, other->rows, 0}, most);
+    const int64_t nodes = other->seen.steps + 1;
+    const double h = a->duration / other->seen.steps;
+    double times[a->held ? nodes : 1];
+    for (int64_t k = 0; a->held && k < nodes; k++) times[k] = h * (double)k + a->t0;
+    *early = least, *beyond = beyond_shared(&(Shared){n, 3 * n, nodes, many, unit, other->rows, a->held ? times : 0}, most);
     return zero == 0 ? largest : NO_NUMBER;
 }
 
@@ -213,7 +233,21 @@ static void keep(const Case *a, Attempt *run, double estimate) {
     run->rows = 0;
 }
 
-int two_runs(const TwoRuns *a) { return prove(a); }
+/* Whether energies of the nodes that were found leap nowhere. */
+static int is_calm(const TwoRuns *a) {
+    if (!a->leaps) return 1;
+    const Proved *const found = a->found;
+    double *const room = malloc((2 + 2 * a->n) * (found->steps + 1) * sizeof(double));
+    const Energies own = {a->rows, a->energy, a->c, &a->t0, a->n, a->by_velocity};
+    const int calm = room && leaps_nowhere(&own, a->leaps, found->run, found->steps, found->steps, room);
+    free(room);
+    return calm;
+}
+
+int two_runs(const TwoRuns *a) {
+    const int result = prove(a);
+    return result == PROVED && !is_calm(a) ? DOUBTED : result;
+}
 
 /* Coordinates and momenta at the nodes of the run that was found, times and numbers of the nodes, and velocities where they
    are there. */
