@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from ctypes import c_void_p, cast
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from varint.codegen.kernel import Kernel, address_of, new_address
 from varint.codegen.rows import RowFunction
 from varint.numerics.limits import FIXED_POINT_ITERATIONS
 
+if TYPE_CHECKING:
+    from varint.codegen.sought import Sought
+
 # FewSteps, what belongs to the loop and to what is asked; between them the place of the start
-_LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("6P5q3d")
-_PLACE, _TOLD = struct.Struct("3P"), struct.Struct("3d")
+_LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("6P5q3d3Pq")
+_PLACE, _TOLD = struct.Struct("3P"), struct.Struct("5d")
 TOLD = 6  # numbers that there is room for where something is told
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
 
@@ -142,6 +145,30 @@ class Controlled(NamedTuple):
     mean: np.ndarray
 
 
+class Seen(NamedTuple):
+    """What a run of few steps told.
+
+    Attributes
+    ----------
+    nodes : tuple of array
+        Numbers, times, coordinates and momenta, up to where it ends.
+    iterations, residual : float
+    quiet : bool
+        Whether the energies of the nodes are.
+    v : array, optional
+        Velocities of the nodes, where they were asked for.
+    zeros : array, optional
+        What was sought, a row each; see `Sought`.
+    """
+
+    nodes: Nodes
+    iterations: float
+    residual: float
+    quiet: bool
+    v: np.ndarray | None
+    zeros: np.ndarray | None
+
+
 def few_steps(
     how: FewSteps,
     place: Place,
@@ -150,10 +177,10 @@ def few_steps(
     controlled: Controlled | None,
     opening: np.ndarray | None,
     moving: bool = False,
-) -> tuple[Nodes, float, float, bool, np.ndarray | None] | None:
-    """The motion from a start: nodes, iterations, residual, whether their energies are quiet, and
-    the velocities of the nodes if it is to be told how they are `moving`; None where a step cannot
-    be solved, or another loop should go on.
+    sought: tuple[Sought, np.ndarray] | None = None,
+) -> Seen | None:
+    """The motion from a start; None where a step cannot be solved, or another loop or search should
+    go on.
 
     Parameters
     ----------
@@ -170,18 +197,37 @@ def few_steps(
     opening : array, optional
         What the loop is told at a fresh start.
     moving : bool, optional
+        Whether it is to tell velocities of the nodes.
+    sought : tuple, optional
+        What is looked for on the way, all of whose nodes are kept, and the velocity at the start.
     """
     t0, h, steps, every, level, pilot = asked
-    at, nodes = nodes_of(how.n, steps // every + 1)
-    v = np.empty_like(nodes[2]) if moving else None
-    u, mean, told, opens = 0, 0, 0, 0
+    many = steps // every + 1
+    at, nodes = nodes_of(how.n, many)
+    v = zeros = None
+    u, mean, told, opens, v_at, sought_at, speed, zeros_at, room = 0, 0, 0, 0, 0, 0, 0, 0, 0
     if controlled is not None:
         u, mean = address_of(controlled.each), address_of(controlled.mean)
     if opening is not None:
         told, opens = address_of(opening), opening.size
-    places = at, 0 if v is None else new_address(v), u, mean, told, looked[0]
-    numbers = _ASKED.pack(*places, opens, looked[1], steps, every, pilot, t0, h, level)
+    if sought is not None:
+        what, begin = sought
+        rows = np.empty(many * how.n + what.room * what.width)  # velocities before the zeros
+        v_at = new_address(rows)
+        sought_at, speed, room = what.at, address_of(begin), what.room
+        zeros_at = v_at + 8 * many * how.n
+    elif moving:
+        v = np.empty_like(nodes[2])
+        v_at = new_address(v)
+    places = at, v_at, u, mean, told, looked[0]
+    search = sought_at, speed, zeros_at, room
+    numbers = _ASKED.pack(*places, opens, looked[1], steps, every, pilot, t0, h, level, *search)
     if few_steps_entry()(how.head + place.head + numbers) != DONE:
         return None
-    iterations, residual, quiet = _TOLD.unpack_from(place.told)
-    return nodes, iterations, residual, quiet == 1, v
+    iterations, residual, quiet, last, found = _TOLD.unpack_from(place.told)
+    if sought is not None:
+        width, begin_at = what.width, 8 * many * how.n
+        zeros = np.ndarray((int(found), width), _FLOAT, rows, begin_at)
+        if last < many:
+            nodes = tuple(x[: int(last)] for x in nodes)  # type: ignore[assignment]
+    return Seen(nodes, iterations, residual, quiet == 1, v, zeros)

@@ -242,7 +242,7 @@ def _largest(x: np.ndarray) -> float:
 
 
 @cache
-def _places(count: int) -> np.ndarray:
+def places_looked_at(count: int) -> np.ndarray:
     """So many places in [0, 1], both ends among them: multiples of the golden ratio, for evenly
     spaced nodes may meet every turn of a motion at the same place.
     """
@@ -254,7 +254,7 @@ def nodes_looked_at(last: int) -> np.ndarray:
     if last < SAMPLES:
         return np.arange(last + 1)
     count = max([SAMPLES, *(count for steps, count in MORE if last >= steps)])
-    return (_places(count) * last).astype(int)
+    return (places_looked_at(count) * last).astype(int)
 
 
 @per_scene

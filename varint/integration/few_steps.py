@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import cache
 from time import perf_counter
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +21,7 @@ from varint.codegen.cache import CompileError
 from varint.codegen.core import held_entry
 from varint.codegen.few_steps import Controlled, FewSteps, few_steps, few_steps_of
 from varint.codegen.kernel import Kernel
+from varint.discrete.legendre import velocity_function
 from varint.integration.compiled_loop import NODES_IN_BLOCK, first_piece, next_piece
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.false_speed import false_speed, may_be_false
@@ -43,11 +46,12 @@ from varint.integration.plain_start import (
     rooms,
 )
 from varint.integration.plan import Plan, plan
-from varint.integration.problem import LEVEL, Grid, controls, time_grid
+from varint.integration.problem import Grid, controls, time_grid
 from varint.integration.run import FIRST, looked_along
 from varint.integration.short_looks import looked_at, short_looks
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.work_bound import moves_constraints
+from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -62,18 +66,22 @@ def few_steps_call(
     start: tuple[Any, Any, Any, Any, ParameterValues | None, Any],
     grid: Grid,
     save_every: int,
-    iteration_tol: float | None,
+    level: float,
     began: float,
     watched: tuple[Any, Any] = (None, None),
 ) -> Trajectory | None:
-    """The motion from a start (q0, v0, p0, t0, params, u), with `events` that are `watched` for or
-    until an expression crosses zero (until, events); None where it is no such run, or comes
-    to no good end, and another way is to be taken. A warning where the energy is not what it can
-    be.
+    """The motion from a start (q0, v0, p0, t0, params, u), with iterations that end at a level, and
+    with `events` that are `watched` for or until an expression crosses zero (until, events); None
+    where it is no such run, or comes to no good end, and another way is to be taken. A warning
+    where the energy is not what it can be.
     """
     q0, v0, p0, t0, params, u = start
-    stop, watches = watches_of(*watched)
-    looks = stop is not None or bool(watches)
+    until, events = watched
+    looks, key = until is not None or bool(events), None
+    if looks or events is not None:
+        key = _short_search().key_of(until, events)
+        if key is None or key not in _short_search().searches_known(system):
+            watches_of(until, events)  # bad ones are refused
     h, steps = time_grid(*grid)
     if looks and (steps > FIRST or save_every != 1):
         return None
@@ -115,17 +123,21 @@ def few_steps_call(
             if opening is None:
                 return None
         now = perf_counter()
-        level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
         asked = t0, h, steps, save_every, level, pilot
-        looked = looked_at(steps // save_every)
-        found = few_steps(how, room.place, asked, looked, used, opening, looks)
+        looked, sought = looked_at(steps // save_every), None
+        if looks and used is None and opening is None:
+            what = _short_search().search_for(system, kernel, key, until, events)
+            if what is not None:
+                begin = call(velocity_function(system), room.q, room.values[: room.n], room.t, c)
+                sought = what, begin[0]
+        found = few_steps(how, room.place, asked, looked, used, opening, looks, sought)
     finally:
         pool.append(room)
     if kernel.is_native:
         kernel_after(called.gears, perf_counter() - now, 0.0)
     if found is None:
         return None
-    nodes, iterations, residual, quiet, v = found
+    nodes, iterations, residual, quiet, v, zeros = found
     motion = plain_motion_of(
         system,
         called.plan,
@@ -136,14 +148,27 @@ def few_steps_call(
         seconds=perf_counter() - began,
     )
     if v is not None:
-        motion = looked_along(motion, v, kernel, stop, watches)
+        motion = looked_along(motion, v, kernel, *watches_of(until, events))
         quiet = quiet and motion.q is nodes[2]  # the node where it is cut is another one
+    elif zeros is not None and len(zeros):
+        end = nodes[1].item(-1) if until is not None and zeros[0, 1] == 0 else None
+        names = ("until", *(events or ())) if until is not None else tuple(events)
+        others = zeros if end is None else zeros[1:]
+        motion.__dict__["events"] = _short_search().events_along(system, names, others, c, h, end)
     alarm = None if quiet else energy_alarm(motion)
     if called.may_be_false and not alarm:
         alarm = false_speed(motion)
     if alarm:
         warnings.warn(alarm, stacklevel=3)
     return motion
+
+
+@cache
+def _short_search() -> ModuleType:
+    """Loaded when something is watched for."""
+    from varint.integration.events import short_search
+
+    return short_search
 
 
 class _Loop(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from varint.errors import ConvergenceError, InputError
 from varint.integration.asked_times import only_at, until_last
 from varint.integration.fixed_steps import over_switches_after, simulate_steps
-from varint.integration.problem import RunOptions, Start
+from varint.integration.problem import LEVEL, RunOptions, Start
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
 from varint.scene.inputs import times_of
@@ -191,11 +191,16 @@ def simulate(
         if h is not None or steps is not None:
             known, grid = (q0, v0, p0, t0, params, u), (h, steps, duration)
             few_steps_call, watched = _few_steps().few_steps_call, (until, events)
-            how = save_every, iteration_tol, began, watched
+            level = 0.0 if iteration_tol is None else LEVEL * iteration_tol
+            how = save_every, level, began, watched
             tried = few_steps_call(system, rule, known, grid, *how)
         elif moving and save_every == 1:
             begin = q0, v0, t0, params
             tried = _short_call().short_call(system, rule, begin, p0, duration, tol, began)
+        elif save_every == 1 and events and until is u is None and (p0 is None) != (v0 is None):
+            begin = q0, v0, t0, params
+            asked = duration, tol, began, events
+            tried = _watched_call().call_with_events(system, rule, begin, p0, *asked)
         if type(tried) is Trajectory:
             return tried if at is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)
@@ -247,6 +252,13 @@ def _short_call() -> ModuleType:
     from varint.integration import short_call
 
     return short_call
+
+
+@cache
+def _watched_call() -> ModuleType:
+    from varint.integration import watched_call
+
+    return watched_call
 
 
 @cache

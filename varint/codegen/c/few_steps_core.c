@@ -12,6 +12,8 @@
 #include "balance.h"
 #include "order.h"
 #include "held.h"
+#include "crossings.h"
+#include "sought.h"
 
 /* varint/codegen/few_steps.py has the same layouts */
 typedef struct { double gross, nothing, huge, missed, poor; LeapLimits leap; } Limits;
@@ -34,6 +36,10 @@ typedef struct {
     const int64_t *looked;   /* nodes whose energy is looked at */
     int64_t opens, looks, steps, save_every, pilot; /* pilot: steps after which the iteration must have contracted; 0: it need not */
     double t0, h, level;
+    const Sought *sought; /* on the way, where nothing acts by controls; 0: nothing */
+    const double *speed;  /* v at the start */
+    double *zeros;        /* that are found, as many as there is room for */
+    int64_t room;
 } FewSteps;
 
 /* Whether energies at nodes are that of the start, but for less than what others have looked at closely and found to be
@@ -98,7 +104,41 @@ static int balances(const FewSteps *a, const double *rows, const double *t, doub
     return is_quiet(energy, given, a->looked, a->looks, huge > nothing ? huge : nothing);
 }
 
-int few_steps(const FewSteps *a) {
+/* Are the energies of these nodes quiet, and do they leap nowhere? */
+static int is_right(const FewSteps *a, const double *rows, const double *t, double *room) {
+    const Energies own = energies_of(a);
+    const int64_t nodes = a->steps / a->save_every;
+    if (a->works) return balances(a, rows, t, room);
+    return keeps(a, rows, room) && (!a->leaps || leaps_nowhere(&own, &a->limits->leap, rows, a->steps, nodes, room));
+}
+
+/* What is sought along the nodes, and the run until there: how many nodes it has, and the zeros. Numbers of nodes and times are
+   those of the node before the end and of the end, the last node. */
+static int seek(FewSteps *a, double *rows, double *p, double *t, int64_t *numbers, int64_t *looked) {
+    const Sought *const s = a->sought;
+    const int64_t n = a->n, width = 3 * n, samples = s->samples;
+    double *const q = a->nodes, *const v = a->speeds;
+    const Crossings of = {.parts = s->parts, .scene = a->scene, .rows = a->rows, .t = t, .q = q, .v = v, .p = p, .c = a->c, .n = n,
+                          .most = a->most, .halvings = s->halvings, .most_pieces = s->most_pieces, .iterations = s->iterations,
+                          .secants = s->secants, .newton = s->newton, .located = s->located, .pole = s->pole};
+    Course x = {t, q, v, p, a->zeros, a->steps + 1, a->room, 0};
+    if (search_along(s, &of, a->h, &x) != SEARCHED) return NOT_CONVERGED;
+    a->told[4] = (double)x.found;
+    if (!s->stops || !x.found || a->zeros[1] != 0) return DONE;
+    const int64_t last = x.nodes - 1;
+    const double *const end = a->zeros + 2;
+    double *const node = rows + width * last;
+    memcpy(node, end + 3, n * sizeof(double)), memcpy(node + n, end + 3 + 2 * n, n * sizeof(double));
+    memcpy(node + 2 * n, end + 3 + n, n * sizeof(double));
+    memcpy(q + n * last, node, n * sizeof(double)), memcpy(p + n * last, node + n, n * sizeof(double));
+    t[last] = end[0], numbers[last] = last - 1, a->steps = last;
+    a->looks = last < samples ? last + 1 : samples, a->looked = looked;
+    for (int64_t i = 0; i < a->looks; i++) looked[i] = last < samples ? i : (int64_t)(s->places[i] * (double)last);
+    return DONE;
+}
+
+int few_steps(const FewSteps *asked_for) {
+    FewSteps own = *asked_for, *const a = &own;
     const int64_t n = a->n, width = 3 * n, nodes = a->steps / a->save_every + 1;
     double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
     int64_t *const numbers = (int64_t *)(t + nodes);
@@ -135,9 +175,12 @@ int few_steps(const FewSteps *a) {
         for (int64_t k = 0; k < nodes; k++) numbers[k] = k * a->save_every, t[k] = a->h * (double)numbers[k] + a->t0;
         for (int64_t k = 0; a->speeds && k < nodes; k++) memcpy(a->speeds + n * k, rows + width * k + 2 * n, n * sizeof(double));
         a->told[0] = iterations, a->told[1] = residual;
-        const Energies own = energies_of(a);
-        a->told[2] = a->works ? balances(a, rows, t, room)
-                              : keeps(a, rows, room) && (!a->leaps || leaps_nowhere(&own, &a->limits->leap, rows, a->steps, nodes - 1, room));
+        int64_t looked_at[a->sought ? a->sought->samples : 1];
+        if (a->sought) {
+            memcpy(a->speeds, a->speed, n * sizeof(double)), memcpy(rows + 2 * n, a->speed, n * sizeof(double));
+            status = seek(a, rows, p, t, numbers, looked_at);
+        }
+        a->told[2] = status == DONE && is_right(a, rows, t, room), a->told[3] = (double)(a->steps / a->save_every + 1);
     }
     free(rows);
     return status;

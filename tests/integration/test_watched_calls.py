@@ -1,0 +1,155 @@
+"""What is watched for along short runs is found in the call of the core that makes them, as by the
+searches for all other runs.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.integration import few_steps, run, watched_call
+
+q1, v1 = vi.coordinates("theta")
+q2, v2 = vi.coordinates("x", "y")
+t = vi.time()
+circle = ca.sumsqr(q2) - 1
+SCENES = {
+    "pendulum": (vi.System(q1, v1, v1**2 / 2 + 9.81 * ca.cos(q1)), [1.0], [0.0]),
+    "slowed": (vi.System(q1, v1, v1**2 / 2 - q1**4 / 4, force=-0.3 * v1), [2.0], [0.3]),
+    "swayed": (vi.System(q1, v1, v1**2 / 2 + ca.cos(q1) + q1 * ca.sin(t), t=t), [1.0], [0.2]),
+    "orbit": (vi.System(q2, v2, ca.sumsqr(v2) / 2 + 1 / ca.norm_2(q2)), [0.9, 0.0], [0.0, 1.1]),
+    "spring": (vi.System(q2, v2, ca.sumsqr(v2) / 2 - ca.sumsqr(q2)), [0.5, 0.0], [0.1, 0.3]),
+    "fast": (vi.System(q1, v1, -25 * ca.sqrt(1 - v1**2 / 25) - q1**2 / 2), [1.0], [2.0]),
+    "on a circle": (
+        vi.System(q2, v2, ca.sumsqr(v2) / 2 - 9.81 * q2[1], constraint=circle),
+        [1.0, 0.0],
+        [0.0, 0.5],
+    ),
+}
+RULES = None, vi.gauss(4), vi.lobatto(4)
+
+
+def expressions(system):
+    """Zeros within steps, at a node, at the start, of speeds, none, many, double ones, a pole."""
+    x, v = system.q[0], system.v[0]
+    return {
+        "within": x - 0.3,
+        "speed": v + 0.2,
+        "start": x - 1.0,
+        "never": x - 50,
+        "many": ca.sin(40 * x),
+        "double": ca.sin(x) ** 2,
+        "pole": 1 / (x - 0.4),
+        "kink": ca.fabs(x) - 0.5,
+    }
+
+
+def steppable(scene, rule):
+    try:
+        vi.plan(SCENES[scene][0], rule)
+    except vi.InputError:
+        pytest.skip("no rule for this scene")
+    return SCENES[scene]
+
+
+def told(system, rule, call):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            motion = vi.simulate(system, rule, **call)
+        except vi.VarintError as error:
+            motion = str(error)
+    return motion, [str(x.message) for x in said]
+
+
+def assert_told_alike(monkeypatch, where, name, system, rule, call):
+    """As by the way of all other calls; the motion."""
+    short, said = told(system, rule, call)
+    with monkeypatch.context() as patch:
+        patch.setattr(where, name, lambda *_: None)
+        long, said_there = told(system, rule, call)
+    assert said == said_there
+    if isinstance(long, str):
+        assert short == long
+        return None
+    for x in "tqpkuhv":
+        assert np.array_equal(getattr(short, x), getattr(long, x))
+    assert short.events == long.events
+    numbers, other = (
+        {**x.stats, "seconds": 0, "backend": x.stats["backend"].split(": ")[1]}
+        for x in (short, long)  # the compiler may have come to its end between them
+    )
+    assert numbers == other and list(short.stats) == list(long.stats)
+    return short
+
+
+@pytest.mark.parametrize("h, steps", [(0.05, 20), (0.011, 400), (-0.04, 90), (0.4, 12)])
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("scene", SCENES)
+def test_zeros_by_the_core_are_those_of_the_search_of_whole_runs(
+    monkeypatch, scene, rule, h, steps
+):
+    system, q0, v0 = steppable(scene, rule)
+    by_name, found = expressions(system), 0
+    start = dict(q0=q0, v0=v0, h=h, steps=steps, t0=0.7)
+    for name, x in by_name.items():
+        for until in (x, (x, 1), (x, -1)):
+            some = dict(list(by_name.items())[:3]) if name in ("within", "never") else {}
+            call = start | dict(until=until, events=some)
+            way = few_steps, "few_steps_call", system, rule, call
+            motion = assert_told_alike(monkeypatch, *way)
+            found += motion is not None and len(motion) <= steps
+    call = start | dict(events={name: (x, 0) for name, x in by_name.items()})
+    assert_told_alike(monkeypatch, few_steps, "few_steps_call", system, rule, call)
+    assert found
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("scene", SCENES)
+def test_events_of_default_calls_are_those_of_the_longer_way(monkeypatch, scene, rule):
+    system, q0, v0 = steppable(scene, rule)
+    by_name, taken = expressions(system), 0
+    for duration, tol in ((2.0, None), (0.3, 1e-6), (-1.5, 1e-4), (0.01, 1e-8)):
+        for names in (["within"], ["speed", "never"], ["many", "pole", "start"]):
+            call = dict(q0=q0, v0=v0, duration=duration, tol=tol, t0=0.7)
+            call["events"] = {name: by_name[name] for name in names}
+            way = watched_call, "call_with_events", system, rule, call
+            motion = assert_told_alike(monkeypatch, *way)
+            taken += motion is not None and len(motion.events) > 0
+    assert taken
+
+
+@pytest.mark.parametrize("scene", ["pendulum", "slowed", "swayed", "orbit", "fast"])
+def test_the_core_looks_along_runs_that_nothing_holds(monkeypatch, scene):
+    def none(*_):
+        raise AssertionError("not by the core")
+
+    monkeypatch.setattr(few_steps, "looked_along", none)
+    monkeypatch.setattr(run, "looked_along", none)
+    system, q0, v0 = SCENES[scene]
+    by_name = expressions(system)
+    for more in ({"until": by_name["speed"]}, {"events": {"within": (by_name["within"], -1)}}):
+        vi.simulate(system, vi.gauss(4), q0=q0, v0=v0, h=0.05, steps=60, **more)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"until": 3.0}, {"until": (q1, 2)}, {"events": [q1]}, {"events": {"a": q1 > 0}}]
+)
+def test_what_cannot_be_watched_for_is_refused(wrong):
+    system, q0, v0 = SCENES["pendulum"]
+    for span in (dict(h=0.1, steps=5), dict(duration=1.0)):
+        with pytest.raises(vi.InputError, match=r"until|events|a "):
+            vi.simulate(system, q0=q0, v0=v0, **span, **wrong)
+
+
+def test_an_expression_that_was_changed_is_another_one():
+    system, q0, v0 = SCENES["pendulum"]
+    watched = ca.SX(q1 - 0.5)
+    for level in (0.5, 0.25, 0.7):
+        watched[0] = q1[0] - level
+        motion = vi.simulate(system, q0=q0, v0=v0, h=0.05, steps=40, until=watched)
+        assert abs(motion.q[-1, 0] - level) < 1e-12

@@ -1,0 +1,72 @@
+/* Zeros of expressions along the nodes of a run, and the run until the first zero of one of them. run.h, rows.h and crossings.h
+   stand before this file. */
+#define AHEAD 32 /* steps that are searched for an end at first, then GROWTH times as many as there were before (first_crossing.py) */
+#define GROWTH 8
+#define ROUNDING (8 * 0x1p-52) /* of times (dense_output.py) */
+#define ZERO_SIZE(n) (5 + 3 * (n)) /* numbers of a zero: node before it, which expression, then a point: time, value, rate, q, v and p */
+
+/* (q, v, t) to value and rate, bounds; +1: where it rises, -1: where it falls, 0: both */
+typedef struct { const void *values, *bounds; int64_t direction; } Watched;
+
+/* varint/codegen/sought.py has the same layouts */
+typedef struct {
+    int (*search)(const Crossings *);
+    int (*parts)(const PartsArguments *);
+    int64_t watches, stops, samples; /* expressions; whether the run ends where the first of them does */
+    int64_t halvings, most_pieces, iterations, secants, newton;
+    double located, pole;
+    const double *places;   /* in [0, 1]: nodes that are looked at, so many samples */
+    const Watched *watched;
+} Sought;
+
+/* Nodes of a run, and the zeros that were found. */
+typedef struct {
+    const double *t, *q, *v, *p;
+    double *zeros;
+    int64_t nodes, room, found;
+} Course;
+
+/* Wanted zeros of one expression in the steps from `begin` to node `end`, behind those that were found. */
+static int search_steps(const Sought *s, const Crossings *of, int64_t which, int64_t begin, int64_t end, double h, Course *x) {
+    const int64_t size = ZERO_SIZE(of->n), direction = s->watched[which].direction;
+    int64_t found[2] = {0, begin};
+    char steps[end + 1];
+    for (int64_t k = 0; k < end; k++) steps[k] = x->t[k + 1] != x->t[k] ? WANTED : BROKEN;
+    Crossings asked = *of;
+    double *const zeros = x->zeros + size * x->found;
+    const double far = fmax(fmax(fabs(x->t[begin]), fabs(x->t[end])), fabs(h));
+    asked.values = s->watched[which].values, asked.bounds = s->watched[which].bounds, asked.zeros = zeros, asked.found = found;
+    asked.nodes = end + 1, asked.room = x->room - x->found, asked.close = ROUNDING * far / fabs(h) * fabs(h), asked.steps = steps;
+    const int status = s->search(&asked);
+    for (int64_t i = 0; i < found[0]; i++) {
+        const double side = zeros[size * i + 1];
+        if (direction ? side != (double)-direction : side == 0) continue;
+        double *const to = x->zeros + size * x->found++;
+        if (to != zeros + size * i) memcpy(to, zeros + size * i, size * sizeof(double));
+        to[1] = (double)which;
+    }
+    return status;
+}
+
+/* All that are wanted; where the run ends with one of them it is the first, and the step that it is in the last that counts. */
+static int search_along(const Sought *s, const Crossings *of, double h, Course *x) {
+    const int64_t size = ZERO_SIZE(of->n);
+    int64_t last = x->nodes - 1;
+    int status = SEARCHED;
+    if (s->stops)
+        for (int64_t begin = 0, end; begin < last && !x->found && status == SEARCHED; begin = end) {
+            end = begin + (GROWTH * begin > AHEAD ? GROWTH * begin : AHEAD);
+            end = end < last ? end : last;
+            status = search_steps(s, of, 0, begin, end, h, x);
+        }
+    if (x->found) {
+        int64_t first = 0;
+        for (int64_t i = 1; i < x->found; i++)
+            if ((x->zeros[size * i + 2] - x->zeros[size * first + 2]) * h < 0) first = i;
+        if (first) memcpy(x->zeros, x->zeros + size * first, size * sizeof(double));
+        x->found = 1, last = (int64_t)x->zeros[0] + 1;
+    }
+    for (int64_t i = s->stops; i < s->watches && status == SEARCHED; i++) status = search_steps(s, of, i, 0, last, h, x);
+    x->nodes = last + 1;
+    return status;
+}
