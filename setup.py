@@ -35,6 +35,7 @@ NAMES = (
     "refined_",
     "few_steps_",
     "held_",
+    "times_",
     "until_",
     "nearness_",
     "look_ahead_",

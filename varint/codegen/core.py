@@ -146,6 +146,12 @@ def held_entry() -> Callable[[bytes], int]:
 
 
 @cache
+def times_entry() -> Callable[[bytes], int]:
+    """c/times_core.c; raises CompileError as `gauss_loop` does."""
+    return _by_bytes("times_core.c", "at_times")[0]
+
+
+@cache
 def until_entry() -> Callable[[bytes], int]:
     """c/until_core.c; raises CompileError as `gauss_loop` does."""
     return _by_bytes("until_core.c", "until")[0]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import cache
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -73,4 +75,15 @@ def only_at(motion: Trajectory, times: np.ndarray) -> Trajectory:
         reached = times[direction * (times - end) <= slack]
     if not len(reached):
         raise InputError(f"the run ended at t = {end:g}, before the first of the times {times}")
+    found: Trajectory | None = _at_once().only_at_by_core(motion, reached)
+    if found is not None:
+        return found
     return changed(motion.at(reached), events=motion.events, stats=motion.stats)
+
+
+@cache
+def _at_once() -> ModuleType:
+    """Loaded with the first times that are asked for."""
+    from varint.integration import times_at_once
+
+    return times_at_once
