@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import varint as vi
-from varint.integration import few_steps, run, watched_call
+from varint.integration import few_steps, run, times_at_once, until_call, watched_call
+from varint.integration import simulate as module
+from varint.results import dense_output
 
 q1, v1 = vi.coordinates("theta")
 q2, v2 = vi.coordinates("x", "y")
@@ -121,6 +123,55 @@ def test_events_of_default_calls_are_those_of_the_longer_way(monkeypatch, scene,
             motion = assert_told_alike(monkeypatch, *way)
             taken += motion is not None and len(motion.events) > 0
     assert taken
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("scene", ["pendulum", "orbit", "spring", "fast", "on a circle"])
+def test_ends_of_default_calls_are_those_of_the_longer_way(monkeypatch, scene, rule):
+    """Also of those that are found in pieces, or never."""
+    system, q0, v0 = steppable(scene, rule)
+    by_name, found = expressions(system), 0
+    for duration, tol in ((2.0, None), (0.3, 1e-6), (-1.5, 1e-4), (400.0, 1e-5)):
+        for name in ("within", "speed", "start", "pole", "never"):
+            if name == "never" and duration > 2:
+                continue  # long
+            call = dict(q0=q0, v0=v0, duration=duration, tol=tol, t0=0.7, until=(by_name[name], 0))
+            if name == "speed":
+                call["events"] = {"place": by_name["within"]}
+            way = until_call, "call_until", system, rule, call
+            motion = assert_told_alike(monkeypatch, *way)
+            found += motion is not None and abs(motion.t[-1] - 0.7) < 0.9 * abs(duration)
+    assert found
+
+
+@pytest.mark.parametrize("scene, duration", [("pendulum", 2.0), ("orbit", 2.0), ("orbit", 300.0)])
+def test_the_core_takes_default_calls_that_end_at_a_zero(monkeypatch, scene, duration):
+    monkeypatch.setattr(module, "_to_tolerance", None)  # the way of all other calls
+    system, q0, v0 = SCENES[scene]
+    motion = vi.simulate(system, q0=q0, v0=v0, duration=duration, until=system.q[0] - 0.3)
+    assert abs(motion.q[-1, 0] - 0.3) < 1e-12
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("scene", SCENES)
+def test_times_by_the_core_are_met_as_by_the_motion(monkeypatch, scene, rule):
+    system, q0, v0 = steppable(scene, rule)
+    for sign in (1, -1):
+        for parts in ([0.0, 0.013, 0.5, 0.5, 0.77, 1.0], [1e-17, 1.0 - 1e-16], [0.3], [0, 1]):
+            times = 0.7 + sign * np.array(parts)
+            for grid in ({}, dict(h=0.05 * sign, steps=20), dict(tol=1e-5)):
+                call = dict(q0=q0, v0=v0, at=times, t0=0.7) | grid
+                way = times_at_once, "only_at_by_core", system, rule, call
+                motion = assert_told_alike(monkeypatch, *way)
+                assert motion is None or motion.t.tobytes() == times.tobytes()
+
+
+def test_the_core_meets_times_of_runs_that_nothing_holds(monkeypatch):
+    system, q0, v0 = SCENES["pendulum"]
+    monkeypatch.setattr(dense_output, "nodes_at", None)
+    times = np.linspace(0, 1, 30)
+    motion = vi.simulate(system, q0=q0, v0=v0, at=times)
+    assert len(motion) == 30 and np.abs(motion.energy - motion.energy[0]).max() < 1e-8
 
 
 @pytest.mark.parametrize("scene", ["pendulum", "slowed", "swayed", "orbit", "fast"])

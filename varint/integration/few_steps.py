@@ -21,7 +21,6 @@ from varint.codegen.cache import CompileError
 from varint.codegen.core import held_entry
 from varint.codegen.few_steps import Controlled, FewSteps, few_steps, few_steps_of
 from varint.codegen.kernel import Kernel
-from varint.discrete.legendre import velocity_function
 from varint.integration.compiled_loop import NODES_IN_BLOCK, first_piece, next_piece
 from varint.integration.energy_leap import energy_alarm
 from varint.integration.false_speed import false_speed, may_be_false
@@ -37,13 +36,13 @@ from varint.integration.gears import (
 from varint.integration.held_rows import is_held
 from varint.integration.plain_start import (
     Room,
-    begin_at,
-    begin_by_momentum,
+    begin_in,
     is_plain_number,
     moves_freely,
     opening_in,
     room_of,
     rooms,
+    velocities_in,
 )
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import Grid, controls, time_grid
@@ -51,7 +50,6 @@ from varint.integration.run import FIRST, looked_along
 from varint.integration.short_looks import looked_at, short_looks
 from varint.integration.trajectories import plain_motion_of
 from varint.integration.work_bound import moves_constraints
-from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -87,16 +85,12 @@ def few_steps_call(
         return None
     called = None
     if (rule is None or type(rule) is Rule) and is_plain_number(t0) and save_every > 0:
-        called = _called(system, rule)
+        called = called_of(system, rule)
     if called is None or (v0 is None) == (p0 is None) or (u is None) == called.controlled:
         return None
     if called.held and v0 is None:
         return None
-    kernel = kernel_now(called.gears)
-    loop = called.last
-    if loop is None or loop.kernel is not kernel:
-        loop = called.last = _loop_of(system, called.plan.rule, kernel)
-    how, longest, pilot = loop.how, loop.longest, loop.pilot
+    kernel, how, longest, pilot = loop_now(system, called)
     if how is None or steps > longest or steps % save_every:
         return None
     if pilot and save_every != 1:
@@ -110,10 +104,7 @@ def few_steps_call(
         if u is not None:
             used = _controls_of(system, called.plan.rule, u, steps)
             room.u[:], room.known = used.u[0, 0], None
-        if v0 is None:
-            c = begin_by_momentum(room, system, q0, p0, t0, params)
-        else:
-            c = begin_at(room, system, q0, v0, t0, params)
+        c = begin_in(room, system, (q0, v0, t0, params), p0)
         if c is None:
             return None
         check_steps(t0, h, steps)
@@ -128,8 +119,7 @@ def few_steps_call(
         if looks and used is None and opening is None:
             what = _short_search().search_for(system, kernel, key, until, events)
             if what is not None:
-                begin = call(velocity_function(system), room.q, room.values[: room.n], room.t, c)
-                sought = what, begin[0]
+                sought = what, velocities_in(room, system, c)
         found = few_steps(how, room.place, asked, looked, used, opening, looks, sought)
     finally:
         pool.append(room)
@@ -171,7 +161,15 @@ def _short_search() -> ModuleType:
     return short_search
 
 
-class _Loop(NamedTuple):
+def loop_now(system: System, called: Called) -> Loop:
+    """The best loop that is there."""
+    kernel, loop = kernel_now(called.gears), called.last
+    if loop is None or loop.kernel is not kernel:
+        loop = called.last = _loop_of(system, called.plan.rule, kernel)
+    return loop
+
+
+class Loop(NamedTuple):
     """A loop, how it is called, if it can be, how many steps that is for, and after how many its
     iteration must have contracted (0: it need not).
     """
@@ -183,7 +181,7 @@ class _Loop(NamedTuple):
 
 
 @dataclass(eq=False)
-class _Called:
+class Called:
     """Of a scene and a rule: the plan, the gears, whether there are controls, whether constraint
     rows hold the motion, whether speeds may be false, rooms that nobody uses, and the loop that ran
     last.
@@ -195,11 +193,11 @@ class _Called:
     held: bool
     may_be_false: bool
     rooms: list[Room]
-    last: _Loop | None = None
+    last: Loop | None = None
 
 
 @per_scene
-def _called(system: System, rule: Rule | None) -> _Called | None:
+def called_of(system: System, rule: Rule | None) -> Called | None:
     """None where more than coordinates and momenta at nodes and constraint rows makes the motion,
     or there is no loop that need not be compiled first.
     """
@@ -211,12 +209,12 @@ def _called(system: System, rule: Rule | None) -> _Called | None:
     if gears is None:
         return None
     controlled, false = system.structure.controls > 0, may_be_false(system, chosen.rule)
-    return _Called(chosen, gears, controlled, held, false, rooms(system, False))
+    return Called(chosen, gears, controlled, held, false, rooms(system, False))
 
 
-def _loop_of(system: System, rule: Rule, kernel: Kernel) -> _Loop:
+def _loop_of(system: System, rule: Rule, kernel: Kernel) -> Loop:
     looks = short_looks(system)
-    none = _Loop(kernel, None, 0, 0)
+    none = Loop(kernel, None, 0, 0)
     if looks is None:
         return none
     longest = min(first_piece(kernel, False), NODES_IN_BLOCK)
@@ -227,7 +225,7 @@ def _loop_of(system: System, rule: Rule, kernel: Kernel) -> _Loop:
         how = few_steps_of(kernel, looks)
     except CompileError:
         return none
-    return _Loop(kernel, how, longest, first_piece(kernel, True) if piloted else 0)
+    return Loop(kernel, how, longest, first_piece(kernel, True) if piloted else 0)
 
 
 def _controls_of(system: System, rule: Rule, u: Any, steps: int) -> Controlled:

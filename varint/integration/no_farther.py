@@ -50,27 +50,40 @@ def as_far_as_it_ends(
     choose : callable
         (problem, options) → choice, with the motion until its end.
     """
+
+    def choose_for(duration: float) -> Choice:
+        return choose(problem._replace(h=duration), options._replace(duration=duration))
+
+    fastest, _ = fastest_at_start(system, plan(system, rule).rule, problem)
+    choice, duration = in_pieces(fastest, problem.t0, problem.h, choose_for)
+    return Ending(choice, options._replace(duration=duration))
+
+
+def in_pieces(
+    fastest: float, t0: float, total: float, choose: Callable[[float], Choice]
+) -> tuple[Choice, float]:
+    """The choice for a duration for the shortest piece in which the motion ends, or the whole; and
+    which that is. `fastest` is the frequency of the fastest small motion about the start.
+    """
     runs = 0
-    for duration in _pieces(system, rule, problem):
-        asked = options._replace(duration=duration)
-        choice = choose(problem._replace(h=duration), asked)
+    for duration in _pieces(fastest, total):
+        choice = choose(duration)
         runs += choice.runs
-        if abs(choice.motion.t[-1] - problem.t0) < (1 - WITHIN) * abs(duration):
-            return Ending(replace(choice, runs=runs), asked)
+        if abs(choice.motion.t[-1] - t0) < (1 - WITHIN) * abs(duration):
+            return replace(choice, runs=runs), duration
         if not choice.reached:  # chaos, or round-off: longer pieces would not be either
             break
-    choice = choose(problem, options)
-    return Ending(replace(choice, runs=runs + choice.runs), options)
+    choice = choose(total)
+    return replace(choice, runs=runs + choice.runs), total
 
 
-def _pieces(system: System, rule: Rule | None, problem: InitialValueProblem) -> Iterator[float]:
+def _pieces(fastest: float, total: float) -> Iterator[float]:
     """Durations of the pieces that are clearly shorter than the whole; none where nothing moves to
     and fro.
     """
-    fastest, _ = fastest_at_start(system, plan(system, rule).rule, problem)
     if not fastest > 0:
         return
-    duration = FIRST / fastest * (1.0 if problem.h > 0 else -1.0)
-    while abs(duration) * GROWTH <= abs(problem.h):
+    duration = FIRST / fastest * (1.0 if total > 0 else -1.0)
+    while abs(duration) * GROWTH <= abs(total):
         yield duration
         duration *= GROWTH

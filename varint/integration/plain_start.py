@@ -19,7 +19,7 @@ from varint.discrete.legendre import velocity_function
 from varint.integration.held_rows import is_held, momentum_put_on_rows
 from varint.integration.small_motions import local_function, local_function_of_momentum
 from varint.integration.start import check_mass, regular_at, start_function
-from varint.numerics.arrays import is_clearly_definite, trigger_on
+from varint.numerics.arrays import call, is_clearly_definite, trigger_on
 from varint.scene.inputs import vector
 from varint.scene.memory import per_scene
 from varint.scene.parameters import ParameterValues
@@ -237,6 +237,20 @@ def begin_by_momentum(
         room.known = None  # these are not what belongs to that start
         room.values[: room.n] = vector("p0", p0, room.n, system.names)
     return c
+
+
+def begin_in(
+    room: Room, system: System, start: tuple[Any, Any, Any, ParameterValues | None], p0: Any
+) -> np.ndarray | None:
+    """`begin_at` a start (q0, v0, t0, params), or by momenta in place of v0."""
+    if p0 is None:
+        return begin_at(room, system, *start)
+    return begin_by_momentum(room, system, start[0], p0, start[2], start[3])
+
+
+def velocities_in(room: Room, system: System, c: np.ndarray) -> np.ndarray:
+    """Those that belong to the momenta that are there."""
+    return call(velocity_function(system), room.q, room.values[: room.n], room.t, c)[0]
 
 
 def _numbers(what: str, x: Any, n: int, names: tuple[str, ...]) -> Sequence[float]:

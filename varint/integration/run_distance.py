@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
+from varint.discrete.legendre import velocity_function
 from varint.integration.round_off import ROUNDED
+from varint.numerics.arrays import call
 from varint.results.trajectory import Trajectory
 
 EARLIEST = 8  # part of the nodes that come before a difference tells of all later ones
@@ -34,8 +36,9 @@ def shared_nodes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the nodes of two runs with so many steps that both have."""
     unit = math.gcd(few, many)
-    if _equally_spaced(one) and _equally_spaced(other):
-        i, j = np.arange(0, len(one), few // unit), np.arange(0, len(other), many // unit)
+    first, second = _equal_steps(one), _equal_steps(other)
+    if first and second:
+        i, j = np.arange(0, first, few // unit), np.arange(0, second, many // unit)
         count = min(len(i), len(j))
         return i[:count], j[:count]
     (k1, at1), (k2, at2) = _on_grid(one, many // unit), _on_grid(other, few // unit)
@@ -91,10 +94,17 @@ def distance_between_nodes(one: Trajectory, other: Trajectory, scales: np.ndarra
     return float((np.abs(q[both] - other.at(t[both]).q) / scales).max())
 
 
-def _equally_spaced(motion: Trajectory) -> bool:
-    """Whether every step made a node, and nothing else did."""
-    last = motion.k[-1]
-    return last == len(motion) - 1 and not motion.events and on_grid(motion, last)
+def _equal_steps(motion: Trajectory) -> int:
+    """How many nodes whole steps have made, one each, before the one at which the motion ends
+    within a step; 0 where others have made some.
+    """
+    last, nodes = int(motion.k[-1]), len(motion)
+    if motion.events:
+        return 0
+    if last == nodes - 1 and on_grid(motion, last):
+        return nodes
+    ends_within = motion.active_set is None and motion.sizes is None
+    return nodes - 1 if ends_within and last == motion.k[-2] == nodes - 2 else 0
 
 
 def on_grid(motion: Trajectory, k: int) -> bool:
@@ -110,8 +120,15 @@ def ends_apart(one: Trajectory, other: Trajectory, scales: np.ndarray) -> float:
     """
     if len(other) < TELLING:
         return math.inf
-    late = abs(one.t[-1] - other.t[-1]) * np.abs(other[-1:].v[0])
+    late = abs(one.t[-1] - other.t[-1]) * np.abs(_last_velocity(other))
     return float(((np.abs(one.q[-1] - other.q[-1]) + late) / scales).max())
+
+
+def _last_velocity(motion: Trajectory) -> np.ndarray:
+    if motion.active_set is not None:
+        return motion[-1:].v[0]
+    q, p, t = motion.q[-1].copy(), motion.p[-1].copy(), motion.t[-1:].copy()
+    return call(velocity_function(motion.system), q, p, t, motion.c)[0]
 
 
 def _on_grid(motion: Trajectory, factor: int) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,6 @@ import numpy as np
 
 from varint.codegen.kernel import Kernel
 from varint.codegen.two_runs import NOT_PROVED, VARIES, Course, Rates, runs_made
-from varint.discrete.legendre import velocity_function
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.energy_leap import energy_leap
@@ -25,14 +24,14 @@ from varint.integration.held_rows import is_held
 from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map, runs_driven
 from varint.integration.plain_start import (
     Room,
-    begin_at,
-    begin_by_momentum,
+    begin_in,
     has_plain_nodes,
     is_plain,
     is_plain_number,
     opening_in,
     room_of,
     rooms,
+    velocities_in,
 )
 from varint.integration.plan import Plan, plan
 from varint.integration.rule_choice import (
@@ -64,7 +63,6 @@ from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
 from varint.integration.trajectories import plain_motion_of, with_stats
 from varint.integration.two_runs import shows_its_error
 from varint.integration.work_bound import balance_rows, moves_constraints
-from varint.numerics.arrays import call
 from varint.numerics.limits import check_steps
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule, gauss
@@ -91,24 +89,20 @@ def short_call(
         return None
     if not (is_plain_number(duration) and duration and is_plain_number(t0)):
         return None
-    known = _known(system, rule)
+    known = known_of(system, rule)
     if known is None or not (p0 is None or known.by_momentum):
         return None
     pool = known.rooms
     room = pool.pop() if pool else room_of(system, True)
     try:
-        if p0 is None:
-            c = begin_at(room, system, *start)
-        else:
-            c = begin_by_momentum(room, system, start[0], p0, t0, start[3])
+        c = begin_in(room, system, start, p0)
         if c is None:
             return None
         check_steps(float(t0), float(duration), 1)
         ahead, begin = NOTHING, room.start
         if known.varies:
             if p0 is not None:
-                v = call(velocity_function(system), room.q, room.values[: room.n], room.t, c)[0]
-                begin = np.concatenate((room.q, v))
+                begin = np.concatenate((room.q, velocities_in(room, system, c)))
             ahead = seen_ahead(system, begin, c, float(duration))
         pilot, runs = ahead.pilot, 0
         if pilot is None:
@@ -133,7 +127,7 @@ def short_call(
 
 def _by_the_core(
     system: System,
-    known: _Known,
+    known: Known,
     room: Room,
     c: np.ndarray,
     span: tuple[float, float],
@@ -144,11 +138,11 @@ def _by_the_core(
 ) -> Trajectory | int | None:
     assert room.look is not None
     (t0, duration), _ = span, room.look()
-    radians, begin = angles_turned(duration, _fastest(known, room.local), ahead)
+    radians, begin = angles_turned(duration, fastest_of(known, room.local), ahead)
     which = cheapest(known.changes, begin, tol)
     price, loop = known.rules[which], known.loops[which]
     if loop is None:
-        loop = known.loops[which] = _loop(system, price.rule)
+        loop = known.loops[which] = loop_of(system, price.rule)
     if loop.gears is None:
         return None
     kernel, rule = kernel_now(loop.gears), price.rule
@@ -196,7 +190,7 @@ def _by_the_core(
     return motion
 
 
-def _fastest(known: _Known, local: np.ndarray) -> float | None:
+def fastest_of(known: Known, local: np.ndarray) -> float | None:
     """Of the small motions of these masses and derivatives of forces, which a linear scene has
     wherever it begins.
     """
@@ -215,7 +209,7 @@ def looked_at(rule: Rule, motion: Trajectory, estimate: float, tol: float) -> Tr
 
 
 @dataclass(eq=False)
-class _Loop:
+class Loop:
     """Of a scene and a rule: the plan, the gears if there are some, and the loop that ran last,
     with its course; how many steps are begun with.
     """
@@ -227,7 +221,7 @@ class _Loop:
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class Known:
     """Of a scene: coordinates, rooms that nobody uses, rules, their prices and which is the
     cheapest when, their loops as far as they were asked for, whether steps may vary and the
     rates that they may follow, whether momenta will do for all of that, whether constraint rows
@@ -239,7 +233,7 @@ class _Known:
     rooms: list[Room]
     rules: tuple[Priced, ...]
     changes: tuple[list[float], list[int]]
-    loops: list[_Loop | None]
+    loops: list[Loop | None]
     varies: bool
     rates: list[Rates | None]
     by_momentum: bool
@@ -248,7 +242,7 @@ class _Known:
 
 
 @per_scene
-def _known(system: System, rule: Rule | None) -> _Known | None:
+def known_of(system: System, rule: Rule | None) -> Known | None:
     """None where another way is to be taken, whatever the start."""
     n, own, held = system.structure.n, plan(system, rule).rule, _is_plainly_held(system)
     begins = held or _begins_by_symbols(system)
@@ -265,9 +259,9 @@ def _known(system: System, rule: Rule | None) -> _Known | None:
     varies = may_vary(system, rule)
     by_momentum = system.structure.quadratic_kinetic and not held
     rates: list[Rates | None] = rates_to_follow(system) if varies else [None]
-    loops: list[_Loop | None] = [None] * len(prices)
+    loops: list[Loop | None] = [None] * len(prices)
     begin = rooms(system, True), prices, changes(prices)
-    return _Known(n, *begin, loops, varies, rates, by_momentum, held, [(b"", 0.0)])
+    return Known(n, *begin, loops, varies, rates, by_momentum, held, [(b"", 0.0)])
 
 
 def _is_plainly_held(system: System) -> bool:
@@ -286,6 +280,6 @@ def _begins_by_symbols(system: System) -> bool:
 
 
 @per_scene
-def _loop(system: System, rule: Rule) -> _Loop:
+def loop_of(system: System, rule: Rule) -> Loop:
     gears = gears_of(system, rule, scheme_of(system, rule))
-    return _Loop(plan(system, rule), gears, steps_to_begin(system, rule))
+    return Loop(plan(system, rule), gears, steps_to_begin(system, rule))

@@ -197,10 +197,14 @@ def simulate(
         elif moving and save_every == 1:
             begin = q0, v0, t0, params
             tried = _short_call().short_call(system, rule, begin, p0, duration, tol, began)
-        elif save_every == 1 and events and until is u is None and (p0 is None) != (v0 is None):
+        elif save_every == 1 and u is None and (p0 is None) != (v0 is None):
             begin = q0, v0, t0, params
-            asked = duration, tol, began, events
-            tried = _watched_call().call_with_events(system, rule, begin, p0, *asked)
+            if until is not None:
+                asked = duration, tol, began, (until, events)
+                tried = _until_call().call_until(system, rule, begin, p0, *asked)
+            elif events:
+                watched_for = duration, tol, began, events
+                tried = _watched_call().call_with_events(system, rule, begin, p0, *watched_for)
         if type(tried) is Trajectory:
             return tried if at is None else only_at(tried, times)
     start = Start(q0, v0, p0, t0, params, u)
@@ -252,6 +256,13 @@ def _short_call() -> ModuleType:
     from varint.integration import short_call
 
     return short_call
+
+
+@cache
+def _until_call() -> ModuleType:
+    from varint.integration import until_call
+
+    return until_call
 
 
 @cache

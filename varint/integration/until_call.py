@@ -1,0 +1,178 @@
+"""Runs for a wanted accuracy that end where an expression crosses zero, as most are asked for: a
+start, a duration, an accuracy and nothing that holds the motion.
+
+Decisions are those of `choose_steps`; each run, the search along it and its end are one call of
+the core. What that cannot do is left to `to_tolerance`.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from varint.codegen.few_steps import few_steps
+from varint.integration.choice import Choice
+from varint.integration.events.short_search import key_of, search_for
+from varint.integration.few_steps import called_of, few_steps_call, loop_now
+from varint.integration.gears import kernel_after
+from varint.integration.linear_run import MAPPED, is_one_map
+from varint.integration.no_farther import in_pieces
+from varint.integration.plain_start import (
+    Room,
+    begin_in,
+    is_plain_number,
+    room_of,
+    velocities_in,
+)
+from varint.integration.plain_trials import NotPlain
+from varint.integration.rule_choice import cheapest, iteration_level
+from varint.integration.run import FIRST
+from varint.integration.short_call import Known, fastest_of, known_of
+from varint.integration.short_looks import looked_at
+from varint.integration.small_motions import angles_turned
+from varint.integration.time_transformation.rate_ahead import NOTHING, seen_ahead
+from varint.integration.to_tolerance import with_estimate
+from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
+from varint.integration.trajectories import Run, plain_motion_of
+from varint.integration.two_runs import shows_its_error
+from varint.integration.watched_trials import Attempts, by_watched_trials
+from varint.numerics.limits import check_steps
+from varint.results.trajectory import Trajectory
+from varint.rules.rule import Rule
+from varint.scene.memory import per_scene
+from varint.scene.parameters import ParameterValues
+from varint.scene.system import System
+
+
+def call_until(
+    system: System,
+    rule: Rule | None,
+    start: tuple[Any, Any, Any, ParameterValues | None],
+    p0: Any,
+    duration: Any,
+    tol: float | None,
+    began: float,
+    watched: tuple[Any, Any],
+) -> Trajectory | None:
+    """The motion from a start (q0, v0, t0, params), or from momenta in place of v0, until an
+    expression crosses zero, with events on the way (until, events); None where another way is to
+    be taken.
+    """
+    (q0, v0, t0, params), tol = start, DEFAULT_TOL if tol is None else tol
+    if not (rule is None or type(rule) is Rule) or not LEAST_TOL <= tol <= MOST_TOL:
+        return None
+    if not (is_plain_number(duration) and duration and is_plain_number(t0)):
+        return None
+    known = _known_until(system, rule)
+    if known is None:
+        return None
+    pool = known.rooms
+    room = pool.pop() if pool else room_of(system, True)
+    try:
+        c = begin_in(room, system, start, p0)
+        if c is None:
+            return None
+        check_steps(float(t0), float(duration), 1)
+        found = _choice_in(system, known, room, c, float(duration), tol, began, watched[0])
+    finally:
+        pool.append(room)
+    if found is None:
+        return None
+    choice, piece = found
+    motion: Trajectory | None = choice.motion
+    if watched[1]:
+        grid, level = (None, choice.steps, piece), iteration_level(tol, choice.steps)
+        asked = q0, v0, p0, t0, params, None
+        motion = few_steps_call(system, choice.rule, asked, grid, 1, level, began, watched)
+    return motion and with_estimate(motion, choice, tol, began)
+
+
+@per_scene
+def _known_until(system: System, rule: Rule | None) -> Known | None:
+    """None where another way is to be taken, whatever the start."""
+    known = known_of(system, rule)
+    if known is None or known.held or not known.by_momentum:
+        return None
+    mapped = is_one_map(system, MAPPED) or any(is_one_map(system, x.rule) for x in known.rules)
+    return None if mapped or not shows_its_error(system) else known
+
+
+@np.errstate(all="ignore")  # of steps that are too large
+def _choice_in(
+    system: System,
+    known: Known,
+    room: Room,
+    c: np.ndarray,
+    duration: float,
+    tol: float,
+    began: float,
+    until: Any,
+) -> tuple[Choice, float] | None:
+    """The choice of steps from the start that is there, and for which duration."""
+    assert room.look is not None
+    room.look()
+    fastest, t0 = fastest_of(known, room.local) or 0.0, float(room.t[0])
+    begin = np.concatenate((room.q, velocities_in(room, system, c))) if known.varies else None
+
+    def choose(piece: float) -> Choice:
+        ahead = NOTHING if begin is None else seen_ahead(system, begin, c, piece)
+        if ahead.pilot is not None:
+            raise NotPlain
+        turned = angles_turned(piece, fastest, ahead.frequency)
+        rule = known.rules[cheapest(known.changes, turned[1], tol)].rule
+        attempt = _attempts(system, room, c, (t0, piece), began, until)
+        choice = by_watched_trials(system, rule, tol, turned, attempt, None, True)
+        if choice is None:
+            raise NotPlain
+        return choice
+
+    try:
+        return in_pieces(fastest, t0, duration, choose)
+    except NotPlain:
+        return None
+
+
+def _attempts(
+    system: System,
+    room: Room,
+    c: np.ndarray,
+    span: tuple[float, float],
+    began: float,
+    until: Any,
+) -> Attempts:
+    """Runs from the start that is there over (t0, duration), until the expression crosses zero."""
+    t0, duration = span
+    key, speed = key_of(until, None), velocities_in(room, system, c)
+
+    def attempt(
+        rule: Rule,
+        steps: int,
+        part: int = 1,
+        wanted: float = 0.0,
+        digits: int | None = None,
+    ) -> tuple[Trajectory, Run | None]:
+        called, count = called_of(system, rule), max(steps // part, 1)
+        if called is None or digits is not None or called.controlled:
+            raise NotPlain
+        kernel, how, longest, pilot = loop_now(system, called)
+        what = None if kernel.opening else search_for(system, kernel, key, until, None)
+        if how is None or what is None or count > min(longest, FIRST):
+            raise NotPlain
+        now, h = perf_counter(), duration / steps
+        asked = t0, h, count, 1, iteration_level(wanted, steps), pilot
+        sought = what, speed
+        found = few_steps(how, room.place, asked, looked_at(count), None, None, True, sought)
+        if kernel.is_native:
+            kernel_after(called.gears, perf_counter() - now, 0.0)
+        if found is None:
+            raise NotPlain
+        grid, work = (h, t0, np.empty((steps, 1, 0)), c), (int(found.iterations), found.residual)
+        seconds = perf_counter() - began
+        motion = plain_motion_of(
+            system, called.plan, kernel, found.nodes, grid, work, seconds=seconds
+        )
+        return motion, None
+
+    return attempt
