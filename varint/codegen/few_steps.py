@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from varint.codegen.sought import Sought
 
 # FewSteps, what belongs to the loop and to what is asked; between them the place of the start
-_LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("6P5q3d3Pq")
+_LOOP, _ASKED = struct.Struct("6P9q"), struct.Struct("6P5q3d3Pq2P")
 _PLACE, _TOLD = struct.Struct("3P"), struct.Struct("5d")
 TOLD = 6  # numbers that there is room for where something is told
 _FLOAT, _WHOLE = np.dtype(float), np.dtype(np.int64)
@@ -145,6 +145,11 @@ class Controlled(NamedTuple):
     mean: np.ndarray
 
 
+# addresses of a function that tells typical sizes at so many nodes, and of memory for these
+Typical = tuple[int, int]
+UNTOLD: Typical = 0, 0
+
+
 class Seen(NamedTuple):
     """What a run of few steps told.
 
@@ -177,7 +182,7 @@ def few_steps(
     controlled: Controlled | None,
     opening: np.ndarray | None,
     moving: bool = False,
-    sought: tuple[Sought, np.ndarray] | None = None,
+    sought: tuple[Sought, np.ndarray, Typical] | None = None,
 ) -> Seen | None:
     """The motion from a start; None where a step cannot be solved, or another loop or search should
     go on.
@@ -199,19 +204,21 @@ def few_steps(
     moving : bool, optional
         Whether it is to tell velocities of the nodes.
     sought : tuple, optional
-        What is looked for on the way, all of whose nodes are kept, and the velocity at the start.
+        What is looked for on the way, all of whose nodes are kept, the velocity at the start, and
+        how the loop is told typical sizes (`UNTOLD` where it need not be).
     """
     t0, h, steps, every, level, pilot = asked
     many = steps // every + 1
     at, nodes = nodes_of(how.n, many)
     v = zeros = None
     u, mean, told, opens, v_at, sought_at, speed, zeros_at, room = 0, 0, 0, 0, 0, 0, 0, 0, 0
+    typical = UNTOLD
     if controlled is not None:
         u, mean = address_of(controlled.each), address_of(controlled.mean)
     if opening is not None:
         told, opens = address_of(opening), opening.size
     if sought is not None:
-        what, begin = sought
+        what, begin, typical = sought
         rows = np.empty(many * how.n + what.room * what.width)  # velocities before the zeros
         v_at = new_address(rows)
         sought_at, speed, room = what.at, address_of(begin), what.room
@@ -220,7 +227,7 @@ def few_steps(
         v = np.empty_like(nodes[2])
         v_at = new_address(v)
     places = at, v_at, u, mean, told, looked[0]
-    search = sought_at, speed, zeros_at, room
+    search = sought_at, speed, zeros_at, room, *typical
     numbers = _ASKED.pack(*places, opens, looked[1], steps, every, pilot, t0, h, level, *search)
     if few_steps_entry()(how.head + place.head + numbers) != DONE:
         return None

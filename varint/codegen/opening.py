@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from ctypes import CFUNCTYPE, c_double, c_int, c_void_p, cast
+from ctypes import CFUNCTYPE, c_double, c_int, c_int64, c_void_p, cast
 from typing import NamedTuple
 
 import numpy as np
 
+from varint.codegen.arguments import c_number, c_source
+from varint.codegen.kernel import address_of
 from varint.codegen.two_runs import opening_for
 from varint.discrete.legendre import velocity_function
 from varint.discrete.scales import scale_function
@@ -37,7 +39,8 @@ def opening_values(system: System) -> Callable[..., np.ndarray]:
     return told
 
 
-_OPEN = CFUNCTYPE(c_int, c_double)
+_OPEN, _SIZES = CFUNCTYPE(c_int, c_double), CFUNCTYPE(c_int, c_int64)
+SEEN = c_number(c_source("sought.h"), "SEEN")
 
 
 class Opening(NamedTuple):
@@ -52,6 +55,8 @@ class Opening(NamedTuple):
         () → whether it is there.
     by_core : bytes
         How the core asks for it.
+    typical : tuple
+        How the core is told typical sizes at nodes of a run from there.
     raised : list
         What was raised meanwhile.
     held : tuple
@@ -63,6 +68,7 @@ class Opening(NamedTuple):
     told: np.ndarray
     look: Callable[[], bool]
     by_core: bytes
+    typical: tuple[int, int]
     raised: list[BaseException]
     held: tuple
 
@@ -93,6 +99,23 @@ def opening_on(
             raised.append(error)
             return False
 
-    asked = _OPEN(look_for)
-    at = cast(asked, c_void_p).value or 0  # type: ignore[arg-type]
-    return Opening(u, h, told, look, opening_for(at, told), raised, (one, other, asked))
+    block = np.zeros(SEEN * (1 + 2 * n) + 2 * n)
+    times, places, momenta, largest = np.split(block, np.cumsum([SEEN, SEEN * n, SEEN * n]))
+
+    def largest_at(count: int) -> bool:
+        try:
+            some = (x.reshape(SEEN, -1)[:count] for x in (places, momenta, times))
+            at, along, when = some
+            used = np.zeros(u.size)
+            sizes = over_columns(scale_function(system), at, along, used, when, h, c)[0]
+            largest[:] = sizes.max(axis=0)
+            return True
+        except BaseException as error:
+            raised.append(error)
+            return False
+
+    asked, looking = _OPEN(look_for), _SIZES(largest_at)
+    at, looks = (cast(x, c_void_p).value or 0 for x in (asked, looking))  # type: ignore[arg-type]
+    held = one, other, asked, looking, block
+    typical = looks, address_of(block)
+    return Opening(u, h, told, look, opening_for(at, told), typical, raised, held)

@@ -54,7 +54,6 @@ def sought_by(
     Parameters
     ----------
     kernel : Kernel
-        That need not be told more at a fresh start.
     watched : sequence
         Of each expression (q, v, t) → value and rate, bounds (see `locate_zeros`), and whether it
         is to rise (+1), to fall (−1) or either of them (0).

@@ -39,10 +39,10 @@ from varint.integration.plain_start import (
     begin_in,
     is_plain_number,
     moves_freely,
+    moving_in,
     opening_in,
     room_of,
     rooms,
-    velocities_in,
 )
 from varint.integration.plan import Plan, plan
 from varint.integration.problem import Grid, controls, time_grid
@@ -75,11 +75,11 @@ def few_steps_call(
     """
     q0, v0, p0, t0, params, u = start
     until, events = watched
-    looks, key = until is not None or bool(events), None
+    looks, key, parsed = until is not None or bool(events), None, None
     if looks or events is not None:
         key = _short_search().key_of(until, events)
         if key is None or key not in _short_search().searches_known(system):
-            watches_of(until, events)  # bad ones are refused
+            parsed = watches_of(until, events)  # bad ones are refused
     h, steps = time_grid(*grid)
     if looks and (steps > FIRST or save_every != 1):
         return None
@@ -110,17 +110,19 @@ def few_steps_call(
         check_steps(t0, h, steps)
         opening = None
         if kernel.opening:
-            opening = _opening_of(system, room, used, h)
+            opening = opening_told(system, room, used, h)
             if opening is None:
                 return None
         now = perf_counter()
         asked = t0, h, steps, save_every, level, pilot
         looked, sought = looked_at(steps // save_every), None
-        if looks and used is None and opening is None:
+        if looks and used is None:
             what = _short_search().search_for(system, kernel, key, until, events)
             if what is not None:
-                sought = what, velocities_in(room, system, c)
+                sought = what, *moving_in(room, system, c, opening is not None)
         found = few_steps(how, room.place, asked, looked, used, opening, looks, sought)
+        if opening is not None and room.opening is not None and room.opening.raised:
+            raise room.opening.raised.pop()
     finally:
         pool.append(room)
     if kernel.is_native:
@@ -138,7 +140,7 @@ def few_steps_call(
         seconds=perf_counter() - began,
     )
     if v is not None:
-        motion = looked_along(motion, v, kernel, *watches_of(until, events))
+        motion = looked_along(motion, v, kernel, *(parsed or watches_of(until, events)))
         quiet = quiet and motion.q is nodes[2]  # the node where it is cut is another one
     elif zeros is not None and len(zeros):
         end = nodes[1].item(-1) if until is not None and zeros[0, 1] == 0 else None
@@ -238,7 +240,9 @@ def _controls_of(system: System, rule: Rule, u: Any, steps: int) -> Controlled:
     return Controlled(given, each, mean)
 
 
-def _opening_of(system: System, room: Room, used: Controlled | None, h: float) -> np.ndarray | None:
+def opening_told(
+    system: System, room: Room, used: Controlled | None, h: float
+) -> np.ndarray | None:
     """What the loop is told at a fresh start; None where that is no numbers."""
     opening = opening_in(room, system)
     opening.h[0] = h

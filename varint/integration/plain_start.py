@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from varint.codegen.few_steps import TOLD, Place, place_of
+from varint.codegen.few_steps import TOLD, UNTOLD, Place, Typical, place_of
 from varint.codegen.kernel import address_of
 from varint.codegen.two_runs import Places, places_of
 from varint.discrete.legendre import velocity_function
@@ -251,6 +251,17 @@ def begin_in(
 def velocities_in(room: Room, system: System, c: np.ndarray) -> np.ndarray:
     """Those that belong to the momenta that are there."""
     return call(velocity_function(system), room.q, room.values[: room.n], room.t, c)[0]
+
+
+def moving_in(
+    room: Room, system: System, c: np.ndarray, opened: bool
+) -> tuple[np.ndarray, Typical]:
+    """How fast the start moves that is there, and how its loop is told typical sizes on the way, if
+    it was told at the start what it must be, and that was `opened`.
+    """
+    if not opened or room.opening is None:
+        return velocities_in(room, system, c), UNTOLD
+    return room.opening.told[2 * room.n :], room.opening.typical
 
 
 def _numbers(what: str, x: Any, n: int, names: tuple[str, ...]) -> Sequence[float]:

@@ -1,5 +1,5 @@
 """Runs for a wanted accuracy that end where an expression crosses zero, as most are asked for: a
-start, a duration, an accuracy and nothing that holds the motion.
+start, a duration, an accuracy.
 
 Decisions are those of `choose_steps`; each run, the search along it and its end are one call of
 the core. What that cannot do is left to `to_tolerance`.
@@ -7,6 +7,7 @@ the core. What that cannot do is left to `to_tolerance`.
 
 from __future__ import annotations
 
+import warnings
 from time import perf_counter
 from typing import Any
 
@@ -14,8 +15,9 @@ import numpy as np
 
 from varint.codegen.few_steps import few_steps
 from varint.integration.choice import Choice
+from varint.integration.energy_leap import energy_leap
 from varint.integration.events.short_search import key_of, search_for
-from varint.integration.few_steps import called_of, few_steps_call, loop_now
+from varint.integration.few_steps import called_of, few_steps_call, loop_now, opening_told
 from varint.integration.gears import kernel_after
 from varint.integration.linear_run import MAPPED, is_one_map
 from varint.integration.no_farther import in_pieces
@@ -23,6 +25,7 @@ from varint.integration.plain_start import (
     Room,
     begin_in,
     is_plain_number,
+    moving_in,
     room_of,
     velocities_in,
 )
@@ -66,7 +69,7 @@ def call_until(
     if not (is_plain_number(duration) and duration and is_plain_number(t0)):
         return None
     known = _known_until(system, rule)
-    if known is None:
+    if known is None or not (p0 is None or known.by_momentum):
         return None
     pool = known.rooms
     room = pool.pop() if pool else room_of(system, True)
@@ -80,8 +83,12 @@ def call_until(
         pool.append(room)
     if found is None:
         return None
-    choice, piece = found
+    choice, piece, quiet = found
     motion: Trajectory | None = choice.motion
+    if not (watched[1] or quiet):
+        leap = energy_leap(choice.motion, tol)
+        if alarm := leap and leap.alarm():
+            warnings.warn(alarm, stacklevel=3)
     if watched[1]:
         grid, level = (None, choice.steps, piece), iteration_level(tol, choice.steps)
         asked = q0, v0, p0, t0, params, None
@@ -93,7 +100,7 @@ def call_until(
 def _known_until(system: System, rule: Rule | None) -> Known | None:
     """None where another way is to be taken, whatever the start."""
     known = known_of(system, rule)
-    if known is None or known.held or not known.by_momentum:
+    if known is None or not (known.held or known.by_momentum):
         return None
     mapped = is_one_map(system, MAPPED) or any(is_one_map(system, x.rule) for x in known.rules)
     return None if mapped or not shows_its_error(system) else known
@@ -109,12 +116,15 @@ def _choice_in(
     tol: float,
     began: float,
     until: Any,
-) -> tuple[Choice, float] | None:
-    """The choice of steps from the start that is there, and for which duration."""
+) -> tuple[Choice, float, bool] | None:
+    """The choice of steps from the start that is there, for which duration, and whether the
+    energies of its run are quiet.
+    """
     assert room.look is not None
     room.look()
     fastest, t0 = fastest_of(known, room.local) or 0.0, float(room.t[0])
     begin = np.concatenate((room.q, velocities_in(room, system, c))) if known.varies else None
+    loud: list[Trajectory] = []
 
     def choose(piece: float) -> Choice:
         ahead = NOTHING if begin is None else seen_ahead(system, begin, c, piece)
@@ -122,16 +132,17 @@ def _choice_in(
             raise NotPlain
         turned = angles_turned(piece, fastest, ahead.frequency)
         rule = known.rules[cheapest(known.changes, turned[1], tol)].rule
-        attempt = _attempts(system, room, c, (t0, piece), began, until)
+        attempt = _attempts(system, room, c, (t0, piece), began, until, loud)
         choice = by_watched_trials(system, rule, tol, turned, attempt, None, True)
         if choice is None:
             raise NotPlain
         return choice
 
     try:
-        return in_pieces(fastest, t0, duration, choose)
+        choice, piece = in_pieces(fastest, t0, duration, choose)
     except NotPlain:
         return None
+    return choice, piece, not any(choice.motion is motion for motion in loud)
 
 
 def _attempts(
@@ -141,10 +152,12 @@ def _attempts(
     span: tuple[float, float],
     began: float,
     until: Any,
+    loud: list[Trajectory],
 ) -> Attempts:
-    """Runs from the start that is there over (t0, duration), until the expression crosses zero."""
-    t0, duration = span
-    key, speed = key_of(until, None), velocities_in(room, system, c)
+    """Runs from the start that is there over (t0, duration), until the expression crosses zero;
+    those whose energies are not quiet are written down as `loud`.
+    """
+    (t0, duration), key = span, key_of(until, None)
 
     def attempt(
         rule: Rule,
@@ -157,13 +170,18 @@ def _attempts(
         if called is None or digits is not None or called.controlled:
             raise NotPlain
         kernel, how, longest, pilot = loop_now(system, called)
-        what = None if kernel.opening else search_for(system, kernel, key, until, None)
+        what = search_for(system, kernel, key, until, None)
         if how is None or what is None or count > min(longest, FIRST):
             raise NotPlain
         now, h = perf_counter(), duration / steps
         asked = t0, h, count, 1, iteration_level(wanted, steps), pilot
-        sought = what, speed
-        found = few_steps(how, room.place, asked, looked_at(count), None, None, True, sought)
+        opening = opening_told(system, room, None, h) if kernel.opening else None
+        if kernel.opening and opening is None:
+            raise NotPlain
+        sought = what, *moving_in(room, system, c, opening is not None)
+        found = few_steps(how, room.place, asked, looked_at(count), None, opening, True, sought)
+        if opening is not None and room.opening is not None and room.opening.raised:
+            raise room.opening.raised.pop()
         if kernel.is_native:
             kernel_after(called.gears, perf_counter() - now, 0.0)
         if found is None:
@@ -173,6 +191,8 @@ def _attempts(
         motion = plain_motion_of(
             system, called.plan, kernel, found.nodes, grid, work, seconds=seconds
         )
+        if not found.quiet:
+            loud.append(motion)
         return motion, None
 
     return attempt

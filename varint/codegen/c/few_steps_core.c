@@ -40,6 +40,7 @@ typedef struct {
     const double *speed;  /* v at the start */
     double *zeros;        /* that are found, as many as there is room for */
     int64_t room;
+    Typical typical;
 } FewSteps;
 
 /* Whether energies at nodes are that of the start, but for less than what others have looked at closely and found to be
@@ -121,7 +122,7 @@ static int seek(FewSteps *a, double *rows, double *p, double *t, int64_t *number
     const Crossings of = {.parts = s->parts, .scene = a->scene, .rows = a->rows, .t = t, .q = q, .v = v, .p = p, .c = a->c, .n = n,
                           .most = a->most, .halvings = s->halvings, .most_pieces = s->most_pieces, .iterations = s->iterations,
                           .secants = s->secants, .newton = s->newton, .located = s->located, .pole = s->pole};
-    Course x = {t, q, v, p, a->zeros, a->steps + 1, a->room, 0};
+    Course x = {t, q, v, p, a->zeros, a->steps + 1, a->room, 0, a->typical};
     if (search_along(s, &of, a->h, &x) != SEARCHED) return NOT_CONVERGED;
     a->told[4] = (double)x.found;
     if (!s->stops || !x.found || a->zeros[1] != 0) return DONE;

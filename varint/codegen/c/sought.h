@@ -19,12 +19,37 @@ typedef struct {
     const Watched *watched;
 } Sought;
 
+/* How a loop that must be told typical sizes is told them, for there are such: of so many nodes, whose times, coordinates and
+   momenta are written, the largest ones behind them; whether they are there. */
+#define SEEN 8 /* nodes: a look takes as long as to locate a zero (crossings.py) */
+typedef struct { int (*sizes)(int64_t count); double *nodes; } Typical;
+
 /* Nodes of a run, and the zeros that were found. */
 typedef struct {
     const double *t, *q, *v, *p;
     double *zeros;
     int64_t nodes, room, found;
+    Typical typical;
 } Course;
+
+/* What the loop must be told at the nodes that steps in question begin at; 0 where it cannot be. */
+static int tell(const Course *x, int64_t n, int64_t begin, int64_t end, const char *steps, double *opening) {
+    double *const t = x->typical.nodes, *const q = t + SEEN, *const p = q + n * SEEN, *const sizes = p + n * SEEN;
+    int64_t some = 0, seen = 0, i = 0;
+    for (int64_t k = begin; k < end; k++) some += steps[k] == WANTED;
+    const int64_t every = (some + SEEN - 1) / SEEN;
+    for (int64_t k = begin; k < end; k++) {
+        if (steps[k] != WANTED || i++ % every) continue;
+        t[seen] = x->t[k], memcpy(q + n * seen, x->q + n * k, n * sizeof(double)), memcpy(p + n * seen, x->p + n * k, n * sizeof(double));
+        seen++;
+    }
+    if (!x->typical.sizes(seen)) return 0;
+    for (int64_t k = begin; k < end; k++) {
+        if (steps[k] != WANTED) continue;
+        memcpy(opening + 3 * n * k, sizes, 2 * n * sizeof(double)), memcpy(opening + 3 * n * k + 2 * n, x->v + n * k, n * sizeof(double));
+    }
+    return 1;
+}
 
 /* Wanted zeros of one expression in the steps from `begin` to node `end`, behind those that were found. */
 static int search_steps(const Sought *s, const Crossings *of, int64_t which, int64_t begin, int64_t end, double h, Course *x) {
@@ -37,7 +62,21 @@ static int search_steps(const Sought *s, const Crossings *of, int64_t which, int
     const double far = fmax(fmax(fabs(x->t[begin]), fabs(x->t[end])), fabs(h));
     asked.values = s->watched[which].values, asked.bounds = s->watched[which].bounds, asked.zeros = zeros, asked.found = found;
     asked.nodes = end + 1, asked.room = x->room - x->found, asked.close = ROUNDING * far / fabs(h) * fabs(h), asked.steps = steps;
+    double *opening = 0;
+    if (x->typical.sizes) { /* few steps need a closer look */
+        asked.marking = 1;
+        if (s->search(&asked) != SEARCHED) return NOT_SOLVED;
+        asked.marking = 0, found[0] = 0, found[1] = begin;
+        if (!memchr(steps + begin, WANTED, end - begin)) return SEARCHED;
+        opening = malloc((size_t)(3 * of->n * end) * sizeof(double));
+        if (!opening || !tell(x, of->n, begin, end, steps, opening)) {
+            free(opening);
+            return NOT_SOLVED;
+        }
+        asked.opening = opening, asked.told = 3 * of->n;
+    }
     const int status = s->search(&asked);
+    free(opening);
     for (int64_t i = 0; i < found[0]; i++) {
         const double side = zeros[size * i + 1];
         if (direction ? side != (double)-direction : side == 0) continue;
@@ -66,7 +105,8 @@ static int search_along(const Sought *s, const Crossings *of, double h, Course *
         if (first) memcpy(x->zeros, x->zeros + size * first, size * sizeof(double));
         x->found = 1, last = (int64_t)x->zeros[0] + 1;
     }
-    for (int64_t i = s->stops; i < s->watches && status == SEARCHED; i++) status = search_steps(s, of, i, 0, last, h, x);
+    const int64_t end = x->typical.sizes ? x->nodes - 1 : last; /* typical sizes are those of the whole run */
+    for (int64_t i = s->stops; i < s->watches && status == SEARCHED; i++) status = search_steps(s, of, i, 0, end, h, x);
     x->nodes = last + 1;
     return status;
 }

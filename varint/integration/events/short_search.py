@@ -1,5 +1,5 @@
-"""What is watched for along runs of a few steps that nothing holds: looked for by the core in the
-call that makes the run.
+"""What is watched for along runs of a few steps: looked for by the core in the call that makes the
+run.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from varint.integration.events.crossings import (
     parse_watch,
     parse_watches,
 )
+from varint.integration.events.isolation import CrossingSearch
 from varint.integration.events.native_crossings import NUMBERS
 from varint.integration.trajectories import in_order
 from varint.numerics.arrays import over_columns
@@ -66,25 +67,39 @@ def key_of(until: Any, events: Any) -> tuple | None:
 def search_for(
     system: System, kernel: Kernel, key: tuple | None, until: Any, events: Any
 ) -> Sought | None:
-    """What is to be looked for in runs by a loop that need not be told more at a fresh start; None
-    where it is to be looked for elsewhere.
-    """
+    """What is to be looked for in runs by a loop; None where it is to be looked for elsewhere."""
     known = searches_known(system)
     search = None if key is None else known.get(key)
     if search is None or search.kernel is not kernel:
         watches = [] if until is None else [parse_watch("until", until)]
         watches += parse_watches(events)
-        kept = tuple(ca.SX(watch.expression) for watch in watches)  # no one else changes these
-        search = Search(kernel, _sought(system, kernel, watches, until is not None), kept)
-        if len(known) >= REMEMBERED:
-            known.clear()
+        search = _search(system, kernel, watches, until is not None)
         if key is not None:
-            known[key] = search
+            _keep(system, key, search)
     return search.sought
 
 
-def _sought(system: System, kernel: Kernel, watches: Sequence[Watch], stops: bool) -> Sought | None:
+def _search(system: System, kernel: Kernel, watches: Sequence[Watch], stops: bool) -> Search:
+    """The search for these, which is the same where they are written anew."""
     searches = [crossing_search(system, watch) for watch in watches]
+    say = (stops, *((search.as_data, search.direction) for search in searches))
+    found = searches_known(system).get(say)
+    if found is None or found.kernel is not kernel:
+        sought = _sought(kernel, searches, stops)
+        found = Search(kernel, sought, ())
+        _keep(system, say, found)
+    # no one else changes copies of what was asked for
+    return found._replace(asked=tuple(ca.SX(watch.expression) for watch in watches))
+
+
+def _keep(system: System, key: tuple, search: Search) -> None:
+    known = searches_known(system)
+    if len(known) >= REMEMBERED:
+        known.clear()
+    known[key] = search
+
+
+def _sought(kernel: Kernel, searches: Sequence[CrossingSearch], stops: bool) -> Sought | None:
     functions = [search.as_data() for search in searches]
     watched = [
         (*data, search.direction)
