@@ -58,19 +58,26 @@ def beyond_shared(
     """
     if len(q) < 3:
         return 1.0
-    k = np.arange(1, len(q))
-    low, high = k - 1, np.minimum(k + 1, len(q) - 1)
-    way = np.abs(q[high] - q[low])
+    way = np.abs(_across(q))
     if t is None:
-        speed = k[:, None] * way / (high - low)[:, None]
+        apart = np.full((len(way), 1), 2)
+        apart[-1] = 1  # the last node has no other behind it
+        speed = np.arange(1, len(q))[:, None] * way / apart
     else:
-        speed = np.abs(t[k] - t[0])[:, None] * way / np.abs(t[high] - t[low])[:, None]
+        speed = np.abs(t[1:] - t[0])[:, None] * way / np.abs(_across(t))[:, None]
     at = np.arange(len(q))[shared]
     seen = np.maximum(speed[at[at > 0] - 1].max(axis=0, initial=0.0), speed[-1])
     most, each = speed.max(axis=0), off.max(axis=0)
     between = each * np.divide(most, seen, out=np.ones_like(most), where=seen > 0)
     largest, beyond = float(each.max()), float(between.max())
     return beyond / largest if beyond > largest > 0 else 1.0
+
+
+def _across(x: np.ndarray) -> np.ndarray:
+    """From the node before each to the one behind it, of all but the first."""
+    found = np.empty_like(x[1:])
+    found[:-1], found[-1] = x[2:] - x[:-2], x[-1] - x[-2]
+    return found
 
 
 def with_early(off: np.ndarray) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from varint.codegen.few_steps import few_steps
+from varint.codegen.few_steps import UNTOLD, few_steps
 from varint.integration.choice import Choice
 from varint.integration.energy_leap import energy_leap
 from varint.integration.events.short_search import key_of, search_for
@@ -25,7 +25,6 @@ from varint.integration.plain_start import (
     Room,
     begin_in,
     is_plain_number,
-    moving_in,
     room_of,
     velocities_in,
 )
@@ -123,7 +122,8 @@ def _choice_in(
     assert room.look is not None
     room.look()
     fastest, t0 = fastest_of(known, room.local) or 0.0, float(room.t[0])
-    begin = np.concatenate((room.q, velocities_in(room, system, c))) if known.varies else None
+    v = velocities_in(room, system, c)
+    begin = np.concatenate((room.q, v)) if known.varies else None
     loud: list[Trajectory] = []
 
     def choose(piece: float) -> Choice:
@@ -132,7 +132,7 @@ def _choice_in(
             raise NotPlain
         turned = angles_turned(piece, fastest, ahead.frequency)
         rule = known.rules[cheapest(known.changes, turned[1], tol)].rule
-        attempt = _attempts(system, room, c, (t0, piece), began, until, loud)
+        attempt = _attempts(system, room, c, v, (t0, piece), began, until, loud)
         choice = by_watched_trials(system, rule, tol, turned, attempt, None, True)
         if choice is None:
             raise NotPlain
@@ -149,13 +149,14 @@ def _attempts(
     system: System,
     room: Room,
     c: np.ndarray,
+    v: np.ndarray,
     span: tuple[float, float],
     began: float,
     until: Any,
     loud: list[Trajectory],
 ) -> Attempts:
-    """Runs from the start that is there over (t0, duration), until the expression crosses zero;
-    those whose energies are not quiet are written down as `loud`.
+    """Runs from the start that is there, with velocities v, over (t0, duration), until the
+    expression crosses zero; those whose energies are not quiet are written down as `loud`.
     """
     (t0, duration), key = span, key_of(until, None)
 
@@ -178,7 +179,8 @@ def _attempts(
         opening = opening_told(system, room, None, h) if kernel.opening else None
         if kernel.opening and opening is None:
             raise NotPlain
-        sought = what, *moving_in(room, system, c, opening is not None)
+        typical = UNTOLD if opening is None or room.opening is None else room.opening.typical
+        sought = what, v, typical
         found = few_steps(how, room.place, asked, looked_at(count), None, opening, True, sought)
         if opening is not None and room.opening is not None and room.opening.raised:
             raise room.opening.raised.pop()
