@@ -40,6 +40,7 @@ from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
+from varint.integration.even_motion import even_motion_of
 from varint.integration.force_bounds import forces_as_data
 from varint.integration.gears import BY_STAGES, gears_with, kernel_after
 from varint.integration.linear_run import REPEATED, driven_kernel, first_of_map, is_one_map
@@ -48,7 +49,6 @@ from varint.integration.problem import LEVEL, InitialValueProblem
 from varint.integration.proof_limits import proof_limits
 from varint.integration.rule_choice import SECULAR, Priced, first_steps, priced
 from varint.integration.time_transformation.rate_ahead import ask_for_rates, rates_to_follow
-from varint.integration.trajectories import Run, motion_of
 from varint.integration.work_bound import MISSED, balance_rows
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
@@ -107,18 +107,21 @@ def by_short_trials(
     )
     if isinstance(found, int):
         return found
-    steps = found.steps
-    problem = start._replace(
-        h=start.h / steps, steps=steps, u=np.empty((steps, 1, 0)), nodes=len(rule.nodes)
+    steps, runs, estimate, *work, nodes, doubted = found
+    motion = even_motion_of(
+        system,
+        plan(system, rule),
+        course.kernel,
+        nodes,
+        (start.h / steps, start.t0, steps, start.c),
+        work,
+        {"seconds": perf_counter() - began},
     )
-    run = Run(system, plan(system, rule), problem, [], iter(()), course.kernel, began)
-    motion = motion_of(run, found.nodes, (found.iterations, found.residual))
-    estimate = found.estimate
-    if found.doubted:
+    if doubted:
         estimate = max(estimate, refined.looked_at_closely(rule, motion, None, tol))
     if estimate > tol:
         return NOT_PROVED
-    return Choice(rule, steps, motion, estimate, found.runs, True, True)
+    return Choice(rule, steps, motion, estimate, runs, True, True)
 
 
 Begins = Callable[[Priced, float, float], int | None]
@@ -143,17 +146,18 @@ def two_short_runs(
     """`two_runs` of (t0, duration, first, radians, tol), and a look at whether another gear repays;
     VARIES and more where steps of a run that went astray should follow one of the rates.
     """
-    system, rule, course = how
-    now = perf_counter() if course.kernel.is_native else 0.0
+    course = how[2]
+    native = course.kernel.is_native
+    now = perf_counter() if native else 0.0
     found = two_runs(course, places, *asked, rates[0])
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
-        rates[0] = ask_for_rates(system)
+        rates[0] = ask_for_rates(how[0])
         found = two_runs(course, places, *asked, rates[0])
-    if not course.kernel.is_native:
-        return found
-    gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
-    if gears:
-        kernel_after(gears, perf_counter() - now, 0.0)
+    if native:
+        system, rule, _ = how
+        gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
+        if gears:
+            kernel_after(gears, perf_counter() - now, 0.0)
     return found
 
 

@@ -13,6 +13,7 @@
 #include "balance.h"
 #include "scales.h"
 #include "order.h"
+#include "found.h"
 
 /* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
@@ -22,13 +23,6 @@ typedef struct {
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
         at_once, part_of_it, narrow_parts, uncertain, repeated;
 } Limits;
-
-/* That of two_runs_core.c, whose `take_run` takes the run. */
-typedef struct {
-    int64_t steps, runs;
-    double estimate, iterations, residual;
-    double *run;
-} Proved;
 
 typedef struct {
     int (*run)(const RunArguments *);
@@ -43,7 +37,9 @@ typedef struct {
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
-    int64_t apart, first;
+    int64_t apart;
+    Room room;
+    int64_t first;
     double t0, duration, radians, tol;
 } Refined;
 
@@ -388,8 +384,10 @@ int refined(const Refined *a) {
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;
-                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, now.rows};
-                result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED, now.rows = 0;
+                result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED;
+                double *const rows = handed_over(now.rows, a->n, steps + 1, 2, &a->room);
+                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, rows};
+                now.rows = 0;
                 goto end;
             }
             const double next = off * pow(ratio, -l->caution * (double)a->order);

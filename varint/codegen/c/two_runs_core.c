@@ -10,18 +10,12 @@
 #include "scales.h"
 #include "order.h"
 #include "proof.h"
+#include "found.h"
 #include "look_ahead.h"
 
 double nextafter(double, double);
 #define MOST_RATES 2
 #define LAST_DIGIT 0x1p-52 /* of the energy */
-
-/* What was found; `run` is to be taken with `take_run`, which frees it. */
-typedef struct {
-    int64_t steps, runs;
-    double estimate, iterations, residual;
-    double *run;
-} Proved;
 
 /* Rates that steps could follow, so many of them, 0 where they are to be asked for: (q, p) to each of them and to velocities;
    how the motion is followed ahead by each; how large a rate is, over its mean, where that repays. */
@@ -46,7 +40,9 @@ typedef struct {
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
-    int64_t apart, first;
+    int64_t apart;
+    Room room;
+    int64_t first;
     double t0, duration, radians, tol;
     const Rates *rates; /* 0: there are none */
 } TwoRuns;
@@ -209,31 +205,22 @@ end:
 }
 
 static void keep(const Case *a, Attempt *run, double estimate) {
-    *a->found = (Proved){run->seen.steps, a->found->runs, estimate, run->iterations, run->residual, run->rows};
+    const int64_t steps = run->seen.steps;
+    double *const rows = handed_over(run->rows, a->n, steps + 1, 2 + a->by_velocity, &a->room);
+    *a->found = (Proved){steps, a->found->runs, estimate, run->iterations, run->residual, rows};
     run->rows = 0;
 }
 
 int two_runs(const TwoRuns *a) { return prove(a); }
 
-/* Coordinates and momenta at the nodes of the run that was found, times and numbers of the nodes, and velocities where they
-   are there. */
+/* Nodes of the run that was found, where they were too many for the room. */
 typedef struct {
     double *run, *nodes;
-    int64_t n, steps, by_velocity;
-    double t0, h;
+    int64_t n, steps, parts;
 } Taken;
 
 int take_run(const Taken *a) {
-    const int64_t n = a->n, nodes = a->steps + 1;
-    double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
-    int64_t *const numbers = (int64_t *)(t + nodes);
-    double *const v = (double *)(numbers + nodes);
-    for (int64_t k = 0; k < nodes; k++) {
-        const double *const row = a->run + 3 * n * k;
-        if (a->by_velocity) memcpy(v + n * k, row + 2 * n, n * sizeof(double));
-        for (int64_t d = 0; d < n; d++) q[n * k + d] = row[d], p[n * k + d] = row[n + d];
-        numbers[k] = k, t[k] = a->h * (double)k + a->t0;
-    }
+    put_nodes(a->run, a->n, a->steps + 1, a->parts, a->nodes);
     free(a->run);
     return DONE;
 }
