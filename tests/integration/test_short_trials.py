@@ -92,7 +92,7 @@ def test_the_core_decides_as_python_does(case, tol):
 
 
 def test_round_off_of_an_encounter_is_no_reason_for_more_steps(monkeypatch):
-    monkeypatch.setattr(rate_ahead, "IN_FLIGHT", np.inf)
+    monkeypatch.setattr(rate_ahead, "IN_FLIGHT", (np.inf, np.inf))
     system, q0, v0, duration = CASES["an encounter"]
     motion = vi.simulate(system, q0=q0, v0=v0, duration=duration, tol=1e-9)
     assert motion.fictitious is None
