@@ -18,10 +18,26 @@ static void put_nodes(const double *rows, int64_t n, int64_t nodes, int64_t part
         for (int64_t k = 0; k < nodes; k++, to += n) memcpy(to, rows + n * (3 * k + i), n * sizeof(double));
 }
 
+#define SHORT 2048 /* numbers of a run whose memory is the stack */
+
+/* Rows of a run, which lie in memory of its own if they are few. */
+static void give_up(double *rows, const double *own) {
+    if (rows != own) free(rows);
+}
+
+/* Memory for so many numbers in place of these. */
+static double *memory_for(int64_t numbers, double *rows, double *own) {
+    give_up(rows, own);
+    return own && numbers <= SHORT ? own : malloc(numbers * sizeof(double));
+}
+
+/* What runs have for rows that are few: what fits there fits into the room. */
+static double *own_memory(double *memory, const Room *room) { return room->most < SHORT ? 0 : memory; }
+
 /* The run as it is found: its nodes in the room if they fit. */
-static double *handed_over(double *rows, int64_t n, int64_t nodes, int64_t parts, const Room *room) {
+static double *handed_over(double *rows, const double *own, int64_t n, int64_t nodes, int64_t parts, const Room *room) {
     if (parts * n * nodes > room->most) return rows;
     put_nodes(rows, n, nodes, parts, room->at);
-    free(rows);
+    give_up(rows, own);
     return 0;
 }

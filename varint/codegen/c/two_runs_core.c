@@ -50,12 +50,12 @@ typedef TwoRuns Case;
 
 typedef struct {
     Seen seen;
-    double *rows, iterations, residual;
+    double *rows, *own, iterations, residual;
     int64_t nodes; /* that are there */
 } Attempt;
 #include "two_runs.h"
 
-static void release(Attempt *run) { free(run->rows); }
+static void release(Attempt *run) { give_up(run->rows, run->own); }
 
 /* Quantiles of |H - H0| over the middle one of |p v|; infinite where the motion is lost. */
 static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, Seen *seen, double *room) {
@@ -76,9 +76,8 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     const Limits *const l = a->limits;
     const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
     if (count > a->longest) return 0;
-    free(to->rows);
-    const int64_t samples = 4 * (int64_t)l->samples + 8;
-    to->rows = malloc((3 * n * (count + 1) + samples + a->carry + 3 * n + sizeof(RunStats) / sizeof(double)) * sizeof(double));
+    const int64_t looked = 2 * (int64_t)l->samples, samples = 2 * (count < looked ? count + 1 : looked) + 8;
+    to->rows = memory_for(3 * n * (count + 1) + samples + a->carry + 3 * n + sizeof(RunStats) / sizeof(double), to->rows, to->own);
     if (!to->rows) return 0;
     double *const room = to->rows + 3 * n * (count + 1), *const carry = room + samples;
     RunStats *const stats = (RunStats *)(carry + a->carry);
@@ -206,12 +205,15 @@ end:
 
 static void keep(const Case *a, Attempt *run, double estimate) {
     const int64_t steps = run->seen.steps;
-    double *const rows = handed_over(run->rows, a->n, steps + 1, 2 + a->by_velocity, &a->room);
+    double *const rows = handed_over(run->rows, run->own, a->n, steps + 1, 2 + a->by_velocity, &a->room);
     *a->found = (Proved){steps, a->found->runs, estimate, run->iterations, run->residual, rows};
     run->rows = 0;
 }
 
-int two_runs(const TwoRuns *a) { return prove(a); }
+int two_runs(const TwoRuns *a) {
+    double memory[2][SHORT];
+    return prove(a, (Attempt){.own = own_memory(memory[0], &a->room)}, (Attempt){.own = own_memory(memory[1], &a->room)});
+}
 
 /* Nodes of the run that was found, where they were too many for the room. */
 typedef struct {
