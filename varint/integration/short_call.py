@@ -161,9 +161,10 @@ def _by_the_core(
     price, loop = known.rules[which], known.loops[which]
     if loop is None:
         loop = known.loops[which] = _loop(system, price.rule)
-    if loop.gears is None:
+    gears, rule = loop.gears, price.rule
+    if gears is None:
         return None
-    kernel, rule = kernel_now(loop.gears), price.rule
+    kernel = kernel_now(gears)
     if kernel is not loop.last[0]:
         loop.last = kernel, course_by(system, rule, kernel)
     course = loop.last[1]
@@ -172,8 +173,8 @@ def _by_the_core(
     first = loop.begins(price, begin, tol)
     if first is None:
         return None
-    asked = t0, duration, first, radians, tol
-    found = two_short_runs((system, rule, course), room.places, asked, rates)
+    asked, low = (t0, duration, first, radians, tol), gears if course.kernel is gears.low else None
+    found = two_short_runs(system, course, low, room.places, asked, rates)
     if isinstance(found, int):  # where one map does not do, steps of another rule may
         return None if found == NOT_PROVED and is_one_map(system, rule) else found
     steps, runs, estimate, iterations, residual, nodes, doubted = found

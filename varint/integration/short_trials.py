@@ -42,7 +42,7 @@ from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by
 from varint.integration.error_scale import angles, bodies
 from varint.integration.even_motion import even_motion_of
 from varint.integration.force_bounds import forces_as_data
-from varint.integration.gears import BY_STAGES, gears_with, kernel_after
+from varint.integration.gears import BY_STAGES, Gears, gears_with, kernel_after
 from varint.integration.linear_run import REPEATED, driven_kernel, first_of_map, is_one_map
 from varint.integration.plan import plan
 from varint.integration.problem import LEVEL, InitialValueProblem
@@ -102,9 +102,9 @@ def by_short_trials(
     if first is None:
         return NOT_SHORT
     asked = start.t0, start.h, first, radians, tol
-    found = two_short_runs(
-        (system, rule, course), places, asked, rates_to_follow(system) if follow else [None]
-    )
+    gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
+    rates: list[Rates | None] = rates_to_follow(system) if follow else [None]
+    found = two_short_runs(system, course, gears, places, asked, rates)
     if isinstance(found, int):
         return found
     steps, runs, estimate, *work, nodes, doubted = found
@@ -138,26 +138,24 @@ def steps_to_begin(system: System, rule: Rule) -> Begins:
 
 
 def two_short_runs(
-    how: tuple[System, Rule, Course],
+    system: System,
+    course: Course,
+    gears: Gears | None,
     places: Places,
     asked: tuple[float, float, int, float, float],
     rates: list[Rates | None],
 ) -> Found | int:
-    """`two_runs` of (t0, duration, first, radians, tol), and a look at whether another gear repays;
-    VARIES and more where steps of a run that went astray should follow one of the rates.
+    """`two_runs` of (t0, duration, first, radians, tol), and in the low one of `gears` a look at
+    whether another one repays; VARIES and more where steps of a run that went astray should follow
+    one of the rates.
     """
-    course = how[2]
-    native = course.kernel.is_native
-    now = perf_counter() if native else 0.0
+    now = perf_counter() if gears else 0.0
     found = two_runs(course, places, *asked, rates[0])
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
-        rates[0] = ask_for_rates(how[0])
+        rates[0] = ask_for_rates(system)
         found = two_runs(course, places, *asked, rates[0])
-    if native:
-        system, rule, _ = how
-        gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
-        if gears:
-            kernel_after(gears, perf_counter() - now, 0.0)
+    if gears:
+        kernel_after(gears, perf_counter() - now, 0.0)
     return found
 
 

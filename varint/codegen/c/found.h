@@ -14,8 +14,9 @@ typedef struct {
 } Room;
 
 static void put_nodes(const double *rows, int64_t n, int64_t nodes, int64_t parts, double *to) {
-    for (int64_t i = 0; i < parts; i++)
-        for (int64_t k = 0; k < nodes; k++, to += n) memcpy(to, rows + n * (3 * k + i), n * sizeof(double));
+    for (int64_t k = 0; k < nodes; k++)
+        for (int64_t i = 0; i < parts; i++)
+            for (int64_t d = 0; d < n; d++) to[n * (nodes * i + k) + d] = rows[n * (3 * k + i) + d];
 }
 
 #define SHORT 2048 /* numbers of a run whose memory is the stack */
