@@ -19,6 +19,7 @@ from varint.codegen.two_runs import NOT_PROVED, VARIES, Course, Rates, runs_made
 from varint.integration.backend import runs_by_stages
 from varint.integration.compiled_loop import scheme_of
 from varint.integration.energy_leap import energy_leap
+from varint.integration.even_motion import even_motion_of
 from varint.integration.gears import Gears, gears_of, kernel_now
 from varint.integration.held_rows import is_held
 from varint.integration.linear_run import MAPPED, driven_kernel, is_one_map, runs_driven
@@ -57,10 +58,11 @@ from varint.integration.time_transformation.rate_ahead import (
     seen_ahead,
     seen_along,
 )
+from varint.integration.time_transformation.rate_pilot import RatePilot
 from varint.integration.time_transformation.variable_course import may_vary
 from varint.integration.time_transformation.varying_call import varying_call
 from varint.integration.tolerance import DEFAULT_TOL, LEAST_TOL, MOST_TOL
-from varint.integration.trajectories import plain_motion_of, with_stats
+from varint.integration.trajectories import with_stats
 from varint.integration.two_runs import shows_its_error
 from varint.integration.work_bound import balance_rows, moves_constraints
 from varint.numerics.limits import check_steps
@@ -98,21 +100,24 @@ def short_call(
         c = begin_in(room, system, start, p0)
         if c is None:
             return None
-        check_steps(float(t0), float(duration), 1)
-        ahead, begin = NOTHING, room.start
-        if known.varies:
-            if p0 is not None:
-                begin = np.concatenate((room.q, velocities_in(room, system, c)))
-            ahead = seen_ahead(system, begin, c, float(duration))
-        pilot, runs = ahead.pilot, 0
+        t0, duration = float(t0), float(duration)
+        begin = room.start
+        if p0 is not None and known.varies:
+            begin = np.concatenate((room.q, velocities_in(room, system, c)))
+        seen = room.seen
+        if seen is None or seen[0] is not room.known or seen[1] != duration:
+            check_steps(t0, duration, 1)
+            seen = room.known, duration, *_looked_ahead(system, known, room, begin, c, duration)
+            room.seen = None if room.known is None else seen
+        _, _, pilot, turned = seen
+        runs = 0
         if pilot is None:
-            span = float(t0), float(duration)
-            how = system, known, room, c, span, tol, ahead.frequency, began
+            how = system, known, room, c, t0, duration, tol, turned, began
             found = _by_the_core(*how, known.rates)
-            if not isinstance(found, int) or found < VARIES:
+            if type(found) is not int or found < VARIES:
                 return found
             runs = runs_made(room.places)
-            pilot = seen_along(system, begin, c, float(duration), found - VARIES)
+            pilot = seen_along(system, begin, c, duration, found - VARIES)
             if pilot is None:
                 again = _by_the_core(*how, [None])
                 if type(again) is not Trajectory:
@@ -122,7 +127,19 @@ def short_call(
         pool.append(room)
     if p0 is not None:
         return None
-    return varying_call(system, rule, start, float(duration), tol, pilot, began, runs)
+    return varying_call(system, rule, start, duration, tol, pilot, began, runs)
+
+
+def _looked_ahead(
+    system: System, known: Known, room: Room, begin: np.ndarray, c: np.ndarray, duration: float
+) -> tuple[RatePilot | None, tuple[float, float]]:
+    """A pilot if steps should vary, and else how far the fastest motions turn: at the start, and
+    where the first steps are for.
+    """
+    assert room.look is not None
+    room.look()
+    ahead = seen_ahead(system, begin, c, duration) if known.varies else NOTHING
+    return ahead.pilot, angles_turned(duration, fastest_of(known, room.local), ahead.frequency)
 
 
 def _by_the_core(
@@ -130,22 +147,22 @@ def _by_the_core(
     known: Known,
     room: Room,
     c: np.ndarray,
-    span: tuple[float, float],
+    t0: float,
+    duration: float,
     tol: float,
-    ahead: float,
+    turned: tuple[float, float],
     began: float,
     rates: list[Rates | None],
 ) -> Trajectory | int | None:
-    assert room.look is not None
-    (t0, duration), _ = span, room.look()
-    radians, begin = angles_turned(duration, fastest_of(known, room.local), ahead)
+    radians, begin = turned
     which = cheapest(known.changes, begin, tol)
     price, loop = known.rules[which], known.loops[which]
     if loop is None:
         loop = known.loops[which] = loop_of(system, price.rule)
-    if loop.gears is None:
+    gears, rule = loop.gears, price.rule
+    if gears is None:
         return None
-    kernel, rule = kernel_now(loop.gears), price.rule
+    kernel = kernel_now(gears)
     if kernel is not loop.last[0]:
         loop.last = kernel, course_by(system, rule, kernel)
     course = loop.last[1]
@@ -154,37 +171,32 @@ def _by_the_core(
     first = loop.begins(price, begin, tol)
     if first is None:
         return None
-    how = system, rule, course
-    asked = t0, duration, first, radians, tol
+    asked, low = (t0, duration, first, radians, tol), gears if course.kernel is gears.low else None
+    how = system, course, low, room.places, asked, rates
     if known.held:
         opening = opening_in(room, system)
-        found = two_short_runs(how, room.places, asked, rates, opening.by_core)
+        found = two_short_runs(*how, opening.by_core)
         if opening.raised:
             raise opening.raised.pop()
-        if isinstance(found, int):
-            return None
     else:
-        found = two_short_runs(how, room.places, asked, rates)
+        found = two_short_runs(*how)
     if isinstance(found, int):  # where one map does not do, steps of another rule may
-        return None if found == NOT_PROVED and is_one_map(system, rule) else found
-    steps = found.steps
-    motion = plain_motion_of(
-        system,
-        loop.plan,
-        course.kernel,
-        found.nodes,
-        (duration / steps, t0, np.empty((steps, 1, 0)), c),
-        (found.iterations, found.residual),
-        seconds=perf_counter() - began,
-        tol=tol,
-        error_estimate=found.estimate,
-        rule=rule.name,
-        runs=found.runs,
-    )
-    if not found.doubted:
+        elsewhere = known.held or (found == NOT_PROVED and is_one_map(system, rule))
+        return None if elsewhere else found
+    steps, runs, estimate, iterations, residual, nodes, doubted = found
+    told = {
+        "seconds": perf_counter() - began,
+        "tol": tol,
+        "error_estimate": estimate,
+        "rule": rule.name,
+        "runs": runs,
+    }
+    grid, work = (duration / steps, t0, steps, c), (iterations, residual)
+    motion = even_motion_of(system, loop.plan, course.kernel, nodes, grid, work, told)
+    if not doubted:
         return motion
     if not known.held:
-        return looked_at(rule, motion, found.estimate, tol)
+        return looked_at(rule, motion, estimate, tol)
     if (leap := energy_leap(motion, tol)) and (alarm := leap.alarm()):
         warnings.warn(alarm, stacklevel=4)
     return motion

@@ -49,6 +49,9 @@ PATIENCE = 2  # differences, one behind the other, that may not shrink: steps of
 TELLS = 0.1  # difference of two runs that tells of an order
 SHARED = 6  # nodes of two runs at least whose difference does
 LESS = 0.5  # of the order is counted on where runs have nearly as many steps
+# times as much may iterations leave in a run that no other one came before, which is no answer: the
+# difference to the next one may be some twenty times the wanted error
+COARSER = 30.0
 RATIOS = 1.5, 2.0  # of the steps of two runs: where the next one may prove the error, and else
 
 
@@ -77,9 +80,14 @@ def by_short_refinement(
     quadratic = system.structure.quadratic_kinetic
     driven = driven_kernel(system, rule) if backend == "auto" else None
 
-    def run(steps: int, count: int, begin: InitialValueProblem = start) -> PlainTrial | None:
-        problem = first_steps_of(begin, rule, steps, count, tol)
-        problem = problem._replace(level=iteration_level(tol, count), most=POOR)
+    def run(
+        steps: int, count: int, begin: InitialValueProblem = start, coarser: float = 1.0
+    ) -> PlainTrial | None:
+        problem, most = first_steps_of(begin, rule, steps, count, tol), POOR
+        level = iteration_level(tol, count)
+        if coarser > 1.0:  # so much sooner it is over, or hardly contracts
+            most = math.floor(POOR * math.log(level * coarser) / math.log(level))
+        problem = problem._replace(level=level * coarser, most=most)
         mapped = driven if REPEATED * steps**2 <= tol else None
         kernel = mapped or kernel_for(system, rule, problem, backend)
         found = kernel and run_at_once(system, rule, problem, kernel, short=False)
@@ -125,7 +133,8 @@ def by_short_refinement(
     steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
     stalls, shown = 0, math.inf
     while runs < RUNS:
-        motion, runs = run(steps, steps), runs + 1
+        motion = run(steps, steps, coarser=COARSER if before is None else 1.0)
+        runs += 1
         if motion is None:
             before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
             last = shown = math.inf

@@ -41,8 +41,9 @@ from varint.integration.choice import Choice
 from varint.integration.compiled_loop import POOR, first_piece, scheme_of
 from varint.integration.energy_check import NOTHING, energy_rows, energy_rows_by_velocity
 from varint.integration.error_scale import angles, bodies
+from varint.integration.even_motion import even_motion_of
 from varint.integration.force_bounds import forces_as_data
-from varint.integration.gears import BY_STAGES, gears_with, kernel_after
+from varint.integration.gears import BY_STAGES, Gears, gears_with, kernel_after
 from varint.integration.held_rows import is_held
 from varint.integration.linear_run import REPEATED, driven_kernel, first_of_map, is_one_map
 from varint.integration.plan import plan
@@ -51,7 +52,6 @@ from varint.integration.proof_limits import proof_limits
 from varint.integration.rule_choice import SECULAR, Priced, first_steps, priced
 from varint.integration.short_looks import held_looks
 from varint.integration.time_transformation.rate_ahead import ask_for_rates, rates_to_follow
-from varint.integration.trajectories import Run, motion_of
 from varint.integration.work_bound import MISSED, balance_rows
 from varint.rules.rule import Rule
 from varint.scene.memory import per_scene
@@ -65,7 +65,7 @@ _REFINED = np.array(
         *(decided.FLOOR, searched.NO_DIGITS, *refined.RATIOS, refined.RUNS),
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
-        *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN),
+        *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN, refined.COARSER),
     ]
 )
 
@@ -105,23 +105,26 @@ def by_short_trials(
     if first is None:
         return NOT_SHORT
     asked = start.t0, start.h, first, radians, tol
-    found = two_short_runs(
-        (system, rule, course), places, asked, rates_to_follow(system) if follow else [None]
-    )
+    gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
+    rates: list[Rates | None] = rates_to_follow(system) if follow else [None]
+    found = two_short_runs(system, course, gears, places, asked, rates)
     if isinstance(found, int):
         return found
-    steps = found.steps
-    problem = start._replace(
-        h=start.h / steps, steps=steps, u=np.empty((steps, 1, 0)), nodes=len(rule.nodes)
+    steps, runs, estimate, *work, nodes, doubted = found
+    motion = even_motion_of(
+        system,
+        plan(system, rule),
+        course.kernel,
+        nodes,
+        (start.h / steps, start.t0, steps, start.c),
+        work,
+        {"seconds": perf_counter() - began},
     )
-    run = Run(system, plan(system, rule), problem, [], iter(()), course.kernel, began)
-    motion = motion_of(run, found.nodes, (found.iterations, found.residual))
-    estimate = found.estimate
-    if found.doubted:
+    if doubted:
         estimate = max(estimate, refined.looked_at_closely(rule, motion, None, tol))
     if estimate > tol:
         return NOT_PROVED
-    return Choice(rule, steps, motion, estimate, found.runs, True, True)
+    return Choice(rule, steps, motion, estimate, runs, True, True)
 
 
 Begins = Callable[[Priced, float, float], int | None]
@@ -138,24 +141,23 @@ def steps_to_begin(system: System, rule: Rule) -> Begins:
 
 
 def two_short_runs(
-    how: tuple[System, Rule, Course],
+    system: System,
+    course: Course,
+    gears: Gears | None,
     places: Places,
     asked: tuple[float, float, int, float, float],
     rates: list[Rates | None],
     opening: bytes = NO_OPENING,
 ) -> Found | int:
-    """`two_runs` of (t0, duration, first, radians, tol), and a look at whether another gear repays;
-    VARIES and more where steps of a run that went astray should follow one of the rates.
+    """`two_runs` of (t0, duration, first, radians, tol), and in the low one of `gears` a look at
+    whether another one repays; VARIES and more where steps of a run that went astray should follow
+    one of the rates.
     """
-    system, rule, course = how
-    now = perf_counter() if course.kernel.is_native else 0.0
+    now = perf_counter() if gears else 0.0
     found = two_runs(course, places, *asked, rates[0], opening)
     if type(found) is int and found >= VARIES and rates[0] is UNASKED:
         rates[0] = ask_for_rates(system)
         found = two_runs(course, places, *asked, rates[0])
-    if not course.kernel.is_native:
-        return found
-    gears = gears_with(system, rule, scheme_of(system, rule), course.kernel)
     if gears:
         kernel_after(gears, perf_counter() - now, 0.0)
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -46,10 +46,13 @@ def made_at_first_look(instance: Any, name: str) -> Any:
 def changed(motion: Any, **changes: Any) -> Any:
     """`replace` of a trajectory in a quarter of the time."""
     own = motion.__dict__
-    if "_make" in own:  # some fields are made at the first look
-        return replace(motion, **changes)
+    names = motion.__dataclass_fields__
+    if "_make" in own:
+        for name in names:  # some of them are made at the first look
+            if name not in changes:
+                getattr(motion, name)
     other = object.__new__(type(motion))
-    kept = {name: own[name] for name in motion.__dataclass_fields__ if name in own}
+    kept = {name: own[name] for name in names if name in own}
     other.__dict__.update(kept, **changes)
     if motion.system.rays:
         make_nodes_unit(other)

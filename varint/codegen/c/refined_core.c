@@ -13,6 +13,7 @@
 #include "balance.h"
 #include "scales.h"
 #include "order.h"
+#include "found.h"
 
 /* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
@@ -20,15 +21,8 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
-        at_once, part_of_it, narrow_parts, uncertain, repeated;
+        at_once, part_of_it, narrow_parts, uncertain, coarser, repeated;
 } Limits;
-
-/* That of two_runs_core.c, whose `take_run` takes the run. */
-typedef struct {
-    int64_t steps, runs;
-    double estimate, iterations, residual;
-    double *run;
-} Proved;
 
 typedef struct {
     int (*run)(const RunArguments *);
@@ -43,29 +37,32 @@ typedef struct {
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
-    int64_t apart, first;
+    int64_t apart;
+    Room room;
+    int64_t first;
     double t0, duration, radians, tol;
 } Refined;
 
 typedef struct {
-    double *rows, iterations, residual;
+    double *rows, *own, iterations, residual;
     int64_t steps, count; /* of the whole duration, and those that were made */
     int lost;
 } Attempt;
 
-/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+/* Where iterations may stop, so that what they leave adds up to less than `tol`. */
 static double level_for(const Refined *a, int64_t steps) {
     const double often = a->limits->secular / ((double)steps * (double)steps);
     return a->tol * (a->limits->level < often ? a->limits->level : often);
 }
 
-/* The first `count` of so many steps from a start; false where there was no memory, or they are too many. */
-static int try_from(const Refined *a, const double *start, double t0, int64_t steps, int64_t count, Attempt *to) {
+/* The first `count` of so many steps from a start, by so many times coarser iterations, which are over so much sooner, or
+   hardly contract; false where there was no memory, or they are too many. */
+static int try_from(const Refined *a, const double *start, double t0, int64_t steps, int64_t count, double coarser, Attempt *to) {
     const Limits *const l = a->limits;
     const int64_t n = a->n;
+    const double level = level_for(a, count), most = coarser > 1 ? floor(l->poor * log(level * coarser) / log(level)) : l->poor;
     if (count > a->longest) return 0;
-    free(to->rows);
-    to->rows = malloc((3 * n * (count + 1) + a->carry + 3 * n + sizeof(RunStats) / sizeof(double)) * sizeof(double));
+    to->rows = memory_for(3 * n * (count + 1) + a->carry + 3 * n + sizeof(RunStats) / sizeof(double), to->rows, to->own);
     if (!to->rows) return 0;
     double *const carry = to->rows + 3 * n * (count + 1);
     RunStats *const stats = (RunStats *)(carry + a->carry);
@@ -74,19 +71,19 @@ static int try_from(const Refined *a, const double *start, double t0, int64_t st
     for (int64_t k = 0, end; k < count && !to->lost; k = end) {
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
-            .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)a->limits->poor, .t0 = t0, .h = a->duration / steps,
-            .level = level_for(a, count), .start = start, .c = a->c,
+            .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)most, .t0 = t0, .h = a->duration / steps,
+            .level = level * coarser, .start = start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
-        to->lost = status != DONE || (!k && a->pilot && to->iterations > l->poor * end);
+        to->lost = status != DONE || (!k && a->pilot && to->iterations > most * end);
     }
     if (!to->lost) to->lost = unsound(to->rows + 3 * n * count, n) != 0;
     return 1;
 }
 
-static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
-    return try_from(a, a->start, a->t0, steps, count, to);
+static int try_run(const Refined *a, int64_t steps, int64_t count, double coarser, Attempt *to) {
+    return try_from(a, a->start, a->t0, steps, count, coarser, to);
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -146,7 +143,7 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
     const int64_t end = k < unit ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
     Attempt fine = {0};
     const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
-    if (!try_from(a, now->rows + many * (k - 1), t0, parts * now->steps, parts * each * over, &fine) || fine.lost)
+    if (!try_from(a, now->rows + many * (k - 1), t0, parts * now->steps, parts * each * over, 1, &fine) || fine.lost)
         made = INFINITY;
     else
         made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
@@ -343,14 +340,15 @@ static int doubted(const Refined *a, const Attempt *run, const Attempt *fine, in
 
 int refined(const Refined *a) {
     const Limits *const l = a->limits;
-    Attempt before = {0}, now = {0};
+    double memory[2][SHORT];
+    Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room)};
     int result = NOT_SHORT, two = 0, stalls = 0;
     double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
     while (runs < (int64_t)l->runs) {
         const double repeated = l->repeated * (double)steps * (double)steps;
-        if (repeated > a->tol || !try_run(a, steps, steps, &now)) goto end;
+        if (repeated > a->tol || !try_run(a, steps, steps, two ? 1 : l->coarser, &now)) goto end;
         runs++;
         if (now.lost) {
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
@@ -384,12 +382,14 @@ int refined(const Refined *a) {
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
-                if (!try_run(a, parts * steps, parts * few, &before)) goto end;
+                if (!try_run(a, parts * steps, parts * few, 1, &before)) goto end;
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;
-                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, now.rows};
-                result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED, now.rows = 0;
+                result = doubted(a, &now, &before, parts, scales) ? DOUBTED : PROVED;
+                double *const rows = handed_over(now.rows, now.own, a->n, steps + 1, 2, &a->room);
+                *a->found = (Proved){steps, runs, estimate > early ? estimate : early, now.iterations, now.residual, rows};
+                now.rows = 0;
                 goto end;
             }
             const double next = off * pow(ratio, -l->caution * (double)a->order);
@@ -402,6 +402,6 @@ int refined(const Refined *a) {
     }
     result = NOT_PROVED;
 end:
-    free(before.rows), free(now.rows);
+    give_up(before.rows, before.own), give_up(now.rows, now.own);
     return result;
 }

@@ -83,9 +83,9 @@ static double by_steps_alike(const Case *a, int64_t steps, double apart, double 
     return alike > rounded ? alike : rounded;
 }
 
-static int prove(const Case *a) {
+/* With memory for two runs. */
+static int prove(const Case *a, Attempt coarse, Attempt fine) {
     const Limits *const l = a->limits;
-    Attempt coarse = {0}, fine = {0};
     int result = NOT_SHORT, known = 0, compared = 0, doubted = 0, measured = 0;
     const double p = (double)a->order, full = a->tol * pow(2, p) / l->half, rough = full < l->rough ? full : l->rough;
     double expected = INFINITY, before = INFINITY, clear = l->clear, growth = 1, start_growth = 1,

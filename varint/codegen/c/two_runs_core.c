@@ -10,19 +10,13 @@
 #include "scales.h"
 #include "order.h"
 #include "proof.h"
+#include "found.h"
 #include "look_ahead.h"
 #include "held.h"
 
 double nextafter(double, double);
 #define MOST_RATES 2
 #define LAST_DIGIT 0x1p-52 /* of the energy */
-
-/* What was found; `run` is to be taken with `take_run`, which frees it. */
-typedef struct {
-    int64_t steps, runs;
-    double estimate, iterations, residual;
-    double *run;
-} Proved;
 
 /* Rates that steps could follow, so many of them, 0 where they are to be asked for: (q, p) to each of them and to velocities;
    how the motion is followed ahead by each; how large a rate is, over its mean, where that repays. */
@@ -50,7 +44,9 @@ typedef struct {
     const double *start, *c; /* q and p; parameters */
     Proved *found;
     const double *mass; /* the mass matrix' diagonal, its numbers so far apart */
-    int64_t apart, first;
+    int64_t apart;
+    Room room;
+    int64_t first;
     double t0, duration, radians, tol;
     const Rates *rates;      /* 0: there are none */
     int (*open)(double h);   /* writes what the loop is told at a fresh start, so many numbers, for steps h; whether it is there */
@@ -61,12 +57,12 @@ typedef TwoRuns Case;
 
 typedef struct {
     Seen seen;
-    double *rows, iterations, residual;
+    double *rows, *own, iterations, residual;
     int64_t nodes; /* that are there */
 } Attempt;
 #include "two_runs.h"
 
-static void release(Attempt *run) { free(run->rows); }
+static void release(Attempt *run) { give_up(run->rows, run->own); }
 
 /* Quantiles of |H - H0| over the middle one of |p v|; infinite where the motion is lost. */
 static void energy_errors(const TwoRuns *a, const double *rows, int64_t count, Seen *seen, double *room) {
@@ -87,9 +83,9 @@ static int try_run(const TwoRuns *a, int64_t steps, double wanted, int64_t part,
     const Limits *const l = a->limits;
     const int64_t n = a->n, count = steps / part > 1 ? steps / part : 1;
     if (count > a->longest || (a->held && part > 1)) return 0;
-    free(to->rows);
-    const int64_t samples = 4 * (int64_t)l->samples + 8, told = 3 * n + sizeof(RunStats) / sizeof(double);
-    to->rows = malloc((3 * n * (count + 1) + samples + a->carry + told + room_of_notes(a->folds)) * sizeof(double));
+    const int64_t looked = 2 * (int64_t)l->samples, samples = 2 * (count < looked ? count + 1 : looked) + 8,
+                  told = 3 * n + sizeof(RunStats) / sizeof(double);
+    to->rows = memory_for(3 * n * (count + 1) + samples + a->carry + told + room_of_notes(a->folds), to->rows, to->own);
     if (!to->rows) return 0;
     double *const room = to->rows + 3 * n * (count + 1), *const carry = room + samples, *const notes = carry + a->carry + told;
     RunStats *const stats = (RunStats *)(carry + a->carry);
@@ -229,7 +225,10 @@ end:
 }
 
 static void keep(const Case *a, Attempt *run, double estimate) {
-    *a->found = (Proved){run->seen.steps, a->found->runs, estimate, run->iterations, run->residual, run->rows};
+    const int64_t steps = run->seen.steps;
+    /* held ones are looked at once more */
+    double *const rows = a->held ? run->rows : handed_over(run->rows, run->own, a->n, steps + 1, 2 + a->by_velocity, &a->room);
+    *a->found = (Proved){steps, a->found->runs, estimate, run->iterations, run->residual, rows};
     run->rows = 0;
 }
 
@@ -245,29 +244,20 @@ static int is_calm(const TwoRuns *a) {
 }
 
 int two_runs(const TwoRuns *a) {
-    const int result = prove(a);
+    double memory[2][SHORT], *own[2];
+    for (int i = 0; i < 2; i++) own[i] = a->held ? 0 : own_memory(memory[i], &a->room);
+    const int result = prove(a, (Attempt){.own = own[0]}, (Attempt){.own = own[1]});
     return result == PROVED && !is_calm(a) ? DOUBTED : result;
 }
 
-/* Coordinates and momenta at the nodes of the run that was found, times and numbers of the nodes, and velocities where they
-   are there. */
+/* Nodes of the run that was found, where they were too many for the room. */
 typedef struct {
     double *run, *nodes;
-    int64_t n, steps, by_velocity;
-    double t0, h;
+    int64_t n, steps, parts;
 } Taken;
 
 int take_run(const Taken *a) {
-    const int64_t n = a->n, nodes = a->steps + 1;
-    double *const q = a->nodes, *const p = q + n * nodes, *const t = p + n * nodes;
-    int64_t *const numbers = (int64_t *)(t + nodes);
-    double *const v = (double *)(numbers + nodes);
-    for (int64_t k = 0; k < nodes; k++) {
-        const double *const row = a->run + 3 * n * k;
-        if (a->by_velocity) memcpy(v + n * k, row + 2 * n, n * sizeof(double));
-        for (int64_t d = 0; d < n; d++) q[n * k + d] = row[d], p[n * k + d] = row[n + d];
-        numbers[k] = k, t[k] = a->h * (double)k + a->t0;
-    }
+    put_nodes(a->run, a->n, a->steps + 1, a->parts, a->nodes);
     free(a->run);
     return DONE;
 }

@@ -96,5 +96,5 @@ static void keep(const Case *a, Attempt *run, double estimate) {
 
 int varying_runs(const Varying *a) {
     a->found->failed = 0;
-    return prove(&(Case){a->limits, a->found, a->order, 0, 0, a->first, a->radians, a->tol, a});
+    return prove(&(Case){a->limits, a->found, a->order, 0, 0, a->first, a->radians, a->tol, a}, (Attempt){0}, (Attempt){0});
 }

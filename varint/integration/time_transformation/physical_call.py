@@ -162,9 +162,11 @@ def physical_motion(
     moving: System,
     c: np.ndarray,
     how: How,
+    more: dict[str, Any] | None = None,
 ) -> Trajectory:
-    """The motion with these parameters, found so in the rescaled scene; the one there, and what
-    this one has besides coordinates and momenta, are made when they are asked for.
+    """The motion with these parameters, found so in the rescaled scene, and what is told of it
+    besides how long that took; the one there, and what this one has besides coordinates and
+    momenta, are made when they are asked for.
     """
     q, p = physical_states(how[2])
     known = {
@@ -177,14 +179,14 @@ def physical_motion(
         "functions": called.functions,
         "dense_output": at_times,
         "origin": 0.0,
-        "_make": partial(_made, called, moving, how),
+        "_make": partial(_made, called, moving, how, more or {}),
     }
     motion = _new(Trajectory)  # in half the time of its constructor
     _set(motion, "__dict__", known)
     return motion
 
 
-def _made(called: Called, moving: System, how: How, name: str) -> Any:
+def _made(called: Called, moving: System, how: How, more: dict[str, Any], name: str) -> Any:
     """The field of this name of a motion: one that is not coordinates and momenta."""
     _, _, until, seconds = how
     if name == "fictitious":
@@ -193,7 +195,7 @@ def _made(called: Called, moving: System, how: How, name: str) -> Any:
         return np.empty((until.steps, 1, 0))
     if name == "stats":
         work = until.iterations, until.residual
-        return stats_of(called.plan, until.kernel, until.steps, work, {"seconds": seconds})
+        return stats_of(called.plan, until.kernel, until.steps, work, {"seconds": seconds, **more})
     return physical_times(until)["kt".index(name)]
 
 

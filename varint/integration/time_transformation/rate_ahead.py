@@ -35,9 +35,11 @@ from varint.scene.system import System
 # largest rate over the mean one: equal steps would be as many times as many, less what a step of
 # the rescaled scene costs more
 WORTH = 8.0
-# the same of a flight whose start tells of nothing, where few steps are
-# needed but for the encounter; of a charge in a field, whose rate has many operations
-IN_FLIGHT, IN_FIELD = 5.0, 8.0
+# the same of a flight whose start tells of nothing, and of a charge in a field, whose rate has many
+# operations: where the look ends before the motion does, after which the rate only falls, and where
+# it has seen all of it. Equal steps far from the encounter take two iterations each, where steps
+# that follow it take eight: both take the same time there, one half of it at half or twice of these
+IN_FLIGHT, IN_FIELD = (5.0, 12.0), (8.0, 32.0)
 # the same where a magnetic field vanishes on the way: its relative change has no bound there, the
 # look ahead goes no farther, and nothing is fast
 VANISHES = 1e4
@@ -108,7 +110,8 @@ def _looked_at(system: System, start: np.ndarray, c: np.ndarray, total: float) -
         if frequency or not flight:
             least = WORTH
         else:
-            least = IN_FIELD if local_rate(system).reason else IN_FLIGHT
+            which = IN_FIELD if local_rate(system).reason else IN_FLIGHT
+            least = which[duration >= abs(total)]
         if largest >= least * mean:
             return Ahead(rate_pilot(system, start[:n], start[n:], c, total, total < 0, flight), 0.0)
         if not frequency and duration <= BEYOND * abs(total):

@@ -27,7 +27,13 @@ from varint.integration.gears import kernel_after
 from varint.integration.plain_start import begin_at
 from varint.integration.proof_limits import proof_limits
 from varint.integration.round_off import ROUNDED
-from varint.integration.rule_choice import cheapest_of, first_steps, iteration_level
+from varint.integration.rule_choice import (
+    Priced,
+    changes,
+    cheapest,
+    first_steps,
+    iteration_level,
+)
 from varint.integration.time_transformation.inner_run import How, asked_until_end, until_end
 from varint.integration.time_transformation.physical_call import (
     BegunStart,
@@ -49,7 +55,6 @@ from varint.integration.time_transformation.variable_course import (
     MOST_COMPARED,
     prices_for,
 )
-from varint.integration.trajectories import with_stats
 from varint.integration.two_runs import (
     CHANCE,
     FLOOR,
@@ -91,7 +96,8 @@ def varying_call(
     way is to be taken.
     """
     span = pilot.mean * duration
-    price = cheapest_of(prices_for(system, rule), abs(span), tol)
+    prices, when = _prices(system, rule)
+    price = prices[cheapest(when, abs(span), tol)]
     word = FLIGHT if pilot.flight else AUTO
     ready = ready_for(system, price.rule, word)
     looks = _nearness(system)
@@ -122,14 +128,23 @@ def varying_call(
         return NOT_VARYING
     if found.estimate > tol:  # of which a warning tells
         return None
-    return with_stats(
-        physical_motion(system, ready.called, ready.moving, c, found.run),
-        tol=tol,
-        error_estimate=found.estimate,
-        rule=str(price.rule),
-        runs=before + found.runs,
-        seconds=perf_counter() - began,
-    )
+    told = {
+        "seconds": perf_counter() - began,
+        "tol": tol,
+        "error_estimate": found.estimate,
+        "rule": price.rule.name,
+        "runs": before + found.runs,
+    }
+    return physical_motion(system, ready.called, ready.moving, c, found.run, told)
+
+
+@per_scene
+def _prices(
+    system: System, rule: Rule | None
+) -> tuple[tuple[Priced, ...], tuple[list[float], list[int]]]:
+    """Of the rules that can follow a rate, and which is the cheapest when."""
+    prices = prices_for(system, rule)
+    return prices, changes(prices)
 
 
 # how runs are looked at, places, (t0, duration) and the fictitious time that it is foreseen to take
