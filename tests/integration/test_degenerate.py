@@ -106,3 +106,35 @@ def test_a_loose_tolerance_over_many_turns_is_met(tol):
     # sizes of the coordinates are about one
     assert np.abs(rough.q[-1] - fine.q[-1]).max() <= tol
     assert rough.stats["error_estimate"] <= tol
+
+
+@pytest.mark.parametrize("rule", [vi.midpoint(), vi.composition("kahan-li8")], ids=str)
+@pytest.mark.parametrize("which", ["pendulum", "gauge", "damped", "cubic damping", "vortices"])
+def test_native_and_compiled_runs_are_the_same_bytes_and_agree_with_interpreted_ones(which, rule):
+    speed = ca.sumsqr(V)
+    cubic = vi.System(Q, V, Q[1] * V[0] - PENDULUM, force=-0.2 * speed * V)
+    systems = {
+        "pendulum": (phase_space(), [1.0, 0.3]),
+        "gauge": (phase_space(gauge=3.0), [1.0, 0.3]),
+        "damped": (phase_space(-0.2), [1.0, 0.3]),
+        "cubic damping": (cubic, [1.0, 0.3]),  # its velocities are solved for
+        "vortices": vortices(),
+    }
+    system, q0 = systems[which]
+    slow, native, compiled = (
+        vi.simulate(system, rule, q0=q0, h=0.05, steps=200, backend=backend)
+        for backend in ("interpreted", "native", "compiled")
+    )
+    assert native.stats["backend"].startswith("native: Newton")
+    for name in ("q", "v", "p"):
+        assert np.array_equal(getattr(native, name), getattr(compiled, name))
+        np.testing.assert_allclose(getattr(native, name), getattr(slow, name), atol=1e-12)
+
+
+def test_a_long_native_run_keeps_its_momentum_at_that_of_its_place():
+    """p − ϑ(q) swings from step to step by what the first made of it, and does not grow."""
+    system, q0 = vortices()
+    one_form = ca.Function("one_form", [system.q], [system.momentum])
+    motion = vi.simulate(system, q0=q0, h=0.05, steps=200_000, save_every=1000, backend="native")
+    assert np.abs(motion.p - np.array(one_form(motion.q.T)).T).max() < 1e-12
+    assert np.ptp(motion.energy) < 1e-3
