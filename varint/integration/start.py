@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.discrete.composed import steps_by_gauss
 from varint.discrete.consistency import (
     check_configuration,
     check_velocity,
@@ -88,11 +89,7 @@ def start_momentum_of(
     if v0 is not None and p0 is not None:
         raise InputError("give v0 or p0, not both: p0 = ∂L/∂v(q0, v0)")
     if structure.degenerate:
-        warnings.warn(
-            "the Lagrangian is degenerate (∂²L/∂v² = 0): the start momentum is p0 = ∂L/∂v(q0), v0 "
-            "plays no part, and steps of midpoint() are used without the usual guarantees",
-            stacklevel=4,
-        )
+        _say_what_is_taken(system, v0 is not None or p0 is not None)
     elif v0 is None and p0 is None:
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
@@ -116,6 +113,21 @@ def start_momentum_of(
     elif not (structure.constraints or structure.nonholonomic):
         check_mass(system, values[2 * n + 1 :], c)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
+
+
+def _say_what_is_taken(system: System, given: bool) -> None:
+    """What a start of a degenerate scene is, where something else is given or its steps are no
+    usual ones.
+    """
+    usual = steps_by_gauss(system)
+    if usual and not given:
+        return
+    warnings.warn(
+        "the Lagrangian is degenerate (∂²L/∂v² = 0): the start momentum is p0 = ∂L/∂v(q0), "
+        "and a given v0 or p0 plays no part"
+        + ("" if usual else "; steps of midpoint() are used without the usual guarantees"),
+        stacklevel=5,
+    )
 
 
 def _refuse_lost_symbols(system: System) -> None:
