@@ -205,3 +205,12 @@ def test_rules_that_would_be_unstable_are_refused_where_the_one_form_is_not_line
         vi.simulate(curved, vi.gauss(2), q0=[1.0, 0.3], h=0.1, steps=5)
     with pytest.raises(vi.InputError, match=r"degenerate.*or another gauss"):
         vi.simulate(phase_space(), vi.lobatto(3), q0=[1.0, 0.3], h=0.1, steps=5)
+
+
+def test_an_error_is_below_what_was_asked_by_the_largest_coordinate_too():
+    """z of the guiding centre swings to both sides of zero: its range is twice its largest."""
+    model = models.guiding_centre()
+    fine = vi.simulate(model.system, q0=model.q0, duration=10.0, tol=1e-11).q[-1]
+    for tol in (1e-2, 1e-3, 1e-5):
+        motion = vi.simulate(model.system, vi.midpoint(), q0=model.q0, duration=10.0, tol=tol)
+        assert np.abs(motion.q[-1] - fine).max() <= tol * np.abs(motion.q).max()

@@ -64,6 +64,15 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
     return scales_of_nodes(system, motion.q, v, motion.t[:1], motion.c)
 
 
+def careful_scales(system: System, motion: Trajectory, given: Any = None) -> np.ndarray:
+    """`error_scales`, none of its own larger than the largest coordinate: for rules of low order,
+    whose estimates are hardly larger than the errors. A swing to both sides of zero has twice the
+    range.
+    """
+    scales, largest = error_scales(system, motion, given), float(np.abs(motion.q).max())
+    return np.minimum(scales, largest) if given is None and largest > 0 else scales
+
+
 def scales_of_nodes(
     system: System, q: np.ndarray, v: np.ndarray, t: np.ndarray, c: np.ndarray
 ) -> np.ndarray:
