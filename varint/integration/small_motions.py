@@ -218,7 +218,8 @@ def local_function(system: System) -> ca.Function:
     )
     stiffness = ca.jacobian(generalised_force, s.q) + turning(system)
     outputs = [ca.densify(s.mass_matrix), ca.densify(stiffness)]
-    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+    # looking for equal operations takes fifty times as long as making the function of all of them
+    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs)
 
 
 def turning(system: System) -> ca.SX:
