@@ -199,6 +199,18 @@ def test_a_linear_one_form_is_stepped_by_default_with_high_order_and_without_a_w
     np.testing.assert_allclose(motion.energy, motion.energy[0], atol=1e-9)
 
 
+def test_a_start_that_plays_no_part_is_told_of_where_it_is_another_one():
+    model = models.lotka_volterra()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        vi.simulate(model.system, q0=model.q0, v0=model.v0, h=0.1, steps=5)
+        vi.simulate(phase_space(), q0=[1.0, 0.3], p0=[0.3, 0.0], h=0.1, steps=5)
+    with pytest.warns(UserWarning, match=r"degenerate.*v0 plays no part"):
+        vi.simulate(phase_space(), q0=[1.0, 0.3], v0=[0.0, 0.0], h=0.1, steps=5)
+    with pytest.warns(UserWarning, match=r"degenerate.*p0 plays no part"):
+        vi.simulate(phase_space(), q0=[1.0, 0.3], p0=[0.4, 0.0], h=0.1, steps=5)
+
+
 def test_rules_that_would_be_unstable_are_refused_where_the_one_form_is_not_linear():
     curved = vi.System(Q, V, (Q[1] + Q[1] ** 3 / 5) * V[0] - PENDULUM)
     with pytest.raises(vi.InputError, match=r"degenerate.*unstable for it; use midpoint"):
