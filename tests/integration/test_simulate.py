@@ -253,10 +253,10 @@ def test_a_lagrangian_that_is_not_quadratic_in_v_runs():
 
 
 def test_a_degenerate_lagrangian_runs_by_midpoint_with_a_warning():
-    """Lotka–Volterra as a Lagrangian linear in v: H is nearly kept, and it warns."""
+    """Lotka–Volterra by a one-form that is not linear: H is nearly kept, and it warns."""
     q, v = vi.coordinates("x", "y")
     energy = ca.exp(q[0]) - 2 * q[0] + ca.exp(q[1]) - q[1]
-    system = vi.System(q, v, q[1] * v[0] - energy)
+    system = vi.System(q, v, (q[1] + q[1] ** 3 / 10) * v[0] - energy)
     with pytest.warns(UserWarning, match="degenerate"):
         motion = vi.simulate(system, vi.midpoint(), q0=[0.2, 0.4], h=0.02, steps=2000)
     values = motion.value(energy)

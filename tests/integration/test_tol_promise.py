@@ -147,6 +147,14 @@ def test_angles_are_told_from_lengths():
     assert angles(vi.System(q, v, kinetic - q[1] ** 2 / 2)) == (True, False, False)
 
 
+def test_far_light_bodies_are_no_angles_and_a_light_pendulum_beside_a_heavy_one_is():
+    """What a planet of 1e-9 of the sun's mass does changes the Lagrangian by less than 1e-9."""
+    assert not any(angles(vi.models.solar_system().system))
+    q, v = vi.coordinates("heavy", "light")
+    both = ca.sumsqr(v) / 2 + 1e4 * ca.cos(q[0]) + 1e-7 * ca.cos(q[1])
+    assert angles(vi.System(q, v, both)) == (True, True)
+
+
 def test_a_scale_that_is_none_is_refused():
     q, v = vi.coordinates("x", "y")
     system = vi.System(q, v, ca.sumsqr(v) / 2 - ca.sumsqr(q) / 2)

@@ -34,12 +34,6 @@ def forced() -> vi.Trajectory:
     )  # fmt: skip
 
 
-def degenerate() -> vi.Trajectory:
-    """A Lagrangian that is linear in the velocities."""
-    with pytest.warns(UserWarning, match="degenerate"):
-        return motion_of(vi.models.lotka_volterra())
-
-
 def relativistic() -> vi.Trajectory:
     """A momentum that is no linear function of the velocity."""
     q, v = vi.coordinates("x")
@@ -57,7 +51,8 @@ MOTIONS = {
     "multipliers": lambda: motion_of(vi.models.pendulum_cartesian(), vi.lobatto(4)),
     "rolling": lambda: motion_of(vi.models.rolling_disc()),
     "driven": lambda: motion_of(vi.models.driven_pendulum(), vi.gauss(2)),
-    "degenerate": degenerate,
+    "degenerate": lambda: motion_of(vi.models.lotka_volterra()),
+    "degenerate_midpoint": lambda: motion_of(vi.models.lotka_volterra(), vi.midpoint()),
     "forced": forced,
     "relativistic": relativistic,
     "controlled_to_rest": lambda: vi.models.overhead_crane().solve()[0],

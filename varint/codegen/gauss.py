@@ -14,8 +14,10 @@ from varint.codegen.mechanics import acceleration, dense, force, momentum, veloc
 from varint.codegen.routines import Routine, halved, routines
 from varint.codegen.source import Source, c_head, compiled, emitted, source_of
 from varint.codegen.tableau import tableau_source
+from varint.discrete.composed import steps_by_gauss
 from varint.discrete.legendre import (
     HALVINGS,
+    first_order_velocity,
     full_inertia,
     known_velocity,
     legendre_expressions,
@@ -49,8 +51,10 @@ def gauss_form(system: System) -> int:
     not possible.
     """
     s = system.structure
-    if s.constraints or s.nonholonomic or s.contacts or s.degenerate:
+    if s.constraints or s.nonholonomic or s.contacts:
         return 0
+    if s.degenerate:
+        return int(steps_by_gauss(system))
     if not s.quadratic_kinetic and (jumps(system.momentum, system.v) or full_inertia(system)):
         return 0
     return 2 if s.separable and s.constant_mass else 1
@@ -200,6 +204,8 @@ def _scheme_of(system: System, stages: int, form: int) -> Scheme:
         if full
         else _push_and_defect
         if by_defect
+        else _first_order
+        if system.structure.degenerate
         else _kick_and_drift
     )
     functions, rates = make(system)
@@ -262,6 +268,19 @@ def _kick_and_drift(system: System) -> Functions:
     outputs = [push, ca.substitute(speed, p, known)]
     functions = halved(system.c, ("kick", "drift"), [q, p, t, system.control], late, outputs)
     return functions | routines(system.c, {"velocity": ([q, p, t], [speed])}), [speed, push]
+
+
+def _first_order(system: System) -> Functions:
+    """The right-hand side of a degenerate scene, q̇ = v(q, t), and the gain A q̇ of its momentum
+    A q + b.
+    """
+    q, t, p = system.q, system.t, ca.SX.sym("p", system.q.numel())
+    speed = first_order_velocity(system)
+    assert speed is not None
+    gain = ca.densify(ca.jacobian(system.momentum, q) @ speed)
+    late = ca.SX.sym("p", p.numel())
+    functions = halved(system.c, ("kick", "drift"), [q, p, t, system.control], late, [gain, speed])
+    return functions | routines(system.c, {"velocity": ([q, p, t], [speed])}), [speed, gain]
 
 
 def _push_and_defect(system: System) -> Functions:

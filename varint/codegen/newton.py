@@ -30,7 +30,12 @@ from varint.discrete.constrained_equations import constrained_equations, size_ex
 from varint.discrete.constraints import hidden_functions as tangent_parts
 from varint.discrete.equations import Equations, implicit_equations
 from varint.discrete.kick_drift import kick_function
-from varint.discrete.legendre import HALVINGS, legendre_expressions
+from varint.discrete.legendre import (
+    HALVINGS,
+    first_order_expressions,
+    first_order_velocity,
+    legendre_expressions,
+)
 from varint.discrete.row_independence import FOLDED, VANISHED, folds, pivot_and_lengths
 from varint.discrete.scales import SMALLEST, UNKNOWN
 from varint.discrete.shake_equations import eliminates_path, shake_equations
@@ -150,7 +155,7 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
     parts = shares(system, rule) if base else [(1.0, 0.0)]
     rule = base or rule
     held = bool(s.constraints or s.nonholonomic)
-    if s.contacts or s.degenerate or not rule.points or (held and not s.quadratic_kinetic):
+    if s.contacts or not rule.points or (held and not s.quadratic_kinetic):
         raise NotCompilable(
             "the compiled Newton method needs a rule with control points, and a scene without "
             "contacts, with constraints quadratic in "
@@ -166,11 +171,8 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
     projection = _projection(system, e, eliminates) if held else None
     if projection:
         functions |= projection.functions
-    if not s.quadratic_kinetic:
-        functions["legendre"] = legendre_expressions(system)
-    elif not projection or not projection.speed:
-        p = ca.SX.sym("p", s.n)
-        functions["speed"] = [system.q, p, system.t], [velocity(system, p)]
+    if not projection or not projection.speed:
+        functions |= _velocities(system)
     if folds(system):
         pivot, lengths = pivot_and_lengths(system)
         functions["independence"] = [system.q, system.t], [pivot]
@@ -212,6 +214,22 @@ def newton_scheme(system: System, rule: Rule) -> Scheme:
         solve.tables,
         opening_values(system),
     )
+
+
+def _velocities(system: System) -> Functions:
+    """How the velocities follow from q and p: in closed form, or by Newton's method."""
+    s, p = system.structure, ca.SX.sym("p", system.q.numel())
+    if s.degenerate:
+        known = first_order_velocity(system)
+    else:
+        known = velocity(system, p) if s.quadratic_kinetic else None
+    if known is not None:
+        return {"speed": ([system.q, p, system.t], [known])}
+    return {
+        "legendre": first_order_expressions(system)
+        if s.degenerate
+        else legendre_expressions(system)
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +312,7 @@ def _counts(
         "MOST_ITERATIONS": STEP_ITERATIONS,
         "LEGENDRE_ITERATIONS": LEGENDRE_ITERATIONS,
         "HALVINGS": HALVINGS,
-        "INVERTED": int(not s.quadratic_kinetic),
+        "INVERTED": int("legendre" in solve.functions),
     }
     if solve.tables:
         counts["COUPLED"] = len(solve.tables["COUPLED_ROW"])

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import casadi as ca
 
+from varint.discrete.legendre import first_order_velocity
 from varint.rules.rule import Rule, gauss, lobatto
 from varint.scene.memory import per_scene
 from varint.scene.system import System
@@ -50,6 +51,23 @@ def shares(system: System, rule: Rule) -> list[tuple[float, float]]:
     if system.structure.degenerate and not _keeps_to_its_momentum(system):
         drifts = tuple(a / 2 for a in drifts for _ in range(2))
     return [(a, math.fsum(drifts[:i])) for i, a in enumerate(drifts)]
+
+
+@per_scene
+def steps_by_gauss(system: System) -> bool:
+    """Whether all Gauss rules step a degenerate scene, not `gauss(1)` alone: where ϑ = A q + b.
+
+    Their stages have momenta ϑ(Q_i) = p0 + h Σ a_ij ∂L/∂q(Q_j, V_j), which from p0 = ϑ(q0) on says
+    A V_j = ∂L/∂q(Q_j, V_j): each V_j is the velocity of the equations of first order at Q_j, and
+    the step is the collocation q̇ = v(q), of order 2s and symplectic with respect to the constant
+    form Aᵀ − A. Momenta stay ϑ(q): p − ϑ(q) is linear, and is multiplied by (−1)^s elsewhere.
+    """
+    s = system.structure
+    if not s.degenerate or s.constraints or s.nonholonomic or s.contacts or s.controls:
+        return False
+    if not _keeps_to_its_momentum(system) or ca.depends_on(system.momentum, system.t):
+        return False
+    return first_order_velocity(system) is not None
 
 
 @per_scene

@@ -79,10 +79,38 @@ def _first_velocity(system: System) -> ca.Function:
 
 
 def _first_order_velocity(system: System) -> ca.Function:
-    """(q, p, t, c) → v of a degenerate scene, L = ϑ·v − H, from its Euler–Lagrange equations of
-    first order, without controls: G v = −∂H/∂q − ∂ϑ/∂t + F(v), G_ij = ∂ϑ_i/∂q_j − ∂ϑ_j/∂q_i.
+    """(q, p, t, c) → v of a degenerate scene.
 
     Where the force is linear in the velocities Newton's method ends after one step.
+    """
+    s, p = system, ca.SX.sym("p", system.v.numel())
+    if (known := first_order_velocity(s)) is not None:
+        return ca.Function("velocity", [s.q, p, s.t, s.c], [known], {"cse": True})
+    _, (_, correction) = first_order_expressions(s)
+    improved = ca.densify(s.v - correction)
+    once = ca.Function("improved", [s.v, s.q, s.t, s.c], [improved], {"cse": True})
+    q, p, t, c = (
+        ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True)
+    )
+    constant = (ca.repmat(x, 1, LEGENDRE_ITERATIONS) for x in (q, t, c))
+    found = once.fold(LEGENDRE_ITERATIONS)(ca.DM.zeros(s.v.numel()), *constant)
+    return ca.Function("velocity", [q, p, t, c], [found])
+
+
+def first_order_velocity(system: System) -> ca.SX | None:
+    """v(q, t) of a degenerate scene as an expression; None where a force is not linear in v."""
+    s, (missing, correction) = system, first_order_expressions(system)[1]
+    if ca.depends_on(ca.jacobian(missing, s.v), s.v):
+        return None
+    return ca.densify(ca.substitute(-correction, s.v, ca.SX.zeros(s.v.shape)))
+
+
+def first_order_expressions(system: System) -> tuple[list[ca.SX], list[ca.SX]]:
+    """(v, q, p, t), and what is missing in the Euler–Lagrange equations of a degenerate scene, L =
+    ϑ·v − H, there, with Newton's correction.
+
+    They are of first order, without controls: G v = −∂H/∂q − ∂ϑ/∂t + F(v), G_ij = ∂ϑ_i/∂q_j −
+    ∂ϑ_j/∂q_i; p does not enter.
     """
     s = system
     still, p = ca.SX.zeros(s.v.shape), ca.SX.sym("p", s.v.numel())
@@ -91,18 +119,7 @@ def _first_order_velocity(system: System) -> ca.Function:
     left = ca.mtimes(gyroscopic, s.v) - ca.gradient(rest, s.q) - s.force
     left += ca.jacobian(s.momentum, s.t)
     left = ca.substitute(left, s.control, 0 * s.control)
-    slope = ca.jacobian(left, s.v)
-    improved = s.v - ca.solve(slope, left)
-    if not ca.depends_on(slope, s.v):
-        v = ca.substitute(improved, s.v, still)
-        return ca.Function("velocity", [s.q, p, s.t, s.c], [ca.densify(v)], {"cse": True})
-    once = ca.Function("improved", [s.v, s.q, s.t, s.c], [ca.densify(improved)], {"cse": True})
-    q, p, t, c = (
-        ca.MX.sym(name, x.numel()) for name, x in zip("qptc", (s.q, p, s.t, s.c), strict=True)
-    )
-    constant = (ca.repmat(x, 1, LEGENDRE_ITERATIONS) for x in (q, t, c))
-    found = once.fold(LEGENDRE_ITERATIONS)(ca.DM.zeros(s.v.numel()), *constant)
-    return ca.Function("velocity", [q, p, t, c], [found])
+    return [s.v, s.q, p, s.t], [ca.densify(left), ca.solve(ca.jacobian(left, s.v), left)]
 
 
 def known_velocity(system: System, p: ca.SX) -> ca.SX | None:

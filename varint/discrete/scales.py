@@ -49,7 +49,11 @@ def scale_function(system: System, smallest: float = SMALLEST) -> ca.Function:
         q, v, t, c
     )
     inertia = inertia_function(system)(q, p, t, c)
-    if system.structure.quadratic_kinetic:
+    if system.structure.degenerate:  # pushes are velocities
+        direction = [q, t], [v, ca.MX(1)]
+        change = [ca.jtimes(velocity(q, p, t, c), x, y) for x, y in zip(*direction, strict=True)]
+        v_size = ca.fabs(v) + ca.fabs(h * ca.plus(*change))
+    elif system.structure.quadratic_kinetic:
         # what the push does where nothing holds against it counts too: constraints may let it do
         # nothing
         gained = ca.fabs(velocity(q, p + h * gain[0], t + h, c) - v) + generalised_force / inertia

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from varint.discrete.composed import base_of
+from varint.discrete.composed import base_of, steps_by_gauss
 from varint.errors import InputError
+from varint.rules.polynomials import MOST_STAGES
 from varint.rules.rule import Rule, gauss
 from varint.scene.system import System
+
+STAGES = range(1, MOST_STAGES + 1)
 
 
 def require_discretisable(system: System, rule: Rule) -> None:
@@ -71,9 +74,11 @@ def require_steppable(system: System, rule: Rule) -> None:
             "contacts need a Lagrangian that is quadratic in the velocities: the law of impact is "
             "M Δv = Λ ∂gap/∂q"
         )
-    if s.degenerate and rule != gauss(1):
+    by_gauss = s.degenerate and steps_by_gauss(system)
+    if s.degenerate and rule not in ([gauss(k) for k in STAGES] if by_gauss else [gauss(1)]):
         raise InputError(
             f"the Lagrangian is degenerate (its mass matrix ∂²L/∂v² is zero) and {rule} is "
             "unstable for it; use midpoint(), or without controls a composition of its steps"
+            + (" or another gauss(s)" if by_gauss else "")
         )
     require_discretisable(system, rule)

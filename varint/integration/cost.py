@@ -64,10 +64,7 @@ def repays(system: System, rule: Rule, steps: int) -> bool:
     """
     s = system.structure
     if not (rule.kicks and s.explicit) and (
-        s.degenerate
-        or s.contacts
-        or not s.quadratic_kinetic
-        or not (rule.points or base_of(system, rule))
+        s.contacts or not s.quadratic_kinetic or not (rule.points or base_of(system, rule))
     ):
         return False
     interpreted = interpreted_run_seconds(system, rule, steps)

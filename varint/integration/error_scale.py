@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from varint.errors import InputError
-from varint.numerics.arrays import call
+from varint.numerics.arrays import call, over_columns
 from varint.numerics.places import normal_numbers
 from varint.results.trajectory import Trajectory
 from varint.scene.inputs import finite_array
@@ -23,7 +23,10 @@ RESTS = 1e-12  # of where it is: what moves by less stays there but for round-of
 RADIAN = 1.0  # scale of an angle that turns by more
 HARDLY = 1e-3  # of the largest, compared by inertia: what a coordinate that hardly moves counts
 PLACES = 8  # at which a shift by 2π is tried
+TURN = 2 * math.pi
 SAME = 1e-9  # relative: the Lagrangian does not notice a shift
+OTHER = 1e-3  # of what a shift by one changes
+ROUNDED = 1e-14  # relative: what is no change
 
 
 def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.ndarray:
@@ -62,6 +65,15 @@ def error_scales(system: System, motion: Trajectory, given: Any = None) -> np.nd
     if not system.structure.quadratic_kinetic:
         v = np.nan_to_num(motion[:1].v[0])
     return scales_of_nodes(system, motion.q, v, motion.t[:1], motion.c)
+
+
+def careful_scales(system: System, motion: Trajectory, given: Any = None) -> np.ndarray:
+    """`error_scales`, none of its own larger than the largest coordinate: for rules of low order,
+    whose estimates are hardly larger than the errors. A swing to both sides of zero has twice the
+    range.
+    """
+    scales, largest = error_scales(system, motion, given), float(np.abs(motion.q).max())
+    return np.minimum(scales, largest) if given is None and largest > 0 else scales
 
 
 def scales_of_nodes(
@@ -118,25 +130,25 @@ def angles(system: System) -> tuple[bool, ...]:
     parts = ca.vertcat(s.lagrangian, s.force, s.constraint, s.contact, ca.vec(s.nonholonomic))
     f = ca.Function("parts", [s.q, s.v, s.control, s.t, s.c], [ca.densify(parts)])
     random, n = Random(6), s.structure.n
-    controls = s.structure.controls
+    left = np.flatnonzero(ca.which_depends(parts, s.q, 1, False))
+    for _ in range(PLACES):
+        q, v, u = (normal_numbers(random, size) for size in (n, n, s.structure.controls))
+        each = np.eye(n)[left]
+        some = np.vstack([q, q + TURN * each, q + each])
+        same = (np.broadcast_to(x, (len(some), x.size)) for x in (v, u, np.array([0.3])))
+        values = over_columns(f, some, *same, s.default_vector)[0]
+        before, turned, shifted = np.split(values, [1, 1 + len(left)])
+        left = left[[_same(before[0], x, y) for x, y in zip(turned, shifted, strict=True)]]
+    return tuple(i in left for i in range(n))
 
-    def stays(i: int, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> bool:
-        """Whether a turn of coordinate i changes nothing at a place."""
-        before, after = (
-            np.array(f(x, v, u, 0.3, s.default_vector)).ravel()
-            for x in (q, q + 2 * np.pi * np.eye(n)[i])
-        )
-        finite = np.isfinite(before) & np.isfinite(after)
-        size = np.abs(before[finite]).max(initial=0.0)
-        return bool((np.abs(after - before)[finite] <= SAME * size).all() and finite.any())
 
-    found = []
-    for i in range(n):
-        if not ca.depends_on(parts, s.q[i]):
-            found.append(False)
-            continue
-        places = [
-            [normal_numbers(random, size) for size in (n, n, controls)] for _ in range(PLACES)
-        ]
-        found.append(all(stays(i, *place) for place in places))
-    return tuple(found)
+def _same(before: np.ndarray, turned: np.ndarray, shifted: np.ndarray) -> bool:
+    """Whether finite values are the same after a turn, there are some, and they are no more so than
+    after any other shift: far and light bodies hardly change what there is besides.
+    """
+    finite = np.isfinite(before) & np.isfinite(turned) & np.isfinite(shifted)
+    if not finite.any():
+        return False
+    size = np.abs(before[finite]).max()
+    change, other = (np.abs(x - before)[finite].max() for x in (turned, shifted))
+    return bool(change <= min(SAME * size, max(OTHER * other, ROUNDED * size)))

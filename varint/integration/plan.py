@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from varint.discrete.composed import steps_by_gauss
 from varint.discrete.constraints import ActiveSet
 from varint.discrete.suitability import require_steppable
 from varint.errors import InputError
@@ -61,15 +62,16 @@ class Plan:
 
 
 def default_rule(system: System) -> Rule:
-    """Separable with constant mass: an explicit composition; constraints: `lobatto(3)`;
-    otherwise `gauss(2)`.
+    """Separable with constant mass: an explicit composition; constraints: `lobatto(3)`; rolling
+    scenes and degenerate ones with a one-form that is not linear: the rule of order 2 that they
+    have; otherwise `gauss(2)`.
     """
     s = system.structure
     if s.explicit:
         return composition("blanes-moan4")
     if s.nonholonomic:
         return lobatto(2) if s.constraints or s.contacts else gauss(1)
-    if s.degenerate:
+    if s.degenerate and not steps_by_gauss(system):
         return gauss(1)
     return lobatto(3) if s.constraints or s.contacts else gauss(2)
 

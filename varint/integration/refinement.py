@@ -14,7 +14,7 @@ from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
 from varint.integration.energy_check import keeps_energy
-from varint.integration.error_scale import error_scales
+from varint.integration.error_scale import careful_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
 from varint.integration.round_off import GROWS, growth_of, rounding
@@ -82,7 +82,7 @@ def refine(
     def begun(steps: int, motion: Trajectory, known: float) -> float:
         if not (free and growth > GROWS):
             return 0.0
-        scales = error_scales(system, motion, scale)
+        scales = careful_scales(system, motion, scale)
         return start_rounding(trial, rule, steps, motion, scales, known, tol)
 
     while steps <= most:
@@ -98,7 +98,7 @@ def refine(
         if before is None:
             before, steps = (steps, motion), 2 * steps
             continue
-        scales = error_scales(system, motion, scale)
+        scales = careful_scales(system, motion, scale)
         # over jumps it is looked for at the end alone, where parts of steps are few
         over_jumps = has_steps(system)
         missed = 0.0 if over_jumps else missed_impulse(system, rule, motion, scales, tol)

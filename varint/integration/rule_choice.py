@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varint.codegen.frozen import freezes
-from varint.discrete.composed import base_of, shares
+from varint.discrete.composed import base_of, shares, steps_by_gauss
 from varint.integration.cost import interpreted_seconds
 from varint.integration.energy_check import keeps_energy
 from varint.integration.plan import default_rule
@@ -44,7 +44,7 @@ def candidates(system: System, compiled: bool, by_stages: bool = False) -> dict[
     """
     s = system.structure
     own = default_rule(system)
-    if s.nonholonomic or s.degenerate or s.contacts:
+    if s.nonholonomic or s.contacts or (s.degenerate and not steps_by_gauss(system)):
         # steps backwards in time blow up what decays: of scenes that keep their energy alone
         composed = [rule for rule in COMPOSED if base_of(system, rule) and keeps_energy(system)]
         return {own: 1.0} | {rule: COMPOSED_WORK * len(shares(system, rule)) for rule in composed}

@@ -119,11 +119,10 @@ def simulate(
     backend : {"auto", "native", "compiled", "interpreted"}
         ``"native"``: the scene's operations are data for a loop that is there; ``"compiled"``: the
         scene is compiled first, for the same bytes in less time. By default a run begins native
-        and shifts up where that repays the compiler; degenerate scenes, constraints on an L that
-        is not quadratic in v, very large scenes, and contacts beside controls are interpreted or
-        compiled. An ``"interpreted"`` run whose steps are so long that
-        their solution hangs on the way to it (more than four iterations) is done natively from its
-        start, for the same bytes.
+        and shifts up where that repays the compiler; constraints on an L that is not quadratic in
+        v, very large scenes, and contacts beside controls are interpreted or compiled. An
+        ``"interpreted"`` run whose steps are so long that their solution hangs on the way to it
+        (more than four iterations) is done natively from its start, for the same bytes.
     checkpoint : path, optional
         Write the run to this file every second or so. The same call goes on from there after a
         crash, a kill or Ctrl-C, and ends with the same bytes as a run that was not stopped; after

@@ -7,7 +7,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from varint.discrete.legendre import mass_solve, velocity_function
+from varint.discrete.legendre import first_order_velocity, mass_solve, velocity_function
 from varint.numerics.arrays import DEFINITE, call, is_definite, over_columns
 from varint.results.trajectory import Trajectory
 from varint.scene.memory import per_scene
@@ -44,8 +44,10 @@ def frequencies(motion: Trajectory) -> np.ndarray:
     """Largest frequency ω of small motions about each node, from det(∂²L/∂q² + ω² M) = 0, where
     `turning` counts in ∂²L/∂q².
     """
-    if motion.system.structure.degenerate or motion.system.structure.n > MOST_COORDINATES:
+    if motion.system.structure.n > MOST_COORDINATES:
         return np.empty(0)
+    if motion.system.structure.degenerate:
+        return _rates_of_first_order(motion)
     found = []
     for mass, stiffness in zip(*local_matrices(motion), strict=True):
         fastest = frequency(mass, stiffness)
@@ -55,6 +57,26 @@ def frequencies(motion: Trajectory) -> np.ndarray:
             break
         found.append(fastest)
     return np.array(found)
+
+
+def _rates_of_first_order(motion: Trajectory) -> np.ndarray:
+    """Largest |λ| of ∂v/∂q of a degenerate scene at each node until one where it is no number."""
+    if (function := _first_order_slope(motion.system)) is None:
+        return np.empty(0)
+    n = motion.system.structure.n
+    slopes = over_columns(function, motion.q, motion.t[:, None], motion.c)[0].reshape(-1, n, n)
+    bad = np.flatnonzero(~np.isfinite(slopes).all(axis=(1, 2)))
+    return np.abs(np.linalg.eigvals(slopes[: bad[0] if bad.size else None])).max(axis=1)
+
+
+@per_scene
+def _first_order_slope(system: System) -> ca.Function | None:
+    """(q, t, c) → ∂v/∂q of a degenerate scene, where v is known as an expression."""
+    s, v = system, first_order_velocity(system)
+    if v is None:
+        return None
+    slope = ca.densify(ca.jacobian(v, s.q))
+    return ca.Function("slope", [s.q, s.t, s.c], [slope], {"cse": True})
 
 
 def frequency(mass: np.ndarray, stiffness: np.ndarray) -> float | None:
@@ -196,7 +218,8 @@ def local_function(system: System) -> ca.Function:
     )
     stiffness = ca.jacobian(generalised_force, s.q) + turning(system)
     outputs = [ca.densify(s.mass_matrix), ca.densify(stiffness)]
-    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs, {"cse": True})
+    # looking for equal operations takes fifty times as long as making the function of all of them
+    return ca.Function("local", [s.q, s.v, s.t, s.c], outputs)
 
 
 def turning(system: System) -> ca.SX:

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from varint.discrete.composed import steps_by_gauss
 from varint.discrete.consistency import (
     check_configuration,
     check_velocity,
@@ -87,13 +88,7 @@ def start_momentum_of(
     n, names, structure = system.structure.n, system.names, system.structure
     if v0 is not None and p0 is not None:
         raise InputError("give v0 or p0, not both: p0 = ∂L/∂v(q0, v0)")
-    if structure.degenerate:
-        warnings.warn(
-            "the Lagrangian is degenerate (∂²L/∂v² = 0): the start momentum is p0 = ∂L/∂v(q0), v0 "
-            "plays no part, and steps of midpoint() are used without the usual guarantees",
-            stacklevel=4,
-        )
-    elif v0 is None and p0 is None:
+    if not structure.degenerate and v0 is None and p0 is None:
         raise InputError("give v0 (start velocities) or p0 (start momenta)")
     v = np.zeros(n) if v0 is None else vector("v0", v0, n, names)
     t = np.array((t0,))
@@ -112,10 +107,32 @@ def start_momentum_of(
             "a parameter value; move the start or change the parameters"
         )
     if structure.degenerate:
-        _check_first_order(system, q, p, t, c)
+        speed = _first_order_start(system, q, p, t, c)
+        _say_what_is_taken(system, ("v0", v0, speed), ("p0", p0, p))
     elif not (structure.constraints or structure.nonholonomic):
         check_mass(system, values[2 * n + 1 :], c)
     return p if p0 is None or structure.degenerate else vector("p0", p0, n, names)
+
+
+def _say_what_is_taken(system: System, *starts: tuple[str, Any, np.ndarray]) -> None:
+    """What a start of a degenerate scene is, where something else is given, (what, given, taken),
+    or its steps are no usual ones.
+    """
+    size, names = system.structure.n, system.names
+    others = [
+        what
+        for what, given, taken in starts
+        if given is not None and not np.allclose(vector(what, given, size, names), taken)
+    ]
+    usual = steps_by_gauss(system)
+    if usual and not others:
+        return
+    warnings.warn(
+        "the Lagrangian is degenerate (∂²L/∂v² = 0): the start momentum is p0 = ∂L/∂v(q0)"
+        + "".join(f", {what} plays no part" for what in others)
+        + ("" if usual else "; steps of midpoint() are used without the usual guarantees"),
+        stacklevel=5,
+    )
 
 
 def _refuse_lost_symbols(system: System) -> None:
@@ -131,13 +148,14 @@ def _refuse_lost_symbols(system: System) -> None:
             )
 
 
-def _check_first_order(
+def _first_order_start(
     system: System, q: np.ndarray, p: np.ndarray, t: np.ndarray, c: np.ndarray
-) -> None:
-    """Refuse a degenerate Lagrangian whose equations determine no velocities."""
+) -> np.ndarray:
+    """Velocities of a degenerate scene; refuses one whose equations determine none."""
     s = system.structure
-    if s.constraints or s.nonholonomic or finite(call(velocity_function(system), q, p, t, c)[0]):
-        return
+    v = call(velocity_function(system), q, p, t, c)[0]
+    if s.constraints or s.nonholonomic or finite(v):
+        return v
     odd = ", as for every odd number of coordinates" if s.n % 2 else ""
     raise InputError(
         "the Lagrangian is degenerate (∂²L/∂v² = 0), and its equations of first order determine no "

@@ -1,5 +1,5 @@
-"""Lagrangians linear in the velocities, L = ϑ(q)·v − H(q): Lotka–Volterra, guiding centre. Use
-`midpoint`.
+"""Lagrangians linear in the velocities, L = ϑ(q)·v − H(q): Lotka–Volterra, whose ϑ is linear in q,
+and the guiding centre, for which there is `midpoint`.
 """
 
 from __future__ import annotations
