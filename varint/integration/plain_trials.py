@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from varint.discrete.composed import steps_by_gauss
 from varint.integration.backend import kernel_for, run_at_once
 from varint.integration.energy_check import energies_along, energies_by_velocity
 from varint.integration.error_scale import error_scales, scales_of_nodes
@@ -61,8 +62,9 @@ class NotPlain(Exception):
 def has_plain_trials(system: System, start: InitialValueProblem) -> bool:
     """Whether nothing but coordinates and momenta at nodes makes the motion."""
     s = system.structure
-    held = s.constraints or s.nonholonomic or s.contacts or s.degenerate
-    return start.steps == 1 and not (held or s.controls or system.rays)
+    held = s.constraints or s.nonholonomic or s.contacts
+    first_order = s.degenerate and not steps_by_gauss(system)
+    return start.steps == 1 and not (held or first_order or s.controls or system.rays)
 
 
 def first_steps_of(

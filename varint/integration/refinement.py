@@ -73,7 +73,8 @@ def refine(
     shown = math.inf  # order of the last two pairs of runs, however large
     by_order = math.inf  # what the rule's order leaves of the first difference with digits
     smooth = shows_its_error(system) and not has_steps(system)
-    solved = start.steps == 1 and shows_its_error(system)  # iterations go on to round-off
+    # iterations go on to round-off
+    solved = (start.steps == 1 and shows_its_error(system)) or system.structure.degenerate
     quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
     s = system.structure

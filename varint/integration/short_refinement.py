@@ -78,14 +78,16 @@ def by_short_refinement(
     began = perf_counter() if began is None else began
     still, time = np.zeros(system.structure.n), np.array([start.t0])
     quadratic = system.structure.quadratic_kinetic
+    # where rates are those of places alone what iterations leave has one sign: it adds up to more
+    to_the_end = system.structure.degenerate
     driven = driven_kernel(system, rule) if backend == "auto" else None
 
     def run(
         steps: int, count: int, begin: InitialValueProblem = start, coarser: float = 1.0
     ) -> PlainTrial | None:
         problem, most = first_steps_of(begin, rule, steps, count, tol), POOR
-        level = iteration_level(tol, count)
-        if coarser > 1.0:  # so much sooner it is over, or hardly contracts
+        level = 0.0 if to_the_end else iteration_level(tol, count)
+        if level and coarser > 1.0:  # so much sooner it is over, or hardly contracts
             most = math.floor(POOR * math.log(level * coarser) / math.log(level))
         problem = problem._replace(level=level * coarser, most=most)
         mapped = driven if REPEATED * steps**2 <= tol else None
@@ -160,7 +162,9 @@ def by_short_refinement(
         least = max(FLOOR, REPEATED * steps**2) if motion.kernel is driven else FLOOR
         floor = least * float((size / scales).max(initial=1.0))
         solved = motion.kernel is driven  # by one map: without iterations
-        iterated = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
+        iterated = (
+            0.0 if solved or to_the_end else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
+        )
         estimate = max(_left(off, ratio, order, rule.order), rounded, floor, iterated)
         counted = (
             not solved and math.gcd(before[0], steps) >= SHARED

@@ -180,6 +180,7 @@ def choose_steps(
 
     failures: list[Failure] = []  # since the last run that ended well
     smooth = shows_its_error(system) and not has_steps(system)
+    first_order = system.structure.degenerate  # as in `by_short_refinement`
     unproved = False  # by two runs: errors may grow, also what iterations leave
 
     def attempt(
@@ -197,7 +198,7 @@ def choose_steps(
             problem = problem._replace(q0=q0, p0=p0)
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
-            level=0.0 if unproved else iteration_level(wanted, steps),
+            level=0.0 if unproved or first_order else iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
             rescued=not smooth or steps > UNRESCUED,
             ahead=FOLLOW * steps,
