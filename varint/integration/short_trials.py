@@ -63,6 +63,9 @@ _REFINED = np.array(
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
         *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN),
+        *(limited.ROUNDED, limited.SECULAR_GROWTH, limited.GROWS, limited.CHANCE, limited.UNEVEN),
+        limited.PASSED,
+        *(limited.WAYS, limited.PARTED, limited.FAR_BELOW),
     ]
 )
 

@@ -39,7 +39,7 @@ from varint.integration.plain_trials import (
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import Varying, refine
-from varint.integration.round_off import with_other_digits
+from varint.integration.round_off import with_other_digits, with_other_times
 from varint.integration.rule_choice import (
     RADIANS,
     candidates,
@@ -203,7 +203,8 @@ def choose_steps(
         problem = problem_with_steps(chosen, start, steps)
         if digits is not None:
             q0, p0 = with_other_digits(start.q0, start.p0, digits)
-            problem = problem._replace(q0=q0, p0=p0)
+            t0 = with_other_times(start.t0, start.h * start.steps, digits)
+            problem = problem._replace(q0=q0, p0=p0, t0=t0)
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved else iteration_level(wanted, steps),
@@ -268,7 +269,7 @@ def _from_two_runs(
         return None if motion is None else Attempt(motion, [])
 
     s = system.structure
-    free = not (s.constraints or s.nonholonomic or system.rays)
+    free = not (s.nonholonomic or system.rays)
     course = Course(run, apart, radians, s.linear, parted=parted if free else None)
     found = run_twice(rule, course, steps_for(rule, begin, tol), tol, FLOOR)
     if found is None:

@@ -13,6 +13,7 @@
 #include "balance.h"
 #include "scales.h"
 #include "order.h"
+#include "other_digits.h"
 
 /* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
@@ -20,7 +21,7 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
-        at_once, part_of_it, narrow_parts, uncertain, repeated;
+        at_once, part_of_it, narrow_parts, uncertain, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below, repeated;
 } Limits;
 
 /* That of two_runs_core.c, whose `take_run` takes the run. */
@@ -54,13 +55,13 @@ typedef struct {
 } Attempt;
 
 /* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
-static double level_for(const Refined *a, int64_t steps) {
+static double level_for(const Refined *a, double wanted, int64_t steps) {
     const double often = a->limits->secular / ((double)steps * (double)steps);
-    return a->tol * (a->limits->level < often ? a->limits->level : often);
+    return wanted * (a->limits->level < often ? a->limits->level : often);
 }
 
 /* The first `count` of so many steps from a start; false where there was no memory, or they are too many. */
-static int try_from(const Refined *a, const double *start, double t0, int64_t steps, int64_t count, Attempt *to) {
+static int try_from(const Refined *a, const double *start, double t0, double wanted, int64_t steps, int64_t count, Attempt *to) {
     const Limits *const l = a->limits;
     const int64_t n = a->n;
     if (count > a->longest) return 0;
@@ -75,7 +76,7 @@ static int try_from(const Refined *a, const double *start, double t0, int64_t st
         end = k < a->pilot && a->pilot < count ? a->pilot : count;
         const int status = a->run(&(RunArguments){
             .steps = end - k, .save_every = 1, .first = k, .most = (int64_t)a->limits->poor, .t0 = t0, .h = a->duration / steps,
-            .level = level_for(a, count), .start = start, .c = a->c,
+            .level = level_for(a, wanted, count), .start = start, .c = a->c,
             .rows = to->rows + 3 * n * k, .carry = carry, .stats = stats, .scene = a->scene, .without_velocities = 1});
         to->iterations += stats->iterations;
         if (stats->residual > to->residual) to->residual = stats->residual;
@@ -85,8 +86,8 @@ static int try_from(const Refined *a, const double *start, double t0, int64_t st
     return 1;
 }
 
-static int try_run(const Refined *a, int64_t steps, int64_t count, Attempt *to) {
-    return try_from(a, a->start, a->t0, steps, count, to);
+static int try_run(const Refined *a, double wanted, int64_t steps, int64_t count, Attempt *to) {
+    return try_from(a, a->start, a->t0, wanted, steps, count, to);
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -100,6 +101,59 @@ static double apart_from(const Refined *a, const Attempt *one, int64_t few, cons
             zero += off * 0, largest = off > largest ? off : largest;
         }
     return zero == 0 ? largest : zero;
+}
+
+/* How errors of two runs of the whole duration are spread, the `other` one the finer: the least that an early difference lets
+   expect in the middle, and how many times larger they are between the nodes that both share. */
+typedef struct { double early, beyond; } Spread;
+static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *other, const double *scales) {
+    const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit,
+                  middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
+    double most[n], largest = 0, least = INFINITY;
+    memset(most, 0, n * sizeof(double));
+    for (int64_t k = 0; k <= unit; k++) {
+        for (int64_t d = 0; d < n; d++) {
+            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
+            largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
+        }
+        if (first <= k && k <= middle) {
+            const double expected = expected_in_the_middle(largest, a->limits->rounded, k, middle);
+            least = expected < least ? expected : least;
+        }
+    }
+    return (Spread){least, beyond_shared(&(Shared){n, 3 * n, other->steps + 1, many, unit, other->rows, 0}, most)};
+}
+
+/* What passages make of last digits where they magnify them by so much, whole where that is below what is wanted. */
+static double passed_by(const Refined *a, double passed, double apart, double beyond) {
+    const double seen = a->limits->chance * apart;
+    return beyond * (beyond * passed <= a->tol || passed < seen ? passed : seen);
+}
+
+/* What iterations leave where errors grow by as much: no more than two runs show, which leave about as much each. */
+static double iterated_by(const Refined *a, double each, double apart, double growth, double beyond) {
+    const double seen = a->limits->chance * apart, most = a->limits->uneven, uneven = growth < most ? growth : most,
+                 grown = each * growth * uneven, made = beyond * (grown < seen ? grown : seen);
+    return each > made ? each : made;
+}
+
+/* What round-off grows to, the start's included, with which all runs begin alike: by runs whose starts have other last digits,
+   and times those of the end. */
+static double by_round_off(const Refined *a, const Attempt *run, double wanted, double estimate, const double *scales) {
+    const Limits *const l = a->limits;
+    const double end = fabs(a->t0) + fabs(a->duration), instant = nextafter(end, INFINITY) - end;
+    double start[2 * a->n], most = 0;
+    Attempt other = {0};
+    for (int64_t way = 0; way < (int64_t)l->ways; way++) {
+        set_other_digits(a->n, a->start, way, start);
+        if (!try_from(a, start, a->t0 + (way ? -instant : instant), wanted, run->steps, run->steps, &other) || other.lost) most = INFINITY;
+        if (!(most < INFINITY)) break;
+        const double apart = l->parted * apart_from(a, run, 1, &other, 1, scales);
+        most = !(apart <= most) ? apart : most;
+        if (most < l->far_below * estimate || (a->tol < most && most <= estimate)) break;
+    }
+    free(other.rows);
+    return most == most ? most : INFINITY;
 }
 
 /* Error of the finer one of two runs that are so far apart. */
@@ -122,7 +176,8 @@ static double parted_by(int64_t n, const double *one, const double *other, const
 /* Error of a run whose steps err at once where the scene is narrow: by what they make there when done in parts, over what the
    coarser run is off by at that place; 0 where errors grow bit by bit, infinite where the parts fail.
    varint/integration/narrow_places.py says why. */
-static double made_at_once(const Refined *a, const Attempt *before, const Attempt *now, double off, const double *of_coordinates) {
+static double made_at_once(const Refined *a, const Attempt *before, const Attempt *now, double wanted, double off,
+                           const double *of_coordinates) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, unit = common_divisor(before->steps, now->steps), few = 3 * n * (before->steps / unit),
                   each = now->steps / unit, many = 3 * n * each, parts = (int64_t)l->narrow_parts;
@@ -146,7 +201,7 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
     const int64_t end = k < unit ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
     Attempt fine = {0};
     const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
-    if (!try_from(a, now->rows + many * (k - 1), t0, parts * now->steps, parts * each * over, &fine) || fine.lost)
+    if (!try_from(a, now->rows + many * (k - 1), t0, wanted, parts * now->steps, parts * each * over, &fine) || fine.lost)
         made = INFINITY;
     else
         made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
@@ -345,12 +400,12 @@ int refined(const Refined *a) {
     const Limits *const l = a->limits;
     Attempt before = {0}, now = {0};
     int result = NOT_SHORT, two = 0, stalls = 0;
-    double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, scales[a->n];
+    double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
     while (runs < (int64_t)l->runs) {
-        const double repeated = l->repeated * (double)steps * (double)steps;
-        if (repeated > a->tol || !try_run(a, steps, steps, &now)) goto end;
+        const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between);
+        if (repeated > a->tol || !try_run(a, wanted, steps, steps, &now)) goto end;
         runs++;
         if (now.lost) {
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
@@ -363,6 +418,11 @@ int refined(const Refined *a) {
             const double expected = last < INFINITY ? last * pow(ratio, -(double)a->order) : 0, off = seen > expected ? seen : expected;
             stalls = off <= l->stalled * last ? 0 : stalls + 1;
             if (seen != seen || stalls > (int)l->patience) break;
+            if (off < l->no_digits) {
+                const Spread spread = spread_of(a, &before, &now, scales);
+                const double grown = seen / (l->secular_growth * (spread.early > l->rounded ? spread.early : l->rounded)); /* growth_of */
+                growth = grown > 1 ? grown : 1, between = spread.beyond; /* narrow places that are not resolved look like growth */
+            }
             double order = l->least_order;
             if (last < l->tells) {
                 const double drop = log((last > l->floor ? last : l->floor) / (off > l->floor ? off : l->floor)) / log(slower);
@@ -370,21 +430,32 @@ int refined(const Refined *a) {
                 shown = drop;
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
-            const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
-                         iterated = l->repeated > 0 ? 0 : l->left * level_for(a, steps) * sqrt((double)steps),
+            const double walk = l->rounding * a->radians * sqrt((double)steps) * growth,
+                         passed = l->passed * (double)steps / (double)a->first, by_passages = passed_by(a, passed, off, between),
+                         rounded = off < walk ? off : walk,
+                         each = l->repeated > 0 ? 0 : l->left * level_for(a, wanted, steps) * sqrt((double)steps),
+                         iterated = iterated_by(a, each, off, growth, between),
                          floor = (repeated > l->floor ? repeated : l->floor) * size_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
-            estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
+            estimate = between * (estimate > rounded ? estimate : rounded);
+            estimate = estimate > by_passages ? estimate : by_passages, estimate = estimate > floor ? estimate : floor;
             estimate = estimate > iterated ? estimate : iterated;
             if (unit >= (int64_t)l->shared && !(l->repeated > 0) && off < l->no_digits && estimate <= a->tol) {
-                const double made = made_at_once(a, &before, &now, off, scales);
-                estimate = estimate > made ? estimate : made;
+                const double at_once = made_at_once(a, &before, &now, wanted, off, scales);
+                estimate = estimate > at_once ? estimate : at_once;
+            }
+            if (off < l->no_digits && estimate <= a->tol && growth >= l->grows) {
+                const double turns = a->radians > (double)steps ? a->radians : (double)steps,
+                             likely = l->chance * l->rounding * turns * sqrt((double)steps) * growth * between, /* likely_rounding */
+                             grown = likely <= a->tol ? likely : by_round_off(a, &now, wanted, estimate, scales);
+                if (!(grown <= a->tol)) break; /* it is told elsewhere that it is out of reach */
+                estimate = estimate > grown ? estimate : grown;
             }
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
-                if (!try_run(a, parts * steps, parts * few, &before)) goto end;
+                if (!try_run(a, wanted, parts * steps, parts * few, &before)) goto end;
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;

@@ -1,0 +1,104 @@
+"""Where errors grow over forces, what iterations leave and round-off grow with them."""
+
+import warnings
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import varint as vi
+from varint.integration.error_scale import error_scales
+from varint.integration.round_off import PASSED, iterated_by, passed_by
+
+
+def double_well():
+    q, v, t = *vi.coordinates("x"), vi.time()
+    force = -0.135516 * v + 0.213172 * ca.cos(0.881381 * t)
+    well = vi.System(q, v, v**2 / 2 + q**2 / 2 - q**4 / 4, force=force, t=t)
+    return well, dict(q0=-0.7380780625282248, v0=-0.7098124097498544, duration=58.917564800869535)
+
+
+def pushed_pendulum():
+    q, v, t = *vi.coordinates("a"), vi.time()
+    force = -0.20014 * v + 1.39494 * ca.cos(0.519961 * t)
+    pendulum = vi.System(q, v, v**2 / 2 + ca.cos(q), force=force, t=t)
+    return pendulum, dict(
+        q0=0.22500507336784592, v0=-0.6727367556077715, duration=103.23409935868521
+    )
+
+
+CHAOTIC = {"a double well": double_well, "a pendulum": pushed_pendulum}
+
+
+@pytest.mark.parametrize("until", [False, True], ids=["short", "that may end early"])
+@pytest.mark.parametrize("tol", [6.4e-8, 1.6e-8, 4.3e-10])
+@pytest.mark.parametrize("name", CHAOTIC)
+def test_what_iterations_leave_grows_with_the_errors_of_a_driven_chaotic_motion(name, tol, until):
+    """The well erred by 8.7e-7 where 6.4e-8 was asked, and 2.9e-10 was told."""
+    system, start = CHAOTIC[name]()
+    ends = dict(until=system.q - 100) if until else {}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        motion = vi.simulate(system, **start, **ends, tol=tol)
+    steps = motion.stats["steps"]
+    finer = -(-8192 // steps)
+    close = vi.simulate(system, vi.gauss(8), **start, steps=finer * steps)
+    rounded = 2e-10  # of the run that is compared with
+    error = (np.abs(motion.q - close.q[::finer]) / error_scales(system, motion)).max()
+    assert error <= motion.stats["error_estimate"] + rounded
+    assert motion.stats["error_estimate"] <= tol or "out of reach" in str(told[0].message)
+
+
+def in_polar_coordinates():
+    q, v = vi.coordinates("r", "a")
+    attraction = 1 / ca.sqrt(q[0] ** 2 + 0.07371033036841573) - 0.14591872638368814 * q[0] * ca.cos(
+        q[1]
+    )
+    drag = -0.00044535564506571756 * ca.vertcat(v[0], q[0] ** 2 * v[1])
+    system = vi.System(q, v, (v[0] ** 2 + (q[0] * v[1]) ** 2) / 2 + attraction, force=drag)
+    return system, dict(
+        q0=[1.300641555772119, 4.062662304043338],
+        v0=[-0.2663467532599407, -0.04610395122800287],
+        duration=11.05885055602684,
+    )
+
+
+@pytest.mark.parametrize("tol", [10**-3.5, 1e-4])
+def test_an_angle_that_flies_past_its_axis_against_drag_errs_no_more_than_is_told(tol):
+    """3.8e-7 where 1e-7 was told: nodes that two runs share lie far from the axis."""
+    system, start = in_polar_coordinates()
+    motion = vi.simulate(system, **start, tol=tol)
+    close = vi.simulate(system, vi.gauss(8), **start, steps=8 * motion.stats["steps"], save_every=8)
+    error = (np.abs(motion.q - close.q) / error_scales(system, motion)).max()
+    assert 1e-11 < error <= motion.stats["error_estimate"] <= tol
+
+
+def narrow_orbit():
+    q, v = vi.coordinates("x", "y")
+    system = vi.System(q, v, ca.sumsqr(v) / 2 + 1 / ca.norm_2(q), force=-0.000108381 * v)
+    return system, dict(q0=[1.0, 0.0], duration=4.466123969962838)
+
+
+def test_round_off_that_a_close_encounter_magnifies_is_part_of_the_estimate_against_drag():
+    """Two runs agreed to 5e-14, and were 2e-13 from one whose start has another last digit."""
+    system, start = narrow_orbit()
+    v0 = np.array([-0.19557357735144684, 0.13247582781684797])
+    motion = vi.simulate(system, v0=v0, **start, tol=2e-11)
+    grid = dict(**start, steps=motion.stats["steps"])
+    apart = [
+        np.abs(vi.simulate(system, vi.gauss(8), v0=np.nextafter(v0, to), **grid).q - motion.q).max()
+        for to in (-9.0, 9.0)
+    ]
+    assert 1e-14 < max(apart) <= motion.stats["error_estimate"] <= 2e-11
+
+
+def test_round_off_counts_whole_where_that_is_below_what_is_wanted_and_as_seen_elsewhere():
+    assert passed_by(1000.0, 1e-16, 1.0, 1e-9) == 1000 * PASSED
+    assert 1e-16 < passed_by(1000.0, 1e-16, 1.0, 1e-13) < 1e-15
+    assert passed_by(10.0, 1.0, 1.0, 1e-15) == 10 * PASSED
+
+
+def test_iterations_leave_no_more_than_two_runs_show_of_it_and_no_less_than_where_nothing_grows():
+    assert 1e-4 <= iterated_by(1e-6, 1.0, 100.0, 1.0) <= 1e-3
+    assert 1e-5 < iterated_by(1e-6, 1e-5, 1e6, 1.0) < 1e-4
+    assert iterated_by(1e-6, 1e-12, 1e6, 1.0) == 1e-6
