@@ -137,3 +137,23 @@ def test_a_damper_that_sets_in_late_is_still_solved_by_newtons_method():
     error = np.abs(motion.q - fine.q[::each]).max() / np.ptp(motion.q)
     assert error <= motion.stats["error_estimate"] <= 1e-6
     assert motion.stats["steps"] < 20_000  # fixed points take 40,000
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-6, 1e-8])
+def test_a_chaotic_motion_whose_events_are_logged_errs_no_more_than_is_told(tol):
+    """Its iterations ended sooner than those of the run that proved the error: 2.2e-4 for 1e-4."""
+    system, start = double_well()
+    alone = vi.simulate(system, **start, tol=tol)
+    logged = vi.simulate(system, **start, tol=tol, events={"up": (system.q, 1)})
+    estimates = alone.stats["error_estimate"], logged.stats["error_estimate"]
+    apart = np.abs(alone.q - logged.q) / error_scales(system, alone)
+    assert apart.max() <= sum(estimates) and max(estimates) <= tol
+
+
+def test_a_motion_kept_in_a_file_errs_no_more_than_one_that_is_not(tmp_path):
+    system, start = double_well()
+    alone = vi.simulate(system, **start, tol=1e-4)
+    kept = vi.simulate(system, **start, tol=1e-4, checkpoint=tmp_path / "run")
+    estimates = alone.stats["error_estimate"], kept.stats["error_estimate"]
+    apart = np.abs(alone.q - kept.q) / error_scales(system, alone)
+    assert apart.max() <= sum(estimates) and max(estimates) <= 1e-4

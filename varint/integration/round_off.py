@@ -91,12 +91,11 @@ def with_other_digits(q: np.ndarray, p: np.ndarray, way: int) -> tuple[np.ndarra
     return (q, x) if moves else (x, p)
 
 
-def with_other_times(t0: float, duration: float, way: int) -> float:
-    """A start whose times have other last digits, of the size of the last one's, in one of `WAYS`:
-    what depends on time acts at rounded ones.
+def with_other_times(h: float, way: int) -> float:
+    """Steps whose last digit is one up or down, in one of `WAYS`: what depends on time acts at
+    rounded ones.
     """
-    instant = float(np.spacing(abs(t0) + abs(duration)))
-    return t0 - instant if way else t0 + instant
+    return math.nextafter(h, -math.inf if way else math.inf)
 
 
 @lru_cache(maxsize=64)

@@ -119,8 +119,8 @@ def by_short_refinement(
 
         def other(way: int) -> float:
             q0, p0 = with_other_digits(start.q0, start.p0, way)
-            t0 = with_other_times(start.t0, start.h * start.steps, way)
-            found = run(steps, steps, wanted, start._replace(q0=q0, p0=p0, t0=t0))
+            h = with_other_times(start.h, way)
+            found = run(steps, steps, wanted, start._replace(q0=q0, p0=p0, h=h))
             if found is None:
                 return math.inf
             return float((apart(one, 1, found, 1) / scales).max())

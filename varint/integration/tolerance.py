@@ -199,8 +199,8 @@ def choose_steps(
         problem = problem_with_steps(chosen, start, steps)
         if digits is not None:
             q0, p0 = with_other_digits(start.q0, start.p0, digits)
-            t0 = with_other_times(start.t0, start.h * start.steps, digits)
-            problem = problem._replace(q0=q0, p0=p0, t0=t0)
+            h = with_other_times(problem.h, digits)
+            problem = problem._replace(q0=q0, p0=p0, h=h)
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved else iteration_level(wanted, steps),

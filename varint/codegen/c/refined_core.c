@@ -138,15 +138,15 @@ static double iterated_by(const Refined *a, double each, double apart, double gr
 }
 
 /* What round-off grows to, the start's included, with which all runs begin alike: by runs whose starts have other last digits,
-   and times those of the end. */
+   and times. */
 static double by_round_off(const Refined *a, const Attempt *run, double wanted, double estimate, const double *scales) {
     const Limits *const l = a->limits;
-    const double end = fabs(a->t0) + fabs(a->duration), instant = nextafter(end, INFINITY) - end;
     double start[2 * a->n], most = 0;
+    Refined late = *a;
     Attempt other = {0};
     for (int64_t way = 0; way < (int64_t)l->ways; way++) {
-        set_other_digits(a->n, a->start, way, start);
-        if (!try_from(a, start, a->t0 + (way ? -instant : instant), wanted, run->steps, run->steps, &other) || other.lost) most = INFINITY;
+        set_other_digits(a->n, a->start, way, start), late.duration = nextafter(a->duration, way ? -INFINITY : INFINITY);
+        if (!try_from(&late, start, a->t0, wanted, run->steps, run->steps, &other) || other.lost) most = INFINITY;
         if (!(most < INFINITY)) break;
         const double apart = l->parted * apart_from(a, run, 1, &other, 1, scales);
         most = !(apart <= most) ? apart : most;
