@@ -122,11 +122,22 @@ def swung() -> tuple[vi.System, dict, object]:
     return scene, {"q0": [2.0, 0.5, 0.1], "v0": [0.0, 0.3, -0.2]}, None
 
 
+def double_well() -> tuple[vi.System, dict, object]:
+    """Chaotic: errors grow by e every four time units."""
+    q, v, t = *vi.coordinates("x"), vi.time()
+    force = -0.13 * v + 0.24 * ca.cos(0.9 * t)
+    return (
+        vi.System(q, v, v**2 / 2 + q**2 / 2 - q**4 / 4, force=force, t=t),
+        {"q0": -0.7, "v0": -0.7},
+        None,
+    )
+
+
 @pytest.mark.parametrize("tol", (1e-4, 1e-9, 1e-12))
-@pytest.mark.parametrize("duration", (-3.0, 0.2, 20.0))
-@pytest.mark.parametrize("name", ("dragged", "growing", "swung"))
+@pytest.mark.parametrize("duration", (-3.0, 0.2, 20.0, 60.0))
+@pytest.mark.parametrize("name", ("dragged", "growing", "swung", "well"))
 def test_the_core_decides_as_python_does(name, duration, tol):
-    scene, start, _ = (SCENES | {"swung": swung})[name]()
+    scene, start, _ = (SCENES | {"swung": swung, "well": double_well})[name]()
     asked = Start(np.atleast_1d(start["q0"]), np.atleast_1d(start["v0"]), t0=0.5)
     options, rule, radians = RunOptions(steps=1, duration=duration), vi.gauss(8), 2 * abs(duration)
     problem = initial_value_problem(scene, rule, asked, options)

@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from varint.integration.choice import Choice
+from varint.integration.known_at_start import fastest_at_start
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem, RunOptions
-from varint.integration.tolerance import fastest_at_start
 from varint.rules.rule import Rule
 from varint.scene.system import System
 

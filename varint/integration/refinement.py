@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,22 @@ from varint.integration.energy_check import keeps_energy
 from varint.integration.error_scale import careful_scales
 from varint.integration.hidden import missed_impulse
 from varint.integration.problem import InitialValueProblem
-from varint.integration.round_off import GROWS, growth_of, rounding
-from varint.integration.rule_choice import iteration_level
-from varint.integration.run_distance import differences, ends_apart, with_early
+from varint.integration.round_off import (
+    GROWS,
+    growth_of,
+    iterated_by,
+    likely_rounding,
+    passed_by,
+    rounding,
+)
+from varint.integration.rule_choice import iteration_level, steps_for
+from varint.integration.run_distance import (
+    beyond_shared,
+    differences,
+    ends_apart,
+    shared_nodes,
+    with_early,
+)
 from varint.integration.second_looks import Trial, has_steps, luck, start_rounding, transient
 from varint.integration.small_motions import decay_rates, frequencies
 from varint.integration.two_runs import (
@@ -72,27 +86,35 @@ def refine(
     apart, growth, order, stalls, runs, best = math.inf, 1.0, None, 0, 0, None
     shown = math.inf  # order of the last two pairs of runs, however large
     by_order = math.inf  # what the rule's order leaves of the first difference with digits
-    smooth = shows_its_error(system) and not has_steps(system)
+    over_jumps = has_steps(system)
+    smooth = shows_its_error(system) and not over_jumps
+    forced = not (smooth or over_jumps)
+    regular, between, wanted = steps_for(rule, radians, tol), 1.0, tol
     # iterations go on to round-off
     solved = (start.steps == 1 and shows_its_error(system)) or system.structure.degenerate
     quick = runs_by_stages(system, rule, "auto") or repays(system, rule, MOST_STEPS)
     most = MOST_STEPS if quick else MOST_INTERPRETED
     s = system.structure
-    free = not (s.constraints or s.nonholonomic or system.rays)
+    free = not (s.nonholonomic or system.rays)
 
     def begun(steps: int, motion: Trajectory, known: float) -> float:
         if not (free and growth > GROWS):
             return 0.0
+        likely = likely_rounding(radians, steps, growth) * between
+        if forced and likely <= tol:
+            return likely
         scales = careful_scales(system, motion, scale)
-        return start_rounding(trial, rule, steps, motion, scales, known, tol)
+        other = partial(trial, wanted=wanted)
+        return start_rounding(other, rule, steps, motion, scales, known, tol)
 
     while steps <= most:
-        motion, runs = trial(rule, steps), runs + 1
+        wanted = tol / (growth * between) if forced else tol
+        motion, runs = trial(rule, steps, wanted=wanted), runs + 1
         if motion is None or not np.isfinite(motion.q).all():
             found = varying and failures and varying(failures[-1][1].trajectory)
             if found:
                 return replace(found, runs=found.runs + runs)
-            require_way_on(failures, start.h * start.steps, jumps=has_steps(system))
+            require_way_on(failures, start.h * start.steps, jumps=over_jumps)
             before, apart, by_order, order, steps = None, math.inf, math.inf, None, 2 * steps
             shown = math.inf
             continue
@@ -101,7 +123,6 @@ def refine(
             continue
         scales = careful_scales(system, motion, scale)
         # over jumps it is looked for at the end alone, where parts of steps are few
-        over_jumps = has_steps(system)
         missed = 0.0 if over_jumps else missed_impulse(system, rule, motion, scales, tol)
         if missed > tol:
             # a pulse passed over: what such runs agree on says nothing
@@ -112,9 +133,15 @@ def refine(
             steps *= 2
             continue
         ratio, last, coarse = steps / before[0], apart, before[0]
-        seen, early = with_early(differences(before[1], before[0], motion, steps, scales))
-        if smooth:  # elsewhere it may be a force that begins to act
+        differ = differences(before[1], before[0], motion, steps, scales)
+        seen, early = with_early(differ)
+        if smooth:
             growth = max(growth, growth_of(seen, early))
+        elif forced and seen < NO_DIGITS:
+            # the last two runs say it best: unresolved narrow places look like growth
+            growth = max(growth_of(seen, early), 1.0)
+            shared = shared_nodes(before[1], before[0], motion, steps)[1]
+            between = beyond_shared(differ, motion.q, shared, motion.t)
         if ends_early:
             seen = max(seen, ends_apart(before[1], motion, scales))
         # no smooth motion comes together faster than by the rule's order: less is luck
@@ -129,7 +156,7 @@ def refine(
         stalls = stalls + 1 if stalled and not _strays(system, motion, apart, radians) else 0
         first = math.isinf(by_order) and apart < NO_DIGITS
         by_order = apart if first else by_order * ratio ** (-CAUTION * rule.order)
-        sure = best is not None and apart < NO_DIGITS and not has_steps(system)
+        sure = best is not None and apart < NO_DIGITS and not over_jumps
         if stalls:
             # linear scenes and rolling ones keep their energy whatever the steps; elsewhere runs
             # whose energy has no larger error are apart by the growth of round-off alone
@@ -145,8 +172,11 @@ def refine(
             lasting = order if over_jumps else max(order * (order / rule.order), LEAST_ORDER)
             counted = ratio ** (-CAUTION * lasting)
             floor = FLOOR * float((np.abs(motion.q).max(axis=0) / scales).max(initial=1.0))
-            left = 0.0 if solved else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
-            estimate = max(apart * counted / (1 - counted), rounded, floor, left)
+            left = 0.0 if solved else LEFT * iteration_level(wanted, steps) * math.sqrt(steps)
+            left = iterated_by(left, apart, growth, between) if forced else left
+            passed = passed_by(steps / regular, apart, between, tol) if forced else 0.0
+            by_steps = max(apart * counted / (1 - counted), rounded)
+            estimate = max(between * by_steps, passed, floor, left)
             hidden = begins = 0.0
             if estimate <= tol:
                 if over_jumps:
@@ -165,7 +195,7 @@ def refine(
             if begins > tol:  # whatever the steps
                 return replace(found, reached=False)
             hopeless = steps * (estimate / tol) ** (1 / order) > most  # by the order that shows
-            if hopeless and steps >= HOPELESS and has_steps(system):
+            if hopeless and steps >= HOPELESS and over_jumps:
                 break
             more = SPARE * (estimate / tol) ** (1 / (CAUTION * order))
             steps = (
@@ -179,7 +209,7 @@ def refine(
         estimate = max(best.estimate, begun(best.steps, best.motion, best.estimate))
         return replace(best, estimate=estimate, reached=False, runs=runs)
     if failures:
-        raise no_way_on(failures, has_steps(system))
+        raise no_way_on(failures, over_jumps)
     raise InputError(
         f"no number of steps up to {most:.0g} by {rule} leads through the duration "
         f"{start.h * start.steps:g} with finite coordinates; take a shorter duration, or give h "

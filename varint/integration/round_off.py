@@ -23,6 +23,11 @@ ROUNDING = 5e-17
 SECULAR_GROWTH = 4.0
 GROWS = 100.0  # times more than errors of regular motions: what the start is rounded by counts
 MAGNIFIED = 1e4  # what an encounter makes of the start's rounding, over what of its own errors
+UNEVEN = 10.0  # errors that grow are as uneven, and between shared nodes as much larger, at most
+CHANCE = 4.0  # of a difference that is round-off: two random walks may come to lie close
+# of the motion's size, for every step where a small oscillation takes one: a passage that takes so
+# many times shorter steps than the start is as many times faster, and magnifies last digits by that
+PASSED = 4e-15
 # times the largest difference of a run from `WAYS` such ones: of 192 chaotic motions five in a
 # hundred had an error above that and above as much of what runs of twice the steps differ by, half
 # of them had a fifth of it; so far below an error one of them says enough
@@ -54,6 +59,28 @@ def rounding(apart: float, radians: float, steps: int, growth: float = 1.0) -> f
     return min(apart, ROUNDING * radians * math.sqrt(steps) * growth)
 
 
+def likely_rounding(radians: float, steps: int, growth: float) -> float:
+    """What round-off is likely to have grown to where errors grow by as much: below a wanted error
+    no run from another start need show it.
+    """
+    return CHANCE * ROUNDING * max(radians, steps) * math.sqrt(steps) * growth
+
+
+def passed_by(slower: float, apart: float, beyond: float, tol: float) -> float:
+    """What passages make of last digits that take so many times shorter steps than a small
+    oscillation: whole where that is below the wanted error, elsewhere what two runs may show of it.
+    """
+    passed = PASSED * slower
+    return beyond * (passed if beyond * passed <= tol else min(passed, CHANCE * apart))
+
+
+def iterated_by(each: float, apart: float, growth: float, beyond: float) -> float:
+    """What iterations leave, which is `each` where errors do not grow: no more than two runs show,
+    which leave about as much both.
+    """
+    return max(each, beyond * min(each * growth * min(growth, UNEVEN), CHANCE * apart))
+
+
 def with_other_digits(q: np.ndarray, p: np.ndarray, way: int) -> tuple[np.ndarray, np.ndarray]:
     """A start (n,), (n,) whose momenta have last digits one up or down, in one of `WAYS`; at rest
     its coordinates have.
@@ -62,6 +89,13 @@ def with_other_digits(q: np.ndarray, p: np.ndarray, way: int) -> tuple[np.ndarra
     x = p if moves else q
     x = np.where(x == 0, x, np.nextafter(x, _ends(q.size, way)))
     return (q, x) if moves else (x, p)
+
+
+def with_other_times(h: float, way: int) -> float:
+    """Steps whose last digit is one up or down, in one of `WAYS`: what depends on time acts at
+    rounded ones.
+    """
+    return math.nextafter(h, -math.inf if way else math.inf)
 
 
 @lru_cache(maxsize=64)

@@ -29,7 +29,17 @@ from varint.integration.narrow_places import (
 from varint.integration.plain_trials import PlainTrial, first_steps_of, plain_motion
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import CAUTION, LEAST_ORDER, NO_DIGITS
-from varint.integration.round_off import rounding
+from varint.integration.round_off import (
+    GROWS,
+    growth_of,
+    iterated_by,
+    likely_rounding,
+    parted,
+    passed_by,
+    rounding,
+    with_other_digits,
+    with_other_times,
+)
 from varint.integration.rule_choice import (
     ROUGH,
     Priced,
@@ -37,6 +47,7 @@ from varint.integration.rule_choice import (
     iteration_level,
     priced,
 )
+from varint.integration.run_distance import beyond_shared, with_early
 from varint.integration.second_looks import TRANSIENT_PARTS, before_shared
 from varint.integration.two_runs import FLOOR, LEFT, STALLED
 from varint.integration.work_bound import balance_rows, summed_work
@@ -83,10 +94,14 @@ def by_short_refinement(
     driven = driven_kernel(system, rule) if backend == "auto" else None
 
     def run(
-        steps: int, count: int, begin: InitialValueProblem = start, coarser: float = 1.0
+        steps: int,
+        count: int,
+        wanted: float,
+        begin: InitialValueProblem = start,
+        coarser: float = 1.0,
     ) -> PlainTrial | None:
         problem, most = first_steps_of(begin, rule, steps, count, tol), POOR
-        level = 0.0 if to_the_end else iteration_level(tol, count)
+        level = 0.0 if to_the_end else iteration_level(wanted, count)
         if level and coarser > 1.0:  # so much sooner it is over, or hardly contracts
             most = math.floor(POOR * math.log(level * coarser) / math.log(level))
         problem = problem._replace(level=level * coarser, most=most)
@@ -104,14 +119,34 @@ def by_short_refinement(
         return scales_of_nodes(system, q, v, time, start.c)
 
     def apart(one: PlainTrial, few: int, other: PlainTrial, many: int) -> np.ndarray:
-        """Largest differences, coordinate by coordinate."""
+        """Differences, node by node and coordinate by coordinate."""
         unit = math.gcd(few, many)
         a, b = one.found.rows[:: few // unit, 0], other.found.rows[:: many // unit, 0]
         count = min(len(a), len(b))
-        return np.abs(a[:count] - b[:count]).max(axis=0)
+        return np.abs(a[:count] - b[:count])
+
+    def by_round_off(one: PlainTrial, steps: int, wanted: float, known: float) -> float:
+        """What round-off grows to, the start's included, with which all runs begin alike."""
+        scales = scales_by(one)
+
+        def other(way: int) -> float:
+            q0, p0 = with_other_digits(start.q0, start.p0, way)
+            h = with_other_times(start.h, way)
+            found = run(steps, steps, wanted, start._replace(q0=q0, p0=p0, h=h))
+            if found is None:
+                return math.inf
+            return float((apart(one, 1, found, 1) / scales).max())
+
+        return parted(other, known, tol)[0]
 
     def made_at_once(
-        one: PlainTrial, few: int, other: PlainTrial, many: int, off: float, scales: np.ndarray
+        one: PlainTrial,
+        few: int,
+        other: PlainTrial,
+        many: int,
+        wanted: float,
+        off: float,
+        scales: np.ndarray,
     ) -> float:
         """Error of the finer run where it is made at a narrow place, 0 where it is not."""
         unit = math.gcd(few, many)
@@ -124,7 +159,7 @@ def by_short_refinement(
         (q, p), t = rows[each * (k - 1)], start.h / many * (each * (k - 1)) + start.t0
         end = min(k + 1, unit)  # it may end in the next part
         count = NARROW * each * (end - k + 1)
-        fine = run(NARROW * many, count, start._replace(q0=q, p0=p, t0=t))
+        fine = run(NARROW * many, count, wanted, start._replace(q0=q, p0=p, t0=t))
         if fine is None:
             return math.inf
         made = parted_by(fine.found.rows[-1, :2], rows[each * end], both)
@@ -134,8 +169,10 @@ def by_short_refinement(
     before: tuple[int, PlainTrial] | None = None
     steps, last, runs, ratio, slower = 4 * math.ceil(first / 4), math.inf, 0, *RATIOS
     stalls, shown = 0, math.inf
+    growth = between = 1.0
     while runs < RUNS:
-        motion = run(steps, steps, coarser=COARSER if before is None else 1.0)
+        wanted = tol / (growth * between)
+        motion = run(steps, steps, wanted, coarser=COARSER if before is None else 1.0)
         runs += 1
         if motion is None:
             before, steps, ratio, stalls = None, 2 * steps, RATIOS[0], 0
@@ -145,12 +182,20 @@ def by_short_refinement(
             before, steps = (steps, motion), round(ratio * steps)
             continue
         scales = scales_by(motion)
-        seen = float((apart(before[1], before[0], motion, steps) / scales).max())
+        differ = apart(before[1], before[0], motion, steps) / scales
+        seen = float(differ.max())
         # no smooth motion comes together faster than by the rule's order: less is luck
         off = max(seen, 0.0 if math.isinf(last) else last * ratio**-rule.order)
         stalls = 0 if off <= STALLED * last else stalls + 1
-        rounded = rounding(off, radians, steps)
-        if math.isnan(seen) or stalls > PATIENCE or (stalls and rounded == off):
+        if math.isnan(seen) or stalls > PATIENCE:
+            return None
+        if off < NO_DIGITS:
+            # the last two runs say it best: unresolved narrow places look like growth
+            growth = max(growth_of(*with_early(differ)), 1.0)
+            shared = slice(None, None, steps // math.gcd(before[0], steps))
+            between = beyond_shared(differ, motion.found.rows[:, 0], shared)
+        rounded = rounding(off, radians, steps, growth)
+        if stalls and rounded == off:
             return None
         order = LEAST_ORDER
         if last < TELLS:  # or more, where the ratio was smaller before
@@ -162,19 +207,31 @@ def by_short_refinement(
         least = max(FLOOR, REPEATED * steps**2) if motion.kernel is driven else FLOOR
         floor = least * float((size / scales).max(initial=1.0))
         solved = motion.kernel is driven  # by one map: without iterations
-        iterated = (
-            0.0 if solved or to_the_end else LEFT * iteration_level(tol, steps) * math.sqrt(steps)
+        each = (
+            0.0
+            if solved or to_the_end
+            else LEFT * iteration_level(wanted, steps) * math.sqrt(steps)
         )
-        estimate = max(_left(off, ratio, order, rule.order), rounded, floor, iterated)
+        iterated = iterated_by(each, off, growth, between)
+        by_steps = max(_left(off, ratio, order, rule.order), rounded)
+        by_passages = passed_by(steps / first, off, between, tol)
+        estimate = max(between * by_steps, by_passages, floor, iterated)
         counted = (
             not solved and math.gcd(before[0], steps) >= SHARED
         )  # on an order, which may be luck
         if counted and off < NO_DIGITS and estimate <= tol:
-            made = made_at_once(before[1], before[0], motion, steps, off, scales)
+            made = made_at_once(before[1], before[0], motion, steps, wanted, off, scales)
             estimate = max(estimate, made)
+        if off < NO_DIGITS and estimate <= tol and growth >= GROWS:
+            grown = likely_rounding(radians, steps, growth) * between
+            if not grown <= tol:
+                grown = by_round_off(motion, steps, wanted, estimate)
+            if not grown <= tol:
+                return None
+            estimate = max(estimate, grown)
         if off < NO_DIGITS and estimate <= tol:
             few = before_shared(before[0], steps)
-            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS)
+            fine = run(steps * TRANSIENT_PARTS, few * TRANSIENT_PARTS, wanted)
             if fine is None:
                 return None
             estimate = max(

@@ -66,6 +66,9 @@ _REFINED = np.array(
         *(seconds.TRANSIENT_STEPS, seconds.TRANSIENT_PARTS, limited.ROUNDING, SECULAR, LEVEL, POOR),
         *(NOTHING, MISSED, hidden.BENDS, hidden.NOTHING, decided.LEFT),
         *(narrow.AT_ONCE, narrow.PART_OF_IT, narrow.PARTS, narrow.UNCERTAIN, refined.COARSER),
+        *(limited.ROUNDED, limited.SECULAR_GROWTH, limited.GROWS, limited.CHANCE, limited.UNEVEN),
+        limited.PASSED,
+        *(limited.WAYS, limited.PARTED, limited.FAR_BELOW),
     ]
 )
 
@@ -213,7 +216,8 @@ def course_by(system: System, rule: Rule, kernel: Kernel) -> Course | None:
         limits = proof_limits()
         if held:  # as `tolerance` has them run, where long ones are looked at first
             pieces = 0, min(longest, decided.LONG)
-            limits = proof_limits(watched=1, hopeless=decided.HOPELESS, ways=0)
+            ways = {"ways": 0} if s.nonholonomic else {}
+            limits = proof_limits(watched=1, hopeless=decided.HOPELESS, **ways)
         return course_of(kernel, energy, rule.order, pieces, *kind, limits, held)
     except CompileError:
         return None

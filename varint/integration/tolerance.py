@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from varint.codegen.two_runs import NOT_SHORT, VARIES
-from varint.discrete.constraints import ActiveSet
 from varint.errors import ConvergenceError, InputError
 from varint.integration.backend import runs_by_stages
 from varint.integration.choice import Choice
 from varint.integration.cost import repays
+from varint.integration.known_at_start import fastest_at_start, stiff_at_start
 from varint.integration.linear_run import MAPPED, TURNS, is_one_map, runs_driven
 from varint.integration.plain_trials import (
     NotPlain,
@@ -38,24 +38,19 @@ from varint.integration.plain_trials import (
 from varint.integration.plan import plan
 from varint.integration.problem import InitialValueProblem
 from varint.integration.refinement import Varying, refine
-from varint.integration.round_off import with_other_digits
+from varint.integration.round_off import with_other_digits, with_other_times
 from varint.integration.rule_choice import (
     RADIANS,
     candidates,
     choose_rule,
     iteration_level,
 )
-from varint.integration.run import collect, short_run, start_run, trajectory_of
+from varint.integration.run import collect, short_run, start_run
 from varint.integration.second_looks import has_steps
 from varint.integration.short_refinement import by_short_refinement
 from varint.integration.short_trials import by_short_trials
-from varint.integration.small_motions import (
-    MOST_COORDINATES,
-    angles_turned,
-    frequencies,
-    small_motions_at_start,
-)
-from varint.integration.trajectories import Run, first_node
+from varint.integration.small_motions import angles_turned, decay_rates
+from varint.integration.trajectories import Run
 from varint.integration.two_runs import UNRESCUED, shows_its_error
 from varint.integration.walls import Failure
 from varint.integration.watched_trials import by_watched_trials
@@ -181,6 +176,7 @@ def choose_steps(
     failures: list[Failure] = []  # since the last run that ended well
     smooth = shows_its_error(system) and not has_steps(system)
     first_order = system.structure.degenerate  # as in `by_short_refinement`
+    stiff = 0.0 if smooth else stiff_at_start(system, own, start, radians)
     unproved = False  # by two runs: errors may grow, also what iterations leave
 
     def attempt(
@@ -192,15 +188,17 @@ def choose_steps(
         digits: int | None = None,
     ) -> tuple[Trajectory, Run | None] | None:
         """A motion, and the run that made it where it was not over at once."""
+        nonlocal stiff
         problem = problem_with_steps(chosen, start, steps)
         if digits is not None:
             q0, p0 = with_other_digits(start.q0, start.p0, digits)
-            problem = problem._replace(q0=q0, p0=p0)
+            h = with_other_times(problem.h, digits)
+            problem = problem._replace(q0=q0, p0=p0, h=h)
         problem = problem._replace(
             h=problem.h * (1 + beyond / steps) if beyond else problem.h,
             level=0.0 if unproved or first_order else iteration_level(wanted, steps),
             steps=max(problem.steps // part, 1),
-            rescued=not smooth or steps > UNRESCUED,
+            rescued=steps < stiff or steps > UNRESCUED,
             ahead=FOLLOW * steps,
         )
         try:
@@ -211,6 +209,9 @@ def choose_steps(
                 motion = collect(run, stop=stop, progress=False)
         except ConvergenceError as error:
             failures.append((steps, error))
+            if not smooth and error.trajectory is not None:
+                decays = decay_rates(error.trajectory[-1:]) * abs(start.h * start.steps)
+                stiff = max(stiff, decays.max(initial=0.0))
             return None
         failures.clear()
         return motion, run
@@ -250,22 +251,3 @@ def problem_with_steps(rule: Rule, start: InitialValueProblem, steps: int) -> In
         u = np.einsum("pi,kij->kpj", lagrange_values(nodes, at), u)
         u = np.ascontiguousarray(u.reshape(steps, len(nodes), -1))
     return start._replace(h=h, steps=steps, save_every=1, u=u, nodes=len(rule.nodes))
-
-
-def fastest_at_start(
-    system: System, rule: Rule, start: InitialValueProblem
-) -> tuple[float, np.ndarray | None]:
-    """Frequency of the fastest small motion about the start, 0 where it is not known, and the
-    diagonal of the mass matrix where it is known from that.
-    """
-    s = system.structure
-    fastest: float | None = 0.0
-    mass = None
-    if s.degenerate or s.constraints or s.nonholonomic or s.contacts or system.rays:
-        every_row = ActiveSet(tuple(range(s.constraints)))
-        node = first_node(start)._replace(active_set=start.active_set or every_row)
-        rest = Run(system, plan(system, rule), start, [node], iter(()), None, 0.0)
-        fastest = frequencies(trajectory_of(rest, rest.nodes)).max(initial=0.0)
-    elif s.n <= MOST_COORDINATES:
-        fastest, mass = small_motions_at_start(system, start.q0, start.p0, start.t0, start.c)
-    return float(fastest or 0.0), mass

@@ -21,7 +21,17 @@ from varint.integration.energy_check import (
     energies_by_velocity,
     keeps_energy,
 )
-from varint.integration.round_off import GROWS, ROUNDED, growth_of, magnified, parted, rounding
+from varint.integration.round_off import (
+    CHANCE,
+    GROWS,
+    ROUNDED,
+    UNEVEN,
+    growth_of,
+    likely_rounding,
+    magnified,
+    parted,
+    rounding,
+)
 from varint.integration.rule_choice import iteration_level
 from varint.results.trajectory import Trajectory
 from varint.rules.rule import Rule
@@ -65,10 +75,7 @@ LEAST, GOOD, MOST, FAR = 1.25, 2.5, 2.5, 4.0
 # shrink, for steps may lie in a resonance
 AGAIN = 1.5
 CLEAR = 0.03  # such an error
-# errors that grow are as uneven, and between shared nodes by as much larger, at most; by the root
-# of that where runs share so many parts
-UNEVEN, SEEN_PARTS = 10.0, 64
-CHANCE = 4.0  # of a difference that is round-off: two random walks may come to lie close
+SEEN_PARTS = 64  # that two runs share: of what is uneven its root is looked past
 # of a map that is the same in all steps: where something drifts freely, its round-off grows with
 # the square of their number; of 700 runs, some of them drifting, one had five times the difference
 SAME_ROUNDING, SAME_CHANCE = 2e-16, 10.0
@@ -211,8 +218,7 @@ def run_twice(rule: Rule, course: Course, first: int, tol: float, floor: float) 
         shown = max(by_steps, 0.0 if unseen else beyond * rounded, floor)
         if apart < ROUGH * EVIDENCE and max(shown, left) <= tol:
             found = Proved(more, fine.run, max(shown, left), runs)
-            walk = rounding(math.inf, max(course.radians, more), more, start_growth)
-            likely = CHANCE * walk * beyond
+            likely = likely_rounding(course.radians, more, start_growth) * beyond
             regular = start_growth < GROWS
             if regular and course.foreseen <= 1:
                 return found

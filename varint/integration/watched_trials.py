@@ -67,7 +67,7 @@ def by_watched_trials(
         return None if found is None else Attempt(found[0], [])
 
     s = system.structure
-    free = not (s.constraints or s.nonholonomic or system.rays)
+    free = not (s.nonholonomic or system.rays)
     course = Course(run, apart, radians, s.linear, parted=parted if free else None)
     found = run_twice(rule, course, steps_for(rule, begin, tol), tol, FLOOR)
     if found is None:

@@ -14,6 +14,7 @@
 #include "scales.h"
 #include "order.h"
 #include "found.h"
+#include "other_digits.h"
 
 /* PROVED by all but a closer look at the energy, or at forces that act for less than a step: DOUBTED */
 enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
@@ -21,7 +22,8 @@ enum Proof { PROVED, NOT_PROVED, NOT_SHORT, DOUBTED };
 typedef struct {
     double caution, less, least_order, tells, shared, stalled, patience, floor, no_digits, near, far, runs,
         transient_steps, transient_parts, rounding, secular, level, poor, given, missed, bends, nothing, left,
-        at_once, part_of_it, narrow_parts, uncertain, coarser, repeated;
+        at_once, part_of_it, narrow_parts, uncertain, coarser, rounded, secular_growth, grows, chance, uneven, passed, ways, parted, far_below,
+        repeated;
 } Limits;
 
 typedef struct {
@@ -49,18 +51,18 @@ typedef struct {
     int lost;
 } Attempt;
 
-/* Where iterations may stop, so that what they leave adds up to less than `tol`. */
-static double level_for(const Refined *a, int64_t steps) {
+/* Where iterations may stop, so that what they leave adds up to less than what is wanted. */
+static double level_for(const Refined *a, double wanted, int64_t steps) {
     const double often = a->limits->secular / ((double)steps * (double)steps);
-    return a->tol * (a->limits->level < often ? a->limits->level : often);
+    return wanted * (a->limits->level < often ? a->limits->level : often);
 }
 
 /* The first `count` of so many steps from a start, by so many times coarser iterations, which are over so much sooner, or
    hardly contract; false where there was no memory, or they are too many. */
-static int try_from(const Refined *a, const double *start, double t0, int64_t steps, int64_t count, double coarser, Attempt *to) {
+static int try_from(const Refined *a, const double *start, double t0, double wanted, int64_t steps, int64_t count, double coarser, Attempt *to) {
     const Limits *const l = a->limits;
     const int64_t n = a->n;
-    const double level = level_for(a, count), most = coarser > 1 ? floor(l->poor * log(level * coarser) / log(level)) : l->poor;
+    const double level = level_for(a, wanted, count), most = coarser > 1 ? floor(l->poor * log(level * coarser) / log(level)) : l->poor;
     if (count > a->longest) return 0;
     to->rows = memory_for(3 * n * (count + 1) + a->carry + 3 * n + sizeof(RunStats) / sizeof(double), to->rows, to->own);
     if (!to->rows) return 0;
@@ -82,8 +84,8 @@ static int try_from(const Refined *a, const double *start, double t0, int64_t st
     return 1;
 }
 
-static int try_run(const Refined *a, int64_t steps, int64_t count, double coarser, Attempt *to) {
-    return try_from(a, a->start, a->t0, steps, count, coarser, to);
+static int try_run(const Refined *a, double wanted, int64_t steps, int64_t count, double coarser, Attempt *to) {
+    return try_from(a, a->start, a->t0, wanted, steps, count, coarser, to);
 }
 
 /* The largest difference of every so many nodes of two runs by the scales; no number where one of them is none. */
@@ -97,6 +99,59 @@ static double apart_from(const Refined *a, const Attempt *one, int64_t few, cons
             zero += off * 0, largest = off > largest ? off : largest;
         }
     return zero == 0 ? largest : zero;
+}
+
+/* How errors of two runs of the whole duration are spread, the `other` one the finer: the least that an early difference lets
+   expect in the middle, and how many times larger they are between the nodes that both share. */
+typedef struct { double early, beyond; } Spread;
+static Spread spread_of(const Refined *a, const Attempt *one, const Attempt *other, const double *scales) {
+    const int64_t n = a->n, unit = common_divisor(one->steps, other->steps), few = one->steps / unit, many = other->steps / unit,
+                  middle = (unit + 1) / 2, first = (unit + 1) / EARLIEST > 1 ? (unit + 1) / EARLIEST : 1;
+    double most[n], largest = 0, least = INFINITY;
+    memset(most, 0, n * sizeof(double));
+    for (int64_t k = 0; k <= unit; k++) {
+        for (int64_t d = 0; d < n; d++) {
+            const double off = fabs(one->rows[3 * n * few * k + d] - other->rows[3 * n * many * k + d]) / scales[d];
+            largest = off > largest ? off : largest, most[d] = off > most[d] ? off : most[d];
+        }
+        if (first <= k && k <= middle) {
+            const double expected = expected_in_the_middle(largest, a->limits->rounded, k, middle);
+            least = expected < least ? expected : least;
+        }
+    }
+    return (Spread){least, beyond_shared(&(Shared){n, 3 * n, other->steps + 1, many, unit, other->rows, 0}, most)};
+}
+
+/* What passages make of last digits where they magnify them by so much, whole where that is below what is wanted. */
+static double passed_by(const Refined *a, double passed, double apart, double beyond) {
+    const double seen = a->limits->chance * apart;
+    return beyond * (beyond * passed <= a->tol || passed < seen ? passed : seen);
+}
+
+/* What iterations leave where errors grow by as much: no more than two runs show, which leave about as much each. */
+static double iterated_by(const Refined *a, double each, double apart, double growth, double beyond) {
+    const double seen = a->limits->chance * apart, most = a->limits->uneven, uneven = growth < most ? growth : most,
+                 grown = each * growth * uneven, made = beyond * (grown < seen ? grown : seen);
+    return each > made ? each : made;
+}
+
+/* What round-off grows to, the start's included, with which all runs begin alike: by runs whose starts have other last digits,
+   and times. */
+static double by_round_off(const Refined *a, const Attempt *run, double wanted, double estimate, const double *scales) {
+    const Limits *const l = a->limits;
+    double start[2 * a->n], most = 0;
+    Refined late = *a;
+    Attempt other = {0};
+    for (int64_t way = 0; way < (int64_t)l->ways; way++) {
+        set_other_digits(a->n, a->start, way, start), late.duration = nextafter(a->duration, way ? -INFINITY : INFINITY);
+        if (!try_from(&late, start, a->t0, wanted, run->steps, run->steps, 1, &other) || other.lost) most = INFINITY;
+        if (!(most < INFINITY)) break;
+        const double apart = l->parted * apart_from(a, run, 1, &other, 1, scales);
+        most = !(apart <= most) ? apart : most;
+        if (most < l->far_below * estimate || (a->tol < most && most <= estimate)) break;
+    }
+    free(other.rows);
+    return most == most ? most : INFINITY;
 }
 
 /* Error of the finer one of two runs that are so far apart. */
@@ -119,7 +174,8 @@ static double parted_by(int64_t n, const double *one, const double *other, const
 /* Error of a run whose steps err at once where the scene is narrow: by what they make there when done in parts, over what the
    coarser run is off by at that place; 0 where errors grow bit by bit, infinite where the parts fail.
    varint/integration/narrow_places.py says why. */
-static double made_at_once(const Refined *a, const Attempt *before, const Attempt *now, double off, const double *of_coordinates) {
+static double made_at_once(const Refined *a, const Attempt *before, const Attempt *now, double wanted, double off,
+                           const double *of_coordinates) {
     const Limits *const l = a->limits;
     const int64_t n = a->n, unit = common_divisor(before->steps, now->steps), few = 3 * n * (before->steps / unit),
                   each = now->steps / unit, many = 3 * n * each, parts = (int64_t)l->narrow_parts;
@@ -143,7 +199,7 @@ static double made_at_once(const Refined *a, const Attempt *before, const Attemp
     const int64_t end = k < unit ? k + 1 : k, over = end - k + 1; /* it may end in the next part */
     Attempt fine = {0};
     const double t0 = a->duration / now->steps * (double)(each * (k - 1)) + a->t0;
-    if (!try_from(a, now->rows + many * (k - 1), t0, parts * now->steps, parts * each * over, 1, &fine) || fine.lost)
+    if (!try_from(a, now->rows + many * (k - 1), t0, wanted, parts * now->steps, parts * each * over, 1, &fine) || fine.lost)
         made = INFINITY;
     else
         made = l->uncertain * off * parted_by(n, fine.rows + parts * many * over, now->rows + many * end, scales) / here;
@@ -343,12 +399,12 @@ int refined(const Refined *a) {
     double memory[2][SHORT];
     Attempt before = {.own = own_memory(memory[0], &a->room)}, now = {.own = own_memory(memory[1], &a->room)};
     int result = NOT_SHORT, two = 0, stalls = 0;
-    double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, scales[a->n];
+    double last = INFINITY, ratio = l->near, slower = l->far, shown = INFINITY, growth = 1, between = 1, scales[a->n];
     const Measures measures = {a->n, a->apart, a->body, a->turns, a->mass};
     int64_t steps = (a->first + 3) / 4 * 4, runs = 0;
     while (runs < (int64_t)l->runs) {
-        const double repeated = l->repeated * (double)steps * (double)steps;
-        if (repeated > a->tol || !try_run(a, steps, steps, two ? 1 : l->coarser, &now)) goto end;
+        const double repeated = l->repeated * (double)steps * (double)steps, wanted = a->tol / (growth * between);
+        if (repeated > a->tol || !try_run(a, wanted, steps, steps, two ? 1 : l->coarser, &now)) goto end;
         runs++;
         if (now.lost) {
             two = stalls = 0, steps *= 2, ratio = l->near, last = shown = INFINITY;
@@ -361,6 +417,11 @@ int refined(const Refined *a) {
             const double expected = last < INFINITY ? last * pow(ratio, -(double)a->order) : 0, off = seen > expected ? seen : expected;
             stalls = off <= l->stalled * last ? 0 : stalls + 1;
             if (seen != seen || stalls > (int)l->patience) break;
+            if (off < l->no_digits) {
+                const Spread spread = spread_of(a, &before, &now, scales);
+                const double grown = seen / (l->secular_growth * (spread.early > l->rounded ? spread.early : l->rounded)); /* growth_of */
+                growth = grown > 1 ? grown : 1, between = spread.beyond; /* narrow places that are not resolved look like growth */
+            }
             double order = l->least_order;
             if (last < l->tells) {
                 const double drop = log((last > l->floor ? last : l->floor) / (off > l->floor ? off : l->floor)) / log(slower);
@@ -368,21 +429,32 @@ int refined(const Refined *a) {
                 shown = drop;
                 order = order > l->least_order ? order : l->least_order, order = order < (double)a->order ? order : (double)a->order;
             }
-            const double walk = l->rounding * a->radians * sqrt((double)steps), rounded = off < walk ? off : walk,
-                         iterated = l->repeated > 0 ? 0 : l->left * level_for(a, steps) * sqrt((double)steps),
+            const double walk = l->rounding * a->radians * sqrt((double)steps) * growth,
+                         passed = l->passed * (double)steps / (double)a->first, by_passages = passed_by(a, passed, off, between),
+                         rounded = off < walk ? off : walk,
+                         each = l->repeated > 0 ? 0 : l->left * level_for(a, wanted, steps) * sqrt((double)steps),
+                         iterated = iterated_by(a, each, off, growth, between),
                          floor = (repeated > l->floor ? repeated : l->floor) * size_of(a, &now, scales);
             if (stalls && rounded == off) break;
             double estimate = left_of(a, off, ratio, order);
-            estimate = estimate > rounded ? estimate : rounded, estimate = estimate > floor ? estimate : floor;
+            estimate = between * (estimate > rounded ? estimate : rounded);
+            estimate = estimate > by_passages ? estimate : by_passages, estimate = estimate > floor ? estimate : floor;
             estimate = estimate > iterated ? estimate : iterated;
             if (unit >= (int64_t)l->shared && !(l->repeated > 0) && off < l->no_digits && estimate <= a->tol) {
-                const double made = made_at_once(a, &before, &now, off, scales);
-                estimate = estimate > made ? estimate : made;
+                const double at_once = made_at_once(a, &before, &now, wanted, off, scales);
+                estimate = estimate > at_once ? estimate : at_once;
+            }
+            if (off < l->no_digits && estimate <= a->tol && growth >= l->grows) {
+                const double turns = a->radians > (double)steps ? a->radians : (double)steps,
+                             likely = l->chance * l->rounding * turns * sqrt((double)steps) * growth * between, /* likely_rounding */
+                             grown = likely <= a->tol ? likely : by_round_off(a, &now, wanted, estimate, scales);
+                if (!(grown <= a->tol)) break; /* it is told elsewhere that it is out of reach */
+                estimate = estimate > grown ? estimate : grown;
             }
             if (off < l->no_digits && estimate <= a->tol) {
                 const int64_t apart = steps / unit - 1, most = (int64_t)l->transient_steps, parts = (int64_t)l->transient_parts,
                               few = apart < 1 ? 1 : apart < most ? apart : most; /* before_shared */
-                if (!try_run(a, parts * steps, parts * few, 1, &before)) goto end;
+                if (!try_run(a, wanted, parts * steps, parts * few, 1, &before)) goto end;
                 if (before.lost) break;
                 const double early = apart_from(a, &now, 1, &before, parts, scales);
                 if (!(early <= a->tol)) break;

@@ -9,12 +9,12 @@
 #include "rows.h"
 #include "scales.h"
 #include "order.h"
+#include "other_digits.h"
 #include "proof.h"
 #include "found.h"
 #include "look_ahead.h"
 #include "held.h"
 
-double nextafter(double, double);
 #define MOST_RATES 2
 #define LAST_DIGIT 0x1p-52 /* of the energy */
 
@@ -156,20 +156,13 @@ static double apart_from(const Case *a, const Attempt *one, const Attempt *other
 /* From runs whose starts have other last digits. */
 static double by_round_off(const Case *a, const Attempt *run, const Doubt *of) {
     const int64_t n = a->n;
+    if (a->held && a->limits->ways >= 1) return ELSEWHERE; /* what the loop is told belongs to the start */
     double start[2 * n], most = 0;
-    int64_t begin = 0; /* momenta, or coordinates at rest */
-    for (int64_t d = 0; d < 2 * n; d++) {
-        start[d] = a->start[d];
-        if (d >= n && start[d] != 0) begin = n;
-    }
     Attempt other = {0};
     TwoRuns parted = *a;
     parted.start = start;
     for (int64_t way = 0; way < (int64_t)a->limits->ways; way++) {
-        for (int64_t i = 0; i < n; i++) {
-            const double x = a->start[begin + i];
-            start[begin + i] = x == 0 ? x : nextafter(x, (way ? i + 1 : i / 2) % 2 ? -INFINITY : INFINITY);
-        }
+        set_other_digits(n, a->start, way, start);
         double early, beyond, apart = INFINITY;
         if (!try_run(&parted, run->seen.steps, of->wanted, 1, 1, &other)) most = INFINITY; /* no memory */
         if (!(most < INFINITY)) break;

@@ -20,13 +20,14 @@ from varint.integration.hidden import missed_impulse
 from varint.integration.plan import default_rule, plan
 from varint.integration.problem import InitialValueProblem, RunOptions
 from varint.integration.refinement import CAUTION, NO_DIGITS
+from varint.integration.round_off import GROWS, parted, with_other_digits
 from varint.integration.rule_choice import choose_rule, phase_error
-from varint.integration.run_distance import distance_between_nodes
 from varint.integration.switches.branch import slidable, slope_size
+from varint.integration.switches.compared import apart_from, least_resolved, untold
 from varint.integration.switches.course import Course, Piece, kernel_in
 from varint.integration.switches.follow import first_unit, follow
 from varint.integration.switches.frozen import frozen_scene
-from varint.integration.switches.joined import joined, nodes_apart
+from varint.integration.switches.joined import joined
 from varint.integration.switches.kept import keep, kept_choice, words_of
 from varint.integration.switches.piece import ANGLE
 from varint.integration.switches.timetable import timetable
@@ -47,9 +48,7 @@ FOLLOWING = "following the motion from switch to switch"
 FEWEST, MOST = 4, 2**17  # steps of a unit of time
 FAILURES = 3  # numbers of steps that do not come to the end, after which it is given up
 MOST_DOUBLINGS = 4  # of the steps at a time
-FAR = 0.1  # of the scales: a piece that leads so far in one step has none to be compared with
 STALLED, PATIENCE = 0.6, 2  # a difference that shrinks by less, so often, shrinks no more
-CLOCKS = 4.0  # round-off of a time, in units of it
 STAGES, NODES = (2, 4, 6, 8), (3, 5, 7)
 # operations of the slopes of what holds, beyond which a loop of many unknowns takes long to write
 LARGE = 1000
@@ -156,6 +155,7 @@ def _refined(
     best: tuple[Choice, list[Piece]] | None = None
     order = float(p) if frozen.system.structure.linear else None
     last, runs, failures, stalls = math.inf, 0, 0, 0
+    growth, grown = 1.0, 0.0
     while parts <= MOST:
         pieces = run_pieces(course, parts, stop)
         runs += 1
@@ -170,29 +170,38 @@ def _refined(
             continue
         motion = joined(course, pieces, kernel_in(course, pieces[0].branch))
         scales, ratio = error_scales(system, motion, scale), parts // before[0]
-        if any(_untold(piece, scales) for piece in pieces):
+        if any(untold(piece, scales) for piece in pieces):
             before, last, parts = (parts, pieces), math.inf, 2 * parts
             continue
-        apart = _apart(course, before[1], pieces, motion, scales)
+        apart, growth = apart_from(course, before[1], pieces, motion, scales)
         if not frozen.system.structure.linear and ratio == 2 and last < NO_DIGITS:
             order = min(max(math.log2(max(last, FLOOR) / max(apart, FLOOR)), 0.5), p)
         left = 0.5 if order is None or apart > NO_DIGITS else ratio ** (-CAUTION * order)
-        rounded = _floor(motion, len(pieces), scales)
+        rounded = least_resolved(motion, len(pieces), scales)
         estimate = max(apart * left / (1 - left), rounded)
         if estimate <= tol and not frozen.system.structure.autonomous:
             estimate = max(estimate, missed_impulse(system, looks, motion, scales, tol))
+        grown, latest = 0.0, (parts, (pieces, motion, scales))
+        if estimate <= tol and growth >= GROWS:
+            grown = _by_round_off(course, *latest, stop, estimate, tol)
+            estimate = max(estimate, grown)
         found = Choice(rule, len(motion) - 1, motion, estimate, runs, estimate <= tol)
-        if best is None or estimate < best[0].estimate:
+        if best is None or estimate < best[0].estimate or grown > tol:
             best = found, pieces
         if found.reached:
             return best
         stalls = stalls + 1 if apart > STALLED * last and apart < NO_DIGITS else 0
-        if stalls == PATIENCE or estimate == rounded:  # more steps would not do
+        if stalls == PATIENCE or estimate == rounded or grown > tol:  # more steps would not do
             break
         more = 1.0 if order is None else math.log2(estimate / tol) / (CAUTION * order)
         last, before = apart, (parts, pieces)
         parts *= 2 ** min(max(math.ceil(more), 1), MOST_DOUBLINGS)
-    return best and (replace(best[0], runs=runs), best[1])
+    if best is None:
+        return None
+    estimate = best[0].estimate
+    if growth >= GROWS and not grown:
+        estimate = max(estimate, _by_round_off(course, *latest, stop, estimate, tol))
+    return replace(best[0], estimate=estimate, runs=runs), best[1]
 
 
 def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | None:
@@ -211,28 +220,29 @@ def run_pieces(course: Course, parts: int, stop: Watch | None) -> list[Piece] | 
     return pieces
 
 
-def _untold(piece: Piece, scales: np.ndarray) -> bool:
-    """Whether a piece leads far in a single step, which is the same in runs of longer steps."""
-    states = piece.states
-    return len(states) == 2 and bool((np.abs(states[1, 0] - states[0, 0]) > FAR * scales).any())
-
-
-def _floor(motion: Trajectory, pieces: int, scales: np.ndarray) -> float:
-    """What no comparison resolves: round-off, and that of the times of so many switches."""
-    fastest, largest = np.abs(motion.v).max(axis=0), np.abs(motion.q).max(axis=0)
-    late = CLOCKS * np.finfo(float).eps * np.abs(motion.t).max() * math.sqrt(pieces)
-    return float((np.maximum(late * fastest, FLOOR * np.maximum(largest, scales)) / scales).max())
-
-
-def _apart(
-    course: Course, one: list[Piece], other: list[Piece], motion: Trajectory, scales: np.ndarray
+def _by_round_off(
+    course: Course,
+    parts: int,
+    run: tuple[list[Piece], Trajectory, np.ndarray],
+    stop: Watch | None,
+    known: float,
+    tol: float,
 ) -> float:
-    """How far two runs are apart by the scales."""
-    found = nodes_apart(one, other)
-    if found is not None:
-        late = abs(one[-1].t[-1] - other[-1].t[-1]) * np.abs(other[-1].states[-1, 2])
-        return float((np.vstack([np.abs(found), late]) / scales).max())
-    return distance_between_nodes(motion, joined(course, one, None), scales)
+    """What round-off grows to, the start's included, with which all runs begin alike: by the run's
+    pieces, motion and scales, and runs from other last digits.
+    """
+    pieces, motion, scales = run
+    problem, s = course.problem, course.system.structure
+    if s.nonholonomic or course.system.rays:
+        return 0.0
+
+    def apart(way: int) -> float:
+        q0, p0 = with_other_digits(problem.q0, problem.p0, way)
+        other = replace(course, problem=problem._replace(q0=q0, p0=p0))
+        found = run_pieces(other, parts, stop)
+        return 0.0 if found is None else apart_from(course, found, pieces, motion, scales)[0]
+
+    return parted(apart, known, tol)[0]
 
 
 def _every(motion: Trajectory, every: int) -> Trajectory:
